@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,7 +88,7 @@ def _names(pair: str, base: Evaluation, new: Evaluation) -> tuple[str, str]:
 
 
 @click.command(epilog="Example: sumo-eval nightly evaluation.toml --history nights --gate gate.toml")
-@click.argument("evaluation", type=click.Path(path_type=Path))
+@click.argument("evaluation", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--history", required=True, type=click.Path(path_type=Path), help="Folder of the nights and their history."
 )
@@ -96,6 +97,12 @@ def _names(pair: str, base: Evaluation, new: Evaluation) -> tuple[str, str]:
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate cases (default: as in the file).")
 @click.option("--resume", is_flag=True, help="Go on with the night that was stopped before its end, if one was.")
 @click.option(
+    "--newer-than",
+    "age",
+    metavar="AGE",
+    help="Run nothing: exit 1 if the last finished night is older, e.g. 26h, 90m or 2d.",
+)
+@click.option(
     "--install",
     "recipe",
     metavar="WHAT",
@@ -103,19 +110,28 @@ def _names(pair: str, base: Evaluation, new: Evaluation) -> tuple[str, str]:
 )
 @trusting
 def nightly(
-    evaluation: Path,
+    evaluation: Path | None,
     history: Path,
     gate: Path | None,
     keep: int,
     workers: int | None,
     resume: bool,
+    age: str | None,
     recipe: str | None,
 ) -> None:
-    """Evaluate EVALUATION, compare with the last good night, write report, JUnit file and a line of history.
+    """Evaluate EVALUATION, compare with the last good and the accepted night, write report and a line of history.
 
-    Exit status: 0 a good night, 1 a gate failed, 2 the input is wrong or a night is running already, 3 some cases could
-    not be evaluated.
+    Exit status: 0 a good night, 1 a limit failed or cases went missing, 2 the input is wrong or a night is running
+    already, 3 some cases could not be evaluated.
     """
+    if age is not None:
+        from sumo_eval.nightly.bases import finished_within
+
+        recent, sentence = finished_within(history, age)
+        tell(sentence)
+        sys.exit(DONE if recent else GATE_FAILED)
+    if evaluation is None:
+        raise click.UsageError("Missing argument 'EVALUATION'.")
     if recipe is not None:
         _install(recipe, evaluation, history, gate, workers, resume=resume)
         return
@@ -123,9 +139,10 @@ def nightly(
 
     warm_up()  # before the imports below, which take a second
     from sumo_eval.cli.stopping import Stopping
+    from sumo_eval.nightly.morning import morning_lines, tell_github
     from sumo_eval.nightly.night import run_night
     from sumo_eval.report.gate_settings import read_gate
-    from sumo_eval.report.terminal import closing_lines, comparison_lines, gate_lines
+    from sumo_eval.report.terminal import closing_lines, comparison_lines
 
     settings = read_gate(gate)
     with Progress() as progress:
@@ -133,12 +150,12 @@ def nightly(
             evaluation, history, settings, keep=keep, workers=workers, resume=resume,
             exit_statuses=(DONE, GATE_FAILED, NOT_EVALUATED), progress=progress, stopping=Stopping,
         )  # fmt: skip
-    say((result.night.verdict, *result.notes))
+    say((*morning_lines(result), *result.notes))
     show_scores(result.evaluation)
-    lines = gate_lines(result.gates)
     if result.comparison:
-        lines = comparison_lines(result.comparison, result.gates, result.evaluation)[1:]
-    say((*lines, *closing_lines(result.evaluation)[:-1]))
+        say(comparison_lines(result.comparison, (), result.evaluation)[1:-1])
+    say(closing_lines(result.evaluation)[:-1])
+    say(tell_github(result))
     tell(f"The report is {result.report}")
     tell(f"The trend is {result.trend}")
     sys.exit(result.night.exit_status)
@@ -162,6 +179,21 @@ def _install(
     for path in written.files:
         tell(str(path))
     tell(written.left_to_do)
+
+
+@click.command(epilog='Example: sumo-eval accept nights --reason "brakes are softer on purpose" --until 2026-12-31')
+@click.argument("history", type=click.Path(path_type=Path))
+@click.argument("run", required=False)
+@click.option("--reason", required=True, help="Why; the history keeps it.")
+@click.option("--until", type=click.DateTime(["%Y-%m-%d"]), metavar="DATE", help="Last day on which it counts.")
+def accept(history: Path, run: str | None, reason: str, until: datetime | None) -> None:
+    """Accept night RUN of HISTORY, by default the newest, as the base that later nights are compared with."""
+    from sumo_eval.nightly.bases import accept as accept_night
+
+    last_day = None if until is None else until.date().isoformat()
+    night, failed = accept_night(history, run, reason, last_day)
+    tell(f"Night {night.night} is accepted{f' until {last_day}' if last_day else ''}: {reason}")
+    say(f"  accepted: {sentence}" for sentence in failed)
 
 
 @click.command(epilog="Example: sumo-eval trend nights")

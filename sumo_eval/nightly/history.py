@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sumo_eval.errors import InputError
-from sumo_eval.report.gates import GateResult
+from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.words import SCORES, cases_of
 from sumo_eval.results import Evaluation, ScenarioResult, columns
 
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1
+GOOD = (0, 3)
+"""Exit statuses of a night in which no limit failed."""
 
-_TABLES = ("nights", "quantities", "gates", "begun")
+_TABLES = ("nights", "quantities", "gates", "begun", "accepted", "shaky", "builds")
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS begun (night TEXT PRIMARY KEY);
 CREATE TABLE IF NOT EXISTS nights (
@@ -32,6 +35,11 @@ CREATE TABLE IF NOT EXISTS gates (
     night TEXT NOT NULL REFERENCES nights, ads TEXT NOT NULL, scenario TEXT NOT NULL, quantity TEXT NOT NULL,
     passed INTEGER, threshold REAL, sentence TEXT NOT NULL
 );
+CREATE TABLE IF NOT EXISTS accepted (
+    night TEXT NOT NULL REFERENCES nights, at TEXT NOT NULL, reason TEXT NOT NULL, until TEXT, itself INTEGER NOT NULL
+);
+CREATE TABLE IF NOT EXISTS shaky (night TEXT NOT NULL, ads TEXT NOT NULL, scenario TEXT NOT NULL, point TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS builds (night TEXT NOT NULL, ads TEXT NOT NULL, build TEXT NOT NULL);
 """ + "".join(
     f"CREATE TRIGGER IF NOT EXISTS {table}_{what.lower()} BEFORE {what} ON {table} "
     "BEGIN SELECT RAISE(ABORT, 'the history is only added to'); END;\n"
@@ -60,8 +68,8 @@ class Night:
 
     @property
     def good(self) -> bool:
-        """Every gate passed and every case was evaluated: later nights may be compared with this one."""
-        return self.exit_status == 0
+        """No limit failed: later nights are compared with this one. Cases may have been not evaluated (3)."""
+        return self.exit_status in GOOD
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +99,26 @@ class GateLine:
     sentence: str
 
 
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """A night accepted as a base. at: when, UTC. until: the last day on which it counts. itself: by no user."""
+
+    night: str
+    at: str
+    reason: str
+    until: str | None
+    itself: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ShakyCase:
+    """A case that was bad in some drives of one build and not in all."""
+
+    ads: str
+    scenario: str
+    point: str
+
+
 class History:
     """An open history file."""
 
@@ -98,8 +126,19 @@ class History:
         self._connection = connection
         self._path = path
 
-    def add(self, night: Night, evaluation: Evaluation, gates: Sequence[GateResult]) -> None:
-        """Add a night with everything it keeps, or nothing, in one transaction. Refuses a night that is there."""
+    def add(
+        self,
+        night: Night,
+        evaluation: Evaluation,
+        gates: Sequence[GateResult],
+        *,
+        shaky: Collection[ShakyCase] = (),
+        pin: Accepted | None = None,
+    ) -> None:
+        """Add a night with everything it keeps, or nothing, in one transaction. Refuses a night that is there.
+
+        pin: that the night is accepted at once.
+        """
         if any(known.night == night.night for known in self.nights()):
             raise InputError(f"The history {self._path} has a night {night.night} already; nothing in it is replaced.")
         with self._connection:
@@ -123,6 +162,34 @@ class History:
                     for gate in gates
                 ],
             )
+            rows = [(night.night, one.ads, one.scenario, one.point) for one in shaky]
+            self._connection.executemany("INSERT INTO shaky VALUES (?,?,?,?)", rows)
+            if pin is not None:
+                self._accept(pin)
+
+    def accept(self, pin: Accepted) -> None:
+        """Note that a night is accepted as a base."""
+        with self._connection:
+            self._accept(pin)
+
+    def _accept(self, pin: Accepted) -> None:
+        row = (pin.night, pin.at, pin.reason, pin.until, pin.itself)
+        self._connection.execute("INSERT INTO accepted VALUES (?,?,?,?,?)", row)
+
+    def accepted(self) -> list[Accepted]:
+        """Everything that was accepted, the oldest first."""
+        rows = self._rows("accepted", "night, at, reason, until, itself")
+        return [Accepted(night, at, reason, until, bool(itself)) for night, at, reason, until, itself in rows]
+
+    def shaky(self) -> set[ShakyCase]:
+        """Cases that were bad in some drives of one build, in any night."""
+        return {ShakyCase(*row) for row in self._rows("shaky", "ads, scenario, point")}
+
+    def _rows(self, table: str, columns: str) -> list[tuple[Any, ...]]:
+        """Rows of a table that an older history may not have."""
+        known = self._connection.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)).fetchone()
+        query = f"SELECT {columns} FROM {table} ORDER BY rowid"  # noqa: S608 - our own names
+        return self._connection.execute(query).fetchall() if known else []
 
     def begin(self, night: str) -> None:
         """Note that a night begins: should it be stopped, its folder is known to be its own."""
@@ -134,25 +201,33 @@ class History:
         found = self._connection.execute("SELECT night FROM begun EXCEPT SELECT night FROM nights")
         return {night for (night,) in found}
 
+    def stopped_last(self) -> list[str]:
+        """Those of them that began after the last one that has a line, in the order of their beginning."""
+        found = self._connection.execute(
+            "SELECT night FROM begun WHERE rowid > coalesce((SELECT max(b.rowid) FROM begun AS b JOIN nights USING "
+            "(night)), 0) ORDER BY rowid"
+        )
+        return [night for (night,) in found]
+
     def nights(self) -> list[Night]:
-        """Every night, the oldest first."""
+        """Every night in the order of adding, whatever the clock said."""
         return [
             Night(night, evaluation, folder, wall_time, status, base, verdict, version, libsumo, bool(imported))
             for night, evaluation, folder, wall_time, status, base, verdict, version, libsumo, imported in (
-                self._connection.execute("SELECT * FROM nights ORDER BY night")
+                self._connection.execute("SELECT * FROM nights ORDER BY rowid")
             )
         ]
 
     def values(self) -> list[Value]:
         """Every quantity of every night, the oldest first."""
-        return [Value(*row) for row in self._connection.execute("SELECT * FROM quantities ORDER BY night, rowid")]
+        return [Value(*row) for row in self._connection.execute("SELECT * FROM quantities ORDER BY rowid")]
 
     def gates(self) -> list[GateLine]:
         """Every gate of every night, the oldest first."""
         return [
             GateLine(night, ads, scenario, quantity, None if passed is None else bool(passed), threshold, sentence)
             for night, ads, scenario, quantity, passed, threshold, sentence in self._connection.execute(
-                "SELECT * FROM gates ORDER BY night, rowid"
+                "SELECT * FROM gates ORDER BY rowid"
             )
         ]
 

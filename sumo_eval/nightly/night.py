@@ -12,18 +12,22 @@ from __future__ import annotations
 import errno
 import itertools
 import os
+import shlex
 import shutil
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.evaluation import let_go, record_rounds, score
-from sumo_eval.nightly.history import HISTORY, History, Night, is_begun, open_history
+from sumo_eval.nightly.bases import find_bases, in_force, pin_of, pinned_by_itself
+from sumo_eval.nightly.history import HISTORY, Accepted, History, Night, is_begun, open_history
+from sumo_eval.nightly.morning import Judged, Since, failing_since, write_night
+from sumo_eval.nightly.repeats import AGAIN, bad_again, keys_of, repeats_of, shaky_cases
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
 from sumo_eval.record.lock import HeldError, held
@@ -31,14 +35,15 @@ from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.run_folder import COMPLETE, FACTS, is_run
 from sumo_eval.record.store import Store
 from sumo_eval.report.assessed import write_assessed_report
-from sumo_eval.report.comparability import differences
-from sumo_eval.report.comparison import Comparison, compare
+from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import GateResult, failed, judge
 from sumo_eval.report.junit import JUNIT, comparison_suites, merged, run_suites, score_parts, write_junit
+from sumo_eval.report.rule import Noise, only_improved
+from sumo_eval.report.rule_limits import EVERYWHERE, judge_pairs, judge_rule
 from sumo_eval.report.sections import Beside
 from sumo_eval.report.tables import write_tables
-from sumo_eval.report.terminal import verdict_of
+from sumo_eval.report.verdict import verdict
 from sumo_eval.results import Evaluation
 from sumo_eval.settings.config import read_evaluation
 
@@ -60,6 +65,8 @@ class NightResult:
     notes: tuple[str, ...]
     report: Path
     trend: Path
+    since: Mapping[tuple[str, str, str], Since]
+    accepted: Night | None
 
 
 def run_night(
@@ -90,6 +97,7 @@ def run_night(
         if stopped is None:
             name = next(name for name in _names(began) if name not in taken)
             lines.begin(name)
+            notes += _clock_note(lines, name)
             notes += ["No night was stopped before its end; this one began anew."] if resume else []
         else:
             name = stopped
@@ -100,10 +108,9 @@ def run_night(
         folder = history / NIGHTS / name
         try:
             done, again = _evaluated(evaluation, folder, workers, stopped is not None, progress, stopping)
-            base, why = _last_good(history, lines, done)
-            notes += [*again, *why]
-            comparison = None if base is None else compare(base[1], done, gate)
-            gates = judge(done, comparison, gate)
+            judged = _judged(history, lines, done, gate, progress)
+            notes += [*again, *judged.bases.notes]
+            comparison, gates = judged.bases.comparison, judged.gates
             write_tables(done)
             suites = merged([comparison_suites(comparison, gates), run_suites(done)])
             write_junit(suites, folder / JUNIT, score_parts(done))
@@ -120,21 +127,74 @@ def run_night(
             ) from error
         good, gate_failed, not_evaluated = exit_statuses
         strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
+        verdict_found = verdict(comparison, gates, done)
         line = Night(
             night=name,
             evaluation=done.name,
             folder=f"{NIGHTS}/{name}",
             wall_time=None if stopped is not None else time.monotonic() - clock,
             exit_status=gate_failed if failed(gates) or strict else not_evaluated if done.not_evaluated else good,
-            base=None if base is None else base[0].night,
-            verdict=verdict_of(comparison, gates, done),
+            base=None if judged.bases.good is None else judged.bases.good.night,
+            verdict=verdict_found.sentence,
             sumo_eval=_version(done, "sumo_eval"),
             libsumo=_version(done, "libsumo"),
             imported=False,
         )
-        lines.add(line, done, gates)
+        since = failing_since(lines, gates, name)
+        lines.add(line, done, gates, shaky=judged.shaky, pin=_new_pin(line, judged, lines, gate))
+        write_night(folder, line, verdict_found.word, judged, since, notes)
         notes += _prune(history, lines, keep)
-        return NightResult(line, done, comparison, gates, tuple(notes), report, write_trend(history, lines))
+        trend = write_trend(history, lines)
+        return NightResult(line, done, comparison, gates, tuple(notes), report, trend, since, judged.bases.accepted)
+
+
+def _judged(history: Path, lines: History, done: Evaluation, gate: GateSettings, progress: Progress) -> Judged:
+    """Compare a night with its bases and judge it, each limit once: beside the accepted night only what else fails."""
+    bases = find_bases(history, lines, done, gate)
+    place = history / AGAIN
+    noise = Noise(repeats_of(done, gate, place, progress) if bases.comparisons else {})
+    noise = replace(
+        noise,
+        bad=bad_again(bases.comparisons, done, noise, gate, place),
+        shaky=keys_of(done, lines.shaky()) if any(one.noisy for one in noise.repeats.values()) else frozenset(),
+    )
+    accept = shlex.join(["sumo-eval", "accept", str(history), "--reason", "..."])
+    gates = list(judge(done, bases.comparison, gate, noise))
+    if bases.unusable:
+        missing = f"no earlier good night can be compared with, so nothing was judged. If this is meant: {accept}"
+        gates.append(GateResult("pairs", "every ADS", EVERYWHERE, False, missing, 0.0, None))
+    for comparison, against in ((bases.comparison, ""), (bases.pinned, "accepted")):
+        if comparison is None:
+            continue
+        found = judge_pairs(comparison, gate, accept)
+        if against:
+            name = Path(comparison.base_folder).name
+            found = [replace(one, against=name) for one in (*judge_rule(comparison, gate, noise), *found)]
+        known = {one.name for one in failed(gates)}
+        gates += [one for one in failed(found) if one.name not in known]
+    return Judged(bases, tuple(gates), noise, frozenset(shaky_cases(done, noise.bad, gate)))
+
+
+def _new_pin(line: Night, judged: Judged, lines: History, gate: GateSettings) -> Accepted | None:
+    """That a night accepts itself: the first good one, and one in which paired cases only improved."""
+    if not line.good:
+        return None
+    pin = pin_of(lines)
+    if pin is None:
+        return pinned_by_itself(line.night, "the first good night", None)
+    beside = judged.bases.pinned or judged.bases.comparison
+    noisy = any(one.noisy for one in judged.noise.repeats.values())
+    if beside is None or noisy or beside.unpaired or not only_improved(beside, gate):
+        return None
+    return pinned_by_itself(line.night, "paired cases only improved", pin)
+
+
+def _clock_note(lines: History, name: str) -> list[str]:
+    """A sentence where the clock went back."""
+    last = next((night.night for night in reversed(lines.nights()) if not night.imported), "")
+    if name > last:
+        return []
+    return [f"The clock went back: night {last} was added before, {name} now. Nights stand in the order of adding."]
 
 
 def _evaluated(
@@ -224,9 +284,8 @@ def _full(error: OSError | sqlite3.Error) -> bool:
 
 def _stopped(history: Path, lines: History) -> str | None:
     """The newest night that was stopped after it had begun to record, if nothing came after it."""
-    found = [name for name in sorted(lines.stopped()) if is_run(history / NIGHTS / name)]
-    last = max((night.night for night in lines.nights() if not night.imported), default="")
-    return found[-1] if found and found[-1] > last else None
+    found = [name for name in lines.stopped_last() if is_run(history / NIGHTS / name)]
+    return found[-1] if found else None
 
 
 def _clear_away(history: Path, lines: History, but: str | None = None) -> list[str]:
@@ -300,34 +359,17 @@ def _room(history: Path, lines: History, stopped: str | None = None) -> None:
 
 
 def _size(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.rglob("*"))
-
-
-def _last_good(history: Path, lines: History, done: Evaluation) -> tuple[tuple[Night, Evaluation] | None, list[str]]:
-    """The newest good night that only the ADS differs from, and a sentence where that is not the newest of all."""
-    notes = []
-    good = [night for night in reversed(lines.nights()) if night.good and (history / night.folder).is_dir()]
-    for night in good:
-        try:
-            before = score(history / night.folder)
-        except InputError as error:
-            notes.append(f"Night {night.night} cannot be compared with: {error}")
-            continue
-        deciding = [item.words for item in differences(before, done) if item.decides]
-        if not deciding:
-            return (night, before), notes
-        notes.append(f"Night {night.night} was not compared with, because not only the ADS differs: {deciding[0]}" + (
-            f" and {len(deciding) - 1} more." if len(deciding) > 1 else "."
-        ))  # fmt: skip
-    notes.append("There is no earlier good night to compare with; only limits on values were judged.")
-    return None, notes
+    return sum(path.lstat().st_size for path in folder.rglob("*"))  # a link may lead nowhere
 
 
 def _prune(history: Path, lines: History, keep: int) -> list[str]:
-    """Remove folders of old nights: the newest `keep` stay, and the newest good one whatever its age."""
+    """Remove folders of old nights: the newest `keep` stay, the newest good one and the accepted one at any age."""
     nights = [night for night in lines.nights() if not night.imported]
     kept = {night.night for night in nights[-keep:]}
     kept |= {night.night for night in [night for night in nights if night.good][-1:]}
+    accepted = lines.accepted()
+    for counting in (in_force(accepted), [pin for pin in accepted if pin.until is None]):  # the second: after expiry
+        kept |= {pin.night for pin in counting[-1:]}
     old = [night for night in nights if night.night not in kept and (history / night.folder).is_dir()]
     own = [night for night in old if _is_own(history, night)]
     removed = [night for night in own if _removed(history / night.folder)]

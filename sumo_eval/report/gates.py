@@ -14,7 +14,7 @@ from sumo_eval.report.gate_settings import (
     LimitSettings,
     Quantity,
 )
-from sumo_eval.report.rule import QUIET, Noise
+from sumo_eval.report.rule import LAST_DIGIT, QUIET, Noise
 from sumo_eval.report.rule_limits import end_words, judge_rule
 from sumo_eval.report.words import (
     REASON_WITHOUT_T,
@@ -35,8 +35,6 @@ _CHANGES: dict[Quantity, Change] = {
     "newly_off_road": "left the road",
     "newly_not_evaluated": "not evaluated any more",
 }
-LAST_DIGIT = 1e-9
-"""Share of the base's value that rounding may change: no limit fails on it."""
 _DIGITS: dict[Quantity, int] = {
     "T": 4, "A": 4, "A'": 4, "H": 4, "S+": 2, "regret": 4, "S": 2, "C": 4, "D": 4, "collision_probability": 6,
 }  # fmt: skip

@@ -17,6 +17,9 @@ from sumo_eval.results import EVALUATED, GAVE_UP
 from sumo_eval.scoring.kept_rows import Column
 from sumo_eval.trajectory import BoolArray, FloatArray
 
+LAST_DIGIT = 1e-9
+"""Share of a tolerance, or of a base's value, that rounding may change: no limit fails on it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Repeats:
@@ -157,21 +160,30 @@ class Worse:
     after: Column
 
 
-def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
-    """Part one: pairs that ended in a way in which they did not end before, and those with a higher U, by quantity."""
-    base, new = (Ends.of(rows) for rows in one.changed.paired.arrays(*END_COLUMNS))
-    severity_by = max(settings.outcome.severity_by, settings.outcome.floors * repeats.floors.get("severity", 0.0))
-    rise = new.severity - base.severity
-    fresh = np.zeros(len(rise), dtype=np.bool_)
+def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray]:
+    """Part one: cases that ended in a way in which they did not end before, and those with a higher U, (n,) each.
+
+    A case stands under the first of its new ends. severity_by: rise of U that counts, m/s.
+    """
+    fresh = np.zeros(len(base.collided), dtype=np.bool_)
     found = {}
     for name in ENDS:
-        flags = getattr(new, name) & ~getattr(base, name) & ~fresh
-        fresh |= flags
-        found[name] = _worst(one, flags, rise, getattr(base, name), getattr(new, name))
+        found[name] = getattr(new, name) & ~getattr(base, name) & ~fresh
+        fresh |= found[name]
+    return found | {"severity": (new.severity - base.severity > severity_by * (1.0 + LAST_DIGIT)) & ~fresh}
 
-    harder = (rise > severity_by * (1.0 + 1e-9)) & ~fresh
-    found["severity"] = _worst(one, harder, rise, base.severity, new.severity)
-    return found
+
+def severity_limit(settings: GateSettings, repeats: Repeats) -> float:
+    """max(0.5 m/s, 2 floors of U)."""
+    return max(settings.outcome.severity_by, settings.outcome.floors * repeats.floors.get("severity", 0.0))
+
+
+def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
+    """The pairs of part one, by quantity."""
+    base, new = (Ends.of(rows) for rows in one.changed.paired.arrays(*END_COLUMNS))
+    found = worse_ends(base, new, severity_limit(settings, repeats))
+    return {name: _worst(one, flags, new.severity - base.severity, base.severity, new.severity)
+            for name, flags in found.items()}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,7 +224,7 @@ def tally(
     for one in compared:
         before, after, there = values_of(one.changed.paired, measure, fill=zone)
         by = worsening(before, after, measure)
-        limit = tolerance(before, measure, repeats.floors.get(measure.quantity, 0.0)) * (1.0 + 1e-9)
+        limit = tolerance(before, measure, repeats.floors.get(measure.quantity, 0.0)) * (1.0 + LAST_DIGIT)
 
         if zone and measure.zone is not None:
             nearest = np.fmin(before, after) if measure.higher_is_better else -np.fmax(before, after)
@@ -284,3 +296,21 @@ def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> tup
         if settings.shift.on:
             shift += [tally(ads, compared, item, repeats, zone=False) for item in settings.shift.measure]
     return near, shift
+
+
+def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
+    """Whether no paired case is worse in anything, not even below a tolerance, and one is better beyond one."""
+    measures = (*settings.near_miss.measure, *settings.shift.measure)
+    better = False
+    for one in comparison.ads:
+        base, new = (Ends.of(rows) for rows in one.changed.paired.arrays(*END_COLUMNS))
+        if any(flags.any() for flags in worse_ends(base, new, 0.0).values()):
+            return False
+        better |= bool((base.bad & ~new.bad).any())
+        for measure in measures:
+            before, after, there = values_of(one.changed.paired, measure, fill=True)
+            by = worsening(before, after, measure)[there]
+            if (by > LAST_DIGIT * np.abs(before[there])).any():
+                return False
+            better |= bool((-by > tolerance(before[there], measure)).any())
+    return better

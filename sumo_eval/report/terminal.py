@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -212,16 +212,21 @@ def moved_words(item: ChangedCase) -> list[str]:
     return [*words, *(f"{name} {by:+z.3g}" for name, by in item.moved.items() if abs(by) >= _SEEN)]
 
 
-def gate_lines(gates: Sequence[GateResult], run: Path | None = None) -> list[str]:
+def gate_lines(
+    gates: Sequence[GateResult], run: Path | None = None, since: Mapping[tuple[str, str, str], str] | None = None
+) -> list[str]:
     """Limits that failed with their worst cases, what could not be judged, and how many passed.
 
-    run: the folder whose cases they are, for the command that drives one of them again.
+    run: the folder whose cases they are, for the command that drives one of them again. since: when each of them began
+    to fail, by the limit's name.
     """
     lines = []
     for gate in gates:
         if gate.passed is False:
-            since = f" (beside the accepted {gate.against})" if gate.against else ""
-            lines.append(f"gate FAILED: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}{since}")
+            beside = [f"beside the accepted {gate.against}"] if gate.against else []
+            beside += [(since or {})[gate.name]] if gate.name in (since or {}) else []
+            when = f" ({', '.join(beside)})" if beside else ""
+            lines.append(f"gate FAILED: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}{when}")
             lines += [f"    {one_line(f'{one.case}: {one.point}: {one.words}')}" for one in gate.worst]
             if gate.worst and run is not None:
                 lines.append(f"    again: {replay_command(run, gate.worst[0].case)}")

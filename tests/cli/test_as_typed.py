@@ -60,7 +60,7 @@ def test_the_example_of_a_command_runs_as_typed(name: str, desk: Path, tmp_path:
     write_needs(shlex.split(line), folder)
     if name in ("compare", "calibrate"):
         second_run(folder)
-    if name == "trend":
+    if name in ("trend", "accept"):
         typed("sumo-eval trend nights --import results/first", folder)
     done = typed(line, folder)
     assert done.returncode == 0, done.said

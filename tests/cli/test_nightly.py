@@ -50,13 +50,23 @@ def test_each_night_is_compared_with_the_last_good_one(week: tuple[Path, list[st
     found = nights(folder / "history")
     assert [night.exit_status for night in found] == [0, 0, 1, 1]
     assert [night.base for night in found] == [None, found[0].night, found[1].night, found[1].night]
-    assert "there is no earlier good run to compare with" in outputs[0]
-    assert "avoidable collision" in outputs[1].splitlines()[0]
+    assert outputs[0].startswith("FIRST: there is no earlier good run to compare with")
     assert outputs[1].startswith("THE SAME as")
+    assert "6 cases equal to the last bit; no avoidable collision" in outputs[1].splitlines()[0]
     assert outputs[2].startswith("WORSE than")
-    assert "ego_speed=30, lead_speed=0" in outputs[2]
-    assert "not evaluated any more: 1" in outputs[3]
+    assert "1 case collided, not so in the base (new)" in outputs[2]
+    assert "ego_speed=30, lead_speed=0: ok -> contact with U 30.0 m/s" in outputs[2]
+    assert "1 case gave up, not so in the base (new)" in outputs[3]
     assert "no plan here" in outputs[3]
+
+
+def test_the_first_good_night_pins_itself_and_keeps_its_folder(week: tuple[Path, list[str]]) -> None:
+    folder, _ = week
+    with open_history(folder / "history") as lines:
+        (pin,) = lines.accepted()
+        first = lines.nights()[0]
+    assert (pin.night, pin.itself, pin.reason) == (first.night, True, "the first good night")
+    assert (folder / "history" / first.folder).is_dir()
 
 
 def test_a_night_leaves_what_people_and_machines_read(week: tuple[Path, list[str]]) -> None:
@@ -73,18 +83,18 @@ def test_a_night_leaves_what_people_and_machines_read(week: tuple[Path, list[str
 
 
 def test_the_newest_nights_and_the_last_good_one_keep_their_folders(week: tuple[Path, list[str]]) -> None:
-    """Of four nights two folders are kept, the third and the fourth, and the second because it is the last good one."""
+    """Of four nights two folders are kept, the third and the fourth; the second is the last good one, the first pinned."""
     folder, _ = week
     found = nights(folder / "history")
     there = [(folder / "history" / night.folder).is_dir() for night in found]
-    assert there == [False, True, True, True]
+    assert there == [True, True, True, True]
 
 
 def test_the_history_cannot_be_changed(week: tuple[Path, list[str]], tmp_path: Path) -> None:
     copy = tmp_path / "history.sqlite"
     shutil.copy(week[0] / "history" / "history.sqlite", copy)
     connection = sqlite3.connect(copy)
-    for table in ("nights", "quantities", "gates", "begun"):
+    for table in ("nights", "quantities", "gates", "begun", "accepted"):
         for change in (f"UPDATE {table} SET night = 'x'", f"DELETE FROM {table}"):
             with pytest.raises(sqlite3.IntegrityError, match="only added to"):
                 connection.execute(change)
@@ -240,22 +250,36 @@ def test_a_full_disk_ends_in_a_sentence_and_leaves_earlier_nights_alone(
         with pytest.raises(InputError, match="No space left on device"):
             run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
     assert nights(history) == before
-    assert {path.name for path in (history / "nights").iterdir()} == {night.night for night in before[1:]}
+    assert {path.name for path in (history / "nights").iterdir()} == {night.night for night in before}
     monkeypatch.setattr("shutil.disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
     with pytest.raises(InputError, match="The night was not begun: it may need"):
         run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
 
 
-def test_with_other_settings_the_night_is_not_compared_and_says_so(
-    week: tuple[Path, list[str]], tmp_path: Path
-) -> None:
+def test_lost_pairs_fail_until_they_are_accepted(week: tuple[Path, list[str]], tmp_path: Path) -> None:
+    """Two levels of three: the middle ones are gone, three of six cases, more than a tenth. Both corners are judged."""
     folder, _ = week
     history = tmp_path / "history"
     shutil.copytree(folder / "history", history)
-    result = run_night(evaluation(tmp_path, "2"), history, GateSettings(resamples=100))
-    assert result.comparison is None
-    assert any("levels: 3 in the base, 2 in the new run" in note for note in result.notes)
-    assert "levels: 3 in the base, 2 in the new run" in result.report.read_text(encoding="utf-8")
+    file = evaluation(tmp_path, "2")
+    result = run_night(file, history, GateSettings(resamples=100))
+    assert result.night.exit_status == 1
+    assert result.comparison is not None
+    assert result.comparison.pairs == 3
+    told = json.loads((result.report.parent / "night.json").read_text())
+    assert told["verdict"] == "incomplete"
+    assert [one["what"] for one in told["differences"]] == ["scenario.front_vehicle_low_speed.sampling.levels"]
+    (failed,) = told["failed"]
+    assert "3 of the base's 6 cases have no partner" in failed["sentence"]
+    assert f"sumo-eval accept {history} --reason" in failed["sentence"]
+    assert told["unpaired"][0]["lost"] == 3
+
+    done = sumo_eval("accept", history, "--reason", "fewer levels on purpose")
+    assert done.returncode == 0, done.stderr
+    assert "accepted: every ADS" in done.stdout
+    again = run_night(file, history, GateSettings(resamples=100))
+    assert (again.night.exit_status, again.night.base) == (0, result.night.night)
+    assert again.night.verdict.startswith("THE SAME as")
 
 
 def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path: Path) -> None:

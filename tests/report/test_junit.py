@@ -10,7 +10,7 @@ import pytest
 from report_cases import hit, pick, with_case
 
 from sumo_eval.report.comparison import compare
-from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.gate_settings import GateSettings, LimitSettings
 from sumo_eval.report.gates import judge
 from sumo_eval.report.junit import comparison_suites, merged, run_suites, score_parts, write_junit
 from sumo_eval.report.words import number, point, unevaluated
@@ -129,13 +129,14 @@ def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(evaluation: Evalu
     case = pick(evaluation, collided=False)
     other = with_case(evaluation, case.case, hit)
     settings = GateSettings(resamples=100)
+    limited = replace(settings, limit=(LimitSettings("new_collisions", at_most=0.0),))
     comparison = compare(evaluation, other, settings)
     path = write_junit(comparison_suites(comparison, judge(other, comparison, settings)), tmp_path / "junit.xml")
     found = read(path)
-    assert found["gates"][f"new_collisions of {case.ads} in {case.scenario}"] == "failure"
+    assert found["gates"][f"collided of {case.ads} in {case.scenario}"] == "failure"
     beside = found[f"{case.ads} in {case.scenario} beside the base"]
     assert [name for name, verdict in beside.items() if verdict == "failure"] == [point(case.values)]
-    skipped = read(write_junit(comparison_suites(None, judge(other, None, settings)), tmp_path / "junit.xml"))
+    skipped = read(write_junit(comparison_suites(None, judge(other, None, limited)), tmp_path / "junit.xml"))
     assert set(skipped["gates"].values()) == {"skipped"}
 
 

@@ -1,0 +1,130 @@
+"""What a night is compared with: the last good night, and the accepted one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.evaluation import score
+from sumo_eval.nightly.history import Accepted, History, Night, open_history
+from sumo_eval.report.comparison import Comparison, side_by_side
+from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.results import Evaluation
+
+MOST_DIGITS = 5  # of an age
+
+
+@dataclass(frozen=True, slots=True)
+class Bases:
+    """What a night is compared with.
+
+    good, accepted: the last good night and the accepted one. comparison: with the former. pinned: with the latter, None
+    where both are one night. notes: on nights that could not be used. unusable: there are good nights, none of use.
+    """
+
+    good: Night | None
+    accepted: Night | None
+    comparison: Comparison | None
+    pinned: Comparison | None
+    notes: tuple[str, ...]
+    unusable: bool
+
+    @property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """Those that there are."""
+        return tuple(one for one in (self.comparison, self.pinned) if one is not None)
+
+
+def find_bases(history: Path, lines: History, done: Evaluation, settings: GateSettings) -> Bases:
+    """Compare with the newest good night, in the order of adding, and with the accepted one, whatever else differs."""
+    nights = lines.nights()
+    notes: list[str] = []
+    accepted = {pin.night for pin in in_force(lines.accepted())}
+    good = [night for night in nights if night.good or night.night in accepted]
+    last, comparison = _first_usable(history, good[::-1], done, settings, notes)
+
+    pin = pin_of(lines)
+    pinned_night = next((night for night in nights if pin is not None and night.night == pin.night), None)
+    pinned = None
+    if pinned_night is not None and pinned_night != last:
+        pinned_night, pinned = _first_usable(history, [pinned_night], done, settings, notes)
+    return Bases(last, pinned_night, comparison, pinned, tuple(notes), unusable=bool(good) and last is None)
+
+
+def _first_usable(
+    history: Path, nights: Sequence[Night], done: Evaluation, settings: GateSettings, notes: list[str]
+) -> tuple[Night | None, Comparison | None]:
+    for night in nights:
+        try:
+            return night, side_by_side(score(history / night.folder), done, settings)
+        except InputError as error:
+            notes.append(f"Night {night.night} cannot be compared with: {error}")
+    return None, None
+
+
+def in_force(accepted: Sequence[Accepted], today: str = "") -> list[Accepted]:
+    """Acceptances that have not expired, the oldest first. today: `2026-11-25`."""
+    day = today or datetime.now(UTC).date().isoformat()
+    return [pin for pin in accepted if pin.until is None or pin.until >= day]
+
+
+def pin_of(lines: History) -> Accepted | None:
+    """The acceptance that counts: the newest that has not expired."""
+    return next(iter(reversed(in_force(lines.accepted()))), None)
+
+
+def accept(history: Path, night: str | None, reason: str, until: str | None) -> tuple[Night, list[str]]:
+    """Accept a night as a base, by default the newest: the night, and what of it is accepted.
+
+    until: the last day on which that counts. Raises InputError.
+    """
+    if not reason.strip():
+        raise InputError("--reason must say why the night is accepted, got an empty text.")
+    with open_history(history) as lines:
+        pass  # refuses a folder without a history
+    with open_history(history, create=True) as lines:
+        nights = {one.night: one for one in lines.nights()}
+        if not nights:
+            raise InputError(f"The history in {history} has no night yet; accept one after it has run.")
+        name = next(reversed(nights)) if night is None else Path(night).name
+        if name not in nights:
+            raise unknown("night", name, nights)
+        if not (history / nights[name].folder).is_dir():
+            raise InputError(f"The folder of night {name} is gone; only a night whose folder is kept can be a base.")
+        lines.accept(Accepted(name, _now(), reason, until, itself=False))
+        failed = [gate for gate in lines.gates() if gate.night == name and gate.passed is False]
+    return nights[name], [f"{gate.ads} in {gate.scenario}: {gate.sentence}" for gate in failed]
+
+
+UNITS = {"m": "minutes", "h": "hours", "d": "days"}
+
+
+def finished_within(history: Path, age: str, now: datetime | None = None) -> tuple[bool, str]:
+    """Whether the last finished night began within a time such as `26h`, and a sentence on it."""
+    number, unit = age[:-1], age[-1:]
+    if unit not in UNITS or not number.isdecimal() or not int(number) or len(number) > MOST_DIGITS:
+        raise InputError(f"--newer-than must be a number of minutes, hours or days such as 26h, got {age!r}.")
+    with open_history(history) as lines:
+        night = next((one for one in reversed(lines.nights()) if not one.imported), None)
+    if night is None:
+        return False, f"No night has finished in {history}."
+    began = datetime.strptime(night.night, "%Y-%m-%dT%H-%M-%SZ").replace(tzinfo=UTC)
+    passed = (now or datetime.now(UTC)) - began
+    recent = passed <= timedelta(**{UNITS[unit]: int(number)})
+    hours = f"{passed.total_seconds() / 3600.0:.1f} h"
+    return (
+        recent,
+        f"The last finished night {night.night} began {hours} ago, {'within' if recent else 'more than'} {age}.",
+    )
+
+
+def pinned_by_itself(night: str, reason: str, pin: Accepted | None) -> Accepted:
+    """A night that becomes the base without a user, no longer than the one that it follows counts."""
+    return Accepted(night, _now(), reason, None if pin is None else pin.until, itself=True)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -1,0 +1,183 @@
+"""What a night leaves for programs and for the morning: night.json, a Markdown summary, GitHub annotations."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from sumo_eval.nightly.bases import Bases
+from sumo_eval.nightly.history import History, Night, ShakyCase
+from sumo_eval.report.comparison import Comparison
+from sumo_eval.report.gate_result import GateResult
+from sumo_eval.report.gates import failed
+from sumo_eval.report.page import REPORT
+from sumo_eval.report.rule import Noise
+from sumo_eval.report.terminal import gate_lines, one_line, replay_command
+from sumo_eval.report.words import count
+
+if TYPE_CHECKING:
+    from sumo_eval.nightly.night import NightResult
+
+NIGHT = "night.json"
+SUMMARY = "summary.md"
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A night beside its bases. gates: each limit once. noise: of tonight. shaky: cases bad in some drives only."""
+
+    bases: Bases
+    gates: tuple[GateResult, ...]
+    noise: Noise
+    shaky: frozenset[ShakyCase]
+
+
+@dataclass(frozen=True, slots=True)
+class Since:
+    """Since which night a limit has failed without a break, and for how many nights, tonight among them."""
+
+    night: str
+    nights: int
+
+    @property
+    def words(self) -> str:
+        """`new` or `since 2026-11-21T02-00-00Z, 3 nights`."""
+        return "new" if self.nights == 1 else f"since {self.night}, {count(self.nights, 'night')}"
+
+
+def failing_since(lines: History, gates: Sequence[GateResult], tonight: str) -> dict[tuple[str, str, str], Since]:
+    """Since when each limit that failed tonight has failed, by its name."""
+    nights = [night.night for night in lines.nights() if not night.imported]
+    failing = {(line.night, line.ads, line.scenario, line.quantity) for line in lines.gates() if line.passed is False}
+    found = {}
+    for gate in failed(gates):
+        row = [tonight]
+        for night in reversed(nights):
+            if (night, *gate.name) not in failing:
+                break
+            row.append(night)
+        found[gate.name] = Since(row[-1], len(row))
+    return found
+
+
+def write_night(
+    folder: Path,
+    line: Night,
+    word: str,
+    judged: Judged,
+    since: Mapping[tuple[str, str, str], Since],
+    notes: Sequence[str],
+) -> None:
+    """Write `night.json` and `summary.md` into a night's folder."""
+    comparison, bases = judged.bases.comparison, judged.bases
+    told = {
+        "night": line.night,
+        "evaluation": line.evaluation,
+        "verdict": word,
+        "sentence": line.verdict,
+        "exit_status": line.exit_status,
+        "base": line.base,
+        "accepted": None if bases.accepted is None else bases.accepted.night,
+        "since": min((one.night for one in since.values()), default=None),
+        "failed": [_plain(gate, since[gate.name], folder) for gate in new_first(judged.gates, since)],
+        "not_judged": [f"{gate.ads}: {gate.sentence}" for gate in judged.gates if gate.passed is None],
+        "pairs": 0 if comparison is None else comparison.pairs,
+        "differences": [asdict(one) for one in (comparison.differences if comparison else ())],
+        "unpaired": [asdict(one) for one in (comparison.unpaired if comparison else ())],
+        "repeats": {ads: asdict(one) for ads, one in judged.noise.repeats.items()},
+        "notes": list(notes),
+    }
+    (folder / NIGHT).write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    summary = "\n".join(markdown_lines(line, judged.gates, since, comparison))
+    (folder / SUMMARY).write_text(summary + "\n", encoding="utf-8")
+
+
+def new_first(gates: Sequence[GateResult], since: Mapping[tuple[str, str, str], Since]) -> list[GateResult]:
+    """Limits that failed, new failures before old ones."""
+    return sorted(failed(gates), key=lambda gate: since[gate.name].nights)
+
+
+def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
+    return {
+        "quantity": gate.quantity,
+        "ads": gate.ads,
+        "scenario": gate.scenario,
+        "sentence": gate.sentence,
+        "against": gate.against or "last good night",
+        "since": since.night,
+        "nights": since.nights,
+        "cases": [asdict(one) | _places(one.case, folder) for one in gate.worst],
+        "keys": list(gate.cases),
+    }
+
+
+def _places(case: str, folder: Path) -> dict[str, str]:
+    """Where a case is seen again."""
+    return {"replay": replay_command(folder, case), "link": f"{REPORT}#case:{quote(case, safe='')}"}
+
+
+def markdown_lines(
+    line: Night,
+    gates: Sequence[GateResult],
+    since: Mapping[tuple[str, str, str], Since],
+    comparison: Comparison | None,
+) -> Iterator[str]:
+    """The morning's screen in Markdown, e.g. for `$GITHUB_STEP_SUMMARY` or a chat."""
+    yield f"## {_escaped(line.verdict)}"
+    yield ""
+    for one in comparison.differences if comparison else ():
+        yield f"- differs: {_escaped(one.words)}"
+    for gate in new_first(gates, since):
+        yield f"- **{_escaped(gate.ads)}** in {gate.scenario} ({since[gate.name].words}): {_escaped(gate.sentence)}"
+        for case in gate.worst:
+            yield f"  - `{case.case}`: {_escaped(case.point)}: {_escaped(case.words)}"
+
+
+def github_annotations(gates: Sequence[GateResult]) -> list[str]:
+    """GitHub's workflow commands, one for each limit that failed."""
+    return [
+        f"::error title={_command(f'{gate.quantity} of {gate.ads}')}::{_command(gate.sentence)}"
+        for gate in failed(gates)
+    ]
+
+
+def morning_lines(result: NightResult) -> list[str]:
+    """The first screen of a night: what differs besides the ADS, the verdict, new failures first."""
+    comparison = result.comparison
+    lines = [f"{'DIFFERS' if one.decides else 'differs'}: {one_line(one.words)}"
+             for one in (comparison.differences if comparison else ())]  # fmt: skip
+    lines += [
+        f"no partner: {one_line(one.ads)} in {one.scenario}: {one.lost} of {one.of} cases lost, {one.added} added"
+        + (f" ({', '.join(one.examples)})" if one.examples else "")
+        for one in (comparison.unpaired if comparison else ())
+    ]
+    gates = [*new_first(result.gates, result.since), *(gate for gate in result.gates if gate.passed is not False)]
+    words = {name: since.words for name, since in result.since.items()}
+    return [*lines, result.night.verdict, *gate_lines(gates, result.report.parent, words)]
+
+
+def tell_github(result: NightResult) -> list[str]:
+    """Append the summary to `$GITHUB_STEP_SUMMARY`; annotations, where GitHub runs the night."""
+    summary = os.environ.get("GITHUB_STEP_SUMMARY", "")
+    if summary:
+        with Path(summary).open("a", encoding="utf-8") as file:
+            file.write((result.report.parent / SUMMARY).read_text(encoding="utf-8"))
+    return github_annotations(result.gates) if os.environ.get("GITHUB_ACTIONS") == "true" else []
+
+
+def _escaped(text: str) -> str:
+    """Text in which Markdown and HTML see no mark of their own."""
+    for mark in ("\\", "`", "*", "_", "<", "|", "[", "]"):
+        text = text.replace(mark, f"\\{mark}")
+    return " ".join(text.split())
+
+
+def _command(text: str) -> str:
+    for mark, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A"), (":", "%3A"), (",", "%2C")):
+        text = text.replace(mark, code)
+    return text

@@ -1,0 +1,144 @@
+"""Whether an ADS drives a case twice in one way, how far two of its drives differ, and how often a case ends badly."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.evaluation import score
+from sumo_eval.nightly.history import ShakyCase
+from sumo_eval.record.cases import Case
+from sumo_eval.record.engines import run_cases
+from sumo_eval.record.facts import record_facts, space_of
+from sumo_eval.record.progress import Progress, quiet
+from sumo_eval.record.recording import Planner, planner
+from sumo_eval.record.run_folder import COMPLETE, FACTS
+from sumo_eval.record.store import open_store
+from sumo_eval.report.comparison import Comparison
+from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.rule import (
+    END_COLUMNS,
+    Ends,
+    Noise,
+    Repeats,
+    floor_of,
+    newly_bad,
+    severity_limit,
+    worse_ends,
+)
+from sumo_eval.report.words import point
+from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.settings.random_streams import random_stream
+
+AGAIN = "again"  # folder beside the nights in which cases are driven once more; gone afterwards
+
+
+def repeats_of(done: Evaluation, settings: GateSettings, place: Path, progress: Progress = quiet) -> dict[str, Repeats]:
+    """Drive a sample of each ADS's cases once more: which ADSs repeat, and the floors of those that do not.
+
+    place: a folder for drives that are scored; it is gone afterwards.
+    """
+    if not settings.noise.cases:
+        return {}
+    plan = planner(done.settings, Path(done.manifest["source_folder"]))
+    sample = _sample(done, plan, settings.noise.cases)
+    alike: dict[str, list[bool]] = {ads.name: [] for ads in done.settings.ads}
+    with open_store(done.folder / FACTS) as store, open_store(Path(":memory:"), create=True) as again:
+        for number, outcome in enumerate(run_cases(sample, plan.setup), start=1):
+            key, whole = outcome.case.key, not store.is_let_go(outcome.case.key)
+            again.add(outcome)
+            alike[outcome.case.driver].append(store.drive(key, whole=whole) == again.drive(key, whole=whole))
+            progress("driving some cases twice", number, len(sample))
+
+    noisy = {ads for ads, equal in alike.items() if not all(equal)}
+    keys = [case.key for case in sample if case.driver in noisy]
+    rows = _driven_anew(done, keys, place) if keys else {}
+    return {
+        ads: Repeats(len(equal), sum(equal), _floors(done, ads, rows, settings) if ads in noisy else {})
+        for ads, equal in alike.items()
+    }
+
+
+def _sample(done: Evaluation, plan: Planner, number: int) -> list[Case]:
+    """The cases of all ADSs at so many points, drawn by the run's seed."""
+    entries = enumerate(done.settings.scenario)
+    spaces = [space_of(entry, done.settings, plan.source, offset=offset) for offset, entry in entries]
+    ends = np.cumsum([len(space.numbers) for space in spaces])
+    drawn = random_stream(done.settings.seed, "driven twice").permutation(int(ends[-1]))[:number]
+    cases: list[Case] = []
+    for space, end in zip(spaces, ends, strict=True):
+        first = end - len(space.numbers)
+        here = np.sort(drawn[(drawn >= first) & (drawn < end)] - first)
+        cases += plan.ads(replace(space, numbers=[space.numbers[place] for place in here.tolist()]))
+    return cases
+
+
+def _driven_anew(done: Evaluation, cases: Collection[str], place: Path) -> dict[str, CaseResult]:
+    """Rows of cases from a copy of a run in which they were driven anew."""
+    shutil.rmtree(place, ignore_errors=True)
+    try:
+        shutil.copytree(done.folder, place)
+        with open_store(place / FACTS, create=True) as store:
+            store.unseal()
+            store.note(COMPLETE, "")
+            store.remove(cases)
+        record_facts(done.settings, Path(done.manifest["source_folder"]), place, resume=True)
+        wanted = set(cases)
+        return {row.case: row for row in score(place).cases if row.case in wanted}
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _floors(done: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings: GateSettings) -> dict[str, float]:
+    """1.5 q95(|d|) of every quantity that the rule looks at."""
+    first = [row for row in done.cases if row.ads == ads and row.case in rows]
+    second = [rows[row.case] for row in first]
+    names = [measure.quantity for measure in (*settings.near_miss.measure, *settings.shift.measure)]
+    once, twice = arrays(first, *names), arrays(second, *names)
+    floors = {name: floor_of(twice[name] - once[name], settings.noise) for name in names}
+    severity = [Ends.of(arrays(part, *END_COLUMNS)).severity for part in (first, second)]
+    return floors | {"severity": floor_of(severity[1] - severity[0], settings.noise)}
+
+
+def bad_again(
+    comparisons: Sequence[Comparison], done: Evaluation, noise: Noise, settings: GateSettings, place: Path
+) -> dict[str, int]:
+    """Cases of noisy ADSs that are newly bad, driven four times more: in how many of the five drives each is bad."""
+    bases = dict(_newly_bad_rows(comparisons, noise, settings))
+    bad = dict.fromkeys(bases, 1)
+    for _ in range(settings.outcome.repeats if bases else 0):
+        for case, row in _driven_anew(done, bases, place).items():
+            old, new = (Ends.of(arrays([one], *END_COLUMNS)) for one in (bases[case], row))
+            limit = severity_limit(settings, noise.of(row.ads))
+            bad[case] += any(flags.any() for flags in worse_ends(old, new, limit).values())
+    return bad
+
+
+def _newly_bad_rows(
+    comparisons: Sequence[Comparison], noise: Noise, settings: GateSettings
+) -> Iterator[tuple[str, CaseResult]]:
+    """Key of a newly bad case of a noisy ADS, and its row in the base."""
+    for one in (one for comparison in comparisons for one in comparison.ads):
+        repeats, paired = noise.of(one.ads), one.changed.paired
+        for worse in newly_bad(one, settings, repeats).values() if repeats.noisy else ():
+            for pair in worse.which:
+                yield paired.new[int(paired.new_rows[pair])].case, paired.base[int(paired.base_rows[pair])]
+
+
+def shaky_cases(done: Evaluation, bad: Mapping[str, int], settings: GateSettings) -> set[ShakyCase]:
+    """Those of the cases driven again that were not bad in all of their drives."""
+    some = {case for case, drives in bad.items() if drives <= settings.outcome.repeats}
+    rows = (row for row in done.cases if row.case in some) if some else ()
+    return {ShakyCase(row.ads, row.scenario, point(row.values)) for row in rows}
+
+
+def keys_of(done: Evaluation, shaky: Collection[ShakyCase]) -> frozenset[str]:
+    """Tonight's keys of cases that were shaky before."""
+    if not shaky:
+        return frozenset()
+    return frozenset(row.case for row in done.cases if ShakyCase(row.ads, row.scenario, point(row.values)) in shaky)

@@ -1,0 +1,211 @@
+"""The rule of a night: worked numbers of its equations, and what each part finds and lets pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import builders
+import numpy as np
+import pytest
+from report_cases import hit, pick, with_case
+
+from sumo_eval.report.comparison import compare
+from sumo_eval.report.gate_settings import GateSettings, MeasureSettings, NearMissSettings, NoiseSettings
+from sumo_eval.report.gates import GateResult, failed, judge
+from sumo_eval.report.rule import (
+    Noise,
+    Repeats,
+    floor_of,
+    holm,
+    kept_margin,
+    only_improved,
+    sign_test,
+    tolerance,
+    worsening,
+)
+from sumo_eval.report.rule_limits import judge_pairs
+from sumo_eval.results import CaseResult, Evaluation
+
+SETTINGS = GateSettings(resamples=100)
+GAP = MeasureSettings("min_gap", 0.1, 0.1, zone=2.0)
+DRAC = MeasureSettings("max_drac", 0.2, 0.05, zone=3.4, higher_is_better=False)
+NOISY = Repeats(30, 0)
+Change = Callable[[CaseResult], CaseResult]
+
+
+def test_worsening_has_the_sign_of_the_quantity() -> None:
+    """A gap that falls from 0.92 to 0.32 m is 0.60 m worse; a DRAC that rises from 3.5 to 4.1 is 0.6 m/s2 worse."""
+    assert worsening(np.array([0.92]), np.array([0.32]), GAP) == pytest.approx([0.60])
+    assert worsening(np.array([3.5]), np.array([4.1]), DRAC) == pytest.approx([0.6])
+
+
+def test_tolerance_is_the_largest_of_three() -> None:
+    """max(0.1, 0.1 * 0.5, 0) = 0.1; max(0.1, 0.1 * 1.5, 0) = 0.15; with a floor of 0.4 both are 0.4."""
+    base = np.array([0.5, 1.5])
+    assert tolerance(base, GAP) == pytest.approx([0.1, 0.15])
+    assert tolerance(base, GAP, 0.4) == pytest.approx([0.4, 0.4])
+
+
+def test_sign_test_counts_coins() -> None:
+    """5 of 5: 1/32; 4 of 5: (1 + 5) / 32; 0 of 0: certain."""
+    assert [sign_test(5, 0), sign_test(4, 1), sign_test(0, 0)] == pytest.approx([1 / 32, 6 / 32, 1.0])
+
+
+def test_kept_margin_is_a_ratio_towards_the_accident() -> None:
+    """A gap of 0.32 of 0.92 m keeps 0.348; a DRAC of 7 after 3.5 m/s2 keeps half."""
+    assert kept_margin(np.array([0.92]), np.array([0.32]), GAP) == pytest.approx([0.32 / 0.92])
+    assert kept_margin(np.array([3.5]), np.array([7.0]), DRAC) == pytest.approx([0.5])
+
+
+def test_floor_is_half_again_the_95th_percentile() -> None:
+    """|d| = 0, 1, ..., 20: the 95th percentile is 19, the floor 28.5; of nothing it is 0."""
+    differences = np.arange(21.0) * np.tile([1.0, -1.0, 1.0], 7)
+    assert floor_of(differences, NoiseSettings()) == pytest.approx(28.5)
+    assert floor_of(np.full(3, np.nan), NoiseSettings()) == 0.0
+
+
+def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail() -> None:
+    """0.02 / 2 = 0.01 >= 0.008, then 0.02 / 1 >= 0.015: both. With a third test that counts, 0.02 / 3 < 0.008: none.
+
+    A test whose least P is 0.25 can never be rejected, so it costs the others nothing.
+    """
+    two = [(0.008, 0.0), (0.015, 0.0)]
+    assert holm(two, 0.02) == [True, True]
+    assert holm([*two, (0.9, 0.0)], 0.02) == [False, False, False]
+    assert holm([*two, (0.9, 0.25)], 0.02) == [True, True, False]
+    assert holm([], 0.02) == []
+
+
+def calm(evaluation: Evaluation, **values: float) -> Evaluation:
+    """A run in which every case of `calm` that ended well has these values."""
+    cases = [
+        replace(case, **values) if case.ads == builders.CALM and case.status == "ok" else case  # type: ignore[arg-type]
+        for case in evaluation.cases
+    ]
+    return replace(evaluation, cases=tuple(cases))
+
+
+def some(evaluation: Evaluation, number: int, change: Change) -> Evaluation:
+    """A run with the first cases of `calm` that ended well changed."""
+    keys = [case.case for case in evaluation.cases if case.ads == builders.CALM and case.status == "ok"]
+    for key in keys[:number]:
+        evaluation = with_case(evaluation, key, change)
+    return evaluation
+
+
+def judged(base: Evaluation, new: Evaluation, noise: Noise | None = None) -> list[GateResult]:
+    comparison = compare(base, new, SETTINGS)
+    return list(failed(judge(new, comparison, SETTINGS, noise or Noise())))
+
+
+def test_one_case_that_lost_most_of_its_gap_fails(evaluation: Evaluation) -> None:
+    """The planted brakes of the issue: 0.92 to 0.32 m without a contact anywhere."""
+    base = calm(evaluation, min_gap=0.92, min_ttc=9.0)
+    (gate,) = judged(base, some(base, 1, lambda case: replace(case, min_gap=0.32)))
+    assert (gate.quantity, gate.ads) == ("min_gap", builders.CALM)
+    assert "1 nearer, 0 farther" in gate.sentence
+    assert "one kept 35% of its margin" in gate.sentence
+    assert [(one.before, one.after) for one in gate.worst] == [(0.92, 0.32)]
+
+
+@pytest.mark.parametrize(("gap", "after"), [(0.92, 0.82 + 1e-12), (2.5, 2.05), (0.92, 0.92 + 1e-12), (0.92, 1.5)])
+def test_a_change_within_the_tolerance_or_far_away_passes(evaluation: Evaluation, gap: float, after: float) -> None:
+    base = calm(evaluation, min_gap=gap, min_ttc=9.0)
+    assert not judged(base, some(base, 1, lambda case: replace(case, min_gap=after)))
+
+
+def test_as_many_farther_as_nearer_passes(evaluation: Evaluation) -> None:
+    base = calm(evaluation, min_gap=0.9, min_ttc=9.0)
+    nearer = some(base, 2, lambda case: replace(case, min_gap=1.5))
+    assert not judged(base, some(nearer, 1, lambda case: replace(case, min_gap=0.7)))
+
+
+def test_a_missing_ttc_counts_as_the_limit_of_the_zone(evaluation: Evaluation) -> None:
+    """Never closing in before, 0.5 s now: 1.5 - 0.5 = 1 s worse."""
+    base = replace(evaluation, cases=tuple(replace(case, min_ttc=None) for case in evaluation.cases))
+    gates = judged(base, some(base, 1, lambda case: replace(case, min_ttc=0.5)))
+    assert [gate.quantity for gate in gates] == ["min_ttc"]
+
+
+def test_a_shift_needs_three_cases_and_no_better_one(evaluation: Evaluation) -> None:
+    """Time to come through from 12 to 13 s: tolerance max(0.25, 0.02 * 12) = 0.25."""
+    base = calm(evaluation, simulated_time=12.0)
+    of = sum(case.ads == builders.CALM and case.status == "ok" for case in base.cases)
+    least = max(3, int(np.ceil(0.15 * of)))
+    for number, fails in ((least - 1, False), (least, True)):
+        slower = some(base, number, lambda case: replace(case, simulated_time=13.0))
+        assert [gate.quantity for gate in judged(base, slower)] == ["simulated_time"] * fails
+    rounding = some(base, of, lambda case: replace(case, simulated_time=12.0 + 1e-12))
+    assert not judged(base, rounding)
+
+
+def test_a_noisy_ads_needs_five_drives_to_lose_a_case(evaluation: Evaluation) -> None:
+    """Bad in two of five drives: listed. In three: failed. Bad in some drives before: listed."""
+    case = pick(evaluation, collided=False)
+    new = with_case(evaluation, case.case, hit)
+    for bad, shaky, fails in ((2, (), False), (3, (), True), (5, (case.case,), False)):
+        noise = Noise({case.ads: NOISY}, {case.case: bad}, frozenset(shaky))
+        assert [gate.quantity for gate in judged(evaluation, new, noise)] == ["collided"] * fails
+        results = judge(new, compare(evaluation, new, SETTINGS), SETTINGS, noise)
+        assert any(f"{case.case} ({bad})" in gate.sentence for gate in results) is not fails
+
+
+def test_a_noisy_ads_is_judged_by_chance_alone(evaluation: Evaluation) -> None:
+    """One case 0.6 m nearer fails for an ADS that repeats; by chance it is 1 of 1, P = 0.5."""
+    base = calm(evaluation, min_gap=0.92, min_ttc=9.0)
+    one = some(base, 1, lambda case: replace(case, min_gap=0.32))
+    every = calm(base, min_gap=0.32)
+    noise = Noise({builders.CALM: NOISY})
+    assert not judged(base, one, noise)
+    assert [gate.quantity for gate in judged(base, every, noise)] == ["min_gap"]
+    floor = Noise({builders.CALM: Repeats(30, 0, {"min_gap": 0.7})})
+    assert not judged(base, every, floor)
+
+
+def test_too_few_cases_are_no_good_news(evaluation: Evaluation) -> None:
+    base = calm(evaluation, min_gap=5.0, min_ttc=9.0)
+    results = judge(base, compare(base, base, SETTINGS), SETTINGS)
+    (gap,) = [one for one in results if one.ads == builders.CALM and one.quantity == "min_gap"]
+    assert gap.passed is None
+    assert gap.sentence == "smallest gap: cannot see a change with 0 cases inside 2 m"
+
+
+def test_parts_are_settings(evaluation: Evaluation) -> None:
+    base = calm(evaluation, min_gap=0.92, min_ttc=9.0)
+    new = calm(base, min_gap=0.32)
+    settings = replace(SETTINGS, near_miss=NearMissSettings(on=False))
+    assert not failed(judge(new, compare(base, new, settings), settings))
+
+
+def test_only_improved_forgives_no_last_millimetre(evaluation: Evaluation) -> None:
+    base = calm(evaluation, min_gap=0.9, min_ttc=9.0)
+    better = some(base, 1, lambda case: replace(case, min_gap=1.5))
+    assert only_improved(compare(base, better, SETTINGS), SETTINGS)
+    assert not only_improved(compare(base, base, SETTINGS), SETTINGS)
+    mixed = some(better, 2, lambda case: replace(case, min_gap=1.5 if case.min_gap == 1.5 else 0.899))
+    assert not only_improved(compare(base, mixed, SETTINGS), SETTINGS)
+
+
+def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation: Evaluation) -> None:
+    """Of one ADS in one scenario the first case is lost, then all of them, then the ADS everywhere."""
+
+    def without(unwanted: Callable[[CaseResult], bool], run: Evaluation = evaluation) -> Evaluation:
+        cases = tuple(case for case in run.cases if not unwanted(case))
+        pairs = {(case.ads, case.scenario) for case in cases}
+        scores = tuple(score for score in run.scores if (score.ads, score.scenario) in pairs)
+        return replace(run, cases=cases, scores=scores)
+
+    first = evaluation.cases[0]
+
+    def sentence(new: Evaluation) -> str:
+        found = judge_pairs(compare(evaluation, new, SETTINGS), SETTINGS, "accept it")
+        return found[0].sentence if found else ""
+
+    assert sentence(without(lambda case: case.case == first.case)) == ""
+    assert f"ADS `{first.ads}` of the base is missing" in sentence(without(lambda case: case.ads == first.ads))
+    gone = sentence(without(lambda case: case.scenario == first.scenario))
+    assert f"logical scenario `{first.scenario}` of the base is missing" in gone
+    assert gone.endswith("If this is meant: accept it")
+    part = without(lambda case: case.scenario == first.scenario and case.ads == first.ads)
+    assert f"`{first.ads}` has no case of the base's {first.scenario} any more" in sentence(part)
