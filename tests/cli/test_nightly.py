@@ -83,7 +83,7 @@ def test_a_night_leaves_what_people_and_machines_read(week: tuple[Path, list[str
 
 
 def test_the_newest_nights_and_the_last_good_one_keep_their_folders(week: tuple[Path, list[str]]) -> None:
-    """Of four nights two folders are kept, the third and the fourth; the second is the last good one, the first pinned."""
+    """Two folders are kept, the third and the fourth; the second is the last good one, the first is accepted."""
     folder, _ = week
     found = nights(folder / "history")
     there = [(folder / "history" / night.folder).is_dir() for night in found]

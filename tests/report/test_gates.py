@@ -22,7 +22,6 @@ from sumo_eval.report.gate_settings import (
 from sumo_eval.report.gates import GateResult, failed, judge
 from sumo_eval.results import Evaluation
 
-
 OFF = {"outcome": OutcomeSettings(on=False), "near_miss": NearMissSettings(on=False), "shift": ShiftSettings(on=False)}
 
 
