@@ -7,34 +7,21 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
-from sumo_eval.nightly.bases import Bases
-from sumo_eval.nightly.history import History, Night, ShakyCase
+from sumo_eval.nightly.history import History, Night
+from sumo_eval.nightly.judged import Judged
 from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.gates import failed
 from sumo_eval.report.page import REPORT
-from sumo_eval.report.rule import Noise
 from sumo_eval.report.terminal import gate_lines, one_line, replay_command
 from sumo_eval.report.words import count
-
-if TYPE_CHECKING:
-    from sumo_eval.nightly.night import NightResult
+from sumo_eval.results import Evaluation
 
 NIGHT = "night.json"
 SUMMARY = "summary.md"
-
-
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """A night beside its bases. gates: each limit once. noise: of tonight. shaky: cases bad in some drives only."""
-
-    bases: Bases
-    gates: tuple[GateResult, ...]
-    noise: Noise
-    shaky: frozenset[ShakyCase]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +35,21 @@ class Since:
     def words(self) -> str:
         """`new` or `since 2026-11-21T02-00-00Z, 3 nights`."""
         return "new" if self.nights == 1 else f"since {self.night}, {count(self.nights, 'night')}"
+
+
+@dataclass(frozen=True, slots=True)
+class NightResult:
+    """What became of a night. notes: sentences on what was cleared away, not compared, or left out."""
+
+    night: Night
+    evaluation: Evaluation
+    comparison: Comparison | None
+    gates: tuple[GateResult, ...]
+    notes: tuple[str, ...]
+    report: Path
+    trend: Path
+    since: Mapping[tuple[str, str, str], Since]
+    accepted: Night | None
 
 
 def failing_since(lines: History, gates: Sequence[GateResult], tonight: str) -> dict[tuple[str, str, str], Since]:

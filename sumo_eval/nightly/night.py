@@ -12,22 +12,20 @@ from __future__ import annotations
 import errno
 import itertools
 import os
-import shlex
 import shutil
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
-from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.evaluation import let_go, record_rounds, score
-from sumo_eval.nightly.bases import find_bases, in_force, pin_of, pinned_by_itself
-from sumo_eval.nightly.history import HISTORY, Accepted, History, Night, is_begun, open_history
-from sumo_eval.nightly.morning import Judged, Since, failing_since, write_night
-from sumo_eval.nightly.repeats import AGAIN, bad_again, keys_of, repeats_of, shaky_cases
+from sumo_eval.nightly.bases import in_force
+from sumo_eval.nightly.history import HISTORY, History, Night, is_begun, open_history
+from sumo_eval.nightly.judged import judge_night, new_pin
+from sumo_eval.nightly.morning import NightResult, failing_since, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
 from sumo_eval.record.lock import HeldError, held
@@ -35,12 +33,9 @@ from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.run_folder import COMPLETE, FACTS, is_run
 from sumo_eval.record.store import Store
 from sumo_eval.report.assessed import write_assessed_report
-from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_settings import GateSettings
-from sumo_eval.report.gates import GateResult, failed, judge
+from sumo_eval.report.gates import failed
 from sumo_eval.report.junit import JUNIT, comparison_suites, merged, run_suites, score_parts, write_junit
-from sumo_eval.report.rule import Noise, only_improved
-from sumo_eval.report.rule_limits import EVERYWHERE, judge_pairs, judge_rule
 from sumo_eval.report.sections import Beside
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.verdict import verdict
@@ -52,21 +47,6 @@ IMPORTED = -1  # exit status of a night that no gate judged
 LOCK = "lock"
 SPARE = 1.5  # a night may need so much more room than the last one did
 FIRST_NIGHT_ROOM = 200_000_000  # bytes; what a first night may need is not known
-
-
-@dataclass(frozen=True, slots=True)
-class NightResult:
-    """What became of a night. notes: sentences on what was cleared away, not compared, or left out."""
-
-    night: Night
-    evaluation: Evaluation
-    comparison: Comparison | None
-    gates: tuple[GateResult, ...]
-    notes: tuple[str, ...]
-    report: Path
-    trend: Path
-    since: Mapping[tuple[str, str, str], Since]
-    accepted: Night | None
 
 
 def run_night(
@@ -108,7 +88,7 @@ def run_night(
         folder = history / NIGHTS / name
         try:
             done, again = _evaluated(evaluation, folder, workers, stopped is not None, progress, stopping)
-            judged = _judged(history, lines, done, gate, progress)
+            judged = judge_night(history, lines, done, gate, progress)
             notes += [*again, *judged.bases.notes]
             comparison, gates = judged.bases.comparison, judged.gates
             write_tables(done)
@@ -141,52 +121,11 @@ def run_night(
             imported=False,
         )
         since = failing_since(lines, gates, name)
-        lines.add(line, done, gates, shaky=judged.shaky, pin=_new_pin(line, judged, lines, gate))
+        lines.add(line, done, gates, shaky=judged.shaky, pin=new_pin(line, judged, lines, gate))
         write_night(folder, line, verdict_found.word, judged, since, notes)
         notes += _prune(history, lines, keep)
         trend = write_trend(history, lines)
         return NightResult(line, done, comparison, gates, tuple(notes), report, trend, since, judged.bases.accepted)
-
-
-def _judged(history: Path, lines: History, done: Evaluation, gate: GateSettings, progress: Progress) -> Judged:
-    """Compare a night with its bases and judge it, each limit once: beside the accepted night only what else fails."""
-    bases = find_bases(history, lines, done, gate)
-    place = history / AGAIN
-    noise = Noise(repeats_of(done, gate, place, progress) if bases.comparisons else {})
-    noise = replace(
-        noise,
-        bad=bad_again(bases.comparisons, done, noise, gate, place),
-        shaky=keys_of(done, lines.shaky()) if any(one.noisy for one in noise.repeats.values()) else frozenset(),
-    )
-    accept = shlex.join(["sumo-eval", "accept", str(history), "--reason", "..."])
-    gates = list(judge(done, bases.comparison, gate, noise))
-    if bases.unusable:
-        missing = f"no earlier good night can be compared with, so nothing was judged. If this is meant: {accept}"
-        gates.append(GateResult("pairs", "every ADS", EVERYWHERE, False, missing, 0.0, None))
-    for comparison, against in ((bases.comparison, ""), (bases.pinned, "accepted")):
-        if comparison is None:
-            continue
-        found = judge_pairs(comparison, gate, accept)
-        if against:
-            name = Path(comparison.base_folder).name
-            found = [replace(one, against=name) for one in (*judge_rule(comparison, gate, noise), *found)]
-        known = {one.name for one in failed(gates)}
-        gates += [one for one in failed(found) if one.name not in known]
-    return Judged(bases, tuple(gates), noise, frozenset(shaky_cases(done, noise.bad, gate)))
-
-
-def _new_pin(line: Night, judged: Judged, lines: History, gate: GateSettings) -> Accepted | None:
-    """That a night accepts itself: the first good one, and one in which paired cases only improved."""
-    if not line.good:
-        return None
-    pin = pin_of(lines)
-    if pin is None:
-        return pinned_by_itself(line.night, "the first good night", None)
-    beside = judged.bases.pinned or judged.bases.comparison
-    noisy = any(one.noisy for one in judged.noise.repeats.values())
-    if beside is None or noisy or beside.unpaired or not only_improved(beside, gate):
-        return None
-    return pinned_by_itself(line.night, "paired cases only improved", pin)
 
 
 def _clock_note(lines: History, name: str) -> list[str]:

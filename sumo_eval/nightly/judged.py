@@ -1,0 +1,69 @@
+"""A night beside its bases: each limit once, with what is known of chance, and whether the night becomes a base."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from sumo_eval.nightly.bases import Bases, find_bases, pin_of, pinned_by_itself
+from sumo_eval.nightly.history import Accepted, History, Night, ShakyCase
+from sumo_eval.nightly.repeats import AGAIN, bad_again, keys_of, repeats_of, shaky_cases
+from sumo_eval.record.progress import Progress
+from sumo_eval.report.gate_result import GateResult
+from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.gates import failed, judge
+from sumo_eval.report.rule import Noise, only_improved
+from sumo_eval.report.rule_limits import EVERYWHERE, judge_pairs, judge_rule
+from sumo_eval.results import Evaluation
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A night beside its bases. gates: each limit once. noise: of tonight. shaky: cases bad in some drives only."""
+
+    bases: Bases
+    gates: tuple[GateResult, ...]
+    noise: Noise
+    shaky: frozenset[ShakyCase]
+
+
+def judge_night(history: Path, lines: History, done: Evaluation, gate: GateSettings, progress: Progress) -> Judged:
+    """Compare a night with its bases and judge it, each limit once: beside the accepted night only what else fails."""
+    bases = find_bases(history, lines, done, gate)
+    place = history / AGAIN
+    noise = Noise(repeats_of(done, gate, place, progress) if bases.comparisons else {})
+    noise = replace(
+        noise,
+        bad=bad_again(bases.comparisons, done, noise, gate, place),
+        shaky=keys_of(done, lines.shaky()) if any(one.noisy for one in noise.repeats.values()) else frozenset(),
+    )
+    accept = shlex.join(["sumo-eval", "accept", str(history), "--reason", "..."])
+    gates = list(judge(done, bases.comparison, gate, noise))
+    if bases.unusable:
+        missing = f"no earlier good night can be compared with, so nothing was judged. If this is meant: {accept}"
+        gates.append(GateResult("pairs", "every ADS", EVERYWHERE, False, missing, 0.0, None))
+    for comparison, against in ((bases.comparison, ""), (bases.pinned, "accepted")):
+        if comparison is None:
+            continue
+        found = judge_pairs(comparison, gate, accept)
+        if against:
+            name = Path(comparison.base_folder).name
+            found = [replace(one, against=name) for one in (*judge_rule(comparison, gate, noise), *found)]
+        known = {one.name for one in failed(gates)}
+        gates += [one for one in failed(found) if one.name not in known]
+    return Judged(bases, tuple(gates), noise, frozenset(shaky_cases(done, noise.bad, gate)))
+
+
+def new_pin(line: Night, judged: Judged, lines: History, gate: GateSettings) -> Accepted | None:
+    """That a night accepts itself: the first good one, and one in which paired cases only improved."""
+    if not line.good:
+        return None
+    pin = pin_of(lines)
+    if pin is None:
+        return pinned_by_itself(line.night, "the first good night", None)
+    beside = judged.bases.pinned or judged.bases.comparison
+    noisy = any(one.noisy for one in judged.noise.repeats.values())
+    if beside is None or noisy or beside.unpaired or not only_improved(beside, gate):
+        return None
+    return pinned_by_itself(line.night, "paired cases only improved", pin)
