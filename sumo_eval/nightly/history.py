@@ -9,10 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sumo_eval.errors import InputError
 from sumo_eval.report.gate_result import GateResult
+from sumo_eval.report.gate_settings import NearMissSettings
 from sumo_eval.report.words import SCORES, cases_of
-from sumo_eval.results import Evaluation, ScenarioResult, columns
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, columns
+from sumo_eval.scoring.kept_rows import arrays
 
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1
@@ -109,6 +113,11 @@ class Accepted:
     until: str | None
     itself: bool
 
+    @property
+    def words(self) -> str:
+        """`softer brakes on purpose, until 2026-12-31`."""
+        return f"{self.reason}, until {self.until}" if self.until else self.reason
+
 
 @dataclass(frozen=True, slots=True)
 class ShakyCase:
@@ -155,6 +164,8 @@ class History:
                     for quantity, value in _quantities(evaluation, score).items()
                 ],
             )
+            builds = [(night.night, *one) for one in evaluation.manifest.get("builds", {}).items()]
+            self._connection.executemany("INSERT INTO builds VALUES (?,?,?)", builds)
             self._connection.executemany(
                 "INSERT INTO gates VALUES (?,?,?,?,?,?,?)",
                 [
@@ -184,6 +195,13 @@ class History:
     def shaky(self) -> set[ShakyCase]:
         """Cases that were bad in some drives of one build, in any night."""
         return {ShakyCase(*row) for row in self._rows("shaky", "ads, scenario, point")}
+
+    def builds(self) -> dict[str, dict[str, str]]:
+        """What build of which ADS drove in each night."""
+        found: dict[str, dict[str, str]] = {}
+        for night, ads, build in self._rows("builds", "night, ads, build"):
+            found.setdefault(night, {})[ads] = build
+        return found
 
     def _rows(self, table: str, columns: str) -> list[tuple[Any, ...]]:
         """Rows of a table that an older history may not have."""
@@ -279,6 +297,18 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
         raise InputError(f"The history {path} is damaged: {found.splitlines()[-1]}. {_MEND}")
 
 
+def near_misses(cases: Sequence[CaseResult]) -> int:
+    """Cases without contact that came nearer than the zone of interest of a measure of the rule, by its defaults."""
+    measures = NearMissSettings().measure
+    read = arrays(cases, "status", *(measure.quantity for measure in measures))
+    inside = [
+        read[one.quantity] < one.zone if one.higher_is_better else read[one.quantity] > one.zone
+        for one in measures
+        if one.zone is not None
+    ]
+    return int(np.sum(np.any(inside, axis=0) & (read["status"] == "ok")))
+
+
 def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, float | None]:
     """What a night keeps of one ADS in one logical scenario."""
     return {
@@ -288,6 +318,9 @@ def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, floa
         "avoidable_collisions": score.avoidable_collisions,
         "unavoidable_collisions": score.unavoidable_collisions,
         "caused_collisions": score.caused_collisions,
+        "departures": score.departures,
+        "gave_up": score.gave_up,
+        "near_misses": near_misses(cases_of(evaluation, score)),
         "not_evaluated": score.not_evaluated,
         "run_time": sum(time or 0.0 for _, time in columns(cases_of(evaluation, score), "zone", "wall_time")),
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,12 +21,15 @@ from sumo_eval.results import Evaluation
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A night beside its bases. gates: each limit once. noise: of tonight. shaky: cases bad in some drives only."""
+    """A night beside its bases. gates: each limit once. noise: of tonight. shaky: cases bad in some drives only.
+    builds: of each ADS, where known.
+    """
 
     bases: Bases
     gates: tuple[GateResult, ...]
     noise: Noise
     shaky: frozenset[ShakyCase]
+    builds: Mapping[str, str]
 
 
 def judge_night(history: Path, lines: History, done: Evaluation, gate: GateSettings, progress: Progress) -> Judged:
@@ -52,7 +56,9 @@ def judge_night(history: Path, lines: History, done: Evaluation, gate: GateSetti
             found = [replace(one, against=name) for one in (*judge_rule(comparison, gate, noise), *found)]
         known = {one.name for one in failed(gates)}
         gates += [one for one in failed(found) if one.name not in known]
-    return Judged(bases, tuple(gates), noise, frozenset(shaky_cases(done, noise.bad, gate)))
+    return Judged(
+        bases, tuple(gates), noise, frozenset(shaky_cases(done, noise.bad, gate)), done.manifest.get("builds", {})
+    )
 
 
 def new_pin(line: Night, judged: Judged, lines: History, gate: GateSettings) -> Accepted | None:

@@ -92,6 +92,7 @@ def write_night(
         "differences": [asdict(one) for one in (comparison.differences if comparison else ())],
         "unpaired": [asdict(one) for one in (comparison.unpaired if comparison else ())],
         "repeats": {ads: asdict(one) for ads, one in judged.noise.repeats.items()},
+        "builds": dict(judged.builds),
         "notes": list(notes),
     }
     (folder / NIGHT).write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -160,6 +161,9 @@ def morning_lines(result: NightResult) -> list[str]:
     ]
     gates = [*new_first(result.gates, result.since), *(gate for gate in result.gates if gate.passed is not False)]
     words = {name: since.words for name, since in result.since.items()}
+    lines += [
+        f"build of {one_line(ads)}: {build}" for ads, build in result.evaluation.manifest.get("builds", {}).items()
+    ]
     return [*lines, result.night.verdict, *gate_lines(gates, result.report.parent, words)]
 
 

@@ -20,6 +20,7 @@ CHARTS = (
     ("caused_collisions", "Collisions that the ADS caused", "cases"),
     ("departures", "Left the road", "cases"),
     ("gave_up", "Gave up", "cases"),
+    ("near_misses", "Near misses", "cases"),
     ("T", "Share of the driving task T", ""),
     ("A'", "Grade of avoided harm A'", ""),
     ("A", "Avoided share A", ""),
@@ -101,6 +102,8 @@ def write_trend(folder: Path, history: History) -> Path:
         dates={night.night: _date(night.night) for night in nights},
         reports={night.night: "" if night.imported else f"{night.folder}/{REPORT}" for night in nights},
         kept=kept,
+        accepted={one.night: one.words for one in history.accepted()},
+        builds=history.builds(),
         groups=[(scenario, charts(scenario, nights, values, gates)) for scenario in scenarios],
         width=WIDTH, height=HEIGHT, left=LEFT, right=WIDTH - RIGHT, top=TOP, bottom=HEIGHT - BOTTOM,
     )  # fmt: skip

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.record.build import builds_of
 from sumo_eval.record.lock import HeldError, held
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
@@ -233,4 +234,5 @@ def _manifest(inputs: Mapping[str, str], settings: EvaluationSettings, source: P
         },
         "machine": {"system": platform.platform(), "processor": platform.machine(), "node": platform.node()},
         "sha256": {name: hashlib.sha256(inputs[name].encode()).hexdigest() for name in sorted(inputs)},
+        "builds": builds_of(settings, source),
     }

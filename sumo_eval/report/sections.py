@@ -218,7 +218,7 @@ def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
 
 SECTIONS = (
     Section("summary", "In short", summary_section, folded=False),
-    Section("change", "Change", change_content, "gates, cases that flipped, differences since the last run"),
+    Section("change", "Change", change_content, folded=False),
     Section("verdict", "Scores", always, "every score with its interval, and why it is what it is"),
     Section("ranking", "Ranking", ranking_content, "the order of the ADSs, and which differences may be chance"),
     Section("ledger", "Ledger", ledger_content, "where the points of each score went"),

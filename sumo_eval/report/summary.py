@@ -24,6 +24,7 @@ from sumo_eval.results import CaseResult, Evaluation, RankedAds, ScenarioResult
 from sumo_eval.scoring.kept_rows import arrays, chosen
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 
+MOST_CHANGES = 4  # failed limits whose worst case is named
 WIDE = 20.0  # points of S+: an interval wider than this tells little
 
 
@@ -36,14 +37,17 @@ def summary_content(
     scenarios = [zone.scenario for zone in evaluation.zones]
     digits = 0 if any(_wide(one.interval) for one in order) else 1
     compared = comparison is not None or bool(gates)
+    failing = [(gate, gate.worst[0]) for gate in gates if gate.passed is False and gate.worst]
+    changes = [(f"{gate.quantity} of {gate.ads}: {one.point}: {one.words}", f"#case:{quote(one.case, safe='')}")
+               for gate, one in failing[:MOST_CHANGES]]  # fmt: skip
 
     return {
         "verdict": verdict_of(comparison, gates, evaluation) if compared else "",
         "failed": any(gate.passed is False for gate in gates),
         "answers": said.answers,
         "alarms": said.alarms,
-        "worst": worst_case(evaluation, [one.ads for one in order]),
-        "looks": _looks(evaluation, order[0].ads),
+        "worst": failing[0][1].case if failing else worst_case(evaluation, [one.ads for one in order]),
+        "looks": [*changes, *_looks(evaluation, order[0].ads)],
         "rows": [_row(evaluation, one, scenarios, digits) for one in order],
         "scenarios": scenarios,
     }

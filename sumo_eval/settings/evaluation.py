@@ -133,10 +133,12 @@ class AdsSettings(Checked):
     files: Annotated[
         tuple[str, ...], About("files that it depends on, such as weights: with other content it is another ADS")
     ] = ()
+    build: Annotated[str, About("which build it is, for people; default: the Git commit of the folder it lies in")] = ""
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         object.__setattr__(self, "name", clean(self.name))
+        object.__setattr__(self, "build", clean(self.build))
 
     @property
     def locator(self) -> str:

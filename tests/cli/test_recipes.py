@@ -57,4 +57,5 @@ def test_the_workflow_is_yaml_with_balanced_expressions(tmp_path: Path, monkeypa
     assert "where no package index has that version, commit its wheel too" in said
     text = (tmp_path / ".github" / "workflows" / "night.yml").read_text()
     assert text.count("${{") == text.count("}}") == 2
+    assert "cache" not in text, "a cache may be evicted, and the history with it"
     assert "run: sumo-eval nightly 'my evaluation.toml' --history nights --keep 3" in text

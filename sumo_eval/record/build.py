@@ -1,0 +1,28 @@
+"""Which build of each ADS drives: what its entry says, or the Git commit of the folder that the evaluation lies in."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+from sumo_eval.settings import EvaluationSettings
+
+_PATIENCE = 10.0  # s, for Git in a large folder
+
+
+def builds_of(settings: EvaluationSettings, source: Path) -> Mapping[str, str]:
+    """Build by ADS; without those that ship and those of which nothing is known."""
+    own = [ads for ads in settings.ads if ads.build or ":" in ads.controller]
+    commit = commit_of(source) if any(not ads.build for ads in own) else ""
+    return {ads.name: ads.build or commit for ads in own if ads.build or commit}
+
+
+def commit_of(folder: Path) -> str:
+    """`3db9796abcde`, or `3db9796abcde-dirty` with changes that are not committed; "" where there is no commit."""
+    command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""

@@ -1,0 +1,208 @@
+"""What a night finds of planted changes, and how often it cries over none.
+
+`pytest -m campaign -s tests/campaign/test_nights.py`: prints a table for each size. SUMO_EVAL_NIGHT_CASES names the
+sizes. Another ladder is kept for acceptance: no constant may be fitted to this one.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+import sumo_eval
+from sumo_eval.report.comparison import Comparison, side_by_side
+from sumo_eval.report.gate_settings import GateSettings, MeasureSettings
+from sumo_eval.report.gates import failed, judge
+from sumo_eval.report.rule import END_COLUMNS, Ends, Noise, Repeats, floor_of, severity_limit, worse_ends
+from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scoring.kept_rows import arrays
+
+SIZES = tuple(int(text) for text in os.environ.get("SUMO_EVAL_NIGHT_CASES", "18 62").split())
+SETTINGS = GateSettings(resamples=100)
+BASE = "base"
+PLANTED: Mapping[str, Mapping[str, float]] = {
+    "brakes 7": {"brakes": 7.0}, "brakes 6": {"brakes": 6.0}, "brakes 4": {"brakes": 4.0},
+    "delay 0.2": {"delay": 0.2}, "delay 0.4": {"delay": 0.4}, "delay 0.8": {"delay": 0.8},
+    "range 80": {"seen": 80.0}, "range 60": {"seen": 60.0}, "range 40": {"seen": 40.0},
+    "headway 1.3": {"headway": 1.3}, "headway 1.1": {"headway": 1.1}, "headway 0.9": {"headway": 0.9},
+    "speed 0.97": {"speed": 0.97}, "speed 0.9": {"speed": 0.9},
+    "shake 0.5": {"shake": 0.5}, "shake 1.5": {"shake": 1.5},
+}  # fmt: skip
+SPECIAL = ("collides", "raises", "leaves")
+DRIFT = {f"drift {night}": {"brakes": 8.0 * 0.98**night} for night in (1, 3, 5, 10)}
+NOISES = (0.01, 0.1, 0.5)
+DRIVES = 12  # of each noisy build
+FURTHER = 4
+
+
+def entry(name: str, options: Mapping[str, object]) -> dict[str, object]:
+    return {"name": name, "controller": "ladder_ads.py:Build", "options": dict(options)}
+
+
+def driven(folder: Path, name: str, cases: int, entries: Sequence[dict[str, object]]) -> Evaluation:
+    """Drive builds at the same points: a lead that brakes, and a cut-in."""
+    uses = ("front_vehicle_braking", "cut_in")
+    settings = {
+        "name": name,
+        "scenario": [{"use": use, "sampling": {"method": "sobol", "count": cases // 2}} for use in uses],
+        "ads": list(entries),
+        "drivers": {"count": 4},
+        "run": {"workers": 2, "case_timeout": 600.0, "step_timeout": 60.0},
+    }
+    here = Path.cwd()
+    os.chdir(folder)
+    try:
+        return sumo_eval.evaluate(settings, folder / name)
+    finally:
+        os.chdir(here)
+
+
+def only(run: Evaluation, ads: str) -> Evaluation:
+    return replace(
+        run,
+        scores=tuple(score for score in run.scores if score.ads == ads),
+        cases=tuple(case for case in run.cases if case.ads == ads),
+    )
+
+
+def beside(base: Evaluation, old: str, new: Evaluation, ads: str) -> tuple[Comparison, Evaluation]:
+    after = only(new, ads)
+    return side_by_side(only(base, old), after, SETTINGS, pairs={old: ads}), after
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a night said of a build. moved: whether any case moved beyond a tolerance."""
+
+    build: str
+    moved: bool
+    found: bool
+    named: bool
+    by: str
+
+    def __str__(self) -> str:
+        flags = (("moved", self.moved), ("found", self.found), ("named", self.named))
+        return " ".join(
+            [f"{self.build:<14}", *(f"{name} {'yes' if flag else 'no':<4}" for name, flag in flags), self.by]
+        )
+
+
+def watched() -> tuple[MeasureSettings, ...]:
+    return (*SETTINGS.near_miss.measure, *SETTINGS.shift.measure)
+
+
+def worse_beyond(comparison: Comparison) -> bool:
+    """Whether any case is worse beyond the tolerance of anything that the rule watches."""
+    from sumo_eval.report.rule import newly_bad, tally
+
+    near, shift = SETTINGS.near_miss.measure, SETTINGS.shift.measure
+    ads = comparison.ads[0].ads
+    tallies = [tally(ads, comparison.ads, one, Repeats(0, 0), zone=True) for one in near]
+    tallies += [tally(ads, comparison.ads, one, Repeats(0, 0), zone=False) for one in shift]
+    ends = [worse for one in comparison.ads for worse in newly_bad(one, SETTINGS, Repeats(0, 0)).values()]
+    return any(one.number for one in tallies) or any(len(worse.which) for worse in ends)
+
+
+def told(base: Evaluation, new: Evaluation, ads: str, noise: Noise | None = None) -> Row:
+    comparison, after = beside(base, BASE, new, ads)
+    bad = failed(judge(after, comparison, SETTINGS, noise or Noise()))
+    by = ", ".join(gate.quantity for gate in bad)
+    return Row(ads, worse_beyond(comparison), bool(bad), any(gate.worst for gate in bad), by)
+
+
+def rows_of(run: Evaluation, ads: str) -> list[CaseResult]:
+    return sorted((case for case in run.cases if case.ads == ads), key=lambda case: case.case)
+
+
+def repeats(run: Evaluation, first: str, second: str) -> Repeats:
+    """What two drives of one build tell, of 30 cases at most, as a night has them."""
+    once, twice = (rows_of(run, ads)[:: max(1, len(run.cases_of(ads, run.scores[0].scenario)) * 2 // 30)]
+                   for ads in (first, second))  # fmt: skip
+    names = [measure.quantity for measure in watched()]
+    before, after = arrays(once, *names), arrays(twice, *names)
+    floors = {name: floor_of(after[name] - before[name], SETTINGS.noise) for name in names}
+    severity = [Ends.of(arrays(part, *END_COLUMNS)).severity for part in (once, twice)]
+    return Repeats(len(once), 0, floors | {"severity": floor_of(severity[1] - severity[0], SETTINGS.noise)})
+
+
+Rows = Mapping[tuple[str, tuple[float, ...]], CaseResult]
+
+
+def by_point(run: Evaluation, ads: str) -> Rows:
+    return {(case.scenario, tuple(case.values.values())): case for case in run.cases if case.ads == ads}
+
+
+def ends(case: CaseResult) -> Ends:
+    return Ends.of(arrays([case], *END_COLUMNS))
+
+
+def bad_drives(base: CaseResult, drives: Sequence[CaseResult], limit: float) -> int:
+    """How many drives ended in a way in which the base did not."""
+    return sum(any(flags.any() for flags in worse_ends(ends(base), ends(one), limit).values()) for one in drives)
+
+
+def night_alarms(run: Evaluation, old: str, tonight: str, others: Sequence[str]) -> bool:
+    """Whether a night of the same build fails. others: further drives, the first tells the floors, four are repeats."""
+    known = repeats(run, tonight, others[0])
+    limit = severity_limit(SETTINGS, known)
+    base, again = by_point(run, old), [by_point(run, name) for name in others[1 : 1 + FURTHER]]
+    bad = {
+        case.case: bad_drives(base[point], [case, *(drive[point] for drive in again)], limit)
+        for point, case in by_point(run, tonight).items()
+    }
+    comparison, after = beside(run, old, run, tonight)
+    return bool(failed(judge(after, comparison, SETTINGS, Noise({tonight: known}, bad))))
+
+
+def false_alarms(run: Evaluation, drives: Sequence[str]) -> tuple[int, int]:
+    """Nights of a build that did not change, and how many of them failed. Each ordered pair of drives is a night."""
+    pairs = [(old, tonight) for old in drives for tonight in drives if old != tonight]
+    alarms = [
+        night_alarms(run, old, tonight, [name for name in drives if name not in (old, tonight)])
+        for old, tonight in pairs
+    ]
+    return len(alarms), sum(alarms)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("cases", SIZES)
+def test_planted_changes_are_found_and_silence_is_kept(cases: int, tmp_path: Path) -> None:
+    shutil.copy(Path(__file__).with_name("ladder_ads.py"), tmp_path)
+    base = driven(tmp_path, "first", cases, [entry(BASE, {})])
+    well = next(case for case in base.cases if case.status == "ok" and case.zone == "hazardous")
+    at = well.values["ego_speed"]
+    entries = [entry(name, options) for name, options in (PLANTED | DRIFT).items()]
+    entries += [entry(name, {"special": name, "at": at}) for name in SPECIAL]
+    entries += [entry("same", {}), entry("last digits", {"digits": 1e-12})]
+    planted = driven(tmp_path, "planted", cases, entries)
+    print(f"\n{len(base.cases)} cases")
+    rows = [told(base, planted, name) for name in (*PLANTED, *SPECIAL, *DRIFT)]
+    print("\n".join(map(str, rows)))
+    moved = [row for row in rows if row.moved]
+    found = sum(row.found for row in rows)
+    named = sum(row.named for row in rows)
+    print(f"{len(rows)} planted, {len(moved)} moved a case, {found} found, {named} named")
+    nulls = [told(base, planted, name) for name in ("same", "last digits")]
+    print(f"false alarms of builds that repeat: {sum(row.found for row in nulls)} of {len(nulls)}")
+    assert not any(row.found for row in nulls)
+    assert all(row.named for row in rows if row.found)
+    missed = [row.build for row in moved if not row.found]
+    print("missed:", ", ".join(missed) or "none")
+    assert {row.build for row in rows if row.found} >= set(SPECIAL)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("cases", SIZES)
+def test_noise_raises_one_alarm_in_fifty_nights_at_most(cases: int, tmp_path: Path) -> None:
+    shutil.copy(Path(__file__).with_name("ladder_ads.py"), tmp_path)
+    entries = [entry(f"{noise} {k:02d}", {"noise": noise}) for noise in NOISES for k in range(DRIVES)]
+    run = driven(tmp_path, "noisy", cases, entries)
+    for noise in NOISES:
+        nights, alarms = false_alarms(run, [f"{noise} {k:02d}" for k in range(DRIVES)])
+        print(f"\n{len(run.cases) // len(entries)} cases, noise {noise} m/s2: {alarms} of {nights} null nights failed")
+        assert alarms <= 0.02 * nights
