@@ -16,8 +16,8 @@ from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.gates import failed
 from sumo_eval.report.page import REPORT
-from sumo_eval.report.terminal import gate_lines, one_line, replay_command
-from sumo_eval.report.words import count
+from sumo_eval.report.terminal import gate_lines, replay_command
+from sumo_eval.report.words import count, one_line
 from sumo_eval.results import Evaluation
 
 NIGHT = "night.json"
