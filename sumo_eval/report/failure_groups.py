@@ -50,7 +50,7 @@ def failure_kinds(cases: Sequence[CaseResult]) -> tuple[IntArray, list[str]]:
     there, words = OutcomeColumns.of(cases), ["", "off road", "unavoidable collision", "avoidable collision"]
     words.append("caused collision")
     kinds = np.zeros(len(there.safe), dtype=np.intp)
-    for code, flags in enumerate((there.off_road, there.collided, there.avoidable, there.caused), 1):
+    for code, flags in enumerate((there.off_road | there.departed, there.collided, there.avoidable, there.caused), 1):
         kinds[flags] = code
     codes: dict[str, int] = {}
     for number, (status, place) in enumerate(columns(cases, "status", "error_place")):

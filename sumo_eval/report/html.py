@@ -222,11 +222,12 @@ def _group(
     scores = [score for score in evaluation.scores if score.scenario == logical.name]
     found = {verdict for score in scores for verdict, number in verdicts(evaluation, score).numbers().items() if number}
     there = OutcomeColumns.of(cases)
+    off_road = there.off_road | there.departed
     became = {
         "collision": there.collided,
         "not evaluated": ~there.collided & ~there.evaluated,
-        "off road": ~there.collided & there.off_road,
-        "no contact": ~there.collided & there.evaluated & ~there.off_road,
+        "off road": ~there.collided & off_road,
+        "no contact": ~there.collided & there.evaluated & ~off_road,
     }
     behind = {item.name: item.behind for item in logical.parameters}
     return {

@@ -237,7 +237,7 @@ def outcome(case: CaseResult) -> str:
         return "collision"
     if not case.evaluated:
         return "not evaluated"
-    return "off road" if case.status == "off_road" else "no contact"
+    return "off road" if case.departed or case.status == "off_road" else "no contact"
 
 
 def end_reason(case: CaseResult) -> str:

@@ -216,7 +216,7 @@ def test_the_preventability_of_every_ads_stands_in_a_table(evaluation: Evaluatio
     text = visible(page)
     assert "No ADS of this run is “careful_driver”, so the reference is the ideal vehicle" in text
     for row in preventability(evaluation):
-        counts = (row.cases, row.avoided, row.better, row.collided, row.preventable, row.unpreventable)
+        counts = (row.cases, row.avoided, row.better, row.incidents, row.preventable, row.unpreventable)
         assert " ".join(map(str, counts)) in text
 
 
