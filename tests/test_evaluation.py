@@ -162,6 +162,25 @@ def test_scoring_refuses_changes_that_the_facts_depend_on(done: Evaluation) -> N
         sumo_eval.score(done.folder, ["simulation.step=0.1"])
 
 
+@pytest.mark.parametrize("gone", ["scenario = 'front_vehicle_cut_out'", "point = 1"])
+def test_no_ranking_mixes_rows_with_and_without_reference_car(done: Evaluation, tmp_path: Path, gone: str) -> None:
+    """Without one of its drives the whole run has none, as one recorded earlier: T is beside the drivers everywhere."""
+    assert {score.task_reference for score in done.scores} == {"attentive"}
+    found = []
+    for number, where in enumerate((gone, "1")):
+        folder = tmp_path / str(number)
+        shutil.copytree(done.folder, folder)
+        cars = f"""SELECT "case" FROM facts WHERE role = 'task_reference' AND {where}"""
+        for table in ("trajectories", "circumstances", "facts"):  # the facts last: they tell which cases
+            edit(folder / "facts.sqlite", f'DELETE FROM {table} WHERE "case" IN ({cars})', hashes=table == "facts")
+        found.append(sumo_eval.score(folder))
+    part, none = found
+    assert {score.task_reference for score in part.scores} == {""}
+    assert part.scores == none.scores
+    assert part.ranking == none.ranking
+    assert "reference car" in "\n".join(closing_lines(part))
+
+
 def test_drives_that_are_no_reference_are_named(done: Evaluation, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(done.folder, folder)

@@ -1,10 +1,11 @@
 """Drive ADSs of known order and count how often each score puts the worse one first: `python tools/ladder.py [FOLDER]`.
 
 The ladder is a family of plain policies that differ in one thing at a time: how long they take to react, how hard they
-brake, how far they see, how unsteady their foot is. They drive about 97 points of `front_vehicle_cut_out`, `cut_in` and
-`front_vehicle_braking` in one evaluation. Of two rungs, one is *better* in a scenario if its severity U is not higher
-in any case and lower in one. A score orders such a pair (the better one has more), ties it, or has it wrong. Prints the
-table of docs/trust.md. FOLDER: where the run shall stand; default: a temporary one.
+brake, how far they see, how unsteady their foot is, how fast they drive. They drive about 97 points of
+`front_vehicle_cut_out`, `cut_in` and `front_vehicle_braking` in one evaluation. Of two rungs, one is *better* in a
+scenario if its severity U is not higher in any case and lower in one. A score orders such a pair (the better one has
+more), ties it, or has it wrong. Prints the table of docs/trust.md. FOLDER: where the run shall stand; default: a
+temporary one.
 """
 
 from __future__ import annotations
@@ -26,22 +27,24 @@ from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, Sam
 
 NOTICED_TTC = 6.0  # s, from which on a vehicle that comes nearer is a danger
 WOBBLE_PERIOD = 4.0  # s
+EASED = 2.0  # m/s2 at most, to its pace
 EQUAL = 1e-9  # m/s of U, and of every score
-SCORES = ("C", "S", "A", "S+")
+SCORES = {"C": "c", "S": "s", "A": "avoided_share", "A'": "avoidance_grade", "S+": "s_plus"}
 
 
 class Rung(NamedTuple):
-    """reaction: s. braking: m/s2. sight: m. wobble: amplitude of an unsteady foot, m/s2."""
+    """reaction: s. braking: m/s2. sight: m. wobble: amplitude of an unsteady foot, m/s2. pace: of its first speed."""
 
     reaction: float
     braking: float
     sight: float
     wobble: float
+    pace: float = 1.0
 
     @property
     def name(self) -> str:
         """The ADS's name in the tables."""
-        return "reaction {:g} s, braking {:g} m/s2, sight {:g} m, wobble {:g} m/s2".format(*self)
+        return "reaction {:g} s, braking {:g} m/s2, sight {:g} m, wobble {:g} m/s2, pace {:g}".format(*self)
 
     @property
     def identifier(self) -> str:
@@ -53,6 +56,9 @@ RUNGS = (
     *(Rung(t, b, s, 0.0) for t in (0.2, 0.6, 1.2, 2.0) for b in (4.0, 8.0) for s in (25.0, 80.0)),
     *(Rung(0.6, 8.0, sight, 0.0) for sight in (35.0, 50.0)),
     *(Rung(0.6, 8.0, 80.0, wobble) for wobble in (0.5, 1.0, 2.0, 4.0)),
+    *(Rung(reaction, 8.0, 80.0, 0.0) for reaction in (0.4, 0.9, 1.6)),
+    Rung(0.6, 6.0, 80.0, 0.0),
+    *(Rung(0.6, 8.0, 80.0, 0.0, pace) for pace in (0.9, 0.8, 0.7, 0.6)),
 )
 
 
@@ -63,15 +69,19 @@ class Driver:
 
     def __init__(self) -> None:
         self._noticed = math.inf
+        self._first: float | None = None
 
     def act(self, seen: Observation) -> float:
         """The acceleration wanted, m/s2."""
-        rung, lead = self.rung, seen.lead
+        rung, lead, speed = self.rung, seen.lead, seen.ego.speed
+        self._first = speed if self._first is None else self._first
         comes_nearer = lead is not None and lead.gap < rung.sight and lead.relative_speed < 0.0
         if lead is not None and comes_nearer and lead.gap < -NOTICED_TTC * lead.relative_speed:
             self._noticed = min(self._noticed, seen.time)
         if comes_nearer and seen.time >= self._noticed + rung.reaction:
             return -rung.braking
+        if rung.pace < 1.0:
+            return max(min(rung.pace * self._first - speed, 0.0), -EASED)
         return rung.wobble * math.cos(math.tau * seen.time / WOBBLE_PERIOD)
 
 
@@ -128,10 +138,7 @@ def ordered_pairs(evaluation: Evaluation) -> list[Pair]:
 
 
 def _scores(score: Any) -> dict[str, float | None]:
-    return {
-        name: getattr(score, attribute, None)
-        for name, attribute in zip(SCORES, ("c", "s", "avoided_share", "s_plus"), strict=True)
-    }
+    return {name: getattr(score, attribute, None) for name, attribute in SCORES.items()}
 
 
 def _order(better: float | None, worse: float | None) -> int | None:
@@ -158,6 +165,9 @@ def main() -> None:
         evaluation = climb(RUNGS, SPACES, folder)
         print(f"{len(RUNGS)} ADSs, {len(evaluation.cases) // len(RUNGS)} points")
         print(table(ordered_pairs(evaluation)).to_string(index=False))
+        if evaluation.ranking is not None:
+            pairs = evaluation.ranking.pairs
+            print(f"{sum(pair.told_apart for pair in pairs)} of {len(pairs)} pairs told apart over all scenarios")
 
 
 if __name__ == "__main__":
