@@ -68,6 +68,9 @@ def _range(parameter: dict[str, Any]) -> str:
 
 BOARD = ROOT / "docs" / "leaderboard"
 """The scores of every suite: a folder a suite, in it `scores.json` files of runs, under any name."""
+PARTS = {"T": "task_share", "A'": "avoidance_grade", "H": "human_likeness"}
+PARTS_OF = {"2026.1": {"A": "avoided_share", "H": "human_likeness"}}
+"""What S+ is made of, key by name; in 2026.1 it was 50 A + 50 H."""
 
 
 def leaderboard() -> str:
@@ -75,22 +78,23 @@ def leaderboard() -> str:
     text: list[str] = []
     for folder in sorted((path for path in BOARD.iterdir() if path.is_dir()), reverse=True):
         suite = tomllib.loads((ROOT / "sumo_eval/settings/suites" / f"{folder.name}.toml").read_text(encoding="utf-8"))
-        rows = [row for path in sorted(folder.glob("*.json")) for row in _board_rows(path, suite)]
+        parts = PARTS_OF.get(folder.name, PARTS)
+        rows = [row for path in sorted(folder.glob("*.json")) for row in _board_rows(path, suite, parts)]
         uses = [entry["use"] for entry in suite["scenario"]]
         text += [
             "",
             f"## {folder.name}",
             "",
-            f"| ADS | S+ | A | H | avoidable collisions | {' | '.join(uses)} | with |",
+            f"| ADS | S+ | {' | '.join(parts)} | avoidable collisions | {' | '.join(uses)} | with |",
         ]
-        text += ["|---" * (6 + len(uses)) + "|"]
+        text += ["|---" * (4 + len(parts) + len(uses)) + "|"]
         text += [f"| {' | '.join(cells)} |" for _, cells in sorted(rows, key=lambda row: -row[0])]
         text += ["", "Columns named after a scenario hold S+ there."]
     return "\n".join([*text, ""])
 
 
-def _board_rows(path: Path, suite: dict[str, Any]) -> list[tuple[float, list[str]]]:
-    """S+ and the cells of every ADS of a `scores.json`."""
+def _board_rows(path: Path, suite: dict[str, Any], parts: dict[str, str]) -> list[tuple[float, list[str]]]:
+    """S+ and the cells of every ADS of a `scores.json`. parts: of S+, key by name."""
     found = json.loads(path.read_text(encoding="utf-8"))
     uses = [entry["use"] for entry in suite["scenario"]]
     for what, is_, must in (
@@ -104,7 +108,7 @@ def _board_rows(path: Path, suite: dict[str, Any]) -> list[tuple[float, list[str
     for one in found["ranking"]["ads"]:
         scores = {score["scenario"]: score for score in found["scores"] if score["ads"] == one["ads"]}
         low, high = one["interval"]
-        means = [sum(scores[use][key] for use in uses) / len(uses) for key in ("avoided_share", "human_likeness")]
+        means = [sum(scores[use][key] for use in uses) / len(uses) for key in parts.values()]
         versions = found["versions"]
         cells = [
             f"`{one['ads']}`",

@@ -13,7 +13,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.config import SUITES, settings_from
 
-FROZEN = {"2026.1": "f660e94226140e0c"}
+FROZEN = {"2026.1": "f660e94226140e0c", "2026.2": "f0090414fbbef5c5"}
 
 
 def asked(**more: Any) -> dict[str, Any]:
