@@ -28,7 +28,6 @@ from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation
 from sumo_eval.method.operations import count_operations as count_operations
-from sumo_eval.method.operations import count_swings
 from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
@@ -377,7 +376,7 @@ def _likeness(drives: Sequence[_Drive], pairing: Pairing, similarity: float) -> 
     ads, drivers = drives[pairing.ads], [drives[place] for place in pairing.drivers]
     return Likeness(
         _capped_ratio(ads.length, np.mean([driver.length for driver in drivers])),
-        operation_tolerance(ads.swings, [driver.swings for driver in drivers]),
+        operation_tolerance(ads.operations, [driver.operations for driver in drivers]),
         similarity,
     )
 
@@ -431,7 +430,7 @@ def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     """f_n+ of the human-likeness: 1 up to the drivers' mean number, above it min(1, exp(2 - z^2 / 2)).
 
     z = (n - mean) / max(deviation, 0.5), the sample deviation over the drivers: the tolerance that Eq. 11 gives to
-    everything else. operations: `count_swings` of the ADS. of_drivers: of each driver, at least two.
+    everything else. operations: n of the ADS. of_drivers: of each driver, at least two.
     """
     drivers = np.asarray(of_drivers, dtype=np.float64)
     deviation = max(float(drivers.std(ddof=1)), OPERATION_DEVIATION_FLOOR)
@@ -453,7 +452,6 @@ class _Drive:
     length: float
     reach: float
     operations: int
-    swings: int
     manoeuvre: Manoeuvre
     still_driving: bool
     left_the_road: bool
@@ -485,7 +483,6 @@ def _drive(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings
         length=driven_length(judged, road, settings),
         reach=_reach(judged, road, settings),
         operations=count_operations(judged, settings),
-        swings=count_swings(judged, settings),
         manoeuvre=manoeuvre_of(trajectory, road, settings.manoeuvre_time),
         still_driving=ends_on_its_way and not left,
         left_the_road=ends_on_its_way and left,

@@ -162,12 +162,6 @@ def smooth_motion(drive: Trajectory) -> SmoothMotion:
     return SmoothMotion(acceleration[moves], jerk[moves_long], lateral_speed, lateral_acceleration, unrest[moves_on])
 
 
-def short_slopes(drive: Trajectory) -> FloatArray:
-    """Acceleration of a drive by slopes over 7 samples (0.6 s), every 0.1 s, m/s2."""
-    clock = drive.time[0] + CLOCK * np.arange(int(drive.duration / CLOCK + 1e-6) + 1)
-    return _slopes(np.interp(clock, drive.time, drive.speed), UNREST_SAMPLES)
-
-
 def _unrest(speed: FloatArray) -> FloatArray:
     """Change of acceleration, up and down alike, within 2 s, m/s2: an oscillation that 1 s slopes nearly cancel."""
     changes = np.abs(np.diff(_slopes(speed, UNREST_SAMPLES)))

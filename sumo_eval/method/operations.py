@@ -15,7 +15,6 @@ import math
 import numpy as np
 
 from sumo_eval.errors import InputError
-from sumo_eval.method.measures import CLOCK, short_slopes
 from sumo_eval.method.trajectory_field import SAME_TIME
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
@@ -36,26 +35,10 @@ def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings =
     Raises InputError for that rule where a trajectory has no steering wheel angle: both sides are counted alike or not
     at all.
     """
-    used = np.abs(trajectory.acceleration) > settings.acceleration_threshold
-    return len(_operations(used, trajectory.time, settings)) + _steering_operations(trajectory, settings)
-
-
-def count_swings(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
-    """f_n+ of H: n of Eq. 12, but drive and brake are an operation each, by the smooth acceleration (`short_slopes`).
-
-    Eq. 12 takes an oscillation without neutral time for one operation. Here it has as many as half waves, so that a
-    stronger one never has fewer.
-    """
-    acceleration = short_slopes(trajectory)
-    used = np.abs(acceleration) > settings.acceleration_threshold
-    time = np.asarray(CLOCK * np.arange(len(acceleration)), dtype=np.float64)
-    swings = _operations(used, time, settings, np.sign(acceleration))
-    return len(swings) + _steering_operations(trajectory, settings)
-
-
-def _steering_operations(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
+    time = trajectory.time
+    pedals = len(_operations(np.abs(trajectory.acceleration) > settings.acceleration_threshold, time, settings))
     if settings.steering_rule == "manoeuvre":
-        return _lateral_manoeuvres(trajectory, settings)
+        return pedals + _lateral_manoeuvres(trajectory, settings)
     if not _steering_is_known(trajectory):
         raise InputError(
             '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel angle of the ADS and of '
@@ -63,7 +46,7 @@ def _steering_operations(trajectory: Trajectory, settings: AnthropomorphicSettin
         )
     known = np.isfinite(trajectory.steering_wheel_angle)
     turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(trajectory.speed[known], settings)
-    return len(_operations(turned, trajectory.time[known], settings))
+    return pedals + len(_operations(turned, time[known], settings))
 
 
 def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> FloatArray:
@@ -75,20 +58,13 @@ def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> Fl
     return np.asarray(settings.steering_ratio * np.arctan(settings.wheelbase * curvature))
 
 
-def _operations(
-    active: BoolArray, time: FloatArray, settings: AnthropomorphicSettings, side: FloatArray | None = None
-) -> list[tuple[int, int]]:
-    """First and last active sample of each operation: active samples without `neutral_time` of neutral between them.
-
-    side: (n,); an operation ends where it changes, too.
-    """
+def _operations(active: BoolArray, time: FloatArray, settings: AnthropomorphicSettings) -> list[tuple[int, int]]:
+    """First and last active sample of each operation: active samples without `neutral_time` of neutral between them."""
     samples = np.flatnonzero(active)
     if samples.size == 0:
         return []
     neutral_from = time[samples[:-1] + 1]
     ended = (np.diff(samples) > 1) & (time[samples[1:]] - neutral_from >= settings.neutral_time - SAME_TIME)
-    if side is not None:
-        ended |= np.diff(side[samples]) != 0.0
     first = samples[np.append(True, ended)]
     last = samples[np.append(ended, True)]
     return list(zip(first.tolist(), last.tolist(), strict=True))
