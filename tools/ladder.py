@@ -73,7 +73,7 @@ class Driver:
 
     def act(self, seen: Observation) -> float:
         """The acceleration wanted, m/s2."""
-        rung, lead, speed = self.rung, seen.lead, seen.ego.speed
+        rung, lead, speed = self.rung, seen.lead, float(seen.ego.speed)
         self._first = speed if self._first is None else self._first
         comes_nearer = lead is not None and lead.gap < rung.sight and lead.relative_speed < 0.0
         if lead is not None and comes_nearer and lead.gap < -NOTICED_TTC * lead.relative_speed:

@@ -101,8 +101,7 @@ def driven(names: list[str]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         settings = replace(evaluation(POINTS, ads, drivers=3), method=coarse)
         done = sumo_eval.evaluate(settings, Path(scratch) / "run")
-    scores: dict[str, Any] = table(done).set_index("ADS").to_dict("index")
-    return scores
+    return {str(name): scores for name, scores in table(done).set_index("ADS").to_dict("index").items()}
 
 
 def main() -> int:
@@ -124,7 +123,8 @@ def main() -> int:
         print(len(rows), __getattr__(best).parameters, rows[best], flush=True)
         return np.array([-rows[name]["S+"] for name in names])
 
-    differential_evolution(
+    search: Any = differential_evolution  # its stubs know no vectorized function
+    search(
         losses, [(0.0, 1.0)] * len(LEAST), popsize=3, maxiter=asked.generations, rng=asked.seed, polish=False,
         updating="deferred", vectorized=True, tol=0.0,
     )  # fmt: skip
