@@ -147,6 +147,7 @@ class OnTraci:
             return self._held(time)
         asked = clock.perf_counter()
         latency = world.latency[0]
+        GUARD.moved = False
         try:
             GUARD.heard()
             answer = self.ads.step(TRACI, EGO, time)
@@ -179,6 +180,8 @@ class OnTraci:
             self._wheel.release()
             return None if self._actuation.is_direct else self._actuation.pass_on(None, time, took)
         command = self._obeyed(answer, time)
+        if GUARD.moved:
+            world.note(0, "dropped_traci_call", 1.0, 0.0)
         return command if self._actuation.is_direct else self._actuation.pass_on(command, time, took)
 
     def _held(self, time: float) -> Command | None:

@@ -15,6 +15,7 @@ from typing import Any
 
 from sumo_eval.cosim.doors.controller import find_controller, takes_arrays
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.input_file import hash_of
 from sumo_eval.record.cases import Case
 from sumo_eval.record.frames import FrameError, Message
 from sumo_eval.settings import AdsSettings, DriverSettings, SimulationSettings
@@ -44,7 +45,7 @@ def sources_of_facts(package: Path) -> dict[str, str]:
     rooms = [package / room for room in _ROOMS_THAT_MAKE_FACTS]
     files = sorted(file for room in rooms for ending in ("*.py", "*.toml") for file in room.rglob(ending))
     files += [package / "kernels.py", *(package / "record" / name for name in ("claims.py", "worker.py"))]
-    return {str(file.relative_to(package)): _hash(file) for file in files}
+    return {str(file.relative_to(package)): hash_of(file, "file") for file in files}
 
 
 def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
@@ -66,7 +67,7 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
     files = _own_files(module, before) if module is not None else named_files(locator, folder)
     files |= {Path(file) for file in getattr(getattr(found, "target", None), "files", ())}  # such as a model's table
     base = module.__name__.partition(".")[0] if module is not None else ""
-    sources = {_place(file, folder): _hash(file) for file in sorted(files)}
+    sources = {_place(file, folder): hash_of(file, "file") for file in sorted(files)}
     over_arrays = {"batch": True} if kind == "ADS" and takes_arrays(found) else {}
     return _text({"locator": locator, "version": _version(base, module), "sources": sources, **over_arrays})
 
@@ -96,7 +97,7 @@ def files_identity(ads: AdsSettings, source: Path) -> str:
     for name in ads.files:
         if not (source / name).is_file():
             raise must_be("`files`", f"ADS `{ads.name}`", "files that are there", name)
-    return _text({name: _hash(source / name) for name in ads.files}) if ads.files else ""
+    return _text({name: hash_of(source / name, "file") for name in ads.files}) if ads.files else ""
 
 
 def people_identity(settings: DriverSettings, source: Path) -> str:
@@ -104,7 +105,9 @@ def people_identity(settings: DriverSettings, source: Path) -> str:
     folder = source / settings.cases
     files = [source / name for name in settings.recordings]
     files += sorted(folder.rglob("*.csv")) if settings.cases else []
-    return _text({"settings": repr(settings), "files": {str(file): _hash(file) for file in files if file.is_file()}})
+    return _text(
+        {"settings": repr(settings), "files": {str(file): hash_of(file, "file") for file in files if file.is_file()}}
+    )
 
 
 def with_fingerprint(case: Case, simulation: SimulationSettings, identity: str, harness: str) -> Case:
@@ -158,10 +161,6 @@ def _place(file: Path, folder: Path) -> str:
         return str(file.relative_to(folder))
     home = next((parent for parent in file.parents if str(parent) in sys.path), file.parent)
     return str(file.relative_to(home))
-
-
-def _hash(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _text(content: dict[str, Any]) -> str:

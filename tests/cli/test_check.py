@@ -1,5 +1,10 @@
 """`sumo-eval check` as a user has it: what it prints and its exit status."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 from commands import sumo_eval
 
@@ -153,3 +158,19 @@ def test_a_shipped_scenario_is_checked_by_its_name_without_a_fit(tmp_path, monke
     done = check("front_vehicle_low_speed", tmp_path)
     assert done.returncode == 0, done.said
     assert "Logical scenario `front_vehicle_low_speed`: ego_speed" in done.stdout
+
+
+def test_a_path_beyond_ascii_works_in_the_locale_c(tmp_path):
+    from sumo_eval.scenario.shipped_files import scenario_files
+
+    folder = tmp_path / "Zürich – 東京"
+    folder.mkdir()
+    file = folder / "völlig_neu.toml"
+    file.write_bytes(scenario_files()["front_vehicle_low_speed"].read_bytes())
+    plain = {name: value for name, value in os.environ.items() if not name.startswith(("LC_", "LANG", "PYTHON"))}
+    done = subprocess.run(
+        [sys.executable, "-m", "sumo_eval", "check", os.fsencode(file)], cwd=Path(__file__).parents[2], check=False,
+        env={**plain, "LC_ALL": "C", "LANG": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}, capture_output=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert b"Logical scenario" in done.stdout

@@ -204,3 +204,53 @@ def test_whoever_goes_round_the_door_is_noticed_where_the_other_vehicle_then_is(
         case(lead(50.0, speed=20.0)), once(lambda traci: libsumo.vehicle.setSpeed("lead", 1.0)), HALF_SECOND
     )
     assert "actor_off_its_script" in counts(found)
+
+
+def test_the_clock_of_sumo_is_a_step_ahead_of_what_is_seen():
+    ahead = []
+    simulate(case(), lambda traci, ego, time: ahead.append(traci.simulation.getTime() - time), HALF_SECOND)
+    assert ahead == pytest.approx([HALF_SECOND.step] * len(ahead))
+    assert ahead
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda traci, ego: traci.vehicle.setSpeed(ego, 1.0),
+        lambda traci, ego: traci.vehicle.slowDown(ego, 1.0, 2.0),
+        lambda traci, ego: traci.vehicle.changeLane(ego, 1, 1.0),
+    ],
+)
+def test_a_call_beside_a_command_is_dropped_and_recorded(write):
+    def drive(traci, ego, time, calls=True):
+        if calls and 0.19 < time < 0.31:
+            write(traci, ego)
+        return Command(-1.0, 0.0)
+
+    both = simulate(case(), drive, HALF_SECOND)
+    alone = simulate(case(), lambda traci, ego, time: drive(traci, ego, time, calls=False), HALF_SECOND)
+    assert counts(both) == {"dropped_traci_call": round(0.1 / HALF_SECOND.step) + 1}
+    assert counts(alone) == {}
+    assert both.ego.speed.tobytes() == alone.ego.speed.tobytes()
+    assert both.ego.y.tobytes() == alone.ego.y.tobytes()
+
+
+def test_calls_without_a_command_are_not_dropped():
+    assert counts(simulate(case(), once(lambda traci: traci.vehicle.setSpeed("ego", 19.9)), HALF_SECOND)) == {}
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda traci: traci.vehicle.changeSublane("ego", 0.5),
+        lambda traci: traci.vehicle.setLateralAlignment("ego", "left"),
+        lambda traci: traci.vehicle.setMinGapLat("ego", 2.0),
+        lambda traci: traci.vehicletype.setMinGapLat("ego", 2.0),
+    ],
+)
+def test_a_call_that_sumo_ignores_does_nothing_and_is_recorded(write):
+    ignored = simulate(case(), once(write), HALF_SECOND)
+    nothing = simulate(case(), lambda traci, ego, time: None, HALF_SECOND)
+    assert counts(ignored) == {"ignored_traci_call": 1}
+    assert ignored.ego.y.tobytes() == nothing.ego.y.tobytes()
+    assert ignored.ego.speed.tobytes() == nothing.ego.speed.tobytes()

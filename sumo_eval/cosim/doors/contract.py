@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.cosim.doors.controller import ControllerLike, load_controller
+from sumo_eval.cosim.doors.traci_numbers import IGNORED
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings, SimulationSettings
@@ -25,6 +26,8 @@ _WORDS = {
     "steering_angle": "asks for a steering wheel angle of {requested:.3g} rad, the vehicle gives {applied:.3g}",
     "speed_mode": "sets SUMO's speed mode to {requested:.0f}; the harness sets it back to {applied:.0f}",
     "touched_vehicle": "writes to other vehicles",
+    "dropped_traci_call": "moves the ego through TraCI in a step for which it also gives a Command: the Command counts",
+    "ignored_traci_call": "calls what SUMO ignores without a lateral resolution: " + ", ".join(sorted(IGNORED)),
     "stepped_the_clock": "steps SUMO's clock, which is left out",
     "trigger_never_fired": "a condition of a script never held ({requested:.0f} in all)",
     "departed": "the ego was up to {requested:.2f} m from where the recorded one was at the time, "
@@ -39,7 +42,7 @@ _WORDS = {
     "plan_ended": "a plan ended at {requested:.2f} s, and was driven on straight until {applied:.2f} s",
 }
 _OUT_OF_RANGE = ("acceleration", "steering_angle", "speed_mode", "touched_vehicle", "stepped_the_clock",
-                 "actor_off_its_script")  # fmt: skip
+                 "actor_off_its_script", "dropped_traci_call", "ignored_traci_call")  # fmt: skip
 _OF_A_PLAN = ("plan_error", "plan_ended")
 _FAR_FROM_A_PLAN = 1.0  # m
 _NO_ACCELERATION = 20.0  # m/s2: nobody means more

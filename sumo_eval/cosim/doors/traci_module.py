@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Any, Literal, NoReturn
 
-from sumo_eval.cosim.doors.traci_numbers import ARGUMENTS, DURATIONS, breach, shown
+from sumo_eval.cosim.doors.traci_numbers import ARGUMENTS, DURATIONS, IGNORED, MOTION, breach, shown
 from sumo_eval.cosim.sumo.session import libsumo
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.errors import ControllerError
@@ -46,13 +46,14 @@ class Guard:
         self.interference = interference
         self.listeners = libsumo.StepManager()
         self.touched: dict[str, int] = {}
+        self.moved = False  # the ego, by a call, since the step began
         self.refusal: tuple[str, str] | None = None
 
     def meddles(self, what: str, deed: str, why: str) -> None:
         """An ADS does what is not its own. deed, why: the sentence's two halves, a time comes between them."""
         if self.interference == "refuse":
             self.refuse(deed, why)
-        self.touched[what] = self.touched.get(what, 0) + 1
+        self.count(what)
 
     def refuse(self, deed: str, why: str) -> NoReturn:
         """End the case, whether the ADS lets the exception through or not."""
@@ -67,6 +68,10 @@ class Guard:
                 f"The ADS called traci.{domain}.{call} with `{found.argument}` = {shown(found.given)}",
                 f"it must be {found.must_be}",
             )
+
+    def count(self, what: str) -> None:
+        """Put something on record once more."""
+        self.touched[what] = self.touched.get(what, 0) + 1
 
     def touches(self, domain: str, call: str, name: object) -> None:
         """An ADS writes to something that is not the ego's."""
@@ -89,18 +94,23 @@ class Guard:
 
 def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
     plain = ARGUMENTS["vehicle"].get(call, ())
-    one_number = len(plain) == 1 and plain[0] not in DURATIONS
+    moves, ignored = call in MOTION, call in IGNORED
+    one_number = len(plain) == 1 and plain[0] not in DURATIONS and not ignored
     direct = getattr(libsumo.libsumo._libsumo, f"vehicle_{call}", write)  # what `write` wraps, at half the cost
 
     def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
         # of a name that nobody has, SUMO says so
         if vehID != EGO and (vehID in guard.others or call.startswith("add")):
             guard.touches("vehicle", call, vehID)
+        if moves and vehID == EGO:
+            guard.moved = True
         if one_number and len(args) == 1 and not kwargs:
             number = args[0]
             if type(number) is float and number - number == 0.0:  # as nearly always: a float, and finite
                 return direct(vehID, number)
         guard.check("vehicle", call, vehID, args, kwargs)
+        if ignored:
+            guard.count("ignored_traci_call")
         return write(vehID, *args, **kwargs)
 
     return guarded
@@ -111,6 +121,8 @@ def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable
         if typeID in guard.others and call != "copy":
             guard.touches("vehicletype", call, typeID)
         guard.check("vehicletype", call, typeID, args, kwargs)
+        if call in IGNORED:
+            guard.count("ignored_traci_call")
         return write(typeID, *args, **kwargs)
 
     return guarded

@@ -63,6 +63,15 @@ ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 }
 """By domain and call: the arguments after the name of whom it is written to, in their order."""
 
+MOTION = frozenset(
+    {"setSpeed", "slowDown", "setAcceleration", "setPreviousSpeed", "changeLane", "changeLaneRelative", "moveTo",
+     "moveToXY", "setLateralLanePosition", "openGap"}
+)  # fmt: skip
+"""Calls that move a vehicle: for an ego that has a `Command` for the same step they do nothing."""
+
+IGNORED = frozenset({"changeSublane", "setLateralAlignment", "setMinGapLat"})
+"""Calls that SUMO ignores without a lateral resolution, which no case has."""
+
 DURATIONS = frozenset({"duration", "leadTime", "actionStepLength", "boardingDuration", "time", "begTime", "endTime"})
 """Names of arguments that are durations or times, s."""
 _OPTIONAL = frozenset(
