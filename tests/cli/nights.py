@@ -50,6 +50,9 @@ name = "mine"
 controller = "my_ads.py:Brakes"
 [drivers]
 source = "my_drivers.py:drivers"
+[method.zones]
+grid_points = 1000
+restarts = 0
 [run]
 workers = 2
 """
