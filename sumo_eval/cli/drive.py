@@ -10,6 +10,7 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
 from sumo_eval.cli.named_values import named_values
+from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import open_in_browser, say, tell
 
 
@@ -41,6 +42,11 @@ def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, c
             raise click.UsageError("`--collect` is for a study file, one with a `consent`.")
         _collect(Path(what))
         return
+
+    from sumo_eval.record.loops import PLAYED, WORLD, ready
+
+    with Progress() as progress:
+        ready((WORLD, PLAYED), progress)  # in a thread of the window's, Ctrl-C would wait for it
 
     def told(address: str) -> None:
         tell(f"Drive here, on this machine only: {address}")

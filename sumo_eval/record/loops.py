@@ -190,7 +190,8 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
         min(shares, key=lambda share: sum(_LONG.get(it, 1) for it in share)).append(piece)
     stage = "compiling, once on this machine"
     progress(stage, 0, len(missing))
-    warm([f"from sumo_eval.record import loops; loops.load({share!r})" for share in shares])
+    silent = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)\n"  # Ctrl-C ends them without a traceback
+    warm([f"{silent}from sumo_eval.record import loops; loops.load({share!r})" for share in shares])
     progress(stage, len(missing), len(missing), sum(not _is_compiled(piece) for piece in missing))
 
 

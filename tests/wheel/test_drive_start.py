@@ -1,0 +1,17 @@
+"""Before a drive: what has to be compiled is compiled where Ctrl-C is heard at once."""
+
+import pytest
+from commands import sumo_eval
+
+from sumo_eval.record import loops
+
+
+def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(scripts: list[str]) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(loops, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(loops, "warm", stopped)
+    done = sumo_eval("drive", "front_vehicle_cut_out", "--no-browser", "--port", 0, "--out", tmp_path / "drives")
+    assert done.returncode == 130
+    assert "Drive here" not in done.said
