@@ -443,3 +443,20 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path: Path) -> N
         notes = _clear_away(history, lines)
     assert precious.is_dir()
     assert notes == ["Night a was stopped before its end; its folder could not be removed."]
+
+
+def test_a_noisy_ads_is_found_and_its_new_collision_driven_again(tmp_path: Path) -> None:
+    """At one of three points the ADS sleeps and shakes: no two drives are alike, and all five collide."""
+    file, history = evaluation(tmp_path, "2"), tmp_path / "history"
+    shaking = "import random\n        return Command(acceleration=random.SystemRandom().uniform(-0.3, 0.3)"
+    module = tmp_path / "my_ads.py"
+    module.write_text(module.read_text().replace("return Command(acceleration=0.0", shaking))
+    run_night(file, history, GateSettings(resamples=100))
+    plant(tmp_path, "30, 0:sleeps")
+    result = run_night(file, history, GateSettings(resamples=100))
+    told = json.loads((result.report.parent / "night.json").read_text())
+    assert (told["verdict"], told["exit_status"]) == ("worse", 1)
+    assert (told["repeats"]["mine"]["cases"], told["repeats"]["mine"]["alike"]) == (3, 2)
+    assert told["repeats"]["mine"]["floors"]["max_jerk"] > 0.0
+    assert [(one["quantity"], one["since"]) for one in told["failed"]] == [("collided", told["night"])]
+    assert not (history / "again").exists()
