@@ -149,6 +149,13 @@ def write_scene_run(folder: Path) -> None:
     made("sumo-eval run of_a_scene.toml --out results/scene", folder)
 
 
+def write_nights(folder: Path) -> None:
+    """Begin a history, nights, with one night."""
+    (folder / "one.toml").write_text(SMALL)
+    made("sumo-eval run one.toml --out one", folder)
+    made("sumo-eval trend nights --import one", folder)
+
+
 def write_policy(name: str) -> Callable[[Path], None]:
     """Return what writes a network of this name with its table."""
 
@@ -170,6 +177,7 @@ NEEDS: dict[str, Callable[[Path], None]] = {
     "part1": lambda folder: write_parts(folder, "part1", "part2"),
     "shards/*": lambda folder: write_parts(folder, "shards/1", "shards/2"),
     "results/scene": write_scene_run,
+    "nights": write_nights,
     "onnx:policy.onnx": write_policy("policy"),
     "onnx:ppo.onnx": write_policy("ppo"),
 }

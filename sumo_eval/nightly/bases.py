@@ -114,7 +114,7 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
     began = datetime.strptime(night.night, "%Y-%m-%dT%H-%M-%SZ").replace(tzinfo=UTC)
     passed = (now or datetime.now(UTC)) - began
     recent = passed <= timedelta(**{UNITS[unit]: int(number)})
-    hours = f"{passed.total_seconds() / 3600.0:.1f} h"
+    hours = f"{passed.total_seconds() / 3600.0:z.1f} h"
     return (
         recent,
         f"The last finished night {night.night} began {hours} ago, {'within' if recent else 'more than'} {age}.",

@@ -32,7 +32,6 @@ from sumo_eval.method.anthropomorphic import (
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
 from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.shared_fields import prepare
-from sumo_eval.record import loops
 from sumo_eval.record.coded import decoded, encoded
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.kept_results import Part as KeptPart
@@ -126,6 +125,8 @@ _RECORDS = {one.__name__: one for one in (CaseIndex, IndexNote, Ingredients, Lik
 @contextmanager
 def prepared_meanwhile() -> Iterator[None]:
     """On a machine's first time a process of its own compiles what scoring needs; later there is nothing to do."""
+    from sumo_eval.record import loops  # which knows all that drives; what is kept is looked at without
+
     if INTERPRETED or loops.FIELDS in loops.compiled():
         yield
         return

@@ -80,10 +80,13 @@ class _Watch:
 
     def opens(self, path: Any, flags: int) -> None:
         """Note a file that is opened now."""
-        place = _source(os.path.abspath(os.fsdecode(path)))
+        opened = os.path.abspath(os.fsdecode(path))
+        place = _source(opened)
         if place is None or place.startswith(self._elsewhere()):
             return
         writes = flags & (os.O_WRONLY | os.O_RDWR) != 0
+        if writes and place != opened:  # Python keeps what it compiled; the source is as it was
+            return
         if self._is_below(place) or (place.endswith(_CODE) and not writes):
             self.write(place) if writes else self.read(place)
 

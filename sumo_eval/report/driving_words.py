@@ -15,7 +15,7 @@ from sumo_eval.record.store import EGO, Fact, Store
 from sumo_eval.report.words import LIKENESS_FACTORS, count, percent
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scoring.likeness import plausible_people
+from sumo_eval.scoring.plausible_people import plausible_people
 from sumo_eval.trajectory import FloatArray, Trajectory
 
 LOW = 0.99
@@ -166,7 +166,7 @@ def _extreme(scene: Scene, people: Quantiles) -> tuple[str, float]:
     name, share = least_plausible(extremes, people)
     words, value, half = EXTREME_WORDS[name]
     when = max(0.0, _reached(scene, name, extremes[name]) - half)
-    most = f"{percent(float(f'{share:.1g}'))} of people do" if share > 0.0 else "none of the recorded people does"
+    most = f"{percent(float(f'{share:z.1g}'))} of people do" if share > 0.0 else "none of the recorded people does"
     usual = people.values[name][-1]
     beside = f"half of them stay {'below' if usual < extremes[name] else 'above'} {value.format(usual)}"
     done = words.format(value.format(extremes[name])).capitalize()

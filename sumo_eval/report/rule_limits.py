@@ -159,7 +159,7 @@ def _result(
     sentence = f"{words}: {found.number} {ways[0]}, {found.better} {ways[1]} of {count(found.cases, 'case')}{inside}"
     if not bad:
         return GateResult(quantity, found.ads, where, True, sentence, float(found.number), None)
-    sentence += f" (P = {found.chance:.2g})"
+    sentence += f" (P = {found.chance:z.2g})"
     if near and found.least_kept <= settings.near_miss.kept_margin:
         sentence += f"; one kept {found.least_kept:z.0%} of its margin"
     worst = worst_of(found)

@@ -15,7 +15,6 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.leave_one_out import HumanBand
 from sumo_eval.method.manoeuvres import words
-from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE, Quantiles, extremes_of, quantiles_of
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.human_reference import CaseIndex, LeftOut, PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults, key_of
@@ -26,21 +25,18 @@ from sumo_eval.results import (
     EVALUATED,
     CaseResult,
     OutsideSupport,
-    PlausibleTo,
     ScoreNote,
     ThinReference,
     ThinReferences,
     columns,
 )
-from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.confidence.drivers import exchanges
-from sumo_eval.settings import DriverSettings, EvaluationSettings, PlausibilitySettings
-from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
+from sumo_eval.settings import DriverSettings, EvaluationSettings
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 FEWEST_DRIVERS = 2  # a deviation needs two
 FEWEST_FOR_A_BAND = 3  # and so does what is left when one is left out
-SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic driver
 _AT_ONCE = 8_192  # points whose zone and weight are computed at a time: 65,536 took 0.3 GB
 JACKKNIFED = 16  # cases of an ADS in a scenario on which drivers are left out one by one
 
@@ -163,48 +159,6 @@ def survey(
         {name: np.array(its, dtype=np.intp) for name, its in driven.items()},
         {name: frozenset(jackknifed(its)) for name, its in counted.items()},
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PlausiblePeople:
-    """The table of people that the plausibility of a scenario's cases is read from. notes: who they are, if not those
-    of the default.
-    """
-
-    people: Quantiles
-    notes: tuple[ScoreNote, ...]
-
-
-def plausible_people(logical: LogicalScenario, store: Store, settings: PlausibilitySettings) -> PlausiblePeople:
-    """The people of the motorway, or the recorded drivers of the run in this scenario, each among its other vehicles.
-
-    Drives of one person at several points are one person's. Fewer than `LEAST_PEOPLE` persons cannot show a share of
-    5 %: the motorway's stand in.
-    """
-    if settings.table == "motorway":
-        return PlausiblePeople(MOTORWAY_PEOPLE, ())
-    drives, names = [], []
-    for fact in store.each_fact("human", logical.name):
-        if fact.status == "ok" and fact.controller != SYNTHETIC:
-            ego = store.trajectory(fact.case)
-            drives.append(extremes_of(ego, _scripted(logical.concrete(**fact.values), ego.time)))
-            names.append(fact.log or fact.driver)
-    if len(set(names)) < LEAST_PEOPLE:
-        missing = PlausibleTo(logical.name, len(set(names)), len(drives), LEAST_PEOPLE, MOTORWAY_PEOPLE.people)
-        return PlausiblePeople(MOTORWAY_PEOPLE, (missing,))
-    people = quantiles_of(drives, names, source=f"recorded drivers of the run in {logical.name}")
-    note = PlausibleTo(logical.name, people.people, people.drives, LEAST_PEOPLE, None)
-    return PlausiblePeople(people, (note,))
-
-
-def _scripted(concrete: ConcreteScenario, time: FloatArray) -> dict[str, Trajectory]:
-    """The other vehicles of a concrete scenario at some times, s, by name."""
-    found = {}
-    for actor in concrete.actors:
-        x, y = (np.array([place(float(t)) for t in time]) for place in (actor.x, actor.y))
-        speed = np.array([actor.speed(float(t)) for t in time])
-        found[actor.name] = Trajectory(time, x, y, speed=speed, length=actor.length, width=actor.width)
-    return found
 
 
 @dataclass(frozen=True, slots=True)

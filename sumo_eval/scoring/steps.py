@@ -35,12 +35,12 @@ from sumo_eval.scoring.likeness import (
     Comparison,
     Survey,
     compare_with_people,
-    plausible_people,
     reference_notes,
     references,
     survey,
     with_people,
 )
+from sumo_eval.scoring.plausible_people import plausible_people
 from sumo_eval.scoring.quantities import (
     Remarks,
     combine,

@@ -327,7 +327,7 @@ def test_a_caller_can_stop_a_run_and_go_on(whole: Path, tmp_path: Path) -> None:
     def count(stage: str, done: int, total: int, failed: int = 0) -> None:
         seen.append(done)
 
-    with pytest.raises(StoppedError, match="goes on"):
+    with pytest.raises(StoppedError, match="continues"):
         sumo_eval.evaluate(path, tmp_path / "run", progress=count, stopping=lambda: len(seen) > 3)
     sumo_eval.evaluate(path, tmp_path / "run", resume=True)
     assert digest(tmp_path / "run") == digest(whole)

@@ -115,7 +115,7 @@ def test_scoring_that_was_stopped_goes_on_where_it_was(
         return compute(part)
 
     def stopping(stage: str, points: int, of: int, failed: int = 0) -> None:
-        if "comparing" in stage and points >= of / 2:
+        if "comparison" in stage and points >= of / 2:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(human_reference, "_compute_part", counting)

@@ -10,7 +10,7 @@ from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.store import RECORDED, open_store
 from sumo_eval.report.words import score_note
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring.likeness import plausible_people
+from sumo_eval.scoring.plausible_people import plausible_people
 from sumo_eval.settings import PlausibilitySettings
 from sumo_eval.trajectory import Recording, Trajectory
 

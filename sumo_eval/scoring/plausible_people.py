@@ -1,0 +1,59 @@
+"""The people from whose table the plausibility of a scenario's cases is read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE, Quantiles, extremes_of, quantiles_of
+from sumo_eval.record.store import Store
+from sumo_eval.results import PlausibleTo, ScoreNote
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.settings import PlausibilitySettings
+from sumo_eval.trajectory import FloatArray, Trajectory
+
+SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic driver
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlausiblePeople:
+    """The table of people that the plausibility of a scenario's cases is read from. notes: who they are, if not those
+    of the default.
+    """
+
+    people: Quantiles
+    notes: tuple[ScoreNote, ...]
+
+
+def plausible_people(logical: LogicalScenario, store: Store, settings: PlausibilitySettings) -> PlausiblePeople:
+    """The people of the motorway, or the recorded drivers of the run in this scenario, each among its other vehicles.
+
+    Drives of one person at several points are one person's. Fewer than `LEAST_PEOPLE` persons cannot show a share of
+    5 %: the motorway's stand in.
+    """
+    if settings.table == "motorway":
+        return PlausiblePeople(MOTORWAY_PEOPLE, ())
+    drives, names = [], []
+    for fact in store.each_fact("human", logical.name):
+        if fact.status == "ok" and fact.controller != SYNTHETIC:
+            ego = store.trajectory(fact.case)
+            drives.append(extremes_of(ego, _scripted(logical.concrete(**fact.values), ego.time)))
+            names.append(fact.log or fact.driver)
+    if len(set(names)) < LEAST_PEOPLE:
+        missing = PlausibleTo(logical.name, len(set(names)), len(drives), LEAST_PEOPLE, MOTORWAY_PEOPLE.people)
+        return PlausiblePeople(MOTORWAY_PEOPLE, (missing,))
+    people = quantiles_of(drives, names, source=f"recorded drivers of the run in {logical.name}")
+    note = PlausibleTo(logical.name, people.people, people.drives, LEAST_PEOPLE, None)
+    return PlausiblePeople(people, (note,))
+
+
+def _scripted(concrete: ConcreteScenario, time: FloatArray) -> dict[str, Trajectory]:
+    """The other vehicles of a concrete scenario at some times, s, by name."""
+    found = {}
+    for actor in concrete.actors:
+        x, y = (np.array([place(float(t)) for t in time]) for place in (actor.x, actor.y))
+        speed = np.array([actor.speed(float(t)) for t in time])
+        found[actor.name] = Trajectory(time, x, y, speed=speed, length=actor.length, width=actor.width)
+    return found
