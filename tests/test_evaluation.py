@@ -45,6 +45,7 @@ def small(*controllers: str, scenarios: tuple[str, ...] = ("front_vehicle_low_sp
         scenario=tuple(ScenarioSettings(name, SamplingSettings(levels=3)) for name in scenarios),
         ads=tuple(AdsSettings(controller, controller) for controller in controllers),
         drivers=DriverSettings(count=4),
+        run=RunSettings(engine="serial"),
     )
 
 
@@ -262,7 +263,7 @@ def test_the_run_folder_holds_what_the_contract_names(done: Evaluation) -> None:
 
 def test_the_same_configuration_gives_the_same_facts(done: Evaluation, tmp_path: Path) -> None:
     settings = small("lane_changer", scenarios=("front_vehicle_low_speed",))
-    again = sumo_eval.evaluate(replace(settings, run=replace(settings.run, workers=1)), tmp_path / "again")
+    again = sumo_eval.evaluate(replace(settings, run=RunSettings(workers=1)), tmp_path / "again")
     with open_store(done.folder / "facts.sqlite") as first, open_store(again.folder / "facts.sqlite") as second:
         for fact in second.facts("ads") + second.facts("human"):
             before, after = first.trajectories(fact.case), second.trajectories(fact.case)

@@ -119,18 +119,20 @@ def test_a_case_alone_has_the_bits_that_it_has_beside_others(ads: str):
 
 
 @pytest.mark.skipif(kernels.INTERPRETED, reason="this is the interpreted run")
-@pytest.mark.parametrize("sparse", [64, pytest.param(4, marks=pytest.mark.campaign)])
-def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse: int):
+@pytest.mark.parametrize(
+    ("sparse", "drivers"), [(4096, ("lane_changer", "people")), pytest.param(4, ADS, marks=pytest.mark.campaign)]
+)
+def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse: int, drivers: tuple[str, ...]):
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); import test_kernels as it; "
-        f"print(*(it.digest(ads, {sparse}) for ads in it.ADS))"
+        f"print(*(it.digest(ads, {sparse}) for ads in {drivers}))"
     )
     environment = {**os.environ, "SUMO_EVAL_INTERPRETED": "1"}
     answer = subprocess.run(
         [sys.executable, "-c", script, str(Path(__file__).parent)], env=environment, capture_output=True, text=True,
         check=True,
     )  # fmt: skip
-    assert answer.stdout.split() == [digest(ads, sparse) for ads in ADS]
+    assert answer.stdout.split() == [digest(ads, sparse) for ads in drivers]
 
 
 # -- machine code ------------------------------------------------------------------------------------------------------
@@ -287,6 +289,7 @@ def test_other_processors_and_numbas_keep_their_code_apart(monkeypatch):
 
 
 @needs_numba
+@pytest.mark.campaign
 def test_processes_that_compile_at_once_keep_whole_files(tmp_path):
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); import numpy as np; import test_kernels as it\n"

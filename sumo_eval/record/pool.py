@@ -397,9 +397,9 @@ class _Child:
     def end(self) -> None:
         """End it, leave no zombie and no file."""
         self.let_go()
-        if self._process.is_alive():
-            with suppress(ProcessLookupError):  # an ADS may have stopped it
-                os.kill(self._process.pid, signal.SIGCONT)
+        # An ADS may have stopped it, and another one have killed the process that would tell whether it is alive.
+        with suppress(ProcessLookupError, PermissionError):
+            os.kill(self._process.pid, signal.SIGCONT)
         if not is_gone(self._process, _LEAVE_TIME):  # something keeps the supervisor from its work: it is done for it
             kill_below(self._process.pid)
             self._process.kill()

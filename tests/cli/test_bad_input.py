@@ -67,6 +67,7 @@ def test_what_cannot_be_used_is_one_short_sentence_and_status_2(
     assert len(said) <= LOG
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
 def test_a_full_device_behind_stdout_loses_no_finished_work_and_is_one_sentence(folder: Path) -> None:
     with FULL.open("w") as full:
@@ -81,6 +82,7 @@ def test_a_full_device_behind_stdout_loses_no_finished_work_and_is_one_sentence(
     assert (again.returncode, "Traceback" in again.stderr) == (0, False)
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
 def test_a_full_device_behind_stderr_does_not_end_a_run(folder: Path) -> None:
     with FULL.open("w") as full:

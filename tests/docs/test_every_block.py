@@ -163,7 +163,18 @@ def commands_to_run() -> dict[str, tuple[str, list[str]]]:
 TO_RUN = commands_to_run()
 
 
-@pytest.mark.parametrize("typed", TO_RUN)
+def first_of_each_command() -> list[Any]:
+    """What is typed: each command and each scheme of a locator once in the suite, all of it in the campaign."""
+    seen: set[str] = set()
+    found = []
+    for typed, (_, words) in TO_RUN.items():
+        names = {words[0], *(word.partition(":")[0] for word in words[1:] if re.match(r"[a-z]+:[^/]", word))}
+        found.append(typed if names - seen else pytest.param(typed, marks=pytest.mark.campaign))
+        seen |= names
+    return found
+
+
+@pytest.mark.parametrize("typed", first_of_each_command())
 def test_every_command_of_a_block_runs_over_few_points(typed: str, desk: Desk) -> None:
     page, words = TO_RUN[typed]
     desk.lay_out(page)

@@ -148,6 +148,7 @@ nbformat.write(book, "executed.ipynb")
 """
 
 
+@pytest.mark.campaign
 def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")

@@ -99,6 +99,7 @@ def test_the_share_who_overtake_is_the_one_asked_for(share, expected):
     assert abs(sum(driver.overtakes for driver in people) - expected) <= (0 if share in (0.0, 1.0) else 1)
 
 
+@pytest.mark.campaign
 def test_recorded_and_synthetic_approaches_are_measured_by_the_same_rules(tmp_path):
     path = write_people(tmp_path / "people.csv", [22.0, 23.0, 24.0, 25.0, 26.0, 27.0], lead_step=0.5)
     events = extract_events(read_csv(path))

@@ -164,6 +164,7 @@ def test_the_list_of_figures_is_the_documented_one() -> None:
     assert " ".join(FIGURES) == documented
 
 
+@pytest.mark.campaign
 def test_on_a_bend_field_and_ways_are_drawn_on_the_map(tmp_path: Path) -> None:
     """Along an arc of R = 250 m to the left the ego ends about s^2 / 2R to the left of where it began: metres."""
     evaluation = {

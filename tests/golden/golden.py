@@ -58,15 +58,28 @@ def _closed_form(scenario: str) -> bool:
     return SCENARIOS[scenario].approach is not None
 
 
-PARTS = tuple(
-    sorted(name for name in SCENARIOS if _closed_form(name) == closed)[half::2] for closed in (True, False)
-    for half in (0, 1)
+IN_THE_SUITE = {
+    True: ("curve_cut_in", "front_vehicle_braking", "motorway_cut_out"),
+    False: ("bicycle_crossing", "exit_cut", "lane_change_rear", "oncoming_in_lane", "ramp_merge", "stop_and_go_stream"),
+}
+"""By whether their zones have a closed form: straight and curved roads, all kinds of road users, reacting traffic."""
+
+
+def _others(closed: bool) -> tuple[str, ...]:
+    return tuple(
+        sorted(name for name in SCENARIOS if _closed_form(name) == closed and name not in IN_THE_SUITE[closed])
+    )
+
+
+PARTS = (
+    IN_THE_SUITE[True], IN_THE_SUITE[False],
+    *(_others(closed)[half::2] for closed in (True, False) for half in (0, 1)),
 )  # fmt: skip
 """The scenarios of each evaluation: to start one costs most, and four of a length can be driven side by side."""
 
 
 def evaluation(part: int) -> EvaluationSettings:
-    """One small evaluation of half of the scenarios whose zones have a closed form, or of half of all others.
+    """One small evaluation of scenarios whose zones all have a closed form, or all have none.
 
     All shipped ADSs and one of SUMO's models drive a few points of the former, `FEW` fewer points of the latter.
     `attentive` is `idm` but for who comes into its path, and drives where somebody does.

@@ -1,10 +1,11 @@
-"""How golden files are compared, and the table of the README; the scenarios are in four files beside this one."""
+"""How golden files are compared, and the table of the README; the scenarios are in the files beside this one."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
+import pytest
 from click import unstyle
 
 import sumo_eval
@@ -37,6 +38,7 @@ def test_a_changed_drive_a_changed_score_and_a_lost_drive_are_each_named() -> No
     assert list(golden.differences(kept, fewer)) == [f"drives: {case} is gone."]
 
 
+@pytest.mark.campaign
 def test_the_table_of_the_readme_is_what_the_papers_evaluation_comes_to(tmp_path: Path) -> None:
     readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     table = readme.split("```\n      ")[1].split("\n```")[0].splitlines()

@@ -182,6 +182,7 @@ def test_too_few_people_and_wrong_names_are_refused():
         Quantiles({"max_jerk": (2.0, 1.0)}, {"max_jerk": (0.2, 0.1)}, 20, 20, "")
 
 
+@pytest.mark.campaign
 @needs_recordings
 def test_the_shipped_table_is_what_the_tool_makes_of_the_recordings():
     pytest.importorskip("duckdb")

@@ -38,6 +38,7 @@ controller = "idm"
 """
 
 
+@pytest.mark.campaign
 def test_one_collision_in_a_million_encounters_is_found_with_400_drives():
     found = estimate(1e-6, 400, 1)
     assert found.drives <= 400

@@ -285,6 +285,7 @@ def braking_leader(across: float) -> Recordings:
     return canonical(pd.concat(rows, ignore_index=True))
 
 
+@pytest.mark.campaign
 def test_what_is_kept_of_a_recording_is_a_small_part_of_it():
     one = braking_leader(0.0)
     size = int(one.table.memory_usage(deep=False).sum())  # some 140 kB

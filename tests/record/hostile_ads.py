@@ -65,7 +65,8 @@ LEFTOVERS = {
 DAEMON = "3600.75"
 
 _OUTSIDE = """
-    stops_its_supervisor stops_the_server ends_the_server removes_scratch removes_the_servers_socket
+    stops_its_supervisor stops_its_supervisor_and_ends_the_server
+    stops_the_server ends_the_server removes_scratch removes_the_servers_socket
     writes_to_its_supervisor keeps_its_supervisors_pipes starves_its_supervisor a_hydra forks_in_c
     forks_under_another_name reads_orders_in_a_thread a_bomb_of_lists leaves_by_faulthandler stops_in_a_thread
     forks_and_leaves answers_in_a_copy closes_what_it_can_find raises_from_a_signal frees_what_is_not_its_own
@@ -482,6 +483,13 @@ def stops_its_supervisor(traci, ego, now):
     if now == 0.0:
         _daemon("sleep", DAEMON)
     os.kill(os.getppid(), signal.SIGSTOP)
+    return Command(0.0)
+
+
+def stops_its_supervisor_and_ends_the_server(traci, ego, now):
+    if now == 0.0:
+        stops_its_supervisor(traci, ego, now)
+        ends_the_server(traci, ego, now)
     return Command(0.0)
 
 

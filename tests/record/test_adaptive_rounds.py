@@ -20,6 +20,7 @@ EVALUATION = {
     "ads": [{"name": "careful", "controller": "careful_driver"}],
     "drivers": {"count": 2},
     "simulation": {"step": 0.1},
+    "method": {"zones": {"restarts": 0, "refinements": 0, "grid_points": 1000}},
 }
 
 

@@ -79,6 +79,7 @@ def started(folder: Path) -> Iterator[Cluster]:
                 process.wait()
 
 
+@pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster: Cluster) -> None:
     victim = cluster.worker("--no-nanny")

@@ -25,7 +25,7 @@ from sumo_eval.settings import RunSettings, SimulationSettings
 HERE = Path(__file__).parent
 SPACE = catalogue.load("front_vehicle_low_speed")
 CONCRETE = SPACE.concrete(ego_speed=20, lead_speed=10)
-LIMITS = {"case_timeout": 4.0, "step_timeout": 0.2, "memory_limit": 700.0}
+LIMITS = {"case_timeout": 2.0, "step_timeout": 0.2, "memory_limit": 700.0}
 
 FAULTS = {
     "raises": ("ads_error", "The ADS raised at 0.00 s: ValueError: no path found."),
@@ -37,7 +37,7 @@ FAULTS = {
     "vanishes": ("crashed", "The process that ran the case died with exit code 7."),
     "segfaults": ("crashed", "The process that ran the case died with exit code -11 (SIGSEGV)."),
     "hangs": ("ads_timeout", "The ADS must answer within 0.2 s, took longer at 0.00 s."),
-    "hangs_in_c": ("timeout", "The case took longer than 4 s of wall time."),
+    "hangs_in_c": ("timeout", "The case took longer than 2 s of wall time."),
     "slow": ("ads_timeout", "The ADS must answer within 0.2 s, took longer at 0.00 s."),
     "fills_memory": ("ads_error", "MemoryError: more than the 700 MB of `run.memory_limit`."),
     "chatters": ("collision", ""),

@@ -17,7 +17,14 @@ from sumo_eval.errors import InputError
 from sumo_eval.record.exchange import export
 from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.report.tables import write_tables
-from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +93,7 @@ def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None
         ),
         (AdsSettings("=1+1", "idm"), AdsSettings("-x", "idm"), AdsSettings("'plain", "idm")),
         drivers=DriverSettings(count=2),
+        run=RunSettings(engine="serial"),
     )
     write_tables(sumo_eval.evaluate(evaluation, tmp_path / "run"))
     export(tmp_path / "run", tmp_path / "csv")

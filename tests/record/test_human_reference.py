@@ -25,6 +25,7 @@ from sumo_eval.settings import (
     AnthropomorphicSettings,
     DriverSettings,
     EvaluationSettings,
+    RunSettings,
     SamplingSettings,
     ScenarioSettings,
 )
@@ -42,6 +43,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
         scenario=(ScenarioSettings("front_vehicle_low_speed", one_point),),
         ads=(AdsSettings("idm", "idm"),),
         drivers=DriverSettings(count=4),
+        run=RunSettings(engine="serial"),
     )
     sumo_eval.evaluate(evaluation, folder)
     with open_store(folder / "facts.sqlite") as store:

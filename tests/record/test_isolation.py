@@ -30,7 +30,7 @@ from sumo_eval.trajectory import Recording
 HERE = Path(__file__).parent
 SPACE = catalogue.load("front_vehicle_low_speed")
 CONCRETE = SPACE.concrete(ego_speed=20, lead_speed=10)
-LIMITS = {"case_timeout": 8.0, "step_timeout": 0.5, "memory_limit": 600.0}
+LIMITS = {"case_timeout": 4.0, "step_timeout": 0.5, "memory_limit": 600.0}
 INNOCENT = ("faulty_ads.py:coast", "idm", "faulty_ads.py:random_driver")
 ATTACKS = {**hostile_ads.PROTOCOL, **hostile_ads.STATE, **hostile_ads.LEFTOVERS, **hostile_ads.OUTSIDE}
 OF_EACH_KIND = [
@@ -53,6 +53,7 @@ OF_EACH_KIND = [
     "fills_shared_memory",
     "lets_another_fill_memory",
     "stops_its_supervisor",
+    "stops_its_supervisor_and_ends_the_server",
     "ends_the_server",
     "forks_in_c",
     "leaves_by_faulthandler",

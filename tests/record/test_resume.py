@@ -198,6 +198,7 @@ def alive(pids: set[int]) -> set[int]:
     return {pid for pid in pids if Path(f"/proc/{pid}").exists()}
 
 
+@pytest.mark.campaign
 def test_a_run_whose_disk_fills_up_stops_with_a_sentence_and_goes_on_later(whole: Path, tmp_path: Path) -> None:
     path = write_evaluation(tmp_path)
 
@@ -248,6 +249,7 @@ def in_shell(line: str, folder: Path, **variables: str) -> subprocess.CompletedP
     )
 
 
+@pytest.mark.campaign
 def test_shards_make_the_whole_and_only_together(whole: Path, tmp_path: Path) -> None:
     """As docs/clusters.md has it for Slurm, with two jobs of one process in place of eight of sixteen."""
     write_evaluation(tmp_path)
@@ -312,6 +314,7 @@ def test_a_dry_run_counts_the_drives_and_makes_no_folder(tmp_path: Path) -> None
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.campaign
 def test_the_hash_seed_of_the_interpreter_changes_nothing(whole: Path, tmp_path: Path) -> None:
     path = write_evaluation(tmp_path)
     environment = {**os.environ, "PYTHONHASHSEED": "77"}

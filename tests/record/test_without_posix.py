@@ -76,6 +76,7 @@ count = 2
 """
 
 
+@pytest.mark.campaign
 def test_every_module_can_be_imported_without_posix() -> None:
     script = f"{IMPORT_ALL}{TAKE_AWAY}everything()"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)

@@ -66,7 +66,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     evaluate(
         {"name": "claims", "scenario": [{"use": str(folder / "approach.toml")}], "drivers": {"count": 2},
          "ads": [{"name": "nothing", "controller": "no_reaction"}, {"name": "ideal", "controller": "ideal_braking"}],
-         "run": {"qualification": str(qualification(folder))}},
+         "run": {"engine": "serial", "qualification": str(qualification(folder))}},
         folder / "run", workers=1,
     )  # fmt: skip
     return folder / "run"

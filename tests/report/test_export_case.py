@@ -59,7 +59,7 @@ step = 0.1
 [method.zones]
 restarts = 0
 refinements = 0
-grid_points = 5000
+grid_points = 1000
 """
 
 DRAWS = """
@@ -370,6 +370,12 @@ outputs = { acceleration = "a_cmd" }
 parameters = { headway = 1.25 }
 [drivers]
 count = 2
+[run]
+engine = "serial"
+[method.zones]
+restarts = 0
+refinements = 0
+grid_points = 1000
 """)
     done = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run")
     case = done.cases[-1].case

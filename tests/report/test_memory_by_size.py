@@ -16,9 +16,10 @@ from sumo_eval.scoring.steps import POINTS_AT_ONCE
 MANY, MOST = 1_000_000, 500.0  # cases, and MB that they may take
 FIXED = 200.0  # of these, for Python, for what it imports, and for buffers whose size does not hang on the cases
 SMALL, LARGE = 3 * POINTS_AT_ONCE, 7 * POINTS_AT_ONCE  # cases: two chunks of rows are held while one is read
+LONG = ("cases.csv", "junit.xml", "ledgers", "terminal")
 OF_ROWS_ALONE = (
-    "scores", "intervals of 20 replicates", "cases.csv", "junit.xml", "ledgers", "terminal", "preventability", "people",
-    "why", "found cases",
+    "scores", "intervals of 20 replicates", "preventability", "people", "why", "found cases",
+    *(pytest.param(name, marks=pytest.mark.campaign) for name in LONG),
 )  # fmt: skip
 
 

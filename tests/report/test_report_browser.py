@@ -382,6 +382,7 @@ def test_every_chart_can_be_saved(opened: Page) -> None:
     assert opened.problems == []
 
 
+@pytest.mark.campaign
 @needs_chromium
 def test_the_replay_plays_beside_another_ads_and_printing_redraws(opened: Page, evaluation: Evaluation) -> None:
     case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)

@@ -534,6 +534,7 @@ def test_of_a_file_whose_road_is_decided_by_two_parameters_every_point_of_each_r
     assert all(why is None for read in reads for _, why in concrete_points(read))
 
 
+@pytest.mark.campaign
 @needs_catalogues
 def test_values_that_play_nowhere_are_counted_with_their_reason() -> None:
     """UN R157's several targets: 12 speeds, 6 first and 5 second bodies. The first one's truck of 18.75 m reaches

@@ -250,13 +250,17 @@ def test_law_a_network_that_bends_is_the_road_along_its_lanes(bent):
     assert 1.0 / curvatures(road.line, 400.0) == pytest.approx(250.0, rel=0.02)
 
 
-def test_edges_that_bend_are_driven_in_their_order_and_some_way_that_a_car_can(bent, tmp_path):
+def test_edges_that_bend_are_driven_in_their_order(bent):
     for edges, sentence in (
         (["road0", "road2"], "Edge `road0` of network hill.net.xml must lead to edge `road2`: no lane of it does."),
         (["road0", "road1", "road2"], "of its edges, got 1200"),
     ):
         with pytest.raises(InputError, match=sentence):
             read_road(bent, edges, 1200.0)
+
+
+@pytest.mark.campaign
+def test_corner_that_no_car_can_drive_is_refused(tmp_path):
     corner = turned(tmp_path / "corner.net.xml", bend=800.0)
     with pytest.raises(InputError, match=r"must be at least 7.5 m, so that the ego can drive its innermost"):
         read_road(corner, ["road"], 600.0)

@@ -32,13 +32,21 @@ from sumo_eval.scoring import critical, drive_measures, likeness, steps
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.kept_rows import decode_column, decode_rows, encode_rows
-from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
 
 EVALUATION = EvaluationSettings(
     name="kept",
     scenario=(ScenarioSettings("front_vehicle_low_speed", SamplingSettings(levels=3)),),
     ads=(AdsSettings("idm", "idm"), AdsSettings("no_reaction", "no_reaction")),
     drivers=DriverSettings(count=4),
+    run=RunSettings(engine="serial"),
 )
 
 

@@ -16,7 +16,14 @@ from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.record.store import open_store
 from sumo_eval.report.tables import write_tables
 from sumo_eval.results import CaseResult, Evaluation, IdealCollidesToo, NotComputed, ScenarioResult
-from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
 
 CUT_OUT = "front_vehicle_cut_out"
 
@@ -28,6 +35,7 @@ def settings(*controllers: str) -> EvaluationSettings:
         scenario=(ScenarioSettings(CUT_OUT, SamplingSettings(levels=3)),),
         ads=tuple(AdsSettings(controller, controller) for controller in controllers),
         drivers=DriverSettings(count=4),
+        run=RunSettings(engine="serial"),
     )
 
 

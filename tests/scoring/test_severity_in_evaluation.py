@@ -41,6 +41,8 @@ name = "no_reaction"
 controller = "no_reaction"
 [drivers]
 count = 3
+[run]
+engine = "serial"
 [method.collision]
 severity = "{severity}"
 ego_mass = 3000.0

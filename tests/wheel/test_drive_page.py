@@ -186,6 +186,7 @@ def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_dri
     assert tape.came_of_it["time"]["frames"] > 0
 
 
+@pytest.mark.campaign
 @needs_chromium
 def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_drawing(tmp_path: Path) -> None:
     """On a phone's screen: a finger pulled by half its way to the right steers by half; half up, the pedal is pressed

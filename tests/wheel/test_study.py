@@ -141,6 +141,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.campaign
 def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan: Plan, tmp_path: Path) -> None:
     """Three people, two cases: one by one to the end, one who comes back after a crash, one who ends a drive."""
     titles = take_part(plan, "P01")

@@ -391,6 +391,7 @@ def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path: Path
     assert again(path).same is True
 
 
+@pytest.mark.campaign
 def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_nothing(tmp_path: Path) -> None:
     """The program stands still for 2.5 s in mid-drive, as while a laptop sleeps; then the window answers nothing for
     longer than 2 s; then it is gone without a word. Each holds the drive until somebody says that it goes on; the
