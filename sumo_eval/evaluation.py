@@ -51,7 +51,7 @@ def evaluate(
 ) -> Evaluation:
     """Simulate and score an evaluation into the folder `out`.
 
-    evaluation: settings, a dict as the file would be, or the path of the file; None: the paper's.
+    evaluation: settings, a dict as the file would be, the path of the file or of a run; None: the paper's.
 
     workers, engine, scheduler: instead of those in `[run]`. resume: go on with the run in `out`, whose own evaluation
     is what None then means. ads: what to drive in place of the evaluation's own ADSs: locators, whose relative paths
@@ -98,7 +98,8 @@ def record_rounds(
         settings, source, folder, resume=resume, shard=shard or WHOLE, progress=progress, stopping=stopping,
         meanwhile=zones,
     )  # fmt: skip
-    while adaptive and (further := _further_rounds(score(folder, progress=progress), settings)) != settings:
+    rounds_follow = adaptive and not settings.run.only  # a round of single cases chooses no further one
+    while rounds_follow and (further := _further_rounds(score(folder, progress=progress), settings)) != settings:
         settings, notes = further, recorded.notes
         recorded = record_facts(
             settings, source, folder, resume=True, progress=progress, stopping=stopping, another_round=True

@@ -37,6 +37,7 @@ ENGINES = ("processes", "serial", "dask")
 @click.option("--step-timeout", type=LIMIT, help="Wall time a step of an ADS may take, s (as in the file: 1).")
 @click.option("--resume", is_flag=True, help="Go on with the run in --out: simulate what is not recorded there.")
 @click.option("--shard", metavar="I/N", help="Simulate the I-th of N parts only; `merge` puts them together.")
+@click.option("--only", multiple=True, metavar="CASE", help="Drive this case alone, e.g. cut_in-0042-idm; repeatable.")
 @click.option("--dry-run", is_flag=True, help="Say how many drives it takes and how long, and simulate nothing.")
 @ALL
 @trusting
@@ -51,13 +52,14 @@ def run(
     step_timeout: float | None,
     resume: bool,
     shard: str | None,
+    only: tuple[str, ...],
     dry_run: bool,
     everything: bool,
 ) -> None:
-    """Simulate and score EVALUATION, a TOML file; without one the paper's evaluation, with --resume the run's own."""
+    """Simulate and score EVALUATION, a TOML file or a run; without one the paper's, with --resume the run's own."""
     from sumo_eval.record.children import warm_up
 
-    if evaluation is not None:
+    if evaluation is not None and not evaluation.is_dir():
         from sumo_eval.settings.config import read_evaluation
 
         read_evaluation(evaluation, own_ads=not ads)  # a mistake in it is told at once
@@ -78,7 +80,7 @@ def run(
     folder = Path() if out is None and dry_run else out or _new_folder(evaluation)
     settings, source = resolve(
         evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler,
-        case_timeout=case_timeout, step_timeout=step_timeout,
+        case_timeout=case_timeout, step_timeout=step_timeout, only=only or None,
     )  # fmt: skip
     if out is not None and not dry_run:
         refuse_foreign(folder, resume)  # before anything that takes time

@@ -16,12 +16,14 @@ from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.gates import failed
 from sumo_eval.report.page import REPORT
-from sumo_eval.report.terminal import gate_lines, replay_command
+from sumo_eval.report.terminal import gate_lines, ways_to, worst_lines
 from sumo_eval.report.words import count, one_line
 from sumo_eval.results import Evaluation
 
 NIGHT = "night.json"
 SUMMARY = "summary.md"
+CHAT = "chat.json"
+MOST_IN_CHAT = 5  # failed limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,7 @@ def failing_since(lines: History, gates: Sequence[GateResult], tonight: str) -> 
 
 
 def write_night(
+    history: Path,
     folder: Path,
     line: Night,
     word: str,
@@ -75,7 +78,7 @@ def write_night(
     since: Mapping[tuple[str, str, str], Since],
     notes: Sequence[str],
 ) -> None:
-    """Write `night.json` and `summary.md` into a night's folder."""
+    """Write `night.json` and `summary.md` into a night's folder, and `chat.json` beside the history."""
     comparison, bases = judged.bases.comparison, judged.bases
     told = {
         "night": line.night,
@@ -86,7 +89,7 @@ def write_night(
         "base": line.base,
         "accepted": None if bases.accepted is None else bases.accepted.night,
         "since": min((one.night for one in since.values()), default=None),
-        "failed": [_plain(gate, since[gate.name], folder) for gate in new_first(judged.gates, since)],
+        "failed": [_plain(gate, since[gate.name], folder) for gate in failed(judged.gates)],
         "not_judged": [f"{gate.ads}: {gate.sentence}" for gate in judged.gates if gate.passed is None],
         "pairs": 0 if comparison is None else comparison.pairs,
         "differences": [asdict(one) for one in (comparison.differences if comparison else ())],
@@ -96,13 +99,19 @@ def write_night(
         "notes": list(notes),
     }
     (folder / NIGHT).write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    summary = "\n".join(markdown_lines(line, judged.gates, since, comparison))
+    summary = "\n".join(markdown_lines(line, judged, since, folder))
     (folder / SUMMARY).write_text(summary + "\n", encoding="utf-8")
+    (history / CHAT).write_text(json.dumps({"text": chat_text(line, judged, since)}) + "\n", encoding="utf-8")
 
 
 def new_first(gates: Sequence[GateResult], since: Mapping[tuple[str, str, str], Since]) -> list[GateResult]:
-    """Limits that failed, new failures before old ones."""
-    return sorted(failed(gates), key=lambda gate: since[gate.name].nights)
+    """Limits that failed, new failures before old ones, and then all others."""
+
+    def place(gate: GateResult) -> tuple[bool, int]:
+        bad = gate.passed is False
+        return not bad, since[gate.name].nights if bad else 0
+
+    return sorted(gates, key=place)
 
 
 def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
@@ -121,30 +130,48 @@ def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
 
 def _places(case: str, folder: Path) -> dict[str, str]:
     """Where a case is seen again."""
-    return {"replay": replay_command(folder, case), "link": f"{REPORT}#case:{quote(case, safe='')}"}
+    ways = ways_to(folder, case)
+    return {"replay": ways["again"], "run": ways["alone"], "link": f"{REPORT}#case:{quote(case, safe='')}"}
 
 
 def markdown_lines(
-    line: Night,
-    gates: Sequence[GateResult],
-    since: Mapping[tuple[str, str, str], Since],
-    comparison: Comparison | None,
+    line: Night, judged: Judged, since: Mapping[tuple[str, str, str], Since], folder: Path
 ) -> Iterator[str]:
-    """The morning's screen in Markdown, e.g. for `$GITHUB_STEP_SUMMARY` or a chat."""
+    """The morning's screen in Markdown, e.g. for `$GITHUB_STEP_SUMMARY`."""
     yield f"## {_escaped(line.verdict)}"
     yield ""
-    for one in comparison.differences if comparison else ():
-        yield f"- differs: {_escaped(one.words)}"
-    for gate in new_first(gates, since):
+    for gate in failed(judged.gates):
         yield f"- **{_escaped(gate.ads)}** in {gate.scenario} ({since[gate.name].words}): {_escaped(gate.sentence)}"
         for case in gate.worst:
             yield f"  - `{case.case}`: {_escaped(case.point)}: {_escaped(case.words)}"
+        for way in ways_to(folder, gate.worst[0].case).values() if gate.worst else ():
+            yield f"  - `{way}`"
+    yield from (f"- {_escaped(words)}" for words in _besides(judged))
+
+
+def chat_text(line: Night, judged: Judged, since: Mapping[tuple[str, str, str], Since]) -> str:
+    """The morning's screen in a few plain lines."""
+    bad = failed(judged.gates)
+    lines = [line.verdict]
+    for gate in bad[:MOST_IN_CHAT]:
+        worst = "".join(f"; {case.case}: {case.words}" for case in gate.worst[:1])
+        lines.append(f"{gate.ads} in {gate.scenario} ({since[gate.name].words}): {gate.sentence}{worst}")
+    lines += [f"and {len(bad) - MOST_IN_CHAT} more"] if len(bad) > MOST_IN_CHAT else []
+    return "\n".join(map(one_line, [*lines, *_besides(judged)]))
+
+
+def _besides(judged: Judged) -> list[str]:
+    """Builds, and what differs besides the ADS."""
+    comparison = judged.bases.comparison
+    builds = [f"build of {ads}: {build}" for ads, build in judged.builds.items()]
+    return [*builds, *(f"differs: {one.words}" for one in (comparison.differences if comparison else ()))]
 
 
 def github_annotations(gates: Sequence[GateResult]) -> list[str]:
     """GitHub's workflow commands, one for each limit that failed."""
     return [
-        f"::error title={_command(f'{gate.quantity} of {gate.ads}')}::{_command(gate.sentence)}"
+        f"::error title={_command(f'{gate.quantity} of {gate.ads}')}::"
+        + _command("\n".join([gate.sentence, *worst_lines(gate, None)]))
         for gate in failed(gates)
     ]
 
@@ -159,12 +186,11 @@ def morning_lines(result: NightResult) -> list[str]:
         + (f" ({', '.join(one.examples)})" if one.examples else "")
         for one in (comparison.unpaired if comparison else ())
     ]
-    gates = [*new_first(result.gates, result.since), *(gate for gate in result.gates if gate.passed is not False)]
     words = {name: since.words for name, since in result.since.items()}
     lines += [
         f"build of {one_line(ads)}: {build}" for ads, build in result.evaluation.manifest.get("builds", {}).items()
     ]
-    return [*lines, result.night.verdict, *gate_lines(gates, result.report.parent, words)]
+    return [*lines, result.night.verdict, *gate_lines(result.gates, result.report.parent, words)]
 
 
 def tell_github(result: NightResult) -> list[str]:

@@ -17,6 +17,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from sumo_eval.evaluation import let_go, record_rounds, score
 from sumo_eval.nightly.bases import in_force
 from sumo_eval.nightly.history import HISTORY, History, Night, is_begun, open_history
 from sumo_eval.nightly.judged import judge_night, new_pin
-from sumo_eval.nightly.morning import NightResult, failing_since, write_night
+from sumo_eval.nightly.morning import NightResult, failing_since, new_first, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
 from sumo_eval.record.lock import HeldError, held
@@ -90,11 +91,14 @@ def run_night(
             done, again = _evaluated(evaluation, folder, workers, stopped is not None, progress, stopping)
             judged = judge_night(history, lines, done, gate, progress)
             notes += [*again, *judged.bases.notes]
+            since = failing_since(lines, judged.gates, name)
+            judged = replace(judged, gates=tuple(new_first(judged.gates, since)))
             comparison, gates = judged.bases.comparison, judged.gates
+            told = {limit: one.words for limit, one in since.items()}
             write_tables(done)
             suites = merged([comparison_suites(comparison, gates), run_suites(done)])
             write_junit(suites, folder / JUNIT, score_parts(done))
-            report = write_assessed_report(done, Beside(comparison, gates, tuple(notes)), progress=progress)
+            report = write_assessed_report(done, Beside(comparison, gates, told, tuple(notes)), progress=progress)
         except KeyboardInterrupt:
             raise StoppedError(f"Stopped. The same command with --resume continues night {name}.") from None
         except (OSError, sqlite3.Error) as error:
@@ -120,9 +124,8 @@ def run_night(
             libsumo=_version(done, "libsumo"),
             imported=False,
         )
-        since = failing_since(lines, gates, name)
         lines.add(line, done, gates, shaky=judged.shaky, pin=new_pin(line, judged, lines, gate))
-        write_night(folder, line, verdict_found.word, judged, since, notes)
+        write_night(history, folder, line, verdict_found.word, judged, since, notes)
         notes += _prune(history, lines, keep)
         trend = write_trend(history, lines)
         return NightResult(line, done, comparison, gates, tuple(notes), report, trend, since, judged.bases.accepted)

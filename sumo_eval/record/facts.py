@@ -27,6 +27,7 @@ from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import refuse_engine, run_cases, run_packs
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
+from sumo_eval.record.only import narrowed, points_only
 from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.qualification import read_qualification
@@ -54,8 +55,8 @@ from sumo_eval.settings.config import PAPER_EVALUATION, check_evaluation, read_e
 from sumo_eval.settings.random_streams import random_stream
 
 Evaluable = EvaluationSettings | Mapping[str, Any] | str | os.PathLike[str] | None
-"""Settings, what a file of them holds as a dict, the path of such a file, or None: the run's own when it is resumed,
-else the paper's.
+"""Settings, what a file of them holds as a dict, the path of such a file or of a run, or None: the run's own when it is
+resumed, else the paper's.
 """
 
 WHOLE = (1, 1)
@@ -120,10 +121,9 @@ def resolve(
     elif isinstance(evaluation, Mapping):
         content = _with_locators(evaluation, folder, resume)
         settings, source = settings_from(content, "the evaluation", own_ads=not ads), Path.cwd()
-    elif evaluation is None and resume and run_folder.is_run(folder):
-        settings = read_evaluation(folder / run_folder.EVALUATION)
-        source = Path(run_folder.read_manifest(folder)["source_folder"])
-        refuse_foreign_code(folder, settings, source, driving=True)
+    elif (run := _run_of(evaluation, folder, resume)) is not None:
+        settings, source = read_evaluation(run / run_folder.EVALUATION), run_folder.source_of(run)
+        refuse_foreign_code(run, settings, source, driving=True)
     else:
         path = PAPER_EVALUATION if evaluation is None else Path(evaluation)
         settings, source = read_evaluation(path, own_ads=not ads), path.parent.resolve()
@@ -136,7 +136,14 @@ def resolve(
     check_evaluation(settings, "`ads`" if ads else "the evaluation")
     settings = replace(settings, scenario=expanded(settings.scenario, source))
     given = {name: value for name, value in changes.items() if value is not None}
-    return replace(settings, run=replace(settings.run, **given)), source  # type: ignore[arg-type]
+    settings = replace(settings, run=replace(settings.run, **given))  # type: ignore[arg-type]
+    return narrowed(settings, source), source
+
+
+def _run_of(evaluation: str | os.PathLike[str] | None, folder: Path, resume: bool) -> Path | None:
+    """The run whose own evaluation is meant: the one to go on with, or one that is named in place of a file."""
+    named = Path(evaluation) if evaluation is not None else folder if resume else None
+    return named if named is not None and run_folder.is_run(named) else None
 
 
 def _entry(ads: Any, folder: Path, resume: bool) -> AdsSettings:
@@ -511,7 +518,8 @@ def space_of(
     hazardous = exactly_hazardous(logical, points.points[::every], settings.method.zones)
     hazardous = np.repeat(hazardous, every)[: len(points.points)]
     index, count = shard
-    numbers = range((index - 1 - offset) % count, len(points.points), count)
+    numbers: Sequence[int] = range((index - 1 - offset) % count, len(points.points), count)
+    numbers = points_only(numbers, settings.run.only, logical.name, len(points.points))
     return Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points))
 
 

@@ -43,6 +43,7 @@ def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
         *_differing(_severity_file(base), _severity_file(new), "", decides=True),
         *_differing(_reference_car(base), _reference_car(new), "", decides=True),
         *_versions(base, new),
+        *_differing(base.manifest.get("builds", {}), new.manifest.get("builds", {}), "build of ", decides=False),
         *_differing(_controllers(base.settings), _controllers(new.settings), "controller of ", decides=False),
     ]
     return tuple(sorted(found, key=lambda item: not item.decides))

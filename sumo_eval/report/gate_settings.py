@@ -2,41 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.results import CaseResult
 from sumo_eval.settings import About, Checked, NotNegative
 from sumo_eval.settings.config import read_checked
 
-Quantity = Literal[
+QUANTITIES: Final = (
     "T", "A", "A'", "H", "S+", "regret", "C", "D", "S", "collision_probability", "collisions", "avoidable_collisions",
     "unavoidable_collisions", "caused_collisions", "safe_collisions", "off_road", "departures", "gave_up",
     "not_evaluated", "requirements_missed",
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
-]  # fmt: skip
+)  # fmt: skip
+"""Numbers of an ADS in a logical scenario that a limit may be about."""
 
-HIGHER_IS_BETTER: tuple[Quantity, ...] = ("T", "A", "A'", "H", "S+", "C", "D", "S")
-WITH_INTERVAL: tuple[Quantity, ...] = (*HIGHER_IS_BETTER, "regret", "collision_probability")
-OF_THE_COMPARISON: tuple[Quantity, ...] = (
+HIGHER_IS_BETTER: Final = ("T", "A", "A'", "H", "S+", "C", "D", "S")
+WITH_INTERVAL: Final = (*HIGHER_IS_BETTER, "regret", "collision_probability")
+OF_THE_COMPARISON: Final = (
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
 )  # fmt: skip
+
+_NUMBERS = ("float", "float | None", "bool", "bool | None", "int | None")
+MEASURES: Final = tuple(item.name for item in fields(CaseResult) if item.type in _NUMBERS)
+"""Columns of cases.csv that hold numbers, by the field behind them."""
+COLUMNS: Final = (*MEASURES, "d_i", "departed", "incident_severity")
+"""Columns of cases.csv that a limit may be about, case by case, beside `QUANTITIES`."""
+HIGHER_COLUMNS: Final = frozenset((
+    "min_ttc", "min_thw", "min_gap", "pet", "conflict_pet", "undisturbed_pet", "time_to_conflict", "index", "d_i",
+    "length_factor", "operation_factor", "similarity", "operation_tolerance", "mixture_similarity", "plausibility",
+    "human_likeness", "manoeuvre_share", "task_share", "beats_ideal", "human_low", "human_mean", "human_high",
+))  # fmt: skip
+"""Columns of which a rise is an improvement; of the others it is not."""
+
+LAST_DIGIT = 1e-9
+"""Share of a tolerance, or of a base's value, that rounding may change: no limit fails on it."""
 
 
 @dataclass(frozen=True, slots=True)
 class LimitSettings(Checked):
     """One limit: it fails when any of its bounds is passed."""
 
-    quantity: Annotated[Quantity, About("what is limited")]
+    quantity: Annotated[str, About("what is limited: a number of the ADS, or a column of cases.csv in every case")]
     ads: Annotated[str | None, About("only this ADS; default: each")] = None
     scenario: Annotated[str | None, About("only this logical scenario; default: each")] = None
     at_least: Annotated[float | None, About("smallest value of the new run")] = None
     at_most: Annotated[float | None, About("largest value of the new run")] = None
     worse_by: Annotated[float | None, About("largest change for the worse, in the quantity's own unit")] = None
     worse_by_percent: Annotated[float | None, About("largest change for the worse, of the base's value", "%")] = None
+    tolerance: Annotated[
+        float, NotNegative, About("what rounding may change beyond a bound, times the larger of 1 and the base's value")
+    ] = LAST_DIGIT
     only_if_certain: Annotated[
         bool, About("`worse_by` and `worse_by_percent` count only where the interval of the difference leaves out 0")
     ] = False
@@ -143,10 +163,15 @@ def read_gate(path: Path | None) -> GateSettings:
     settings = read_checked(path, GateSettings, "gate file")
     for number, limit in enumerate(settings.limit, start=1):
         _check(limit, f"`limit` {number} in {path}")
+    for measure in (*settings.near_miss.measure, *settings.shift.measure):
+        if measure.quantity not in MEASURES:
+            raise unknown(f"column of a `measure` in {path}", measure.quantity, MEASURES)
     return settings
 
 
 def _check(limit: LimitSettings, where: str) -> None:
+    if limit.quantity not in (*QUANTITIES, *COLUMNS):
+        raise unknown(f"quantity of {where}", limit.quantity, (*QUANTITIES, *COLUMNS))
     bounds = (limit.at_least, limit.at_most, limit.worse_by, limit.worse_by_percent)
     if all(bound is None for bound in bounds):
         raise InputError(f"{where} must have at_least, at_most, worse_by or worse_by_percent, got none of them.")

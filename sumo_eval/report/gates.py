@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from sumo_eval.report.case_limits import judge_cases
 from sumo_eval.report.comparison import AdsComparison, Change, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange
 from sumo_eval.report.gate_result import GateResult as GateResult
 from sumo_eval.report.gate_settings import (
     HIGHER_IS_BETTER,
     OF_THE_COMPARISON,
+    QUANTITIES,
     GateSettings,
     LimitSettings,
-    Quantity,
 )
-from sumo_eval.report.rule import LAST_DIGIT, QUIET, Noise
+from sumo_eval.report.rule import QUIET, Noise
 from sumo_eval.report.rule_limits import end_words, judge_rule
 from sumo_eval.report.words import (
     REASON_WITHOUT_T,
     SCORES,
+    cases_of,
     count,
     not_computed,
     number,
@@ -28,14 +30,14 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import Evaluation, ScenarioResult
 
-_CHANGES: dict[Quantity, Change] = {
+_CHANGES: dict[str, Change] = {
     "new_collisions": "new collision",
     "harsher": "harsher",
     "less_human": "less human",
     "newly_off_road": "left the road",
     "newly_not_evaluated": "not evaluated any more",
 }
-_DIGITS: dict[Quantity, int] = {
+_DIGITS: dict[str, int] = {
     "T": 4, "A": 4, "A'": 4, "H": 4, "S+": 2, "regret": 4, "S": 2, "C": 4, "D": 4, "collision_probability": 6,
 }  # fmt: skip
 
@@ -56,7 +58,11 @@ def judge(
             everywhere = limit.scenario is None and limit.quantity == "requirements_missed" and requiring
             scenarios = requiring if everywhere else {limit.scenario or score.scenario}
             if limit.ads in (None, score.ads) and score.scenario in scenarios:
-                results += _judge(limit, score, compared.get((score.ads, score.scenario)), settings.confidence)
+                beside = compared.get((score.ads, score.scenario))
+                if limit.quantity in QUANTITIES:
+                    results += _judge(limit, score, beside, settings.confidence)
+                else:
+                    results += judge_cases(limit, cases_of(new, score), score, beside)
     return tuple(results)
 
 
@@ -80,7 +86,7 @@ def _judge(
         if value is None:
             yield GateResult(*where, False, f"{quantity} is not computed; it must be {words} {bound:g}", None, bound)
             continue
-        ok = sign * (value - bound) >= 0.0
+        ok = sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
         sentence = f"{quantity} is {_number(quantity, value)}; it must be {words} {bound:g}"
         keys = () if ok else tuple(item.new.case for item in changed[:MOST_KEYS])
         named = () if ok else _worst(quantity, compared)
@@ -118,7 +124,7 @@ def _judge_change(
     loss = change.base - change.new if higher else change.new - change.base
     threshold = change.base - allowed if higher else change.base + allowed
     excused = limit.only_if_certain and not change.certain
-    ok = loss <= allowed + LAST_DIGIT * abs(change.base) or excused
+    ok = loss <= allowed + limit.tolerance * max(1.0, abs(change.base)) or excused
     spread = (
         f", difference within {change.low:+z.4g} to {change.high:+z.4g} ({confidence:z.0%})"
         if change.low is not None and change.high is not None
@@ -145,14 +151,14 @@ def _may(limit: LimitSettings, bound: float, percent: bool) -> str:
     return f"{asked}; {'a larger' if bound else 'a'} {way} counts only where the interval leaves out 0"
 
 
-def _value(quantity: Quantity, score: ScenarioResult, compared: AdsComparison | None) -> float | None:
+def _value(quantity: str, score: ScenarioResult, compared: AdsComparison | None) -> float | None:
     if quantity in _CHANGES:
         return None if compared is None else float(compared.count(_CHANGES[quantity]))
     value: float | None = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
     return value
 
 
-def _why_missing(quantity: Quantity, score: ScenarioResult) -> str:
+def _why_missing(quantity: str, score: ScenarioResult) -> str:
     reason = ""
     if quantity in ("D", "S"):
         reason = reason_without_d(score)
@@ -165,7 +171,7 @@ def _why_missing(quantity: Quantity, score: ScenarioResult) -> str:
     return not_computed(reason) or "no case could be evaluated"
 
 
-def _quantity_change(quantity: Quantity, compared: AdsComparison) -> QuantityChange:
+def _quantity_change(quantity: str, compared: AdsComparison) -> QuantityChange:
     """A quantity in both runs; counts have no interval."""
     if quantity in compared.quantities:
         return compared.quantities[quantity]
@@ -173,14 +179,14 @@ def _quantity_change(quantity: Quantity, compared: AdsComparison) -> QuantityCha
     return QuantityChange(base, new, new - base, None, None)
 
 
-def _cases(quantity: Quantity, compared: AdsComparison | None) -> Sequence[ChangedCase]:
+def _cases(quantity: str, compared: AdsComparison | None) -> Sequence[ChangedCase]:
     """The cases that a limit on a change is about."""
     if compared is None or quantity not in _CHANGES:
         return ()
     return compared.changed.of(_CHANGES[quantity])
 
 
-def _worst(quantity: Quantity, compared: AdsComparison | None) -> tuple[CaseChange, ...]:
+def _worst(quantity: str, compared: AdsComparison | None) -> tuple[CaseChange, ...]:
     """The worst cases that a failed limit is about, or else of all that got worse."""
     if compared is None:
         return ()
@@ -199,5 +205,5 @@ def _named(cases: Sequence[ChangedCase]) -> str:
     return f": {named} and {count(more, 'other')}" if more > 0 else f": {named}"
 
 
-def _number(quantity: Quantity, value: float) -> str:
+def _number(quantity: str, value: float) -> str:
     return number(value, _DIGITS.get(quantity, 0))

@@ -24,6 +24,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.report.comparison import AdsComparison, ChangedCase, Changes, Comparison
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.tables import write_tables
+from sumo_eval.report.terminal import worst_lines
 from sumo_eval.report.words import count, end_reason, explain_s_plus, number, placed, point, unevaluated_of, why_missing
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.scoring.kept_rows import Made, parameters_of
@@ -98,6 +99,7 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
                 "skipped" if gate.passed is None else "passed" if gate.passed else "failure",
                 "gate",
                 gate.sentence,
+                "\n".join(worst_lines(gate, Path(comparison.new_folder) if comparison else None)),
             )
             for gate in gates
         ]

@@ -12,13 +12,10 @@ import numpy as np
 from scipy.stats import binom
 
 from sumo_eval.report.comparison import AdsComparison, Comparison, Paired
-from sumo_eval.report.gate_settings import GateSettings, MeasureSettings, NoiseSettings, ShiftSettings
+from sumo_eval.report.gate_settings import LAST_DIGIT, GateSettings, MeasureSettings, NoiseSettings, ShiftSettings
 from sumo_eval.results import EVALUATED, GAVE_UP
 from sumo_eval.scoring.kept_rows import Column
 from sumo_eval.trajectory import BoolArray, FloatArray
-
-LAST_DIGIT = 1e-9
-"""Share of a tolerance, or of a base's value, that rounding may change: no limit fails on it."""
 
 
 @dataclass(frozen=True, slots=True)

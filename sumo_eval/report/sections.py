@@ -7,7 +7,8 @@ returned. A section whose function returns None is left out, so optional data ha
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
@@ -21,7 +22,7 @@ from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.summary import summary_content
-from sumo_eval.report.terminal import moved_words, quantity_words
+from sumo_eval.report.terminal import moved_words, quantity_words, ways_to
 from sumo_eval.report.verdict import verdict_of
 from sumo_eval.report.words import interval_words, number, parts_of_total, point
 from sumo_eval.results import Evaluation
@@ -35,12 +36,13 @@ MOST_CHANGED = 200  # cases in the table of changes
 class Beside:
     """What a report shows besides the evaluation itself; a section whose part is missing here is left out.
 
-    comparison, gates: the change since an earlier run. notes: whole sentences about it. confidence: how far the scores
-    can be trusted.
+    comparison, gates: the change since an earlier run. since: when failed limits began to fail, in words, by their
+    names. notes: whole sentences about it. confidence: how far the scores can be trusted.
     """
 
     comparison: Comparison | None = None
     gates: tuple[GateResult, ...] = ()
+    since: Mapping[tuple[str, str, str], str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     confidence: Confidence | None = None
 
@@ -69,7 +71,7 @@ def always(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
 
 def summary_section(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """The first screen."""
-    return summary_content(evaluation, beside.comparison, beside.gates)
+    return summary_content(evaluation, beside.comparison, beside.gates, beside.since)
 
 
 def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
@@ -84,7 +86,10 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         "failed": any(gate.passed is False for gate in beside.gates),
         "comparison": comparison,
         "notes": (*beside.notes, *(comparison.notes if comparison else ())),
-        "gates": sorted(beside.gates, key=lambda gate: (gate.passed is not False, gate.passed is None)),
+        "gates": [
+            (gate, beside.since.get(gate.name, ""), _alone(gate, comparison))
+            for gate in sorted(beside.gates, key=lambda gate: (gate.passed is not False, gate.passed is None))
+        ],
         "counts": [
             {
                 "ads": one.ads,
@@ -105,6 +110,13 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         "cases": [_changed(item) for item in changed[:MOST_CHANGED]],
         "more": max(0, of - MOST_CHANGED),
     }
+
+
+def _alone(gate: GateResult, comparison: Comparison | None) -> str:
+    """The command that drives the worst case of a limit alone."""
+    if comparison is None or not gate.worst:
+        return ""
+    return ways_to(Path(comparison.new_folder), gate.worst[0].case)["alone"]
 
 
 def _arrow(words: str) -> str:

@@ -29,9 +29,12 @@ WIDE = 20.0  # points of S+: an interval wider than this tells little
 
 
 def summary_content(
-    evaluation: Evaluation, comparison: Comparison | None, gates: Sequence[GateResult]
+    evaluation: Evaluation,
+    comparison: Comparison | None,
+    gates: Sequence[GateResult],
+    since: Mapping[tuple[str, str, str], str],
 ) -> Mapping[str, Any]:
-    """What templates/sections/summary.html.j2 shows."""
+    """What templates/sections/summary.html.j2 shows. since: when failed limits began to fail, in words."""
     order = ranked(evaluation)
     said = headline(evaluation)
     scenarios = [zone.scenario for zone in evaluation.zones]
@@ -40,10 +43,13 @@ def summary_content(
     failing = [(gate, gate.worst[0]) for gate in gates if gate.passed is False and gate.worst]
     changes = [(f"{gate.quantity} of {gate.ads}: {one.point}: {one.words}", f"#case:{quote(one.case, safe='')}")
                for gate, one in failing[:MOST_CHANGES]]  # fmt: skip
+    builds = [f"build of {ads}: {build}" for ads, build in evaluation.manifest.get("builds", {}).items()]
 
     return {
         "verdict": verdict_of(comparison, gates, evaluation) if compared else "",
         "failed": any(gate.passed is False for gate in gates),
+        "failures": [(since.get(gate.name, ""), gate) for gate in gates if gate.passed is False] if compared else [],
+        "beside": [*builds, *(one.words for one in comparison.differences)] if comparison else [],
         "answers": said.answers,
         "alarms": said.alarms,
         "worst": failing[0][1].case if failing else worst_case(evaluation, [one.ads for one in order]),

@@ -6,11 +6,13 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
 from sumo_eval.report.checks import check_lines
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
+from sumo_eval.report.page import REPORT
 from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.rule_limits import CANNOT_SEE
 from sumo_eval.report.verdict import verdict_of
@@ -227,16 +229,28 @@ def gate_lines(
             beside += [(since or {})[gate.name]] if gate.name in (since or {}) else []
             when = f" ({', '.join(beside)})" if beside else ""
             lines.append(f"gate FAILED: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}{when}")
-            lines += [f"    {one_line(f'{one.case}: {one.point}: {one.words}')}" for one in gate.worst]
-            if gate.worst and run is not None:
-                lines.append(f"    again: {replay_command(run, gate.worst[0].case)}")
+            lines += [f"    {line}" for line in worst_lines(gate, run)]
 
     return [*lines, *_unjudged_lines(gates), f"{count(sum(gate.passed is True for gate in gates), 'gate')} passed."]
 
 
-def replay_command(run: Path, case: str) -> str:
-    """The command that shows one case again."""
-    return shlex.join(["sumo-eval", "replay", str(run), case])
+def worst_lines(gate: GateResult, run: Path | None) -> list[str]:
+    """The worst cases of a failed limit, before and after, and how the first of them is seen again.
+
+    run: the folder whose cases they are.
+    """
+    lines = [one_line(f"{one.case}: {one.point}: {one.words}") for one in gate.worst]
+    ways = ways_to(run, gate.worst[0].case) if gate.worst and run is not None else {}
+    return [*lines, *(f"{name}: {way}" for name, way in ways.items())]
+
+
+def ways_to(run: Path, case: str) -> dict[str, str]:
+    """Commands that show a case again and drive it alone, and its place in the report."""
+    return {
+        "again": shlex.join(["sumo-eval", "replay", str(run), case]),
+        "alone": shlex.join(["sumo-eval", "run", str(run), "--only", case]),
+        "page": f"{run / REPORT}#case:{quote(case, safe='')}",
+    }
 
 
 def _unjudged_lines(gates: Sequence[GateResult]) -> list[str]:

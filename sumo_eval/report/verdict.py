@@ -54,9 +54,11 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
 
 
 def _changes(comparison: Comparison) -> str:
-    """`2 cases got worse, 1 better, 5 changed by less than the tolerances`."""
+    """`2 cases got worse, 1 better, 5 changed by less than the tolerances`, or how many are equal to the last bit."""
     worse, better = len(comparison.worse), len(comparison.better)
-    less = comparison.pairs - sum(one.identical for one in comparison.ads) - worse - better
+    equal = sum(one.identical for one in comparison.ads)
+    less, lost = comparison.pairs - equal - worse - better, sum(one.lost for one in comparison.unpaired)
     words = [f"{count(worse, 'case')} got worse, {better} better"] if worse or better else []
-    words += [f"{count(less, 'case')} changed by less than the tolerances"] if less > 0 or not words else []
-    return ", ".join(words)
+    words += [f"{count(less, 'case')} changed by less than the tolerances"] if less > 0 else []
+    words = words or [f"{count(equal, 'case')} equal to the last bit"]
+    return ", ".join([*words, f"{lost} of the base have no partner"] if lost else words)

@@ -146,6 +146,10 @@ class Scoring:
             self.progress,
         )
         described = describe_zones(logical, zones, points)
+        if settings.run.only:
+            few = len({point for places in known.driven.values() for point in places.tolist()})
+            told = f"`run.only` asks for {few} of {len(points.points)} points: every number is of these alone."
+            described = replace(described, notes=(*described.notes, told))
         if entry.sampling.method == ADAPTIVE:
             stands = standing(
                 entry.sampling, points, finished, tables, [known.driven[ads.name] for ads in settings.ads], method,

@@ -46,3 +46,6 @@ class RunSettings(Checked):
     qualification: Annotated[
         str, About("qualification.json of this installation, made by `sumo-eval qualify`: the report carries it")
     ] = ""
+    only: Annotated[
+        tuple[str, ...], About("cases of ADSs that alone are driven, e.g. cut_in-0042-idm; none: all of them")
+    ] = ()

@@ -15,13 +15,13 @@ FAULT = Path(__file__).with_name("fault.txt")
 class Brakes:
     """Brakes at once and hard, except where fault.txt names the point."""
 
-    def reset(self, scenario, traci, ego):
-        lead = next(name for name in traci.vehicle.getIDList() if name != ego)
-        point = f"{traci.vehicle.getSpeed(ego):g}, {traci.vehicle.getSpeed(lead):g}"
-        fault = FAULT.read_text().split(":") if FAULT.exists() else ["", ""]
-        self.fault = fault[1] if point == fault[0] else None
+    fault = None
 
-    def step(self, traci, ego, time):
+    def act(self, seen):
+        if self.fault is None:
+            point = f"{seen.ego.speed:g}, {seen.lead.speed:g}"
+            fault = FAULT.read_text().split(":") if FAULT.exists() else ["", ""]
+            self.fault = fault[1] if point == fault[0] else ""
         if self.fault == "raises":
             raise RuntimeError("no plan here")
         return Command(acceleration=0.0 if self.fault == "sleeps" else -6.0)
@@ -54,17 +54,21 @@ source = "my_drivers.py:drivers"
 grid_points = 1000
 restarts = 0
 [run]
-workers = 2
+engine = "{engine}"
+cases_per_pack = 32
 """
 
 
-def evaluation(folder: Path, levels: str = "3", fault: str = "") -> Path:
-    """Write the evaluation and its modules. fault: `30, 0:sleeps`, the point and what the ADS does there."""
+def evaluation(folder: Path, levels: str = "3", fault: str = "", engine: str = "serial") -> Path:
+    """Write the evaluation and its modules. fault: `30, 0:sleeps`, the point and what the ADS does there.
+
+    engine: without processes of its own a run costs half.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "my_ads.py").write_text(ADS)
     (folder / "my_drivers.py").write_text(DRIVERS)
     plant(folder, fault)
-    (folder / "evaluation.toml").write_text(EVALUATION.format(levels=levels))
+    (folder / "evaluation.toml").write_text(EVALUATION.format(levels=levels, engine=engine))
     return folder / "evaluation.toml"
 
 

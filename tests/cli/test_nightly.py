@@ -133,19 +133,35 @@ def test_what_a_killed_night_left_is_removed_and_said(week: tuple[Path, list[str
     assert result.night.exit_status == 0
 
 
-def test_a_night_that_is_killed_leaves_nothing_that_counts(tmp_path: Path) -> None:
-    file, history = evaluation(tmp_path, "{ ego_speed = 20, lead_speed = 13 }"), tmp_path / "history"
-    left = stop_when(lambda: any(history.glob("nights/*/facts.sqlite")), file, history)
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an evaluation and a history whose only night was killed while cases were driven."""
+    folder = tmp_path_factory.mktemp("killed")
+    file = evaluation(folder, "{ ego_speed = 8, lead_speed = 6 }", engine="processes")
+    file.write_text(file.read_text().replace("cases_per_pack = 32", "cases_per_pack = 4"))
+    stop_when(lambda: recorded(folder / "history") >= 5, file, folder / "history")
+    return folder
+
+
+def copied(folder: Path, tmp_path: Path) -> tuple[Path, Path, Path]:
+    """A copy of it to go on with: the evaluation, the history, the folder that the killed night left."""
+    copy = Path(shutil.copytree(folder, tmp_path / "copy"))
+    (left,) = (copy / "history" / "nights").iterdir()
+    return copy / "evaluation.toml", copy / "history", left
+
+
+def test_a_night_that_is_killed_leaves_nothing_that_counts(killed: Path, tmp_path: Path) -> None:
+    file, history, left = copied(killed, tmp_path)
     assert nights(history) == []
-    evaluation(tmp_path, "2")
+    evaluation(file.parent, "2")
     result = run_night(file, history, GateSettings(resamples=100))
     assert f"Night {left.name} was stopped before its end; its unfinished folder was removed." in result.notes
     assert [night.night for night in nights(history)] == [result.night.night]
     assert not left.exists()
 
 
-def stop_when(reached: Callable[[], bool], file: Path, history: Path) -> Path:
-    """Kill a night, and all that it started, once that is reached; its folder."""
+def stop_when(reached: Callable[[], bool], file: Path, history: Path) -> None:
+    """Kill a night, and all that it started, once that is reached."""
     command = [sys.executable, "-m", "sumo_eval", "nightly", str(file), "--history", str(history)]
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
@@ -154,8 +170,6 @@ def stop_when(reached: Callable[[], bool], file: Path, history: Path) -> Path:
         while not reached() and time.monotonic() < deadline:
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGKILL)
-    (folder,) = (history / "nights").iterdir()
-    return folder
 
 
 def recorded(history: Path) -> int:
@@ -171,9 +185,9 @@ def recorded(history: Path) -> int:
     return 0
 
 
-def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(tmp_path: Path) -> None:
-    file, history = evaluation(tmp_path, "{ ego_speed = 12, lead_speed = 8 }"), tmp_path / "history"
-    left = stop_when(lambda: recorded(history) >= 5, file, history)
+def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(killed: Path, tmp_path: Path) -> None:
+    file, history, left = copied(killed, tmp_path)
+    file.write_text(file.read_text().replace('"processes"', '"serial"'))
     kept = recorded(history)
     assert nights(history) == []
 
@@ -448,9 +462,9 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path: Path) -> N
 def test_a_noisy_ads_is_found_and_its_new_collision_driven_again(tmp_path: Path) -> None:
     """At one of three points the ADS sleeps and shakes: no two drives are alike, and all five collide."""
     file, history = evaluation(tmp_path, "2"), tmp_path / "history"
-    shaking = "import random\n        return Command(acceleration=random.SystemRandom().uniform(-0.3, 0.3)"
+    shaking = "Command(acceleration=__import__('random').SystemRandom().uniform(-0.3, 0.3)"
     module = tmp_path / "my_ads.py"
-    module.write_text(module.read_text().replace("return Command(acceleration=0.0", shaking))
+    module.write_text(module.read_text().replace("Command(acceleration=0.0", shaking))
     run_night(file, history, GateSettings(resamples=100))
     plant(tmp_path, "30, 0:sleeps")
     result = run_night(file, history, GateSettings(resamples=100))

@@ -12,6 +12,7 @@ from report_cases import hit, pick, with_case
 from sumo_eval.errors import InputError
 from sumo_eval.report.comparison import compare
 from sumo_eval.report.gate_settings import (
+    HIGHER_IS_BETTER,
     GateSettings,
     LimitSettings,
     NearMissSettings,
@@ -151,7 +152,12 @@ def test_a_gate_file_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "sentence"),
     [
-        ('quantity = "S"', 'quantity = "Q"', "`limit[0].quantity`"),
+        ('quantity = "S"', 'quantity = "Q"', "Unknown quantity `Q` of `limit` 1 in"),
+        (
+            '[[limit]]\nquantity = "S"',
+            'near_miss.measure = [{ quantity = "min_gab", absolute = 0.1 }]\n[[limit]]\nquantity = "S"',
+            "Did you mean `min_gap`?",
+        ),
         ("worse_by_percent", "worse_by_procent", "Did you mean `worse_by_percent`?"),
         ("confidence = 0.9", "confidense = 0.9", "Did you mean `confidence`?"),
         ("at_most = 0", "", "must have at_least, at_most, worse_by or worse_by_percent"),
@@ -172,7 +178,8 @@ def test_a_mistake_in_a_gate_file_gets_a_sentence(before: str, after: str, sente
 @pytest.mark.parametrize(
     ("quantity", "field"),
     [
-        ("A", "avoided_share"), ("H", "human_likeness"), ("S+", "s_plus"), ("regret", "regret"),
+        ("A", "avoided_share"), ("H", "human_likeness"), ("S+", "s_plus"), ("regret", "regret"), ("T", "task_share"),
+        ("A'", "avoidance_grade"), ("C", "c"), ("D", "d"), ("S", "s"),
         ("avoidable_collisions", "avoidable_collisions"), ("unavoidable_collisions", "unavoidable_collisions"),
         ("caused_collisions", "caused_collisions"),
     ],
@@ -181,7 +188,7 @@ def test_the_scores_that_order_can_be_limited_by_value(evaluation: Evaluation, q
     """The bound is the value itself, which holds; the same bound with another value in the run does not."""
     score = evaluation.score(builders.CALM, builders.SCENARIOS[1])
     value = float(getattr(score, field))
-    best = quantity in ("A", "H", "S+")
+    best = quantity in HIGHER_IS_BETTER
     bound = {"at_least": value} if best else {"at_most": value}
     limit = LimitSettings(quantity, ads=score.ads, scenario=score.scenario, **bound)  # type: ignore[arg-type]
     (holds,) = judged(evaluation, evaluation, limit)
@@ -196,3 +203,33 @@ def test_more_avoidable_collisions_than_the_base_fail(evaluation: Evaluation) ->
     limit = LimitSettings("avoidable_collisions", ads=case.ads, scenario=case.scenario, worse_by=0.0)
     (result,) = judged(evaluation, with_case(evaluation, case.case, hit), limit)
     assert result.passed is False
+
+
+@pytest.mark.parametrize(("by", "tolerance", "passes"), [(1e-12, 1e-9, True), (1e-6, 1e-9, False), (1e-6, 1e-5, True)])
+def test_worse_by_has_a_tolerance_of_its_own(evaluation: Evaluation, by: float, tolerance: float, passes: bool) -> None:
+    """A regret of 0 that rises by the last digit of 1 fails no limit, though any share of 0 is 0."""
+    still = replace(evaluation, cases=tuple(replace(case, index=0.5) for case in evaluation.cases))
+    lower = replace(still, cases=tuple(replace(case, index=0.5 - by) for case in still.cases))
+    limit = LimitSettings("D", ads=builders.CALM, scenario=builders.SCENARIOS[0], worse_by=0.0, tolerance=tolerance)
+    (result,) = judged(still, lower, limit)
+    assert result.passed is passes
+    rounded = replace(limit, worse_by=None, at_least=0.5)
+    assert judged(still, with_scores(still, d=0.5 - by), rounded)[0].passed is passes
+
+
+def test_a_column_is_judged_case_by_case(evaluation: Evaluation) -> None:
+    """Gaps of 5 m, one of them 3 m now: 2 m worse, 40 % worse, below 4 m; a case without a value is not judged."""
+    base = replace(evaluation, cases=tuple(replace(case, min_gap=5.0) for case in evaluation.cases))
+    case = pick(base, collided=False)
+    new = with_case(base, case.case, lambda one: replace(one, min_gap=3.0))
+    other = next(one.case for one in new.cases if one.case != case.case and one.ads == case.ads)
+    new = with_case(new, other, lambda one: replace(one, min_gap=None))
+    for bound, fails in (
+        ({"at_least": 4.0}, True), ({"at_least": 3.0}, False), ({"at_most": 5.0}, False), ({"worse_by": 1.9}, True),
+        ({"worse_by": 2.0}, False), ({"worse_by_percent": 39.0}, True), ({"worse_by_percent": 40.0}, False),
+    ):  # fmt: skip
+        results = judged(base, new, LimitSettings("min_gap", ads=case.ads, scenario=case.scenario, **bound))
+        assert [result.passed for result in results] == [not fails], bound
+        assert [one.words for result in results for one in result.worst] == ["5 -> 3"] * fails
+    (blind,) = judged(base, new, LimitSettings("pet", ads=case.ads, scenario=case.scenario, at_least=1.0))
+    assert (blind.passed, blind.sentence) == (None, "pet: no case has a value to judge")

@@ -30,13 +30,13 @@ def test_worst_case_of_the_best_ads_comes_first(evaluation: Evaluation) -> None:
 
 
 def test_first_screen_says_what_the_terminal_says(evaluation: Evaluation) -> None:
-    shown, said = summary_content(evaluation, None, ()), headline(evaluation)
+    shown, said = summary_content(evaluation, None, (), {}), headline(evaluation)
     assert (shown["answers"], shown["alarms"]) == (said.answers, said.alarms)
     assert shown["alarms"]
 
 
 def test_what_to_look_at_leads_to_cases_of_the_run(evaluation: Evaluation) -> None:
-    looks = summary_content(evaluation, None, ())["looks"]
+    looks = summary_content(evaluation, None, (), {})["looks"]
     keys = {case.case for case in evaluation.cases}
     targets = [unquote(address.removeprefix("#case:")) for _, address in looks if address.startswith("#case:")]
     assert targets

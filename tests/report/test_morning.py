@@ -1,0 +1,188 @@
+"""What a night leaves for the morning: summary, chat, annotations, JUnit; the pin, and a drift beside it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import builders
+import junitparser
+import pytest
+from report_cases import pick, with_case
+
+from sumo_eval.nightly.bases import Bases, accept, pin_of
+from sumo_eval.nightly.history import Night, open_history
+from sumo_eval.nightly.judged import Judged, new_pin
+from sumo_eval.nightly.morning import Since, github_annotations, new_first, write_night
+from sumo_eval.nightly.trend import write_trend
+from sumo_eval.report.comparison import Comparison, compare
+from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.gates import failed, judge
+from sumo_eval.report.junit import comparison_suites, write_junit
+from sumo_eval.report.rule import Noise, Repeats
+from sumo_eval.report.rule_limits import judge_rule
+from sumo_eval.results import Evaluation
+
+SETTINGS = GateSettings(resamples=100)
+FIRST, SECOND = "2026-11-24T02-00-00Z", "2026-11-25T02-00-00Z"
+
+
+def night(name: str, status: int = 0) -> Night:
+    return Night(name, "made", f"nights/{name}", 1.0, status, None, "WORSE than *yesterday*", "0.1", "1.28", False)
+
+
+def built(evaluation: Evaluation, build: str) -> Evaluation:
+    return replace(evaluation, manifest={**evaluation.manifest, "builds": {builders.CALM: build}})
+
+
+def calm(evaluation: Evaluation, gap: float) -> Evaluation:
+    """Every case of `calm` that ended well came as near as that, m."""
+    cases = [replace(case, min_gap=gap, min_ttc=9.0) if case.ads == builders.CALM and case.status == "ok" else case
+             for case in evaluation.cases]  # fmt: skip
+    return replace(evaluation, cases=tuple(cases))
+
+
+def nearer(evaluation: Evaluation, gap: float) -> Evaluation:
+    """One case of `calm` alone came as near as that, m."""
+    return with_case(
+        evaluation, pick(evaluation, collided=False).case, lambda case: replace(case, min_gap=gap, min_ttc=9.0)
+    )
+
+
+@pytest.fixture
+def judged(evaluation: Evaluation) -> Judged:
+    """A night in which one case came nearer and whose ADS is another build."""
+    base, new = built(calm(evaluation, 0.92), "abc"), built(calm(evaluation, 0.92), "def")
+    new = nearer(new, 0.32)
+    comparison = compare(base, new, SETTINGS)
+    bases = Bases(night(FIRST), None, comparison, None, (), unusable=False)
+    gates = judge(new, comparison, SETTINGS)
+    return Judged(bases, gates, Noise(), frozenset(), {builders.CALM: "def"})
+
+
+@pytest.fixture
+def folder(judged: Judged, tmp_path: Path) -> Path:
+    """What that night wrote."""
+    found = tmp_path / "nights" / SECOND
+    found.mkdir(parents=True)
+    since = {gate.name: Since(SECOND, 1) for gate in failed(judged.gates)}
+    write_night(tmp_path, found, night(SECOND, 1), "worse", judged, since, ())
+    return found
+
+
+def test_summary_and_chat_say_what_failed_and_since_when(judged: Judged, folder: Path) -> None:
+    (gate,) = failed(judged.gates)
+    case = gate.worst[0].case
+    summary, chat = (folder / "summary.md").read_text(), json.loads((folder.parents[1] / "chat.json").read_text())
+    assert summary.startswith("## WORSE than \\*yesterday\\*\n")
+    assert f"- **{builders.CALM}** in {gate.scenario} (new): smallest gap: 1 nearer" in summary
+    assert f"`{case}`: " in summary
+    assert f"--only {case}`" in summary
+    assert f"build of {builders.CALM}: abc in the base, def in the new run" in summary
+    assert "smallest gap: 1 nearer, 0 farther" in chat["text"]
+    assert f"{case}: 0.92 -> 0.32" in chat["text"]
+    assert f"build of {builders.CALM}: def" in chat["text"]
+
+
+def test_night_json_names_case_and_ways_to_it(judged: Judged, folder: Path) -> None:
+    told = json.loads((folder / "night.json").read_text())
+    (one,) = told["failed"]
+    (case,) = one["cases"]
+    assert (case["before"], case["after"]) == (0.92, 0.32)
+    assert case["replay"] == f"sumo-eval replay {folder} {case['case']}"
+    assert case["run"] == f"sumo-eval run {folder} --only {case['case']}"
+    assert case["link"] == f"report.html#case:{case['case']}"
+    assert told["builds"] == {builders.CALM: "def"}
+
+
+def test_an_annotation_is_one_line_for_github(judged: Judged) -> None:
+    (line,) = github_annotations(judged.gates)
+    head, _, body = line.removeprefix("::").partition("::")
+    assert head == f"error title=min_gap of {builders.CALM}"
+    assert "\n" not in line
+    assert "%0A" in body
+    assert "0.92 -> 0.32" in body
+    assert ":" not in body
+
+
+def test_new_failures_stand_before_old_ones(judged: Judged) -> None:
+    (gate,) = failed(judged.gates)
+    old, other = replace(gate, quantity="pet"), replace(gate, quantity="min_ttc", passed=True)
+    since = {old.name: Since(FIRST, 2), gate.name: Since(SECOND, 1)}
+    assert new_first([other, old, gate], since) == [gate, old, other]
+
+
+def test_junit_has_values_before_and_after(judged: Judged, tmp_path: Path) -> None:
+    write_junit(comparison_suites(judged.bases.comparison, judged.gates), tmp_path / "junit.xml")
+    suites = junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
+    (bad,) = [case for suite in suites if suite.name == "gates" for case in suite if case.is_failure]
+    assert "0.92 -> 0.32" in bad.result[0].text
+    assert "--only" in bad.result[0].text
+
+
+def test_a_drift_of_two_percent_is_found_by_night_ten(evaluation: Evaluation) -> None:
+    """0.9 m times 0.98 a night: 0.1 m are gone after 6 nights (0.9 (1 - 0.98^5) = 0.086, ^6 = 0.103)."""
+    pinned = calm(evaluation, 0.9)
+
+    def fails(base: Evaluation, number: int) -> bool:
+        tonight = calm(evaluation, 0.9 * 0.98**number)
+        return bool(failed(judge_rule(compare(base, tonight, SETTINGS), SETTINGS, Noise())))
+
+    assert not any(fails(calm(evaluation, 0.9 * 0.98 ** (number - 1)), number) for number in range(1, 11))
+    assert [fails(pinned, number) for number in (5, 6, 10)] == [False, True, True]
+
+
+def pin_after(history: Path, comparison: Comparison | None, noise: Noise = Noise()) -> str:  # noqa: B008 - frozen
+    """The night that is pinned after one that is compared so."""
+    bases = Bases(None, None, comparison, None, (), unusable=False)
+    with open_history(history, create=True) as lines:
+        line = night(SECOND)
+        pin = new_pin(line, Judged(bases, (), noise, frozenset(), {}), lines, SETTINGS)
+        return pin.reason if pin else ""
+
+
+def test_only_a_better_night_moves_the_pin(evaluation: Evaluation, tmp_path: Path) -> None:
+    base = calm(evaluation, 0.9)
+    better, same = compare(base, nearer(base, 1.5), SETTINGS), compare(base, base, SETTINGS)
+    assert pin_after(tmp_path, None) == "the first good night"
+    with open_history(tmp_path, create=True) as lines:
+        lines.add(night(FIRST), evaluation, ())
+    (tmp_path / "nights" / FIRST).mkdir(parents=True)
+    accept(tmp_path, FIRST, "begun", None)
+    assert pin_after(tmp_path, better) == "paired cases only improved"
+    assert pin_after(tmp_path, same) == ""
+    assert pin_after(tmp_path, compare(base, nearer(base, 0.89), SETTINGS)) == ""
+    assert pin_after(tmp_path, better, Noise({builders.CALM: Repeats(30, 29)})) == "", "it would ratchet"
+
+
+def test_an_acceptance_of_yesterday_counts_no_more(evaluation: Evaluation, tmp_path: Path) -> None:
+    for name in (FIRST, SECOND):
+        (tmp_path / "nights" / name).mkdir(parents=True)
+        with open_history(tmp_path, create=True) as lines:
+            lines.add(night(name), evaluation, ())
+    for until, pinned in (("2999-01-01", SECOND), ("2026-11-24", FIRST)):
+        accept(tmp_path, FIRST, "begun", None)
+        accept(tmp_path, SECOND, "softer brakes", until)
+        with open_history(tmp_path) as lines:
+            pin = pin_of(lines)
+        assert pin is not None
+        assert pin.night == pinned
+
+
+def test_the_trend_shows_departures_builds_and_acceptance(evaluation: Evaluation, tmp_path: Path) -> None:
+    (tmp_path / "nights" / FIRST).mkdir(parents=True)
+    with open_history(tmp_path, create=True) as lines:
+        lines.add(night(FIRST), built(calm(evaluation, 0.9), "abc"), ())
+    accept(tmp_path, FIRST, "softer brakes", "2999-01-01")
+    with open_history(tmp_path) as lines:
+        near = sum(one.value or 0.0 for one in lines.values() if one.quantity == "near_misses")
+        page = write_trend(tmp_path, lines).read_text(encoding="utf-8")
+    assert near >= sum(case.ads == builders.CALM and case.status == "ok" for case in evaluation.cases)
+    for words in (
+        ">Left the road",
+        ">Near misses",
+        "accepted: softer brakes, until 2999-01-01",
+        f"{builders.CALM} abc",
+    ):
+        assert words in page
