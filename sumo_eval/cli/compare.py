@@ -153,7 +153,8 @@ def nightly(
     say((*morning_lines(result), *result.notes))
     show_scores(result.evaluation)
     if result.comparison:
-        say(comparison_lines(result.comparison, (), result.evaluation)[1:-1])
+        first = 1 + len(result.comparison.differences)  # the verdict and what differs stand above
+        say(comparison_lines(result.comparison, (), result.evaluation)[first:-1])
     say(closing_lines(result.evaluation)[:-1])
     say(tell_github(result))
     tell(f"The report is {result.report}")

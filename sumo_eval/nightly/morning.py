@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from sumo_eval.nightly.history import History, Night
 from sumo_eval.nightly.judged import Judged
-from sumo_eval.report.comparison import Comparison
+from sumo_eval.report.comparison import Comparison, builds_besides
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.gates import failed
 from sumo_eval.report.page import REPORT
@@ -163,8 +163,8 @@ def chat_text(line: Night, judged: Judged, since: Mapping[tuple[str, str, str], 
 def _besides(judged: Judged) -> list[str]:
     """Builds, and what differs besides the ADS."""
     comparison = judged.bases.comparison
-    builds = [f"build of {ads}: {build}" for ads, build in judged.builds.items()]
-    return [*builds, *(f"differs: {one.words}" for one in (comparison.differences if comparison else ()))]
+    differing = [one.words for one in comparison.differences] if comparison else []
+    return [*builds_besides(judged.builds, comparison), *(f"differs: {words}" for words in differing)]
 
 
 def github_annotations(gates: Sequence[GateResult]) -> list[str]:
@@ -187,9 +187,7 @@ def morning_lines(result: NightResult) -> list[str]:
         for one in (comparison.unpaired if comparison else ())
     ]
     words = {name: since.words for name, since in result.since.items()}
-    lines += [
-        f"build of {one_line(ads)}: {build}" for ads, build in result.evaluation.manifest.get("builds", {}).items()
-    ]
+    lines += map(one_line, builds_besides(result.evaluation.manifest.get("builds", {}), comparison))
     return [*lines, result.night.verdict, *gate_lines(result.gates, result.report.parent, words)]
 
 

@@ -1,11 +1,12 @@
 """What starts a night by itself: the files for cron, systemd and GitHub, written for an evaluation and a history.
 
 A recipe calls the program that wrote it. On GitHub, where that is not, it installs the package by its name and version
-unless told otherwise.
+unless told otherwise. Version and evaluation are pinned: where one has changed, the night fails before it begins.
 """
 
 from __future__ import annotations
 
+import hashlib
 import shlex
 import tomllib
 from collections.abc import Callable, Mapping
@@ -39,25 +40,43 @@ class Night:
         words = ["nightly", str(place(self.evaluation)), "--history", str(place(self.history)), *self.options]
         return f"{self.program} {shlex.join(words)}"
 
+    def pins(self, *, whole_paths: bool = True) -> tuple[str, str]:
+        """The shell's lines that fail where the evaluation, or the version of the program, is another."""
+        path = self.evaluation.resolve() if whole_paths else self.evaluation
+        digest = hashlib.sha256(self.evaluation.read_bytes()).hexdigest()
+        pinned, known = shlex.quote(f"{digest}  {path}"), _version()
+        return (
+            f"echo {pinned} | sha256sum --check --quiet",
+            f'{{ test "$({self.program} --version)" = {known} || ! echo This recipe is of sumo_eval {known}.; }}',
+        )
+
+    def watch(self) -> str:
+        """The shell's line of a dead man's switch."""
+        words = ["nightly", "--history", str(self.history.resolve()), "--newer-than", "26h"]
+        return f"{self.program} {shlex.join(words)}"
+
 
 def cron(night: Night) -> Recipe:
     """A line for crontab: silent after a good night, so that mail comes only when there is something to read."""
     log = shlex.quote(str(night.history.resolve() / "last-night.log"))
-    line = f"0 2 * * *  {night.command()} > {log} 2>&1 || cat {log}\n".replace("%", r"\%")
+    whole = " && ".join([*night.pins(), night.command()])
+    begin = f"0 2 * * *  {{ {whole}; }} > {log} 2>&1 || cat {log}\n".replace("%", r"\%")
+    watch = f'0 9 * * *  said=$({night.watch()} 2>&1) || echo "$said"\n'.replace("%", r"\%")
     path = night.history / "sumo-eval-night.cron"
-    return Recipe(
-        {path: f"# Every night at two.\n{line}"}, f"Add its line to your table: crontab -e, then paste {path}"
-    )
+    text = f"# Every night at two.\n{begin}# And a word where none has run: better on another machine.\n{watch}"
+    return Recipe({path: text}, f"Add its lines to your table: crontab -e, then paste {path}")
 
 
 def systemd(night: Night) -> Recipe:
-    """A service and its timer. A failed gate is a failed unit, which OnFailure= can report."""
+    """A service and its timer. A failed gate, and exit status 3, is a failed unit, which OnFailure= can report."""
     command = night.command().replace("%", "%%")
+    pins = "\n".join(f"ExecStartPre=/bin/sh -c {_systemd_word(line)}" for line in night.pins())
     service = f"""[Unit]
 Description=Nightly evaluation of the automated driving system
 
 [Service]
 Type=oneshot
+{pins}
 ExecStart={command}
 """
     timer = """[Unit]
@@ -100,6 +119,8 @@ jobs:
           libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1
       # Before the package is on an index: the path or address of its wheel instead of its name.
       - run: pip install "sumo_eval=={_version()}"
+      # An edited evaluation fails here: write the recipe again where that is meant.
+      - run: {there.pins(whole_paths=False)[0]}
       # The history lies on a branch of its own, which nothing evicts; without that branch it begins.
       - run: |
           if git ls-remote --exit-code --heads origin sumo-eval-nights; then
@@ -124,6 +145,7 @@ jobs:
             {history}/nights/*/report.html
             {history}/nights/*/junit.xml
             {history}/nights/*/night.json
+            {history}/chat.json
 """
     workflow = Path(".github") / "workflows" / "night.yml"
     return Recipe(
@@ -154,6 +176,13 @@ def install(kind: str, night: Night) -> Recipe:
         except OSError as error:
             raise InputError(f"The file {path} of the recipe cannot be written: {error}.") from error
     return recipe
+
+
+def _systemd_word(text: str) -> str:
+    """A text as one word of a unit file."""
+    for mark, code in (("\\", "\\\\"), ('"', '\\"'), ("$", "$$"), ("%", "%%")):
+        text = text.replace(mark, code)
+    return f'"{text}"'
 
 
 def _version() -> str:

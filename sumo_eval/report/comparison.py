@@ -270,6 +270,13 @@ class Comparison:
         return InTurn(tuple(one.changed.better for one in self.ads))
 
 
+def builds_besides(builds: Mapping[str, str], comparison: Comparison | None) -> list[str]:
+    """Builds of ADSs that are not listed as differing."""
+    known = {one.what for one in comparison.differences} if comparison else set()
+    named = [(f"build of {ads}", build) for ads, build in builds.items()]
+    return [f"{what}: {build}" for what, build in named if what not in known]
+
+
 def compare(
     base: Evaluation,
     new: Evaluation,

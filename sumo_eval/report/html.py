@@ -90,7 +90,7 @@ def term(name: str, shown: str = "") -> Markup:
 def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside) -> dict[str, Any]:
     """What the page's template is filled with. A thread reads and deflates the recorded drives meanwhile."""
     missing = unevaluated(evaluation)
-    in_page = shown_cases(evaluation)
+    in_page = shown_cases(evaluation, [one.case for gate in beside.gates for one in gate.worst])
     told = told_cases(evaluation, in_page)
     cases_of_page = {name: [one.case for one in cases] for name, cases in told.items()}
     with ThreadPoolExecutor(1) as thread:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
-from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.scoring.kept_rows import arrays, arrays_in_parts
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.trajectory import FloatArray
 
 MOST_SHOWN = 5_000  # cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
 TILES = 40  # on each axis
 _SIDE = 6  # of a tile, px
-_LOST, _HIT = 4.0, 2.0  # how much a case tells that was not evaluated, or collided; others at most 1
+_NAMED, _LOST, _HIT = 5.0, 4.0, 2.0  # a case of a failed limit, not evaluated, collided; others at most 1
 _FAINTEST = 0.12  # how dark a tile is that holds the least
 
 IntArray = NDArray[np.intp]
@@ -44,9 +44,11 @@ class Shown:
         return len(cases) if self.places is None else int(np.count_nonzero(self.places < len(cases)))
 
 
-def shown_cases(evaluation: Evaluation) -> dict[str, Shown]:
+def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, Shown]:
     """By scenario. Half of those that the page has tell most: not evaluated, collisions by U, the least human-like; the
     other half lie evenly among the rest. The ADSs of a scenario are shown at the same points.
+
+    named: cases of failed limits, which tell more than all others.
     """
     every = {
         zone.scenario: [one for one in evaluation.scores if one.scenario == zone.scenario] for zone in evaluation.zones
@@ -57,7 +59,7 @@ def shown_cases(evaluation: Evaluation) -> dict[str, Shown]:
     quota = max(MOST_SHOWN // max(len(evaluation.scores), 1), 2)
     found = {}
     for name, scores in every.items():
-        told = [_telling(evaluation.cases_of(one.ads, name)) for one in scores]
+        told = [_telling(evaluation.cases_of(one.ads, name), named) for one in scores]
         tells = np.zeros(max(map(len, told), default=0))
         for one in told:
             tells[: len(one)] = np.maximum(tells[: len(one)], one)
@@ -71,13 +73,17 @@ def shown_cases(evaluation: Evaluation) -> dict[str, Shown]:
     return found
 
 
-def _telling(cases: Sequence[CaseResult]) -> FloatArray:
+def _telling(cases: Sequence[CaseResult], named: Collection[str]) -> FloatArray:
     """How much each case tells, (n,)."""
     read, there = arrays(cases, "severity", "human_likeness"), OutcomeColumns.of(cases)
     tells = np.nan_to_num(1.0 - read["human_likeness"])
     severity = np.nan_to_num(read["severity"])
     tells[there.collided] = _HIT + severity[there.collided] / max(float(severity.max(initial=0.0)), 1.0)
-    return np.where(there.evaluated, tells, _LOST)
+    tells = np.where(there.evaluated, tells, _LOST)
+    if named:
+        parts = (np.isin(part["case"], list(named)) for part in arrays_in_parts(cases, "case"))
+        tells[np.concatenate(list(parts))] = _NAMED
+    return tells
 
 
 def density_maps(logical: LogicalScenario, cases: Sequence[CaseResult], x: int, y: int) -> list[tuple[str, Markup]]:

@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from sumo_eval.report.comparison import Comparison
+from sumo_eval.report.comparison import Comparison, builds_besides
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.headline import headline, ranked
 from sumo_eval.report.verdict import verdict_of
@@ -43,7 +43,7 @@ def summary_content(
     failing = [(gate, gate.worst[0]) for gate in gates if gate.passed is False and gate.worst]
     changes = [(f"{gate.quantity} of {gate.ads}: {one.point}: {one.words}", f"#case:{quote(one.case, safe='')}")
                for gate, one in failing[:MOST_CHANGES]]  # fmt: skip
-    builds = [f"build of {ads}: {build}" for ads, build in evaluation.manifest.get("builds", {}).items()]
+    builds = builds_besides(evaluation.manifest.get("builds", {}), comparison)
 
     return {
         "verdict": verdict_of(comparison, gates, evaluation) if compared else "",

@@ -82,7 +82,7 @@ def test_summary_and_chat_say_what_failed_and_since_when(judged: Judged, folder:
     assert f"build of {builders.CALM}: abc in the base, def in the new run" in summary
     assert "smallest gap: 1 nearer, 0 farther" in chat["text"]
     assert f"{case}: 0.92 -> 0.32" in chat["text"]
-    assert f"build of {builders.CALM}: def" in chat["text"]
+    assert f"differs: build of {builders.CALM}: abc in the base, def in the new run" in chat["text"]
 
 
 def test_night_json_names_case_and_ways_to_it(judged: Judged, folder: Path) -> None:

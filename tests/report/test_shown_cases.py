@@ -41,6 +41,24 @@ def test_half_of_the_cases_that_are_shown_tell_most_and_the_others_lie_evenly(
         assert shown.number(everybody[0]) == 4
 
 
+def test_cases_of_failed_limits_are_on_the_page(evaluation: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
+    shown = {name: set(one.places.tolist()) for name, one in shown_cases(evaluation).items() if one.places is not None}
+    left_out = [
+        case.case
+        for score in evaluation.scores
+        for place, case in enumerate(evaluation.cases_of(score.ads, score.scenario))
+        if place not in shown[score.scenario]
+    ]
+    for name in left_out[:2]:
+        found = shown_cases(evaluation, [name])
+        assert any(
+            name == case.case
+            for score in evaluation.scores
+            for _, case in found[score.scenario].among(evaluation.cases_of(score.ads, score.scenario))
+        )
+
+
 def test_the_page_says_what_it_leaves_out_and_draws_where_all_cases_lie(
     evaluation: Evaluation, partitions: dict[str, ZonePartition], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
