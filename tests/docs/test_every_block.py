@@ -59,6 +59,8 @@ NOT_RUN = {
     "people.toml": "needs a recording; test_recorded_people_example.py runs these lines where the wheel tasi is",
     "afternoon/evaluation.toml": "needs a study; tests/wheel has one",
     "/work/evaluation.toml": "a path inside a container",
+    "cut_in-0042-mine": "needs a night with that case; tests/cli/test_compare.py drives one again so",
+    "nights/nights/2026-11-21T02-00-00Z": "compares it with that night; tests/cli/test_compare.py does so",
     "qualify": "takes minutes; tests/studies runs its parts",
 }
 """Commands that are read and not run, by a word in them, and why."""
