@@ -1,14 +1,15 @@
-"""Search a game that S+ rewards: `python tools/search.py [--generations 9] [--seed 1]`.
+"""Search a game that S+ rewards: `python tools/search.py [--generations 9] [--seed 1] [--known FILE]`.
 
 A policy of ten parameters (speed, gap, braking, standing, steering aside, giving up) is optimised for S+ by scipy's
 differential evolution: 30 policies a generation, each generation one evaluation at few points of three scenarios. The
 best one must drive the task: T of at least 0.9, no departure, no giving up. Prints it, and exits with 1 where it does
-not.
+not. FILE keeps what each policy scored, a line of JSON each; with the same seed a search goes on from it.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 import tempfile
@@ -111,14 +112,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--generations", type=int, default=9)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--known", type=Path)
     asked = parser.parse_args()
     rows: dict[str, Any] = {}
+    if asked.known and asked.known.exists():
+        rows = dict(json.loads(line) for line in asked.known.read_text(encoding="utf-8").splitlines())
 
     def losses(population: NDArray[np.float64]) -> NDArray[np.float64]:
         names = [identifier(shares) for shares in population.T]
         new = [name for name in names if name not in rows]
         if new:
-            rows.update(driven(new))
+            rows.update(found := driven(new))
+            if asked.known:
+                with asked.known.open("a", encoding="utf-8") as file:
+                    file.writelines(json.dumps(item) + "\n" for item in found.items())
         best = max(rows, key=lambda name: rows[name]["S+"])
         print(len(rows), __getattr__(best).parameters, rows[best], flush=True)
         return np.array([-rows[name]["S+"] for name in names])

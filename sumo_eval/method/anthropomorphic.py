@@ -28,6 +28,7 @@ from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation
 from sumo_eval.method.operations import count_operations as count_operations
+from sumo_eval.method.operations import most_operations
 from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
@@ -376,7 +377,7 @@ def _likeness(drives: Sequence[_Drive], pairing: Pairing, similarity: float) -> 
     ads, drivers = drives[pairing.ads], [drives[place] for place in pairing.drivers]
     return Likeness(
         _capped_ratio(ads.length, np.mean([driver.length for driver in drivers])),
-        operation_tolerance(ads.operations, [driver.operations for driver in drivers]),
+        operation_tolerance(ads.most_operations, [driver.most_operations for driver in drivers]),
         similarity,
     )
 
@@ -430,7 +431,7 @@ def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     """f_n+ of the human-likeness: 1 up to the drivers' mean number, above it min(1, exp(2 - z^2 / 2)).
 
     z = (n - mean) / max(deviation, 0.5), the sample deviation over the drivers: the tolerance that Eq. 11 gives to
-    everything else. operations: n of the ADS. of_drivers: of each driver, at least two.
+    everything else. operations: `most_operations` of the ADS. of_drivers: of each driver, at least two.
     """
     drivers = np.asarray(of_drivers, dtype=np.float64)
     deviation = max(float(drivers.std(ddof=1)), OPERATION_DEVIATION_FLOOR)
@@ -452,6 +453,7 @@ class _Drive:
     length: float
     reach: float
     operations: int
+    most_operations: int
     manoeuvre: Manoeuvre
     still_driving: bool
     left_the_road: bool
@@ -483,6 +485,7 @@ def _drive(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings
         length=driven_length(judged, road, settings),
         reach=_reach(judged, road, settings),
         operations=count_operations(judged, settings),
+        most_operations=most_operations(judged, settings),
         manoeuvre=manoeuvre_of(trajectory, road, settings.manoeuvre_time),
         still_driving=ends_on_its_way and not left,
         left_the_road=ends_on_its_way and left,

@@ -21,6 +21,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 DEFAULTS = AnthropomorphicSettings()
 
+RELEASED = 0.8  # of a level: pedals were moved back
+SAME_PEAK = 1.0 - 1e-9  # of a level: rounding makes no peaks of its own
 MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
 MANOEUVRE_SHIFT = 1.0  # m; and less far
 MANOEUVRE_WINDOW = 1.0  # s; lateral speed is a mean over this time, because recorded positions are noisy
@@ -35,10 +37,30 @@ def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings =
     Raises InputError for that rule where a trajectory has no steering wheel angle: both sides are counted alike or not
     at all.
     """
-    time = trajectory.time
-    pedals = len(_operations(np.abs(trajectory.acceleration) > settings.acceleration_threshold, time, settings))
+    used = np.abs(trajectory.acceleration) > settings.acceleration_threshold
+    return len(_operations(used, trajectory.time, settings)) + _steering_operations(trajectory, settings)
+
+
+def most_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
+    """f_n+ of H: n of Eq. 12 at that level of |acceleration|, from 0.5 m/s2 on, at which it is largest.
+
+    Eq. 12 takes an oscillation without neutral time for one operation, so that a stronger one may have fewer. Here it
+    never has: levels are the signal's peaks, and grow with it. Between two operations at a level the signal also falls
+    to 0.8 of it, which the rounding of a constant acceleration does not.
+    """
+    used = np.abs(trajectory.acceleration)
+    beside = np.concatenate(([-np.inf], used, [-np.inf]))
+    peaks = used[(used >= beside[:-2]) & (used >= beside[2:]) & (used > settings.acceleration_threshold)]
+    counts = [
+        len(_operations(used > SAME_PEAK * level, trajectory.time, settings, used <= RELEASED * level))
+        for level in np.unique(peaks)
+    ]
+    return max(counts, default=0) + _steering_operations(trajectory, settings)
+
+
+def _steering_operations(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
     if settings.steering_rule == "manoeuvre":
-        return pedals + _lateral_manoeuvres(trajectory, settings)
+        return _lateral_manoeuvres(trajectory, settings)
     if not _steering_is_known(trajectory):
         raise InputError(
             '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel angle of the ADS and of '
@@ -46,7 +68,7 @@ def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings =
         )
     known = np.isfinite(trajectory.steering_wheel_angle)
     turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(trajectory.speed[known], settings)
-    return pedals + len(_operations(turned, time[known], settings))
+    return len(_operations(turned, trajectory.time[known], settings))
 
 
 def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> FloatArray:
@@ -58,13 +80,20 @@ def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> Fl
     return np.asarray(settings.steering_ratio * np.arctan(settings.wheelbase * curvature))
 
 
-def _operations(active: BoolArray, time: FloatArray, settings: AnthropomorphicSettings) -> list[tuple[int, int]]:
-    """First and last active sample of each operation: active samples without `neutral_time` of neutral between them."""
+def _operations(
+    active: BoolArray, time: FloatArray, settings: AnthropomorphicSettings, released: BoolArray | None = None
+) -> list[tuple[int, int]]:
+    """First and last active sample of each operation: active samples without `neutral_time` of neutral between them.
+
+    released: samples of which one must lie between two operations.
+    """
     samples = np.flatnonzero(active)
     if samples.size == 0:
         return []
     neutral_from = time[samples[:-1] + 1]
     ended = (np.diff(samples) > 1) & (time[samples[1:]] - neutral_from >= settings.neutral_time - SAME_TIME)
+    if released is not None:
+        ended &= np.diff(np.cumsum(released)[samples]) > 0
     first = samples[np.append(True, ended)]
     last = samples[np.append(ended, True)]
     return list(zip(first.tolist(), last.tolist(), strict=True))

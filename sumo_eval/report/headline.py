@@ -175,7 +175,8 @@ def safety_words(evaluation: Evaluation, found: Finding) -> str:
         return hits + worst
     grids = "this grid" if len({score.scenario for score in evaluation.scores}) == 1 else "these grids"
     every = max(CONTACT / found.excess, 1.0)
-    return f"{hits}{worst}; as much excess impact speed as one 50 km/h contact every {every:z.0f} cases of {grids}"
+    joined = "; as much excess impact speed" if found.avoidable else ", yet as much impact speed above the ideal vehicle's"
+    return f"{hits}{worst}{joined} as one 50 km/h contact every {every:z.0f} cases of {grids}"
 
 
 def _safest(evaluation: Evaluation, findings: Sequence[Finding]) -> str:

@@ -22,7 +22,7 @@ SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 SEEDS, POINTS = 20, 32
 SCENARIOS = ("front_vehicle_cut_out", "cut_in", "front_vehicle_low_speed")
 ADSS = ("idm", "lane_changer", "careful_driver")
-NAMES = ("c", "avoided_share", "d", "human_likeness", "s", "s_plus")
+NAMES = ("c", "avoided_share", "avoidance_grade", "task_share", "d", "human_likeness", "s", "s_plus")
 
 
 @pytest.mark.campaign

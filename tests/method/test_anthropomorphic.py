@@ -28,6 +28,7 @@ from sumo_eval.method.anthropomorphic import (
     slice_points,
     slice_positions,
 )
+from sumo_eval.method.operations import most_operations
 from sumo_eval.scenario.concrete import Road, smooth_step
 from sumo_eval.settings import AnthropomorphicSettings, FieldSettings
 from sumo_eval.trajectory import Trajectory
@@ -481,6 +482,28 @@ def test_steering_operations(degrees: list[float], expected: int) -> None:
 )
 def test_pedal_operations(acceleration: list[float], expected: int) -> None:
     assert count_operations(recorded(acceleration=acceleration)) == expected
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "expected"),
+    [
+        (signal((0.5, 2.0)), 0),
+        (signal((2.0, 1.0), (0.6, 0.5), (2.0, 1.0)), 2),  # Eq. 12: one
+        (signal((2.0, 1.0), (0.6, 0.4), (-2.0, 1.0)), 1),
+        (signal((2.0, 1.0), (1.7, 0.5), (2.0, 1.0)), 1),  # not moved back: above 0.8 of 2
+        (signal((1.0, 0.5), NONE, (1.0, 0.5), NONE, (3.0, 0.5)), 3),  # at the level of 1
+        (signal((3.0, 0.5), (3.0 + 1e-12, 0.1), (2.0, 1.0)), 1),
+    ],
+)
+def test_most_operations_at_any_level_by_hand(acceleration: list[float], expected: int) -> None:
+    assert most_operations(recorded(acceleration=acceleration)) == expected
+
+
+@given(st.lists(st.integers(-256, 256), min_size=1, max_size=120), st.integers(64, 640))
+def test_law_a_stronger_signal_never_has_fewer_operations(steps: list[int], factor: int) -> None:
+    """Up to 4 m/s2 in steps of 1/64, one to ten times as strong: products without rounding."""
+    weak, strong = (np.array(steps) / 64.0 * scale for scale in (1.0, factor / 64.0))
+    assert most_operations(recorded(acceleration=strong)) >= most_operations(recorded(acceleration=weak))
 
 
 def test_steering_and_pedals_are_counted_separately_and_added() -> None:

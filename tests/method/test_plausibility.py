@@ -13,7 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
+from sumo_eval.method.anthropomorphic import operation_tolerance
 from sumo_eval.method.measures import smooth_motion
+from sumo_eval.method.operations import most_operations
 from sumo_eval.method.plausibility import (
     EXTREMES,
     MOTORWAY_PEOPLE,
@@ -144,6 +146,19 @@ def test_an_oscillation_is_never_more_plausible_when_it_grows(frequency, least):
     assert found[0] == 1.0
     assert np.all(np.diff(found) <= 0.0)
     assert found[8] <= least, "2 m/s2; at 2 Hz the slopes over 7 samples see nothing"
+
+
+@pytest.mark.parametrize("frequency", [0.1, 0.25, 0.4, 0.5, 0.7, 1.0, 1.1, 1.5, 1.6, 2.0, 2.1, 3.0])
+def test_law_h_never_rises_with_an_oscillations_amplitude(frequency):
+    """f_n+ times plausibility, beside drivers who make 1 to 3 operations. By Eq. 12's n it rises at all but 1, 2, 3 Hz."""
+    turns = 2.0 * np.pi * frequency
+    found = []
+    for amplitude in np.linspace(0.0, 4.0, 41):
+        swaying = drive(30.0 + amplitude / turns * np.sin(turns * 0.1 * np.arange(180)))
+        tolerance = operation_tolerance(most_operations(swaying), [1, 2, 1, 2, 2, 1, 3, 1])
+        found.append(tolerance * plausibility(extremes_of(swaying, {}), MOTORWAY_PEOPLE))
+    assert found[0] == 1.0
+    assert np.all(np.diff(found) <= 0.0)
 
 
 def test_a_table_of_people_is_their_own_shares():

@@ -75,6 +75,12 @@ def test_safety_in_a_test_engineers_words(evaluation: Evaluation) -> None:
         "1 avoidable collision in 4 cases, worst 43 km/h; "
         "as much excess impact speed as one 50 km/h contact every 5 cases of this grid"
     )
+    softer = {"ideal_severity": 6.0, "ideal_collided": True}  # the ideal vehicle hits as well, by 6 m/s
+    harder = of_one_scenario(evaluation, [replace(first, **HIT | softer), *rest])  # type: ignore[arg-type]
+    assert safety_words(harder, finding(harder, builders.CALM)) == (
+        "no avoidable collision in 4 cases, yet as much impact speed above the ideal vehicle's "
+        "as one 50 km/h contact every 9 cases of this grid"
+    )
     none = of_one_scenario(evaluation, [first, *rest])
     assert safety_words(none, finding(none, builders.CALM)) == "no avoidable collision in 4 cases"
 

@@ -261,7 +261,7 @@
   function markers(scenario, view, ads, shows) {
     return Object.entries(outcomeStyles()).map(([outcome, style]) => {
       const found = scenario.cases.map((item, index) => [item, index])
-        .filter(([item]) => item.ads === ads && item.outcome === outcome && shows(item));
+        .filter(([item]) => (ads === null || item.ads === ads) && item.outcome === outcome && shows(item));
       return {
         type: "scatter", mode: "markers", name: outcome, marker: { ...style, opacity: 1 }, cliponaxis: false,
         x: found.map(([item]) => place(view, item.values)[0]), y: found.map(([item]) => place(view, item.values)[1]),
@@ -1082,13 +1082,13 @@
     for (const k of held) view.at[k] = { value: item.values[k], half: 0, all: false };
     const shows = (one) => sumoMaps.shows(scenario, view, [null], 0, one);
     plot.classList.toggle("strip", view.y === null);
-    const where = held.map((k) => `${sumoMaps.words(scenario.parameters[k].name)} = ${short(item.values[k])} ${scenario.parameters[k].unit}`).join(", ");
+    const where = held.map((k) => `${sumoMaps.words(scenario.parameters[k].name)} = ${Number(item.values[k].toPrecision(4))} ${scenario.parameters[k].unit}`).join(", ");
     mapFigure.querySelector("figcaption").textContent = `${item.ads} in ${sumoMaps.words(scenario.name)}${where ? `, at ${where}` : ""}`;
-    const bad = (one) => one.outcome === "collision" || one.outcome === "off road"; // those outside the slice are faint
-    const outside = () => markers(scenario, view, item.ads, (one) => bad(one) && !shows(one)).map((trace) => ({ ...trace, marker: { ...trace.marker, opacity: 0.35 } }));
-    mapFigure.querySelector(".small").hidden = !scenario.cases.some((one) => one.ads === item.ads && bad(one) && !shows(one));
+    const faint = (one) => (one.outcome === "collision" || one.outcome === "off road") && !(one.ads === item.ads && shows(one));
+    const others = () => markers(scenario, view, null, faint).map((trace) => ({ ...trace, marker: { ...trace.marker, opacity: 0.35 } }));
+    mapFigure.querySelector(".small").hidden = !scenario.cases.some(faint);
     const drawMap = () => Plotly.react(plot, [
-      ...backgroundTraces(scenario, view, sumoMaps.zones(scenario, view, [null], 0)), ...outside(), ...markers(scenario, view, item.ads, shows), ring(scenario, view, shows, s),
+      ...backgroundTraces(scenario, view, sumoMaps.zones(scenario, view, [null], 0)), ...others(), ...markers(scenario, view, item.ads, shows), ring(scenario, view, shows, s),
     ], layout(...mapAxes(scenario, view, padded), { dragmode: false }), CONFIG);
     drawMap();
     chart(plot, `${scenario.name} map of ${item.ads}`, scenario);
@@ -1101,7 +1101,7 @@
     const all = await trajectoriesOf(s), canvas = box.querySelector("canvas"), contact = contactOf(item);
     const drive = { ego: all[item.vehicles.ego], actors: actorsOf(item, all), contact }, end = contact?.time ?? drive.ego.time.at(-1) - drive.ego.time[0];
     const ended = contact ? `contact at ${(3.6 * contact.speed).toFixed(0)} km/h after ${fixed(contact.time, 1)} s` : `${item.outcome}, ${item.end}`;
-    stillFigure.querySelector("span").textContent = `${item.outcome === "no contact" ? "Least human-like" : "Worst"} case: ${ended}`;
+    stillFigure.querySelector("span").textContent = `${item.outcome === "no contact" ? "Least human-like" : "Worst"} case of ${item.ads}: ${ended}`;
     let time = end;
     const frame = () => sumoReplay.moment(canvas, { road: scenario.road, bodies: scenario.bodies, ghosts: [] }, drive, C("--c"), time);
     const play = () => {
