@@ -175,8 +175,9 @@ def safety_words(evaluation: Evaluation, found: Finding) -> str:
         return hits + worst
     grids = "this grid" if len({score.scenario for score in evaluation.scores}) == 1 else "these grids"
     every = max(CONTACT / found.excess, 1.0)
-    joined = "; as much excess impact speed" if found.avoidable else ", yet as much impact speed above the ideal vehicle's"
-    return f"{hits}{worst}{joined} as one 50 km/h contact every {every:z.0f} cases of {grids}"
+    speed = "excess impact speed" if found.avoidable else "impact speed above the ideal vehicle's"
+    joined = ";" if found.avoidable else ", yet"
+    return f"{hits}{worst}{joined} as much {speed} as one 50 km/h contact every {every:z.0f} cases of {grids}"
 
 
 def _safest(evaluation: Evaluation, findings: Sequence[Finding]) -> str:

@@ -150,7 +150,7 @@ def test_an_oscillation_is_never_more_plausible_when_it_grows(frequency, least):
 
 @pytest.mark.parametrize("frequency", [0.1, 0.25, 0.4, 0.5, 0.7, 1.0, 1.1, 1.5, 1.6, 2.0, 2.1, 3.0])
 def test_law_h_never_rises_with_an_oscillations_amplitude(frequency):
-    """f_n+ times plausibility, beside drivers who make 1 to 3 operations. By Eq. 12's n it rises at all but 1, 2, 3 Hz."""
+    """f_n+ times plausibility, beside drivers with 1 to 3 operations. By n of Eq. 12 it rises but at 1, 2 and 3 Hz."""
     turns = 2.0 * np.pi * frequency
     found = []
     for amplitude in np.linspace(0.0, 4.0, 41):
