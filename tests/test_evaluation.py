@@ -50,9 +50,8 @@ def small(*controllers: str, scenarios: tuple[str, ...] = ("front_vehicle_low_sp
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
-    out = tmp_path_factory.mktemp("runs") / "small"
-    return sumo_eval.evaluate(small("ideal_braking", "idm", "lane_changer", "no_reaction"), out)
+def done(tmp_path_factory: pytest.TempPathFactory, _standard_run: Path) -> Evaluation:
+    return sumo_eval.score(shutil.copytree(_standard_run, tmp_path_factory.mktemp("runs") / "small"))
 
 
 def test_the_ideal_vehicle_scores_c_1_where_it_collides_itself(tmp_path: Path) -> None:

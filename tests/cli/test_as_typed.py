@@ -53,7 +53,18 @@ def second_run(folder: Path) -> None:
         shutil.copytree(folder / "results" / "first", folder / "results" / name)
 
 
-@pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in (*NOT_RUN, "run", "replay")])
+OF_THE_DOCS = {"campaign", "humans departure", "learn", "nightly", "plot", "score", "sensitivity"}
+"""Commands of which the docs' blocks have examples too, which tests/docs/test_every_block.py runs."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.campaign) if name in OF_THE_DOCS else name
+        for name in EXAMPLES
+        if name not in (*NOT_RUN, "run", "replay")
+    ],
+)
 def test_the_example_of_a_command_runs_as_typed(name: str, desk: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(desk, tmp_path / "desk"))
     line = EXAMPLES[name]

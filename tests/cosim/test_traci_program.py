@@ -109,7 +109,17 @@ def test_without_sumo_the_sentence_names_the_extra(monkeypatch):
         simulate(case(), "traci:python client.py")
 
 
-@pytest.mark.parametrize("setter", ["setTau", "setMaxSpeed", "setAccel", "setDecel", "setSpeedFactor", "setMinGap"])
+@pytest.mark.parametrize(
+    "setter",
+    [
+        "setTau",
+        "setMinGap",
+        *(
+            pytest.param(it, marks=pytest.mark.campaign)
+            for it in ("setMaxSpeed", "setAccel", "setDecel", "setSpeedFactor")
+        ),
+    ],
+)
 def test_a_client_that_sets_what_is_no_number_is_noticed_where_sumo_shows_it(tmp_path, setter):
     (tmp_path / "the_drive.py").write_text(
         "def drive(traci, ego):\n    if traci.simulation.getTime() > 0.2:\n"

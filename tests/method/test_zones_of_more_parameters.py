@@ -31,7 +31,7 @@ def approached(count):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("count", [2, 3, 4])
+@pytest.mark.parametrize("count", [2, 3, pytest.param(4, marks=pytest.mark.campaign)])
 def test_a_partition_is_the_closed_forms(count):
     logical = approached(count)
     zones = partition(logical, ZoneSettings(restarts=1, grid_points=10_000))

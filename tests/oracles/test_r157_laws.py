@@ -56,7 +56,9 @@ def test_shifting_the_world_along_the_road_moves_nothing(controller):
         assert (here.collision is None) == (there.collision is None)
 
 
-@pytest.mark.parametrize("slides", [True, False], ids=["sliding", "turning"])
+@pytest.mark.parametrize(
+    "slides", [pytest.param(True, id="sliding", marks=pytest.mark.campaign), pytest.param(False, id="turning")]
+)
 @pytest.mark.parametrize("controller", [*CONTROLLERS, "fsm", "rss"])
 def test_a_mirrored_cut_in_has_the_mirrored_result(controller, slides):
     for point in points(3, 8):

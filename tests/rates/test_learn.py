@@ -218,7 +218,7 @@ def test_a_joint_density_integrates_to_its_share_of_the_box_and_keeps_the_correl
 
 @pytest.mark.parametrize("weighted", [False, True])
 @pytest.mark.parametrize("narrow", [False, True])
-@pytest.mark.parametrize("bandwidth", [0.2, 0.85])
+@pytest.mark.parametrize("bandwidth", [0.2, pytest.param(0.85, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("kind", ["kde", "copula"])
 def test_a_narrow_joint_density_varies_as_much_as_its_events_any_other_more_and_both_are_drawn_as_they_say(
     kind, bandwidth, narrow, weighted

@@ -144,7 +144,9 @@ EVIL = {
 }
 
 
-@pytest.mark.parametrize("kind", EVIL)
+@pytest.mark.parametrize(
+    "kind", [it if it in ("severity", "scenario") else pytest.param(it, marks=pytest.mark.campaign) for it in EVIL]
+)
 def test_every_name_of_code_is_refused(own: Path, tmp_path: Path, kind: str, another_process: None) -> None:
     """A run recorded here, to which somebody has added a name of code since."""
     run, evil = tmp_path / "run", tmp_path / "evil.py"
