@@ -29,7 +29,7 @@ _LOOK = 0.1  # s between two looks at the memory
 _LEAVE_TIME = 5.0  # s for killed processes to be gone
 _KILLS = 10  # rounds
 _REPORT = struct.Struct("<id")
-_PREFIX = "sumo_eval_pool_"
+SCRATCH_PREFIX = "sumo_eval_pool_"
 _PAGE = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
 
 
@@ -238,11 +238,11 @@ def scratch_folder() -> Path:
     """
     place = Path(tempfile.gettempdir())
     mine = _owner(os.getpid())
-    for folder in place.glob(f"{_PREFIX}*"):
-        owner = folder.name.removeprefix(_PREFIX).partition("_")[0]
+    for folder in place.glob(f"{SCRATCH_PREFIX}*"):
+        owner = folder.name.removeprefix(SCRATCH_PREFIX).partition("_")[0]
         if _is_gone(owner, mine) and not folder.is_symlink() and folder.lstat().st_uid == os.getuid():
             shutil.rmtree(folder, ignore_errors=True)
-    return Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{mine}_", dir=place))
+    return Path(tempfile.mkdtemp(prefix=f"{SCRATCH_PREFIX}{mine}_", dir=place))
 
 
 def _owner(pid: int) -> str:

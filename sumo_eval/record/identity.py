@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import shlex
@@ -140,12 +141,36 @@ def _file(module: Any) -> Path | None:
 
 
 def named_files(locator: str, folder: Path) -> set[Path]:
-    """Files that the words of a command name."""
+    """Files that the words of a command name, and modules beside a Python program that it imports."""
     try:
         words = shlex.split(locator.partition(":")[2].partition("?")[0])
     except ValueError:
         return set()
-    return {folder / word for word in words if (folder / word).is_file()}
+    files: set[Path] = set()
+    new = {folder / word for word in words if (folder / word).is_file()}
+    homes = {file.parent for file in new}
+    while new:
+        file = new.pop()
+        files.add(file)
+        folders = [parent for parent in file.parents if any(parent.is_relative_to(home) for home in homes)]
+        new |= {found for parent in folders for found in _imported(file, parent)} - files
+    return files
+
+
+def _imported(program: Path, folder: Path) -> set[Path]:
+    """Files below a folder that a Python program imports, as its words say."""
+    try:
+        nodes = [*ast.walk(ast.parse(program.read_bytes()))] if program.suffix == ".py" else []
+    except (SyntaxError, ValueError, OSError, RecursionError):
+        nodes = []
+    names = {name.name for node in nodes if isinstance(node, ast.Import) for name in node.names}
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom):
+            names |= {f"{node.module or ''}.{name.name}".strip(".") for name in node.names}
+    places = {folder.joinpath(*name.split(".")) for name in names}
+    places |= {parent for place in places for parent in place.parents if folder in parent.parents}
+    files = {file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")}
+    return {file for file in files if file.is_file()}
 
 
 def _version(package: str, module: ModuleType | None) -> str:

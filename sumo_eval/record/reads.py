@@ -23,9 +23,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.frames import FrameError
+from sumo_eval.record.hygiene import SCRATCH_PREFIX
 from sumo_eval.text import clean
 
 ABSENT, WRITTEN, UNKNOWN = "-", "", "?"
@@ -34,8 +36,9 @@ LOST = ""
 """The name of what a process had read that was lost before it told."""
 
 _PACKAGE = str(Path(__file__).parent.parent)
-_CODE = (".py", ".pyw", ".pyd", ".so", ".zip", ".egg", ".whl", ".pyz")
-_EVENTS = frozenset({"open", "import", "os.rename"})
+_PYTHON = (".py", ".pyw", ".pyc")
+_CODE = (*_PYTHON, ".pyd", ".so", ".zip", ".egg", ".whl", ".pyz")
+_EVENTS = frozenset({"open", "import", "os.rename", "sqlite3.connect", "ctypes.dlopen"})
 _HASHED_WHOLE = 256 << 20  # bytes; a larger file is known by its size and time
 READS_BOUND = 1 << 20  # bytes of what one message tells of files
 _MOST_WRITTEN = 1_000  # files of one process that are noted as written
@@ -66,9 +69,11 @@ class _Watch:
     def __init__(self, folder: Path, before: _Watch | None = None) -> None:
         self.active = True
         self.folder = str(folder)
-        self._roots = {os.path.join(self.folder, "")}
+        self._roots: set[str] = set()
+        self._add_root(self.folder)
         self._states: dict[str, State] = {}
         self._written: set[str] = set()
+        self._open_for_both: dict[str, State] = {}
         self._known: set[File] = set()
         self._new: list[File] = []
         self._room = READS_BOUND
@@ -87,8 +92,14 @@ class _Watch:
         writes = flags & (os.O_WRONLY | os.O_RDWR) != 0
         if writes and place != opened:  # Python keeps what it compiled; the source is as it was
             return
-        if self._is_below(place) or (place.endswith(_CODE) and not writes):
-            self.write(place) if writes else self.read(place)
+        if not (self._is_below(place) or (place.endswith(_CODE) and not writes)):
+            return
+        if writes and (flags & os.O_TRUNC or not flags & os.O_RDWR):
+            self.write(place)
+        else:
+            self.read(place)
+        if flags & os.O_RDWR:  # whether it is written as well, its end will show
+            self._open_for_both.setdefault(place, _state(place))
 
     def read(self, place: str, since: float = math.inf) -> None:
         """Note the content of a file, where it is another than before. Neither pipes nor devices are opened.
@@ -102,8 +113,9 @@ class _Watch:
         found = content(place, state)
         if found is None:
             return
-        if place.endswith(_CODE):
-            self._roots.add(os.path.join(os.path.dirname(place), ""))
+        if place.endswith(_PYTHON):
+            self._add_root(os.path.dirname(place))
+            self._add_root(os.path.dirname(os.path.realpath(place)))  # of a link to it
         self._note(place, found if state is None or state[0] <= since * 1e9 else UNKNOWN)
 
     def write(self, place: str) -> None:
@@ -115,8 +127,11 @@ class _Watch:
     def told(self) -> Told:
         """The name of what was told before, and what was read since."""
         self._look_at_modules()
-        before, new = self._name, [(self._short(place), found) for place, found in self._new]
-        self._new, self._room = [], READS_BOUND
+        for place, state in self._open_for_both.items():
+            if _state(place) != state:
+                self.write(place)
+        noted, self._new, self._room = self._new, [], READS_BOUND
+        before, new = self._name, [(self._short(place), found) for place, found in noted]
         if new or before == LOST:
             self._name = name_of(before, new)
         return before, new
@@ -132,15 +147,18 @@ class _Watch:
         inside = place.startswith(os.path.join(self.folder, ""))
         return os.path.relpath(place, self.folder) if inside else place
 
+    def _add_root(self, folder: str) -> None:
+        self._roots |= {os.path.join(place, "") for place in (folder, os.path.realpath(folder))}
+
     def _is_below(self, place: str) -> bool:
         roots = tuple(self._roots)
         return place.startswith(roots) or os.path.realpath(place).startswith(roots)
 
     def _elsewhere(self) -> tuple[str, ...]:
         """Beginnings of the paths of what is installed, of caches, and of this process's own temporary files."""
-        scratch = tempfile.tempdir
-        own = scratch is not None and not self.folder.startswith(scratch)
-        return (*_INSTALLED, os.path.join(str(scratch), "")) if own else _INSTALLED
+        scratch = os.path.join(tempfile.tempdir or "", "")
+        own = f"{os.sep}{SCRATCH_PREFIX}" in scratch and not self.folder.startswith(scratch)
+        return (*_INSTALLED, scratch) if own else _INSTALLED
 
     def _look_at_modules(self) -> None:
         """Note modules that were loaded before anything was watched, as those of a script that drives by itself."""
@@ -199,17 +217,32 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
                 _watch.opens(arguments[1], os.O_RDONLY)
             elif event == "os.rename":
                 _watch.opens(arguments[1], os.O_WRONLY)
+            elif event == "sqlite3.connect":
+                _watch.opens(_database(os.fsdecode(arguments[0])), os.O_RDWR)
+            elif event == "ctypes.dlopen" and os.sep in os.fsdecode(arguments[0]):
+                _watch.opens(arguments[0], os.O_RDONLY)
     finally:
         _busy.now = False
+
+
+def _database(name: str) -> str:
+    """The file of a database that sqlite is asked for by a name or an address."""
+    if not name.startswith("file:"):
+        return name
+    place = unquote(name.removeprefix("file:").partition("?")[0])
+    return os.sep + place.lstrip("/") if place.startswith("/") else place
 
 
 def _source(place: str) -> str | None:
     """The source of a compiled file; None for what else lies beside it."""
     folder, name = os.path.split(place)
-    if os.path.basename(folder) != "__pycache__":
+    if not name.endswith(".pyc"):
+        return None if os.path.basename(folder) == "__pycache__" or ".pyc." in name else place
+    try:
+        source = importlib.util.source_from_cache(place)
+    except ValueError:  # compiled, and beside no source
         return place
-    source = importlib.util.source_from_cache(place) if name.endswith(".pyc") else ""
-    return (source if os.path.exists(source) else place) if source else None
+    return source if os.path.exists(source) else place
 
 
 def _installed_places() -> tuple[str, ...]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import py_compile
 import shutil
 import sqlite3
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +17,9 @@ from record.runs import sumo_eval_cli
 
 import sumo_eval
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import hash_of
 from sumo_eval.record import reads
+from sumo_eval.record.identity import named_files
 from sumo_eval.record.recording import find_stale
 from sumo_eval.record.store import open_store
 
@@ -162,6 +167,103 @@ def test_damaged_list_is_driven_again(whole: Path, tmp_path: Path) -> None:
     with sqlite3.connect(folder / "run" / "facts.sqlite") as facts:
         facts.execute("UPDATE reads SET files = '[]'")
     assert "3 recorded cases" in stale(folder)[0]
+
+
+MANY_WAYS = """
+import ctypes, importlib, os, runpy, sqlite3, sys, threading
+from contextlib import suppress
+from pathlib import Path
+import numpy as np
+from sumo_eval import Command
+HERE = Path(__file__).resolve().parent
+
+def ask(address, words):
+    base = sqlite3.connect(address, uri=True)
+    with base:
+        base.execute(words)
+    base.close()
+
+class Mine:
+    def __init__(self):
+        sys.path.insert(0, str(HERE))
+        importing = threading.Thread(target=importlib.import_module, args=["in_thread"])
+        importing.start()
+        importing.join()
+        import again
+        importlib.reload(again)
+        import compiled_only
+        runpy.run_path(str(HERE / "run_by_path.py"))
+        exec(open(HERE / "executed.txt").read())
+        np.memmap(HERE / "mapped.bin", dtype="u1")
+        open(HERE / "both.txt", "r+").read()
+        os.close(os.open(HERE / "by_number.txt", os.O_RDONLY))
+        ask(f"file:{HERE}/asked.db?mode=ro", "SELECT 1")
+        ask(f"file:{HERE}/log.db", "CREATE TABLE IF NOT EXISTS a (b)")
+        ask(f"file:{HERE}/log.db", "INSERT INTO a VALUES (1)")
+        with suppress(OSError):
+            ctypes.CDLL(str(HERE / "library.so"))
+
+    def act(self, seen):
+        return Command(-6.0)
+"""
+WAYS = (
+    "in_thread.py", "again.py", "compiled_only.pyc", "run_by_path.py", "executed.txt", "mapped.bin", "both.txt",
+    "by_number.txt", "asked.db", "library.so",
+)  # fmt: skip
+
+
+def test_every_way_by_which_python_opens_counts(tmp_path: Path) -> None:
+    real = tmp_path / "real"
+    real.mkdir()
+    (tmp_path / "link").symlink_to(real)
+    for name in WAYS:
+        (real / name).write_text("a = 1\n")
+    (real / "asked.db").write_bytes(b"")
+    py_compile.compile(str(real / "again.py"), str(real / "compiled_only.pyc"))
+    (real / "my_ads.py").write_text(MANY_WAYS)
+    (tmp_path / "source").mkdir()
+    path = tmp_path / "source" / "evaluation.toml"
+    path.write_text(EVALUATION.format(locator="../link/my_ads.py:Mine", cases_per_child=1))
+    sumo_eval.evaluate(path, tmp_path / "run")
+    assert stale(tmp_path) == (), "neither a log that it writes nor a file opened for both that it only reads"
+    for name in WAYS:
+        was = (real / name).read_bytes()
+        (real / name).write_bytes(was + b"\n")
+        assert f"{name} changed" in "".join(stale(tmp_path)), name
+        (real / name).write_bytes(was)
+    assert stale(tmp_path) == ()
+
+
+@pytest.mark.parametrize("kept_in", ["", "elsewhere"])
+def test_kept_bytecode_hides_no_source(tmp_path: Path, kept_in: str) -> None:
+    (tmp_path / "planner.py").write_text("a = 1\n")
+    look = "import sys; from pathlib import Path; from sumo_eval.record import reads; sys.path.insert(0, '.');"
+    look += "reads.begin(Path.cwd()); import planner; del sys.modules['planner']; print(reads.end()[1])"
+    kept = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(tmp_path / kept_in) if kept_in else ""}
+    for _ in ("compiled", "taken from what is compiled"):
+        done = subprocess.run(
+            [sys.executable, "-c", look],
+            cwd=tmp_path,
+            env=os.environ | kept,
+            text=True,
+            stdout=subprocess.PIPE,
+            check=True,
+        )
+        assert done.stdout.strip() == f"[('planner.py', '{hash_of(tmp_path / 'planner.py', 'file')}')]"
+    assert [*tmp_path.rglob("planner.*.pyc")]
+
+
+def test_program_depends_on_modules_beside_it(tmp_path: Path) -> None:
+    client = tmp_path / "client.py"
+    client.write_text("from helpers import planner\nimport json, nowhere\n")
+    (tmp_path / "helpers").mkdir()
+    (tmp_path / "helpers" / "__init__.py").write_text("")
+    (tmp_path / "helpers" / "planner.py").write_text("from . import deep\nimport top\nfrom .. import top\n")
+    (tmp_path / "top.py").write_text("")
+    (tmp_path / "helpers" / "deep.py").write_text("this is no Python")
+    (tmp_path / "unused.py").write_text("")
+    names = {str(file.relative_to(tmp_path)) for file in named_files("exec:python client.py", tmp_path)}
+    assert names == {"client.py", "top.py", "helpers/__init__.py", "helpers/planner.py", "helpers/deep.py"}
 
 
 EDITED_MEANWHILE = """
