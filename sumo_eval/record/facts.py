@@ -6,7 +6,6 @@ import math
 import os
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, zip_longest
@@ -24,7 +23,8 @@ from sumo_eval.method.severity import severity_of
 from sumo_eval.method.zone_partition import exactly_hazardous, refuse_impossible_zones
 from sumo_eval.record import loops, run_folder
 from sumo_eval.record.cases import Case, Setup
-from sumo_eval.record.engines import refuse_engine, run_cases, run_packs
+from sumo_eval.record.claims import OURS, home
+from sumo_eval.record.engines import refuse_engine, run_cases
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
 from sumo_eval.record.only import narrowed, points_only
@@ -60,11 +60,11 @@ resumed, else the paper's.
 """
 
 WHOLE = (1, 1)
-_TIMED = 32  # drives at most, and
-_LEAST_TIMED = 2  # drives at least, by which an estimate times a kind; in between it takes
-_A_KIND_FOR = 1.0  # s
-_TIMED_FOR = 5.0  # s for all kinds
-_KINDS = 12  # ADSs and scenarios that are timed, at most
+_TIMED = 32  # drives of a kind that an estimate times, at most
+_A_KIND_FOR = 1.0  # s, where a user's ADS drives
+_TIMED_FOR = 2.0  # s for all kinds; the drive that runs then is the last one
+_KINDS = 12  # ADSs that are loaded and timed, and pairs of ADS and scenario, at most
+_SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
 _LOOKED_AT = 2_000  # points that an estimate looks at, of each scenario, at most
 
 
@@ -86,7 +86,9 @@ class Recorded:
 class Estimate:
     """What an evaluation will take: drives of ADSs, humans and references, those recorded already, s of wall time.
 
-    references: drives of the ideal vehicle, of `no_reaction` and of the reference car, one each at every point.
+    references: drives of the ideal vehicle, of `no_reaction` and of the reference car, one each at every point. loaded:
+    how many ADSs of how many. untimed: sorts of drives that take what the others took. broken_off: whether
+    a drive took longer than all that is to be timed.
     """
 
     ads: int
@@ -96,6 +98,9 @@ class Estimate:
     seconds: float
     timed: int
     workers: int
+    loaded: tuple[int, int]
+    untimed: tuple[str, ...]
+    broken_off: bool
 
     def __str__(self) -> str:
         done = f"; {self.recorded} of them are recorded already" if self.recorded else ""
@@ -104,8 +109,22 @@ class Estimate:
         return (
             f"{self.ads} drives of the ADSs, {self.humans} of human drivers and {self.references} of the "
             f"references{done}.\nAbout {time} with {self.workers} worker{'s' if self.workers > 1 else ''}, "
-            f"estimated from {self.timed} drives timed now; scoring takes additional time."
+            f"estimated from {self.timed} drives timed now, for {_TIMED_FOR:g} s at most; scoring takes additional "
+            f"time.{self._not_looked_at}"
         )
+
+    @property
+    def _not_looked_at(self) -> str:
+        some, all_of_them = self.loaded
+        ads = (
+            f"\n{some} of the {all_of_them} ADSs were loaded and timed; a run loads them all."
+            if some < all_of_them
+            else ""
+        )
+        sorts = " and ".join(self.untimed)
+        others = f"\nDrives of the {sorts} were not timed: they count as the others." if sorts else ""
+        least = "\nA drive was broken off then: the run takes longer than that." if self.broken_off else ""
+        return f"{ads}{others}{least}"
 
 
 def resolve(
@@ -379,7 +398,9 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     refuse_engine(evaluation.run)
     _check_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation))
-    plan = planner(evaluation, source)
+    every = -(-len(evaluation.ads) // _KINDS) if folder is None else 1  # what is recorded is told by all of them
+    some = replace(evaluation, ads=evaluation.ads[::every])
+    plan = planner(some, source)
     spaces = _spaces(evaluation, source, shard, looked_at=_LOOKED_AT)
     for space in spaces:
         refuse_impossible_zones(space.logical, evaluation.method.zones)  # a run would end there
@@ -393,18 +414,23 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
             find_stale(store, source)
             recorded = sum(store.holds(case) for space in spaces for case in _planned(plan, space))
     setup = replace(plan.setup, run=replace(plan.setup.run, workers=1, engine="processes"))
-    driven = [(space, one) for space in spaces for one in evaluation.ads]
+    driven = [(space, one) for space in spaces for one in some.ads]
     kinds = {
         "ads": [_kind(_of(plan, one), space) for space, one in driven[:: -(-len(driven) // _KINDS)]],
         "references": [_kind(partial(plan.reference, role=role), space) for space in spaces for role in REFERENCES],
         "humans": [_kind(plan.humans, space) for space in spaces] if humans else [],
     }
     references = sum(len(space.numbers) for space in spaces) * len(REFERENCES)
-    a_drive, timed = _seconds_a_drive(kinds, setup)
-    seconds = ads * a_drive["ads"] + references * a_drive["references"] + humans * a_drive["humans"]
+    drives = {"ads": ads, "references": references, "humans": humans}
+    took, timed, broken_off = _seconds_a_drive(kinds, setup)
+    usual = fmean(took.values()) if took else 0.0
+    seconds = sum(number * took.get(sort, usual) for sort, number in drives.items())
+    untimed = tuple(_SORTS[sort] for sort, number in drives.items() if number and sort not in took)
     share_to_do = 1.0 - recorded / max(ads + humans + references, 1)
     workers = evaluation.run.workers
-    return Estimate(ads, humans, references, recorded, seconds * share_to_do / workers, timed, workers)
+    loaded = len(some.ads), len(evaluation.ads)
+    seconds *= share_to_do / workers
+    return Estimate(ads, humans, references, recorded, seconds, timed, workers, loaded, untimed, broken_off)
 
 
 def _of(plan: Planner, ads: AdsSettings) -> Callable[[Space], Iterator[Case]]:
@@ -429,29 +455,37 @@ def _some(space: Space) -> Space:
     )
 
 
-def _seconds_a_drive(kinds: Mapping[str, Sequence[Sequence[Case]]], setup: Setup) -> tuple[dict[str, float], int]:
-    """Wall time of a drive of each sort, and by how many drives: kinds in turn, until `_TIMED_FOR` have gone by.
+def _seconds_a_drive(kinds: Mapping[str, Sequence[Sequence[Case]]], setup: Setup) -> tuple[dict[str, float], int, bool]:
+    """Wall time of a drive of each sort that was reached, by how many drives, and whether one was broken off.
 
-    kinds: cases by sort. What was not reached takes what the others took.
+    kinds: cases by sort, of which each gets its turn, for `_TIMED_FOR`.
     """
-    began, timed = clock.perf_counter(), 0
-    took: dict[str, list[float]] = {sort: [] for sort in kinds}
+    until, timed, late = clock.perf_counter() + _TIMED_FOR, 0, False
+    took: dict[str, list[float]] = {}
     turns = zip_longest(*([(sort, cases) for cases in some if cases] for sort, some in kinds.items()))
     for sort, cases in (kind for turn in turns for kind in turn if kind is not None):
-        if timed and clock.perf_counter() - began > _TIMED_FOR:
+        rest = until - clock.perf_counter()
+        if timed and rest <= 0.0:
             break
-        for _ in run_cases(cases[:1], setup):
-            pass  # imports and compilation are no rate
-        begin, done = clock.perf_counter(), 0
-        with closing(run_packs(cases, setup)) as packs:
-            for outcomes in packs:
-                done += len(outcomes)
-                if clock.perf_counter() - begin > _A_KIND_FOR and done >= _LEAST_TIMED:
-                    break
-        took[sort].append((clock.perf_counter() - begin) / done)
-        timed += done
-    known = [seconds for some in took.values() for seconds in some]
-    return {sort: fmean(some or known or [0.0]) for sort, some in took.items()}, timed
+        limit = replace(setup.run, case_timeout=min(setup.run.case_timeout, max(rest, 1.0)))
+        a_drive, in_time = _seconds_each(cases[:1], replace(setup, run=limit))  # with imports and compilation
+        number = _TIMED
+        if home(cases[0], setup) != OURS:  # nothing ends a pack that has begun
+            number = int(min(_A_KIND_FOR, until - clock.perf_counter()) / a_drive)
+        timed += 1
+        late |= not in_time and limit != setup.run
+        if number > 0 and clock.perf_counter() < until:
+            a_drive, _ = _seconds_each(cases[:number], setup)
+            timed += len(cases[:number])
+        took.setdefault(sort, []).append(a_drive)
+    return {sort: fmean(some) for sort, some in took.items()}, timed, late
+
+
+def _seconds_each(cases: Sequence[Case], setup: Setup) -> tuple[float, bool]:
+    """Wall time of each of some drives, and whether all of them ended in time."""
+    began = clock.perf_counter()
+    in_time = all(outcome.status != "timeout" for outcome in [*run_cases(cases, setup)])
+    return (clock.perf_counter() - began) / len(cases), in_time
 
 
 def _planned(plan: Planner, space: Space) -> Iterator[Case]:

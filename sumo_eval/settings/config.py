@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -128,9 +129,9 @@ def check_evaluation(settings: EvaluationSettings, where: str, *, own_ads: bool 
             raise InputError(
                 f"{what} in {where} must not begin with `~`, which marks the ideal vehicle and the drivers."
             )
-        double = {name for name in names if names.count(name) > 1}
+        double = sorted(name for name, number in Counter(names).items() if number > 1)
         if double:
-            raise InputError(f"{what} in {where} must differ from each other, got {sorted(double)[0]!r} twice.")
+            raise InputError(f"{what} in {where} must differ from each other, got {double[0]!r} twice.")
 
 
 def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> EvaluationSettings:

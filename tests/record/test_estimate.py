@@ -30,7 +30,7 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch: pytest.MonkeyP
 
     def seconds_a_drive(kinds, setup):
         timed.update(kinds)
-        return {"ads": 2.0, "references": 0.0, "humans": 0.0}, 1
+        return {"ads": 2.0, "references": 0.0, "humans": 0.0}, 1, False
 
     monkeypatch.setattr(facts, "_seconds_a_drive", seconds_a_drive)
     ads = tuple(AdsSettings(f"a{number}", "idm") for number in range(300))
@@ -45,8 +45,31 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch: pytest.MonkeyP
 
 def test_kinds_that_time_ran_out_for_take_what_the_others_took(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(facts, "_TIMED_FOR", -1.0)
-    monkeypatch.setattr(facts, "run_cases", lambda cases, setup: iter(()))
-    monkeypatch.setattr(facts, "run_packs", lambda cases, setup: (list(cases) for _ in range(1)))
-    a_drive, timed = facts._seconds_a_drive({"ads": [[1, 2, 3]], "references": [[4], [5]], "humans": []}, None)
-    assert timed == 3
-    assert a_drive["ads"] == a_drive["references"] == a_drive["humans"] > 0.0
+    found = facts.estimate(EvaluationSettings("x", (HALTON,), (AdsSettings("idm", "idm"),)), Path(), None, facts.WHOLE)
+    assert found.timed == 1
+    assert found.untimed == ("references", "human drivers")
+    drives = found.ads + found.references + found.humans
+    assert found.seconds * found.workers / drives > 1e-4
+    assert "Drives of the references and human drivers were not timed: they count as the others." in str(found)
+
+
+SLOW = """
+import time
+from sumo_eval import Command
+class Slow:
+    def __init__(self, number=0):
+        time.sleep(0.3)
+    def act(self, seen):
+        time.sleep(0.3)
+        return Command(0.0)
+"""
+
+
+def test_estimate_of_slow_ads_loads_a_few_and_drives_a_few(tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    ads = tuple(AdsSettings(f"a{number}", f"slow.py:Slow?options.number={number}") for number in range(1000))
+    found = facts.estimate(EvaluationSettings("x", (HALTON,), ads), tmp_path, None, facts.WHOLE)
+    assert found.loaded == (12, 1000)
+    assert "12 of the 1000 ADSs were loaded and timed; a run loads them all." in str(found)
+    assert found.timed == 1
+    assert "A drive was broken off then: the run takes longer than that." in str(found)
