@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sumo_eval.record.recording import Space
     from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
+_ASKED = 200  # points of a scenario's own sample at which `check` searches for a hazard
 _LISTED = 5  # files of a folder
 _LINES = 20  # of what an ADS printed
 
@@ -141,7 +142,7 @@ def _is_scenario(path: Path) -> bool:
 
 def _check_scenario(use: str) -> NoReturn:
     """By the function that a run of the scenario alone, on its own sample, asks first."""
-    from sumo_eval.method.zone_partition import refuse_impossible_zones
+    from sumo_eval.method.zone_partition import asks_some, refuse_impossible_zones
     from sumo_eval.record.facts import space_of
     from sumo_eval.scenario.catalogue import options_of
     from sumo_eval.scenario.file import check_file
@@ -151,8 +152,11 @@ def _check_scenario(use: str) -> NoReturn:
     path = Path(file)
     scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
-    refuse_impossible_zones(space_of(scenario, alone, path.parent.resolve()).logical, alone.method.zones)
+    logical = space_of(scenario, alone, path.parent.resolve(), looked_at=_ASKED).logical  # the file is asked everywhere
+    refuse_impossible_zones(logical, alone.method.zones)
     say(check_file(path, given))
+    if asks_some(logical):
+        tell(f"Zones: some {_ASKED} of these points and one in eight of their dense grid were asked; a run asks all.")
     sys.exit(DONE)
 
 

@@ -334,14 +334,22 @@ def partition(
 def refuse_impossible_zones(logical: LogicalScenario, settings: ZoneSettings = DEFAULT_SETTINGS) -> None:
     """Raise what `partition` raises: what it asks of the scenario is asked, and nothing is learnt from it.
 
-    Of a dense grid whose points are searches of their own, one in eight is asked.
+    Of a dense grid whose points are searches of their own (`asks_some`), one in eight is asked.
     """
     axes, _ = _own_axes(logical)
     _, grid, feasible = _dense_grid(logical, axes, settings)
-    exactly_hazardous(logical, grid[feasible][:: 1 if logical.search is None else 8], settings)
+    exactly_hazardous(logical, grid[feasible][:: 8 if asks_some(logical) else 1], settings)
     training = _mesh(axes)
     _training_target(logical, training, settings)
     _coordinates(logical, training)(logical.to_unit(training))
+
+
+def asks_some(logical: LogicalScenario) -> bool:
+    """Whether the criticality of a point is searched for in time."""
+    if logical.approach is None:
+        return logical.search is not None
+    middle = np.array([[0.5 * (one.low + one.high) for one in logical.parameters]])
+    return not logical.approach(logical.columns(middle)).has_closed_form
 
 
 def _dense_grid(
@@ -639,6 +647,12 @@ def exact_target(logical: LogicalScenario, points: FloatArray, settings: ZoneSet
     if logical.margin is not None:
         return np.asarray(np.tanh(logical.margin(logical.columns(points)) / PASSING_SCALE))
     inverse, impact, _ = _criticality(logical, points, settings)
+    return _target(logical, points, inverse, impact, settings)
+
+
+def _target(
+    logical: LogicalScenario, points: FloatArray, inverse: FloatArray, impact: FloatArray, settings: ZoneSettings
+) -> FloatArray:
     if logical.approach is None:
         return squared_time_target(inverse, impact, settings)
     approach = logical.approach(logical.columns(points))
@@ -666,10 +680,12 @@ def exactly_hazardous(logical: LogicalScenario, points: FloatArray, settings: Zo
 def _training_target(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> tuple[FloatArray, FloatArray]:
-    inverse = _criticality(logical, points, settings)[0]
+    inverse, impact, _ = _criticality(logical, points, settings)
     if settings.target == "label":
         return inverse, np.where(inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
-    return inverse, exact_target(logical, points, settings)
+    if logical.margin is not None:
+        return inverse, exact_target(logical, points, settings)
+    return inverse, _target(logical, points, inverse, impact, settings)
 
 
 def _coordinates(logical: LogicalScenario, training: FloatArray) -> Callable[[FloatArray], FloatArray]:

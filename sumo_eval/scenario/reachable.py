@@ -9,6 +9,7 @@ that depends on who drives.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -65,20 +66,40 @@ def leaves_at(concrete: ConcreteScenario, end: float, time_limit: float) -> Iter
     """
     ego, road = concrete.ego, concrete.road
     alone = (road.length - ego.x) / max(ego.speed, _CREEPS)
-    times = np.linspace(0.0, time_limit, _LOOKS)
-    if concrete.lively:
-        bodies = [(0.0, 0.0)]  # the ego's, which moves nothing here
-        x = tracks([concrete], bodies, times[1], time_limit).others[0, :, :, 0]
-    else:
-        x = np.array([[actor.x(time) for time in times.tolist()] for actor in concrete.actors])
-    for actor, places in zip(concrete.actors, x, strict=True):
-        front = places + 0.5 * actor.length
-        if not front.max() > end:
-            continue
-        time, speed = float(times[np.argmax(front > end)]), actor.start.speed
+    times = np.linspace(0.0, time_limit, _LOOKS).tolist()
+    for actor, time in zip(concrete.actors, _reach(concrete, end, alone, times), strict=True):
+        speed = actor.start.speed
         held_up = speed < ego.speed and end - actor.length - _HEADWAY * speed < road.length
-        if time < alone or held_up:
+        if time < alone or (held_up and time < math.inf):
             yield actor.name, time
+
+
+def _reach(concrete: ConcreteScenario, end: float, alone: float, times: Sequence[float]) -> list[float]:
+    """The first of the times at which the front of each vehicle is beyond x = `end`, m; inf where none is.
+
+    alone: when an ego that nothing holds up is done, s; later, only a slower vehicle counts.
+    """
+    ends = [end - 0.5 * actor.length for actor in concrete.actors]
+    if not concrete.lively:
+        return [_passes(actor, last, times) for actor, last in zip(concrete.actors, ends, strict=True)]
+    last_time = times[-1]
+    ways = [max(_fastest(actor), 0.0) * last_time for actor in concrete.actors]
+    if not any(actor.start.x + way > last for actor, way, last in zip(concrete.actors, ways, ends, strict=True)):
+        return [math.inf] * len(ends)
+    slower = any(actor.start.speed < concrete.ego.speed for actor in concrete.actors)
+    until = last_time if slower else min(last_time, alone + times[1])
+    x = tracks([concrete], [(0.0, 0.0)], times[1], until).others[0, :, :, 0]  # the ego's body moves nothing here
+    return [
+        times[int(np.argmax(row > last))] if row.max() > last else math.inf for row, last in zip(x, ends, strict=True)
+    ]
+
+
+def _passes(actor: Actor, last: float, times: Sequence[float]) -> float:
+    """The first of the times at which a vehicle of a fixed script, which never turns, is beyond x = `last`, m."""
+    if actor.x(0.0) > last:
+        return 0.0
+    found = bisect_right(times, last, key=actor.x) if actor.x(times[-1]) > last else len(times)
+    return times[found] if found < len(times) else math.inf
 
 
 def _fastest(actor: Actor) -> float:
