@@ -50,6 +50,9 @@ class CaseResult:
     at safe points part of T; None without a reference. no_reaction_severity likewise counts departures, ideal_severity
     contacts alone.
 
+    latency_median and latency_p99: of a step of the ADS, s. latency_reference: median of a fixed piece of work, timed
+    between the steps in the same process, s; latency_relative: latency_median over it.
+
     index (in tables also `d_i`): D_i and its factors, of safe-zone cases without a collision, Eqs. 11-12. Beside it the
     terms of H: operation_tolerance f_n+, mixture_similarity, plausibility (of every evaluated case) and human_likeness,
     which is 0 for a safe case with a collision that the ideal vehicle avoids.
@@ -138,6 +141,10 @@ class CaseResult:
     departure_time: float | None = None
     departure_speed: float | None = None
     departure_severity: float | None = None
+    latency_median: float | None = None
+    latency_p99: float | None = None
+    latency_reference: float | None = None
+    latency_relative: float | None = None
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""

@@ -7,7 +7,7 @@ right-hand lane. Headings are mathematical (0 along the road, counter-clockwise 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -236,6 +236,19 @@ class Alone:
         return _ALONE[self.why].format(self.detail)
 
 
+class Latency(NamedTuple):
+    """Wall time of one step of a driver, s: mean, longest, median, 99th percentile (late).
+
+    reference: median of a fixed piece of work, timed between the steps in the same process, s.
+    """
+
+    mean: float = 0.0
+    longest: float = 0.0
+    median: float = 0.0
+    late: float = 0.0
+    reference: float = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class Recording:
     """One simulated case: what every vehicle did, whether the ego hit anything, and why the run ended."""
@@ -247,7 +260,7 @@ class Recording:
     clips: tuple[Clip, ...] = ()
     error: str | None = None
     log: str = ""
-    controller_latency: tuple[float, float] = (0.0, 0.0)  # wall time of one step: mean, longest, s
+    controller_latency: Latency = Latency()  # noqa: RUF009 - frozen
     wall_time: float = 0.0
     error_place: str = ""  # `my_ads.py:42 in act`: where in the user's code an exception came from
 

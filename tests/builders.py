@@ -25,7 +25,7 @@ from sumo_eval.settings import (
     SamplingSettings,
     ScenarioSettings,
 )
-from sumo_eval.trajectory import Clip, Collision, Recording, Trajectory
+from sumo_eval.trajectory import Clip, Collision, Latency, Recording, Trajectory
 
 CALM = "calm"
 HOSTILE = '</script><img src=x onerror="alert(1)"> [red]"&\u2028'
@@ -137,7 +137,7 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
         ends.get(status, "road_end"),  # type: ignore[arg-type]
         (Clip("acceleration_rate", 3, 0.5, -12.0, -9.0),),
         wall_time=0.01,
-        controller_latency=(1e-5, 4e-4),
+        controller_latency=Latency(1e-5, 4e-4, 9e-6, 3e-4, 1e-5),
     )
     error = ERROR if status == "ads_error" else None
     store.add(Outcome(case, status, recording, error))

@@ -26,6 +26,7 @@ from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses, kinds_of, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
+from sumo_eval.cosim.latency import EVERY
 from sumo_eval.cosim.plans import Wheel
 from sumo_eval.cosim.records import PLANT, REASONS, Records
 from sumo_eval.cosim.stage import Stage
@@ -86,6 +87,8 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
         tell, scenario, line = world.tell, world.scenario, world.line
         while world.going:
             after = world.steps + 1
+            if world.steps % EVERY == 0:
+                world.latencies.time_fixed_work()
             driver.step(world, world.steps * step)
             closely = asked or stage.closely(world.steps)
             now = after * step
@@ -293,7 +296,7 @@ class Rows:
             self._code, self._egos = bound(self._loop, *arguments), world.egos
         self._code(*arguments)
         took = (clock.perf_counter() - asked) / world.going
-        world.shared_latency(took)
+        world.latencies.shared.append(took)
         if not self._usual:
             self._delayed.pass_on(world, time, lambda case: took)
 
@@ -473,14 +476,10 @@ class OneEach(Policies):
             except KeyboardInterrupt:
                 raise
             except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
-                world.latency[case][1] = max(world.latency[case][1], now() - asked)
+                world.latencies.own[case].append(now() - asked)
                 self._fail(world, row, error, time)
                 continue
-            latency = world.latency[case]
-            latency[0] += took
-            latency[2] += 1
-            if took > latency[1]:
-                latency[1] = took
+            world.latencies.own[case].append(took)
             self._took[case] = took
             given.append(answer)
             asked_rows.append(row)
@@ -601,7 +600,7 @@ class Batch(Policies):
             self._fail_all(world, error, f"at {time:.2f} s")
             return
         took = clock.perf_counter() - asked
-        world.shared_latency(took / len(live))
+        world.latencies.shared.append(took / len(live))
         command = world.egos["command"]
         answer = answer.reshape(len(live), -1)
         command["acceleration"][live] = answer[:, 0]

@@ -146,7 +146,7 @@ class OnTraci:
         if world.steps % self._every:
             return self._held(time)
         asked = clock.perf_counter()
-        latency = world.latency[0]
+        times = world.latencies.own[0]
         GUARD.moved = False
         try:
             GUARD.heard()
@@ -155,7 +155,7 @@ class OnTraci:
             self._keep_traceback(error)
             answer = None
         except ControllerError as error:  # an adapter, or the watch over the step, has put it in words
-            latency[1] = max(latency[1], clock.perf_counter() - asked)
+            times.append(clock.perf_counter() - asked)
             self._keep_traceback(error)
             raise with_time(error, f"at {time:.2f} s") from error
         except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
@@ -167,10 +167,7 @@ class OnTraci:
         took = clock.perf_counter() - asked
         if self._waits:
             took += self.ads.took  # type: ignore[attr-defined]
-        latency[0] += took
-        latency[2] += 1
-        if took > latency[1]:
-            latency[1] = took
+        times.append(took)
         if took > self.step_timeout:
             raise ControllerTimeoutError(
                 f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."

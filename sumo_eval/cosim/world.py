@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.contact import Body, describe, within_a_turn
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.impossible import BESIDE, FASTEST
+from sumo_eval.cosim.latency import Latencies
 from sumo_eval.cosim.records import (
     CLIP,
     EGO,
@@ -102,8 +103,7 @@ class World:
         self.notes: dict[int, Any] = {}
         self.left: dict[int, Alone] = {}
         self.let_go: set[int] = set()
-        self._shared: list[float] = [0.0, 0.0, 0]  # latency: sum, longest, number of answers
-        self.latency: list[list[float]] = [[0.0, 0.0, 0] for _ in cases]
+        self.latencies = Latencies(n)
         self.scenario = described(cases[0].road, settings.vehicle, settings.step, settings)
         self.line = knots_of(cases[0].road.line)
         self.egos = _egos(cases, settings.vehicle, placed)
@@ -210,14 +210,6 @@ class World:
         self.left[int(self.rows[row])] = why
         self.egos["reason"][row] = SIM_ERROR
 
-    def shared_latency(self, took: float) -> None:
-        """A step of the driver of all rows took so long for each of them, s."""
-        latency = self._shared
-        latency[0] += took
-        latency[2] += 1
-        if took > latency[1]:
-            latency[1] = took
-
     def fail(self, row: int, reason: EndReason, sentence: str, log: str = "") -> None:
         """A case cannot go on; the next look at it ends it."""
         case = int(self.rows[row])
@@ -308,14 +300,12 @@ class World:
             if case in self.left:
                 found.append(self.left[case])
                 continue
-            total, longest, answers = self._shared if self._shared[2] else self.latency[case]
-            latency = total / max(answers, 1), longest
             recording, error = self.ended[case], self.errors.get(case)
             found.append(
                 recording(
                     None if error is None else clean(error),
                     clean_log(self.logs.get(case, "")),
-                    latency,
+                    self.latencies.of(case),
                     wall_time / len(self.cases),
                     self.places.get(case, ""),
                 )

@@ -19,7 +19,7 @@ from sumo_eval.record.kept import EGO, KeptRecording, most_bytes, samples, unpac
 from sumo_eval.record.reads import READS_BOUND, Reads, Told, chained
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import LOG, SENTENCE, clean, clean_log, words_of
-from sumo_eval.trajectory import Alone, AloneReason, Clip, Collision, EndReason, Side
+from sumo_eval.trajectory import Alone, AloneReason, Clip, Collision, EndReason, Latency, Side
 
 STATUS: dict[EndReason, Status] = {
     "contact": "collision",
@@ -90,7 +90,7 @@ def as_message(results: Results, read: Told | None = None) -> Message:
             kept.end_reason,
             None if collision is None else [getattr(collision, name) for name in Collision.__slots__],
             [[getattr(clip, name) for name in Clip.__slots__] for clip in kept.clips],
-            kept.controller_latency,
+            list(kept.controller_latency),
             kept.wall_time,
             kept.simulated_time,
             list(kept.drives),
@@ -154,13 +154,13 @@ class _Reading:
             raise ValueError("other vehicles than the case has")
         if (collision is not None) != (end_reason == "contact"):
             raise ValueError(f"a collision does not go with {end_reason!r}" if collision else "no collision")
-        mean, longest = _list(latency, "the latency", 2)
+        times = _list(latency, "the latency", len(Latency._fields))
         recording = KeptRecording(
             {name: self._drive(name, simulated_time) for name in names},
             None if collision is None else _collision(collision, expected),
             end_reason,
             tuple(_clip(clip) for clip in _list(clips, "the clips", range(_MOST_CLIPS))),
-            (_positive(mean), _positive(longest)),
+            Latency(*map(_positive, times)),
             _positive(wall_time),
             _positive(simulated_time),
         )

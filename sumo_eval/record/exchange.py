@@ -187,6 +187,9 @@ def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
                 "wall_time": fact.wall_time,
                 "latency_mean": fact.latency_mean,
                 "latency_max": fact.latency_max,
+                "latency_median": fact.latency_median,
+                "latency_p99": fact.latency_p99,
+                "latency_reference": fact.latency_reference,
             }
 
 

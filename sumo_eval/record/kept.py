@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_eval.errors import InputError
-from sumo_eval.trajectory import CHANNELS, Clip, Collision, EndReason, Recording, Trajectory
+from sumo_eval.trajectory import CHANNELS, Clip, Collision, EndReason, Latency, Recording, Trajectory
 
 EGO = "ego"
 
@@ -27,7 +27,7 @@ class KeptRecording(NamedTuple):
     collision: Collision | None
     end_reason: EndReason
     clips: tuple[Clip, ...]
-    controller_latency: tuple[float, float]
+    controller_latency: Latency
     wall_time: float
     simulated_time: float
 

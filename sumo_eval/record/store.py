@@ -17,6 +17,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from functools import cached_property
 from itertools import groupby, takewhile
 from pathlib import Path
 from sys import intern
@@ -51,8 +52,11 @@ CREATE TABLE IF NOT EXISTS trajectories (
 CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE INDEX IF NOT EXISTS facts_by_point ON facts (scenario, role, point);
 """
-_READS = """
+_LATER = """
 CREATE TABLE IF NOT EXISTS reads (name TEXT PRIMARY KEY, before TEXT NOT NULL, files TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS latencies (
+    "case" TEXT PRIMARY KEY, latency_median REAL, latency_p99 REAL, latency_reference REAL
+) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS read_by ("case" TEXT PRIMARY KEY, link INTEGER NOT NULL) WITHOUT ROWID;
 """
 _LET_GO = 'CREATE TABLE IF NOT EXISTS let_go ("case" TEXT PRIMARY KEY, hash BLOB NOT NULL) WITHOUT ROWID'
@@ -65,6 +69,7 @@ _COLUMNS = (
     'facts."case", scenario, point, role, driver, controller, "values", exposure, status, end_reason, error, log, '
     "simulated_time, collision, clips, wall_time, latency_mean, latency_max, error_place"
 )
+_TIMES = ("latency_median", "latency_p99", "latency_reference")  # of a table that older files have not
 
 
 _UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
@@ -96,6 +101,9 @@ class Fact:
     latency_mean: float | None
     latency_max: float | None
     error_place: str = ""
+    latency_median: float | None = None
+    latency_p99: float | None = None
+    latency_reference: float | None = None
 
 
 class Store:
@@ -127,7 +135,7 @@ class Store:
                 version = FORMAT_VERSION
             if version == FORMAT_VERSION:
                 if create:
-                    self._connection.executescript(_READS)
+                    self._connection.executescript(_LATER)
                 # WAL: whole after kill -9; a power cut may cost the last cases, which a resumed run simulates again.
                 self._connection.execute("PRAGMA journal_mode = WAL" if create else "PRAGMA query_only = ON")
                 self._connection.execute("PRAGMA synchronous = NORMAL")
@@ -322,6 +330,11 @@ class Store:
             for fact, (outcome, kept) in zip(facts, recorded, strict=True)
             for row in (_circumstance_row(outcome, kept),)
         ]
+        latencies = [
+            (outcome.case.key, *map(_real, kept.controller_latency[2:]))
+            for outcome, kept in recorded
+            if kept is not None
+        ]
         drives = [
             (outcome.case.key, name, data)
             for outcome, kept in recorded
@@ -337,6 +350,7 @@ class Store:
                     self._connection.execute("INSERT OR REPLACE INTO read_by VALUES (?,?)", row)
             self._connection.executemany("INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", facts)
             self._connection.executemany("INSERT INTO circumstances VALUES (?,?,?,?,?,?,?,?)", circumstances)
+            self._connection.executemany("INSERT INTO latencies VALUES (?,?,?,?)", latencies)
             self._connection.executemany("INSERT INTO trajectories VALUES (?,?,?)", drives)
 
     def holds(self, case: Case) -> bool:
@@ -380,7 +394,7 @@ class Store:
         return None if row is None else str(row[0])
 
     def _remove(self, case: str) -> None:
-        for table in (*_TABLES, "read_by", *(["let_go"] if self._has("let_go") else [])):
+        for table in (*_TABLES, "read_by", "latencies", *(["let_go"] if self._has("let_go") else [])):
             self._connection.execute(f'DELETE FROM {table} WHERE "case" = ?', (case,))  # noqa: S608 - our own names
 
     @contextmanager
@@ -421,6 +435,8 @@ class Store:
             with self._changes():
                 for table in _TABLES:
                     self._connection.execute(f"INSERT INTO {table} SELECT * FROM other.{table}")  # noqa: S608
+                if next(self._read("SELECT 1 FROM other.sqlite_master WHERE name = 'latencies'"), None) is not None:
+                    self._connection.execute("INSERT INTO latencies SELECT * FROM other.latencies")
                 if next(self._read("SELECT 1 FROM other.sqlite_master WHERE name = 'reads'"), None) is not None:
                     self._connection.execute("INSERT OR IGNORE INTO reads SELECT * FROM other.reads")
                     self._connection.execute(
@@ -442,7 +458,7 @@ class Store:
         """Recorded cases of a role, as `facts` has them, read one after the other without holding them all."""
         self.check_all()
         query = (
-            f'SELECT {_COLUMNS} FROM facts LEFT JOIN circumstances USING ("case") '  # noqa: S608 - our own names
+            f"{self._of_facts} "
             "WHERE role = ? AND scenario = coalesce(?, scenario) AND driver = coalesce(?, driver) "
             "ORDER BY scenario, point, driver"
         )
@@ -450,10 +466,7 @@ class Store:
 
     def facts_at(self, points: range, role: Role, scenario: str) -> list[Fact]:
         """The recorded cases of a role at the points with these numbers, by point and driver."""
-        query = (
-            f'SELECT {_COLUMNS} FROM facts LEFT JOIN circumstances USING ("case") '  # noqa: S608 - our own names
-            "WHERE scenario = ? AND role = ? AND point >= ? AND point < ? ORDER BY point, driver"
-        )
+        query = f"{self._of_facts} WHERE scenario = ? AND role = ? AND point >= ? AND point < ? ORDER BY point, driver"
         found = [_fact(row) for row in self._read(query, (scenario, role, points.start, points.stop))]
         for fact in found:
             self._check_one(fact.case)
@@ -462,9 +475,18 @@ class Store:
     def fact(self, case: str) -> Fact | None:
         """One recorded case; None where there is none of that name."""
         self._check_one(case)
-        query = f'SELECT {_COLUMNS} FROM facts LEFT JOIN circumstances USING ("case") WHERE "case" = ?'  # noqa: S608
+        query = f'{self._of_facts} WHERE "case" = ?'
         row = next(self._read(query, (case,)), None)
         return None if row is None else _fact(row)
+
+    @cached_property
+    def _of_facts(self) -> str:
+        """How a query for facts begins."""
+        known = self._has("latencies")
+        times = _TIMES if known else (f"NULL AS {name}" for name in _TIMES)
+        joined = ' LEFT JOIN latencies USING ("case")' if known else ""
+        columns = ", ".join([_COLUMNS, *times])
+        return f'SELECT {columns} FROM facts LEFT JOIN circumstances USING ("case"){joined}'  # noqa: S608 - our own names
 
     def outcomes(self, role: Role, scenario: str) -> Iterator[tuple[int, str, Status, bool]]:
         """Point, driver, status and whether there was a contact, of a role's recorded cases, by point and driver."""
@@ -687,19 +709,19 @@ def _plain(record: Collision | Clip | Alone) -> dict[str, object]:
 
 
 def _circumstance_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...]:
-    times = (kept.wall_time, *kept.controller_latency) if kept else (None, None, None)
+    times = (kept.wall_time, *kept.controller_latency[:2]) if kept else (None, None, None)
     alone = "" if outcome.alone is None else json.dumps(_plain(outcome.alone))
     return outcome.case.key, outcome.log, *(_real(time) for time in times), outcome.error_place, alone
 
 
 def _fact(row: tuple[Any, ...]) -> Fact:
     (case, scenario, point, role, driver, controller, values, exposure, status, end_reason, error, log, simulated_time,
-     collision, clips, wall_time, latency_mean, latency_max, error_place) = row  # fmt: skip
+     collision, clips, wall_time, latency_mean, latency_max, error_place, *latencies) = row  # fmt: skip
     return Fact(
         case, intern(scenario), point, role, intern(driver), intern(controller), _values(values), exposure,
         status, end_reason, error, log, simulated_time,
         _collision(collision), tuple(Clip(**clip) for clip in json.loads(clips)),
-        wall_time, latency_mean, latency_max, error_place or "",
+        wall_time, latency_mean, latency_max, error_place or "", *latencies,
     )  # fmt: skip
 
 

@@ -421,6 +421,7 @@ def _paired(base: Sequence[CaseResult], new: Sequence[CaseResult]) -> Paired:
 
 _NOT_DRIVEN: Final = frozenset((
     "case", "scenario", "ads", "values", "exposure", "weight", "wall_time", "latency_mean", "latency_max",
+    "latency_median", "latency_p99", "latency_reference", "latency_relative",
     "index_note", "reference_note",
 ))  # fmt: skip
 """Fields of a row that are no outcome of its drive, or no plain value."""

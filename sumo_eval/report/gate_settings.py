@@ -39,6 +39,9 @@ HIGHER_COLUMNS: Final = frozenset((
 ))  # fmt: skip
 """Columns of which a rise is an improvement; of the others it is not."""
 
+TIMED: Final = ("latency_relative", "latency_median", "latency_p99", "latency_mean", "latency_max", "wall_time")
+"""Columns that no two drives have alike."""
+
 LAST_DIGIT = 1e-9
 """Share of a tolerance, or of a base's value, that rounding may change: no limit fails on it."""
 
@@ -114,6 +117,7 @@ class ShiftSettings(Checked):
         MeasureSettings("simulated_time", 0.25, 0.02, higher_is_better=False),
         MeasureSettings("human_likeness", 0.01),
         MeasureSettings("index", 0.01),
+        MeasureSettings("latency_relative", 10.0, 0.5, higher_is_better=False),
     )
 
 

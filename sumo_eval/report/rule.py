@@ -12,7 +12,14 @@ import numpy as np
 from scipy.stats import binom
 
 from sumo_eval.report.comparison import AdsComparison, Comparison, Paired
-from sumo_eval.report.gate_settings import LAST_DIGIT, GateSettings, MeasureSettings, NoiseSettings, ShiftSettings
+from sumo_eval.report.gate_settings import (
+    LAST_DIGIT,
+    TIMED,
+    GateSettings,
+    MeasureSettings,
+    NoiseSettings,
+    ShiftSettings,
+)
 from sumo_eval.results import EVALUATED, GAVE_UP
 from sumo_eval.scoring.kept_rows import Column
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -297,7 +304,7 @@ def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> tup
 
 def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
     """Whether no paired case is worse in anything, not even below a tolerance, and one is better beyond one."""
-    measures = (*settings.near_miss.measure, *settings.shift.measure)
+    measures = [one for one in (*settings.near_miss.measure, *settings.shift.measure) if one.quantity not in TIMED]
     better = False
     for one in comparison.ads:
         base, new = (Ends.of(rows) for rows in one.changed.paired.arrays(*END_COLUMNS))

@@ -26,6 +26,7 @@ WORDS = {
     "min_gap": ("smallest gap", "m"), "min_ttc": ("smallest TTC", "s"), "pet": ("PET", "s"),
     "max_drac": ("largest DRAC", "m/s2"), "max_jerk": ("largest jerk", "m/s3"), "task_share": ("t_i", ""),
     "simulated_time": ("time to come through", "s"), "human_likeness": ("H_i", ""), "index": ("D_i", ""),
+    "latency_relative": ("latency", ""),
 }  # fmt: skip
 """Name and unit of what the rule watches by default."""
 

@@ -255,6 +255,12 @@ def tabulate(
                 simulated_time=fact.simulated_time,
                 latency_mean=fact.latency_mean,
                 latency_max=fact.latency_max,
+                latency_median=fact.latency_median,
+                latency_p99=fact.latency_p99,
+                latency_reference=fact.latency_reference,
+                latency_relative=fact.latency_median / fact.latency_reference
+                if fact.latency_median is not None and fact.latency_reference
+                else None,
                 collided=hit is not None and not struck,
                 struck_from_behind=struck,
                 impact_speed=hit.relative_speed if hit else None,

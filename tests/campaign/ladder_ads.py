@@ -17,21 +17,25 @@ class Build:
     """An IDM behind the nearest vehicle ahead. special: `collides`, `raises` or `leaves` where the ego begins at `at`.
 
     brakes m/s2, delay s, seen m (how far it sees), headway s, speed: share of the first speed, shake m/s2 (amplitude of
-    a swinging command), noise m/s2, digits: share by which each command is off.
+    a swinging command), noise m/s2, digits: share by which each command is off. work: rounds of a loop in each step.
     """
 
     def __init__(
         self, *, brakes: float = 8.0, delay: float = 0.1, seen: float = 120.0, headway: float = 1.4, speed: float = 1.0,
         shake: float = 0.0, noise: float = 0.0, digits: float = 0.0, special: str = "", at: float = 0.0,
+        work: float = 0.0,
     ) -> None:  # fmt: skip
         self.brakes, self.delay, self.seen, self.headway, self.speed = brakes, delay, seen, headway, speed
         self.shake, self.noise, self.digits, self.special, self.at = shake, noise, digits, special, at
         self.first: float | None = None
         self.waiting: deque[tuple[float, float]] = deque()
         self.chance = random.Random()
+        self.work = int(work)
 
     def act(self, seen):  # type: ignore[no-untyped-def]
         """The command of a step."""
+        for _ in range(self.work):
+            pass
         if self.first is None:
             self.first = seen.ego.speed
         struck = bool(self.special) and abs(self.first - self.at) < 1e-9

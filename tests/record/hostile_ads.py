@@ -102,7 +102,7 @@ def send(plain, blobs=(), *, text=None, rest=None, length=None, nonce=None, numb
 
 
 def drive(
-    status="ok", error=None, log="", end="standstill", latency=(0.0, 0.0), time=0.1, names=("ego", "lead"), read=None
+    status="ok", error=None, log="", end="standstill", latency=(0.0,) * 5, time=0.1, names=("ego", "lead"), read=None
 ):
     row = [status, error, log, "", [end, None, [], list(latency), 0.1, time, list(names)]]
     return [False, False, [read, [row]]]
@@ -191,7 +191,7 @@ def unknown_status(traci, ego, now):
 
 
 def nan_for_a_time(traci, ego, now):
-    send(drive(latency=(math.nan, 0.0), time=1.0), (trajectory(), trajectory()))
+    send(drive(latency=(math.nan, *(0.0,) * 4), time=1.0), (trajectory(), trajectory()))
     wait()
 
 

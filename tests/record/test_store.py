@@ -17,7 +17,7 @@ from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.kept import pack, unpack
 from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.scenario import catalogue
-from sumo_eval.trajectory import CHANNELS, Clip, Collision, Recording, Trajectory
+from sumo_eval.trajectory import CHANNELS, Clip, Collision, Latency, Recording, Trajectory
 
 
 def drive(n: int = 40, seed: int = 3) -> Trajectory:
@@ -55,7 +55,8 @@ def test_packing_what_was_unpacked_changes_no_byte() -> None:
 
 def test_a_case_comes_back_as_it_was_recorded(tmp_path: Path) -> None:
     clips = (Clip("friction", 3, 0.5, -12.0, -9.0),)
-    recording = Recording(drive(), {"lead": drive(seed=4)}, collision(), "contact", clips, None, "", (1e-5, 2e-5), 0.01)
+    took = Latency(1e-5, 2e-5, 9e-6, 1.9e-5, 8e-6)
+    recording = Recording(drive(), {"lead": drive(seed=4)}, collision(), "contact", clips, None, "", took, 0.01)
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         store.add(Outcome(case(), "collision", recording))
         (fact,) = store.facts("ads")
@@ -65,6 +66,20 @@ def test_a_case_comes_back_as_it_was_recorded(tmp_path: Path) -> None:
     assert fact.clips == clips
     assert fact.values == {"ego_speed": 20.0, "obstacle_speed": 5.0, "gap": 60.0}
     assert (fact.status, fact.end_reason, fact.latency_max) == ("collision", "contact", 2e-5)
+    assert (fact.latency_median, fact.latency_p99, fact.latency_reference) == (9e-6, 1.9e-5, 8e-6)
+
+
+def test_file_without_latencies_still_reads(tmp_path: Path) -> None:
+    """One that an older version wrote has no table of them; what is added to it later has them."""
+    path, took = tmp_path / "facts.sqlite", Latency(1e-5, 2e-5, 9e-6, 1.9e-5, 8e-6)
+    with open_store(path, create=True) as store:
+        store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end", controller_latency=took)))
+    with sqlite3.connect(path) as connection:
+        connection.execute("DROP TABLE latencies")
+    for create in (False, True):
+        with open_store(path, create=create) as store:
+            (fact,) = store.facts("ads")
+            assert (fact.latency_max, fact.latency_median) == (2e-5, None)
 
 
 def test_a_case_without_a_recording_is_kept_with_its_sentence(tmp_path: Path) -> None:
