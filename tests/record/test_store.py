@@ -159,7 +159,8 @@ def test_reading_a_store_cannot_change_it(tmp_path: Path) -> None:
 def filled(path: Path, order: list[int], log: str = "") -> str:
     with open_store(path, create=True) as store:
         for point in order:
-            recording = Recording(drive(seed=point), {}, None, "road_end", (), None, "", (0.1 * len(order), 0.2), 0.3)
+            took = Latency(0.1 * len(order), 0.2)
+            recording = Recording(drive(seed=point), {}, None, "road_end", (), None, "", took, 0.3)
             store.add(Outcome(case(point), "ok", recording, None, log))
         return store.digest()
 
@@ -338,7 +339,7 @@ def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path
 
 def test_what_no_number_or_its_sign_is_comes_back_with_a_hash_that_fits(tmp_path: Path) -> None:
     recording = Recording(
-        drive(), {"b": drive(), "a": drive()}, None, "road_end", (), None, "", (float("nan"), np.float64(-0.0)),
+        drive(), {"b": drive(), "a": drive()}, None, "road_end", (), None, "", Latency(float("nan"), np.float64(-0.0)),
         float("inf"),
     )  # fmt: skip
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
