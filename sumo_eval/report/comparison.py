@@ -20,7 +20,7 @@ from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.report.bootstrap import paired_differences, quantities
 from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
-from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.gate_settings import TIMED, GateSettings
 from sumo_eval.report.words import count
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
@@ -420,8 +420,7 @@ def _paired(base: Sequence[CaseResult], new: Sequence[CaseResult]) -> Paired:
 
 
 _NOT_DRIVEN: Final = frozenset((
-    "case", "scenario", "ads", "values", "exposure", "weight", "wall_time", "latency_mean", "latency_max",
-    "latency_median", "latency_p99", "latency_reference", "latency_relative",
+    "case", "scenario", "ads", "values", "exposure", "weight", *TIMED,
     "index_note", "reference_note",
 ))  # fmt: skip
 """Fields of a row that are no outcome of its drive, or no plain value."""

@@ -39,7 +39,10 @@ HIGHER_COLUMNS: Final = frozenset((
 ))  # fmt: skip
 """Columns of which a rise is an improvement; of the others it is not."""
 
-TIMED: Final = ("latency_relative", "latency_median", "latency_p99", "latency_mean", "latency_max", "wall_time")
+TIMED: Final = (
+    "wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99", "latency_reference",
+    "latency_relative",
+)  # fmt: skip
 """Columns that no two drives have alike."""
 
 LAST_DIGIT = 1e-9

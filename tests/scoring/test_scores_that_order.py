@@ -14,6 +14,7 @@ from scoring.test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
 import sumo_eval
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.record.store import open_store
+from sumo_eval.report.gate_settings import TIMED
 from sumo_eval.report.tables import write_tables
 from sumo_eval.results import CaseResult, Evaluation, IdealCollidesToo, NotComputed, ScenarioResult
 from sumo_eval.settings import (
@@ -67,7 +68,7 @@ def test_an_ads_that_has_not_changed_keeps_every_digit_whoever_is_evaluated_besi
 ) -> None:
     assert facts_of(both.folder, "idm") == facts_of(alone.folder, "idm")
     assert both.score("idm", CUT_OUT) == alone.score("idm", CUT_OUT)
-    circumstances = {"wall_time": None, "latency_mean": None, "latency_max": None}
+    circumstances = dict.fromkeys(TIMED)
     for together, by_itself in zip(rows(both, "idm"), rows(alone, "idm"), strict=True):
         assert replace(together, **circumstances) == replace(by_itself, **circumstances)
 
