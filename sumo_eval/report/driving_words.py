@@ -90,7 +90,7 @@ def _incident(scene: Scene, fact: Fact) -> _Said:
     """Contact, departure, or an end that the harness brought, and what the ADS did before."""
     case, hit = scene.case, fact.collision
     if hit is not None:
-        best = "which the ideal vehicle avoids" if case.avoidable else "which the ideal vehicle has as well"
+        best = "which the ideal vehicle avoids" if case.avoidable else "a contact that the ideal vehicle has as well"
         best = best if case.ideal_severity is not None else "the ideal vehicle's case is not known"
         yield (
             f"Hit `{hit.other}` at {3.6 * hit.relative_speed:z.0f} km/h, {hit.time:z.1f} s after the start, {best}.",

@@ -128,6 +128,7 @@ def _shared(
         "cases": len(evaluation.cases),
         "collisions": sum(score.collisions for score in evaluation.scores),
         "avoidable": sum(score.avoidable_collisions for score in evaluation.scores),
+        "departures": sum(score.departures for score in evaluation.scores),
         "term": term,
         "glossary": GLOSSARY,
         "unit": severity_unit(settings),

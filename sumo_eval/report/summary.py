@@ -131,6 +131,7 @@ def _row(evaluation: Evaluation, one: RankedAds, scenarios: Sequence[str], digit
         "whisker": _whisker(one.s_plus, one.interval),
         "collisions": sum(score.collisions for score in scores),
         "avoidable": sum(score.avoidable_collisions for score in scores),
+        "departures": sum(score.departures for score in scores),
         "cases": sum(score.cases for score in scores),
         "missing": sum(score.not_evaluated for score in scores),
         "scenarios": [_cell(scores, name) for name in scenarios] if len(scenarios) > 1 else [],

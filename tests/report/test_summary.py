@@ -35,6 +35,12 @@ def test_first_screen_says_what_the_terminal_says(evaluation: Evaluation) -> Non
     assert shown["alarms"]
 
 
+def test_departures_stand_beside_collisions(evaluation: Evaluation) -> None:
+    left = replace(evaluation, scores=tuple(replace(score, departures=2) for score in evaluation.scores))
+    for row in summary_content(left, None, (), {})["rows"]:
+        assert row["departures"] == 2 * sum(score.ads == row["ads"] for score in left.scores) > 0
+
+
 def test_what_to_look_at_leads_to_cases_of_the_run(evaluation: Evaluation) -> None:
     looks = summary_content(evaluation, None, (), {})["looks"]
     keys = {case.case for case in evaluation.cases}

@@ -1085,7 +1085,7 @@
     const where = held.map((k) => `${sumoMaps.words(scenario.parameters[k].name)} = ${Number(item.values[k].toPrecision(4))} ${scenario.parameters[k].unit}`).join(", ");
     mapFigure.querySelector("figcaption").textContent = `${item.ads} in ${sumoMaps.words(scenario.name)}${where ? `, at ${where}` : ""}`;
     const faint = (one) => (one.outcome === "collision" || one.outcome === "off road") && !(one.ads === item.ads && shows(one));
-    const others = () => markers(scenario, view, null, faint).map((trace) => ({ ...trace, marker: { ...trace.marker, opacity: 0.35 } }));
+    const others = () => markers(scenario, view, null, faint).map((trace) => ({ ...trace, marker: { ...trace.marker, opacity: 0.5 } }));
     mapFigure.querySelector(".small").hidden = !scenario.cases.some(faint);
     const drawMap = () => Plotly.react(plot, [
       ...backgroundTraces(scenario, view, sumoMaps.zones(scenario, view, [null], 0)), ...others(), ...markers(scenario, view, item.ads, shows), ring(scenario, view, shows, s),
