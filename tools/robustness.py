@@ -1,6 +1,7 @@
 """S+ of the ADSs that ship when a constant is halved or doubled: `python tools/robustness.py FOLDER`.
 
-The ADSs drive the points of `tools/games.py`. Prints the table of docs/trust.md. FOLDER: of the run, which is scored
+The ADSs drive the points of `tools/games.py`, and so does a policy of `tools/search.py` that steers aside late and
+leaves the road at times. Prints the table of docs/trust.md. FOLDER: of the run, which is scored
 again where it exists, that of `tools/games.py` too.
 """
 
@@ -18,6 +19,7 @@ from sumo_eval.method.severity import Contact
 from sumo_eval.settings import AdsSettings
 
 HERE = Path(__file__).resolve()
+AT_TIMES = "policy_673_454_86_215_251_913_621_475_176_206"
 UNIT = 500.0  # m/s: a severity of one's own lies within 0..1
 BOTH = (("/2", 0.5), ("x2", 2.0))
 
@@ -53,6 +55,7 @@ def main() -> None:
     folder = Path(sys.argv[1])
     if not folder.exists():
         ads = [AdsSettings(name, name) for name in SHIPPED]
+        ads.append(AdsSettings("leaves the road at times", f"{HERE.with_name('search.py')}:{AT_TIMES}"))
         sumo_eval.evaluate(evaluation(POINTS, ads), folder)
     columns = {}
     for name, changes in CHANGES.items():
