@@ -24,7 +24,7 @@ from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Briefing, PolicyController, as_command, knows_the_scripts
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses, kinds_of, task_of
-from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
+from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
 from sumo_eval.cosim.latency import EVERY
 from sumo_eval.cosim.plans import Wheel
@@ -342,7 +342,7 @@ class Policies:
         conditions = world.settings.conditions
         GUARD.begin(
             (actor.name for actor in world.cases[0].actors) if self._alone else (), world.settings.step,
-            conditions.interference,
+            conditions.interference, heeding(world.cases[0]),
         )  # fmt: skip
         self._usual = all(getattr(conditions, what) == usual for what, usual in SEEN_AS_IT_IS.items())
         self._direct = world.settings.plant is None and conditions == ConditionSettings()
@@ -514,7 +514,7 @@ class OneEach(Policies):
         let_go(world, row, "The ADS", policy.close, "ads_error", policy.target, self._folder)
         if self._alone:
             let_go(world, row, "The ADS", GUARD.end, "ads_error")
-            world.touched(GUARD.touched)
+            world.touched(GUARD.touched, GUARD.ignored)
         if self._plant is not None:
             let_go(world, row, "The vehicle model", self._plant.close, "sim_error")
 

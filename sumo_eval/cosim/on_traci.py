@@ -20,7 +20,7 @@ from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Briefing, Controller, NativeModel, ObservingController
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.observation import Senses, kinds_of, task_of
-from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
+from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
 from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, let_go, with_time
 from sumo_eval.cosim.plans import HOLD, Wheel, wanted
@@ -82,7 +82,8 @@ class OnTraci:
         self._others = world.others.view(np.float64).reshape(len(concrete.actors), world.others.itemsize // 8)
         self._wheel = Wheel(settings, partial(world.note, 0), concrete.road.line)
         self._actuation = Actuation(settings.conditions, lambda *clip: world.note(0, *clip))
-        GUARD.begin((actor.name for actor in concrete.actors), settings.step, settings.conditions.interference)
+        others, interference = [actor.name for actor in concrete.actors], settings.conditions.interference
+        GUARD.begin(others, settings.step, interference, heeding(concrete))
         self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
         self._calls.setLaneChangeMode(EGO, 0)
         self._calls.setSpeed(EGO, -1 if self._native else concrete.ego.speed)
@@ -361,4 +362,4 @@ class OnTraci:
         let_go(world, row, "The ADS", GUARD.end, "ads_error")
         if self.plant is not None:
             let_go(world, row, "The vehicle model", self.plant.close, "sim_error")
-        world.touched(GUARD.touched)
+        world.touched(GUARD.touched, GUARD.ignored)

@@ -199,8 +199,13 @@ class World:
         self.logs[case] = self.logs.get(case, "") + traceback_of(error)
         self.places[case] = self.places.get(case) or fault_place(error, driver, folder)
 
-    def touched(self, counts: Mapping[str, int]) -> None:
-        """Put on record how often the ADS of a single case touched what is not its own."""
+    def touched(self, counts: Mapping[str, int], ignored: Mapping[str, str]) -> None:
+        """Put on record how often the ADS of a single case touched what is not its own.
+
+        ignored: why SUMO ignored calls of TraCI, by call, for the log.
+        """
+        for call, why in ignored.items():
+            self.logs[0] = f"{self.logs.get(0, '')}SUMO ignored {call}: {why}.\n"
         for what, count in counts.items():
             self.note(0, what, float(count), float(count))
             self.notes[0][what].count, self.notes[0][what].first = count, 0.0

@@ -7,7 +7,9 @@ import libsumo
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
+from sumo_eval.cosim.doors.contract import check_controller
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI
+from sumo_eval.cosim.doors.traci_numbers import IGNORED
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.settings import ConditionSettings
@@ -196,7 +198,7 @@ def test_the_egos_own_type_and_new_types_are_the_adss():
         traci.vehicle.setColor("ego", (1, 2, 3, 255))
 
     found = simulate(case(lead(50.0)), once(own), HALF_SECOND)
-    assert (found.error, found.clips) == (None, ())
+    assert (found.error, counts(found)) == (None, {"ignored_traci_call": 1})
 
 
 def test_whoever_goes_round_the_door_is_noticed_where_the_other_vehicle_then_is():
@@ -239,18 +241,94 @@ def test_calls_without_a_command_are_not_dropped():
     assert counts(simulate(case(), once(lambda traci: traci.vehicle.setSpeed("ego", 19.9)), HALF_SECOND)) == {}
 
 
-@pytest.mark.parametrize(
-    "write",
-    [
-        lambda traci: traci.vehicle.changeSublane("ego", 0.5),
-        lambda traci: traci.vehicle.setLateralAlignment("ego", "left"),
-        lambda traci: traci.vehicle.setMinGapLat("ego", 2.0),
-        lambda traci: traci.vehicletype.setMinGapLat("ego", 2.0),
-    ],
-)
-def test_a_call_that_sumo_ignores_does_nothing_and_is_recorded(write):
-    ignored = simulate(case(), once(write), HALF_SECOND)
-    nothing = simulate(case(), lambda traci, ego, time: None, HALF_SECOND)
-    assert counts(ignored) == {"ignored_traci_call": 1}
-    assert ignored.ego.y.tobytes() == nothing.ego.y.tobytes()
-    assert ignored.ego.speed.tobytes() == nothing.ego.speed.tobytes()
+ALWAYS = {
+    "changeSublane": lambda it: it.changeSublane("ego", 0.5),
+    "setLateralAlignment": lambda it: it.setLateralAlignment("ego", "left"),
+    "setMinGapLat": lambda it: it.setMinGapLat("ego", 2.0),
+    "setApparentDecel": lambda it: it.setApparentDecel("ego", 1.0),
+    "setImpatience": lambda it: it.setImpatience("ego", 1.0),
+    "setSpeedFactor": lambda it: it.setSpeedFactor("ego", 0.01),
+    "setRoutingMode": lambda it: it.setRoutingMode("ego", 1),
+    "rerouteTraveltime": lambda it: it.rerouteTraveltime("ego"),
+    "rerouteEffort": lambda it: it.rerouteEffort("ego"),
+    "setVia": lambda it: it.setVia("ego", []),
+    "setAdaptedTraveltime": lambda it: it.setAdaptedTraveltime("ego", it.getRoadID("ego"), 5.0),
+    "setEffort": lambda it: it.setEffort("ego", it.getRoadID("ego"), 5.0),
+}
+BESIDE_A_SPEED = {
+    "openGap": lambda it: it.openGap("ego", 3.0, 20.0, 5.0, 0.5),
+    "deactivateGapControl": lambda it: it.deactivateGapControl("ego"),
+    "setActionStepLength": lambda it: it.setActionStepLength("ego", 1.0),
+    "setImperfection": lambda it: it.setImperfection("ego", 1.0),
+    "setTau": lambda it: it.setTau("ego", 3.0),
+    "setMinGap": lambda it: it.setMinGap("ego", 9.0),
+    "setStop": lambda it: it.setStop("ego", it.getRoadID("ego"), 80.0, duration=2.0),
+    "insertStop": lambda it: it.insertStop("ego", 0, it.getRoadID("ego"), 80.0, duration=2.0),
+}
+OF_TYPES = {
+    "setMinGapLat": lambda it: it.setMinGapLat("ego", 2.0),
+    "setSpeedDeviation": lambda it: it.setSpeedDeviation("ego", 0.5),
+    "setTau": lambda it: it.setTau("ego", 3.0),
+    "setImperfection": lambda it: it.setImperfection("ego", 1.0),
+}
+
+
+def driven(call, speed, domain="vehicle"):
+    """Closing in on another for 6 s. speed: that is set at every step, or once, to hand over to SUMO's model."""
+
+    def drive(traci, ego, time):
+        if speed > 0.0 or time < 0.01:
+            traci.vehicle.setSpeed(ego, speed)
+        if call is not None and abs(time - 0.1) < 1e-9:
+            call(getattr(traci, domain))
+
+    return simulate(case(lead(60.0, speed=15.0)), drive, replace(HALF_SECOND, time_limit=6.0))
+
+
+def is_same(one, two):
+    return one.ego.speed.tobytes() == two.ego.speed.tobytes() and one.ego.y.tobytes() == two.ego.y.tobytes()
+
+
+def test_every_call_that_sumo_ignores_is_tried_here():
+    assert {*ALWAYS, *BESIDE_A_SPEED, *OF_TYPES} == set(IGNORED)
+
+
+@pytest.mark.parametrize("name", [*ALWAYS, *BESIDE_A_SPEED])
+def test_a_call_that_sumo_ignores_does_nothing_and_is_recorded(name):
+    found = driven({**ALWAYS, **BESIDE_A_SPEED}[name], 21.0)
+    assert counts(found).get("ignored_traci_call") == 1
+    assert f"SUMO ignored {name}: " in found.log
+    assert is_same(found, driven(None, 21.0))
+
+
+@pytest.mark.parametrize("name", OF_TYPES)
+def test_a_call_on_the_type_that_sumo_ignores_is_recorded(name):
+    found = driven(OF_TYPES[name], 21.0, "vehicletype")
+    assert counts(found).get("ignored_traci_call") == 1
+    assert is_same(found, driven(None, 21.0))
+
+
+@pytest.mark.parametrize("name", ALWAYS)
+def test_sumos_own_model_ignores_some_calls_too(name):
+    found = driven(ALWAYS[name], -1.0)
+    assert counts(found).get("ignored_traci_call") == 1
+    assert is_same(found, driven(None, -1.0))
+
+
+@pytest.mark.parametrize("name", [name for name in BESIDE_A_SPEED if name != "deactivateGapControl"])
+def test_calls_that_sumos_own_model_heeds_are_not_clips(name):
+    found = driven(BESIDE_A_SPEED[name], -1.0)
+    assert "ignored_traci_call" not in counts(found)
+    assert not is_same(found, driven(None, -1.0))
+
+
+def test_check_says_which_calls_are_ignored():
+    def drive(traci, ego, time):
+        traci.vehicle.setTau(ego, 2.0)
+        traci.vehicle.setSpeed(ego, 20.0)
+
+    said = [finding.text for finding in check_controller(drive, [case()], settings=HALF_SECOND)]
+    (found,) = [text for text in said if "SUMO ignored" in text]
+    assert found.startswith(
+        "makes TraCI calls that SUMO ignores, 10 in a case; SUMO ignored setTau: only SUMO's own model"
+    )

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.cosim.doors.controller import ControllerLike, load_controller
-from sumo_eval.cosim.doors.traci_numbers import IGNORED
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings, SimulationSettings
@@ -27,7 +26,7 @@ _WORDS = {
     "speed_mode": "sets SUMO's speed mode to {requested:.0f}; the harness sets it back to {applied:.0f}",
     "touched_vehicle": "writes to other vehicles",
     "dropped_traci_call": "moves the ego through TraCI in a step for which it also gives a Command: the Command counts",
-    "ignored_traci_call": "calls what SUMO ignores without a lateral resolution: " + ", ".join(sorted(IGNORED)),
+    "ignored_traci_call": "makes TraCI calls that SUMO ignores, {requested:.0f} in a case",
     "stepped_the_clock": "steps SUMO's clock, which is left out",
     "trigger_never_fired": "a condition of a script never held ({requested:.0f} in all)",
     "departed": "the ego was up to {requested:.2f} m from where the recorded one was at the time, "
@@ -199,7 +198,8 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
     if not worst:
         return Finding("ok", "commands are within what the vehicle can do")
     said = {clip.what: _WORDS[clip.what].format(requested=clip.requested, applied=clip.applied) for clip in worst}
-    text = "; ".join(said.values())
+    logs = {line for recording in recordings for line in recording.log.splitlines() if line.startswith("SUMO ignored ")}
+    text = "; ".join([*said.values(), *sorted(line.rstrip(".") for line in logs)])
     if any(clip.what in _COMMANDS for clip in worst):
         mend = (
             "the vehicle does what it can, and every case counts that as clips; if that was not intended: "

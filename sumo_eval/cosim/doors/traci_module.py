@@ -15,10 +15,20 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Any, Literal, NoReturn
 
-from sumo_eval.cosim.doors.traci_numbers import ARGUMENTS, DURATIONS, IGNORED, MOTION, breach, shown
+from sumo_eval.cosim.doors.traci_numbers import (
+    ARGUMENTS,
+    DURATIONS,
+    HANDS_OVER,
+    HEEDED_BY,
+    IGNORED,
+    MOTION,
+    breach,
+    shown,
+)
 from sumo_eval.cosim.sumo.session import libsumo
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.errors import ControllerError
+from sumo_eval.scenario.concrete import ConcreteScenario
 
 _READS = (
     "_", "get", "is", "subscribe", "unsubscribe", "addSubscriptionFilter", "could", "wants", "find", "convert", "has",
@@ -39,13 +49,24 @@ class Guard:
     def __init__(self) -> None:
         self.begin((), 0.0, "refuse")
 
-    def begin(self, others: Iterable[str], step: float, interference: Literal["refuse", "record"]) -> None:
-        """A new case: no listeners, nothing touched. others: names of the other vehicles, which are their types'."""
+    def begin(
+        self,
+        others: Iterable[str],
+        step: float,
+        interference: Literal["refuse", "record"],
+        heeding: Iterable[str] = (),
+    ) -> None:
+        """A new case: no listeners, nothing touched. others: names of the other vehicles, which are their types'.
+
+        heeding: which of `HEEDED_BY` there is.
+        """
         self.others = frozenset(others)
         self.step = step
         self.interference = interference
         self.listeners = libsumo.StepManager()
         self.touched: dict[str, int] = {}
+        self.heeding = set(heeding)
+        self.asked: dict[str, int] = {}  # calls that SUMO may ignore
         self.moved = False  # the ego, by a call, since the step began
         self.refusal: tuple[str, str] | None = None
 
@@ -81,20 +102,37 @@ class Guard:
             'only its own vehicle is its own (`interference = "record"` lets it, and counts)',
         )  # fmt: skip
 
+    def asks(self, call: str) -> None:
+        """An ADS makes a call that SUMO may ignore."""
+        self.asked[call] = self.asked.get(call, 0) + 1
+
+    @property
+    def ignored(self) -> dict[str, str]:
+        """Why SUMO ignored calls of this case, by call."""
+        return {call: HEEDED_BY[IGNORED[call]] for call in self.asked if IGNORED[call] not in self.heeding}
+
     def heard(self) -> None:
         """Call every step listener, as TraCI does after each step."""
         if self.listeners._stepListeners:
             self.listeners.manageStepListeners(0.0)
 
     def end(self) -> None:
-        """Remove every listener; each may clean up."""
+        """Count what SUMO ignored. Remove every listener; each may clean up."""
+        if self.ignored:
+            self.touched["ignored_traci_call"] = sum(self.asked[call] for call in self.ignored)
         for number in list(self.listeners._stepListeners):
             self.listeners.removeStepListener(number)
 
 
+def heeding(concrete: ConcreteScenario) -> set[str]:
+    """Which of `HEEDED_BY` a case has from its start."""
+    drives = any(actor.model is not None for actor in concrete.actors)
+    return {by for by, there in (("traffic", drives), ("network", concrete.road.network is not None)) if there}
+
+
 def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
     plain = ARGUMENTS["vehicle"].get(call, ())
-    moves, ignored = call in MOTION, call in IGNORED
+    moves, ignored, hands_over = call in MOTION, call in IGNORED, call in HANDS_OVER
     one_number = len(plain) == 1 and plain[0] not in DURATIONS and not ignored
     direct = getattr(libsumo.libsumo._libsumo, f"vehicle_{call}", write)  # what `write` wraps, at half the cost
 
@@ -106,12 +144,16 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
             guard.moved = True
         if one_number and len(args) == 1 and not kwargs:
             number = args[0]
-            if type(number) is float and number - number == 0.0:  # as nearly always: a float, and finite
+            if type(number) is float and number - number == 0.0 and not (hands_over and number < 0.0):
+                # as nearly always: a float, and finite
                 return direct(vehID, number)
         guard.check("vehicle", call, vehID, args, kwargs)
-        if ignored:
-            guard.count("ignored_traci_call")
-        return write(vehID, *args, **kwargs)
+        if ignored and vehID == EGO:
+            guard.asks(call)
+        answer = write(vehID, *args, **kwargs)
+        if hands_over and vehID == EGO and (call != "setSpeed" or min(*args, *kwargs.values(), 0.0) < 0.0):
+            guard.heeding.add("model")
+        return answer
 
     return guarded
 
@@ -121,8 +163,8 @@ def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable
         if typeID in guard.others and call != "copy":
             guard.touches("vehicletype", call, typeID)
         guard.check("vehicletype", call, typeID, args, kwargs)
-        if call in IGNORED:
-            guard.count("ignored_traci_call")
+        if call in IGNORED and typeID == EGO:
+            guard.asks(call)
         return write(typeID, *args, **kwargs)
 
     return guarded

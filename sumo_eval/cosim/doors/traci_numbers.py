@@ -69,8 +69,30 @@ MOTION = frozenset(
 )  # fmt: skip
 """Calls that move a vehicle: for an ego that has a `Command` for the same step they do nothing."""
 
-IGNORED = frozenset({"changeSublane", "setLateralAlignment", "setMinGapLat"})
-"""Calls that SUMO ignores without a lateral resolution, which no case has."""
+HEEDED_BY = {
+    "nothing": "no case has a lateral resolution, and none draws speeds anew",
+    "model": "only SUMO's own model heeds it, which never drove the ego: setSpeed(ego, -1) hands it over",
+    "traffic": "only vehicles that SUMO drives heed it, and there are none",
+    "network": "this road has one way, no junction and no limit that the ego could heed",
+}
+"""Why SUMO ignores a call, by what heeds it. network: a user's own, of which nothing is known here."""
+IGNORED = {
+    call: by
+    for by, calls in (
+        ("nothing", "changeSublane setLateralAlignment setMinGapLat setSpeedDeviation"),
+        (
+            "model",
+            "openGap deactivateGapControl setActionStepLength setImperfection setTau setMinGap setStop insertStop",
+        ),
+        ("traffic", "setApparentDecel"),
+        ("network", "setImpatience setSpeedFactor setRoutingMode rerouteTraveltime rerouteEffort setVia"),
+        ("network", "setAdaptedTraveltime setEffort"),
+    )
+    for call in calls.split()
+}
+"""Calls that SUMO takes and ignores under the settings of a case, by what would heed them."""
+HANDS_OVER = frozenset({"setSpeed", "slowDown", "setAcceleration"})
+"""Calls after which SUMO's own model drives: at once by a negative speed, or when their time has passed."""
 
 DURATIONS = frozenset({"duration", "leadTime", "actionStepLength", "boardingDuration", "time", "begTime", "endTime"})
 """Names of arguments that are durations or times, s."""
