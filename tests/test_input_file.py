@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import re
 import socket
 from collections.abc import Callable
@@ -82,6 +83,34 @@ def test_special_files_are_refused_unopened(what: str, kind: str, tmp_path: Path
     given = place.with_suffix("") if what in ("scenario", "ADS") else place
     with pytest.raises(InputError, match=r"must be a regular file, got a (named pipe|character device)\.$"):
         READERS[what](given)
+
+
+@pytest.mark.parametrize("seeds", [range(60), pytest.param(range(60, 3_000), marks=pytest.mark.campaign)])
+def test_any_special_file_behind_links_is_a_sentence(seeds: range, tmp_path: Path) -> None:
+    """A fuzz of what stands in the place of a file that any reader is given."""
+    for seed in seeds:
+        draw, folder = random.Random(seed), tmp_path / str(seed)
+        folder.mkdir()
+        for name in ("01_tracksMeta.csv", "01_recordingMeta.csv"):
+            (folder / name).write_text("id\n1\n")
+        what = draw.choice([*READERS])
+        place = folder / NAMES.get(what, "special")
+        kind = draw.choice(["pipe", "folder", "/dev/zero", "/dev/random", "/dev/full", "/dev/tty", "nowhere", "loop"])
+        last = place
+        for number in range(draw.randint(0, 6)):
+            last.symlink_to(folder / f"link_{number}")
+            last = folder / f"link_{number}"
+        if kind == "pipe":
+            os.mkfifo(last)
+        elif kind == "folder":
+            last.mkdir()
+        else:
+            last.symlink_to(place if kind == "loop" else kind)
+        given = place.with_suffix("") if what in ("scenario", "ADS") else place
+        with pytest.raises(InputError) as found:
+            READERS[what](given)
+        assert "Traceback" not in str(found.value), (seed, what, kind)
+        assert len(str(found.value).splitlines()) == 1, (seed, what, kind)
 
 
 def test_a_socket_is_named_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ import ast
 import hashlib
 import importlib
 import os
+import random
 import subprocess
 import sys
 from pathlib import Path
@@ -252,6 +253,42 @@ def test_damaged_machine_code_is_compiled_again(tmp_path, monkeypatch, how: str)
     (file,) = tmp_path.iterdir()
     file.write_bytes(damaged(file.read_bytes(), how))
     assert [found_on_disk(), found_on_disk()] == [False, True]
+
+
+def spoilt(path, draw):
+    """Anything that may become of a file of machine code."""
+    content = bytearray(path.read_bytes())
+    how = draw.choice(["cut", "bits", "more", "text", "pipe", "link", "loop", "device", "unreadable"])
+    if how in ("pipe", "link", "loop", "device"):
+        path.unlink()
+        places = {"link": "nowhere", "loop": path, "device": "/dev/zero"}
+        os.mkfifo(path) if how == "pipe" else path.symlink_to(places[how])
+    elif how == "unreadable":
+        path.chmod(0)
+    elif how == "text":
+        path.write_text("a note saved under this name " * draw.randint(1, 1000))
+    else:
+        for _ in range(draw.randint(1, 50) if how == "bits" else 0):
+            content[draw.randrange(len(content))] ^= 1 << draw.randrange(8)
+        cut = draw.randrange(len(content)) if how == "cut" else len(content)
+        path.write_bytes(bytes(content[:cut]) + draw.randbytes(draw.randint(1, 99) if how == "more" else 0))
+    return how
+
+
+@needs_numba
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 100), marks=pytest.mark.campaign)])
+def test_whatever_becomes_of_machine_code_is_compiled_again(tmp_path, monkeypatch, seeds):
+    """A fuzz of the compile cache."""
+    monkeypatch.setattr(kernels, "cache_folder", lambda: tmp_path)
+    found_on_disk()
+    for seed in seeds:
+        (file,) = tmp_path.iterdir()
+        spoilt(file, random.Random(seed))
+        found_on_disk()  # the numbers are right
+        assert found_on_disk() or not file.is_file(), seed
+        if not file.is_file():
+            file.unlink()
+            found_on_disk()
 
 
 @needs_numba

@@ -8,11 +8,13 @@ from typing import Any, NamedTuple
 
 from sumo_eval.cosim.doors.contract import Finding, check_controller
 from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Setup
 from sumo_eval.record.engines import what_happened
 from sumo_eval.record.frames import FrameError, Message
 from sumo_eval.record.pool import Ended, Pool, Work
+from sumo_eval.record.watch import interrupted
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.text import clean
@@ -74,6 +76,9 @@ def _checked(asked: _Asked, folder: Path) -> Message:
         )
     except InputError as error:
         return Message(["refused", [[str(error)[:_LONGEST]]]])
+    except KeyboardInterrupt as error:
+        place = f" At {found_at}." if (found_at := fault_place(error, None, folder)) else ""
+        return Message(["found", [["FAIL", f"ADS `{asked.locator}`: {interrupted(error)}.{place}", "end no process"]]])
     return Message(["found", [[one.kind, one.text[:_LONGEST], one.mend] for one in found]])
 
 

@@ -63,6 +63,7 @@ WHOLE = (1, 1)
 _TIMED = 32  # drives of a kind that an estimate times, at most
 _A_KIND_FOR = 1.0  # s, where a user's ADS drives
 _TIMED_FOR = 2.0  # s for all kinds; the drive that runs then is the last one
+_LONGEST_DRIVE = 3.0  # s; a longer one is broken off
 _KINDS = 12  # ADSs that are loaded and timed, and pairs of ADS and scenario, at most
 _SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
 _LOOKED_AT = 2_000  # points that an estimate looks at, of each scenario, at most
@@ -106,11 +107,11 @@ class Estimate:
         done = f"; {self.recorded} of them are recorded already" if self.recorded else ""
         minutes, seconds = divmod(round(self.seconds), 60)
         time = f"{minutes} min {seconds} s" if minutes else f"{self.seconds:.1f} s"
+        many, timed = "s" * (self.workers > 1), f"{self.timed} drive{'s' * (self.timed > 1)}"
         return (
             f"{self.ads} drives of the ADSs, {self.humans} of human drivers and {self.references} of the "
-            f"references{done}.\nAbout {time} with {self.workers} worker{'s' if self.workers > 1 else ''}, "
-            f"estimated from {self.timed} drives timed now, for {_TIMED_FOR:g} s at most; scoring takes additional "
-            f"time.{self._not_looked_at}"
+            f"references{done}.\nAbout {time} with {self.workers} worker{many}, estimated from {timed} timed now, for "
+            f"{_TIMED_FOR:g} s at most; scoring takes additional time.{self._not_looked_at}"
         )
 
     @property
@@ -123,7 +124,8 @@ class Estimate:
         )
         sorts = " and ".join(self.untimed)
         others = f"\nDrives of the {sorts} were not timed: they count as the others." if sorts else ""
-        least = "\nA drive was broken off then: the run takes longer than that." if self.broken_off else ""
+        late = f"\nA drive was broken off after {_LONGEST_DRIVE:g} s: the run takes longer than that."
+        least = late if self.broken_off else ""
         return f"{ads}{others}{least}"
 
 
@@ -464,10 +466,9 @@ def _seconds_a_drive(kinds: Mapping[str, Sequence[Sequence[Case]]], setup: Setup
     took: dict[str, list[float]] = {}
     turns = zip_longest(*([(sort, cases) for cases in some if cases] for sort, some in kinds.items()))
     for sort, cases in (kind for turn in turns for kind in turn if kind is not None):
-        rest = until - clock.perf_counter()
-        if timed and rest <= 0.0:
+        if timed and clock.perf_counter() >= until:
             break
-        limit = replace(setup.run, case_timeout=min(setup.run.case_timeout, max(rest, 1.0)))
+        limit = replace(setup.run, case_timeout=min(setup.run.case_timeout, _LONGEST_DRIVE))
         a_drive, in_time = _seconds_each(cases[:1], replace(setup, run=limit))  # with imports and compilation
         number = _TIMED
         if home(cases[0], setup) != OURS:  # nothing ends a pack that has begun

@@ -29,9 +29,22 @@ def test_a_bad_controller(tmp_path):
     assert done.returncode == 1
     assert "FAIL" in done.stdout
     assert "-> forget everything in reset" in done.stdout
-    failed = done.stdout.count("FAIL  ")
-    assert failed == done.stdout.count("the second drive differs from") >= 8  # every one of the edge cases
-    assert f"mine.py:acc: breaks the contract in {failed} point" in done.stdout
+    assert done.stdout.count("FAIL  ") == done.stdout.count("the second drive differs from") == 1, (
+        "a cause is said once"
+    )
+    assert "FAIL  11 of 11 cases, e.g. front_vehicle_low_speed (" in done.stdout
+    assert "mine.py:acc: breaks the contract in 1 point" in done.stdout
+
+
+@pytest.mark.parametrize("where", ["__init__", "act"])
+def test_an_interrupt_of_its_own_is_told_as_the_adss(tmp_path, where):
+    (tmp_path / "mine.py").write_text(
+        f"class Mine:\n    def {where}(self, seen=None):\n        raise KeyboardInterrupt\n    reset = print\n"
+    )
+    done = check("mine.py:Mine", tmp_path)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stdout + done.stderr
+    assert f"FAIL  ADS `mine.py:Mine`: it raised KeyboardInterrupt. At mine.py:3 in {where}." in done.stdout
 
 
 def test_an_exception_is_told_by_its_place_in_the_users_file_without_the_harness_lines(tmp_path):

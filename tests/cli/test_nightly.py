@@ -6,6 +6,7 @@ import errno
 import fcntl
 import json
 import os
+import random
 import shutil
 import signal
 import sqlite3
@@ -13,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import junitparser
@@ -430,6 +432,38 @@ def test_old_history_put_back_keeps_complete_nights(
         sum("is a complete run without a line in the history" in note for note in notes) == len(complete) - known_lines
     )
     assert f"Night {unfinished.name} was stopped before its end; its unfinished folder was removed." in notes
+
+
+@pytest.mark.parametrize("seeds", [range(8), pytest.param(range(8, 300), marks=pytest.mark.campaign)])
+def test_no_history_removes_a_complete_night(week: tuple[Path, list[str]], tmp_path: Path, seeds: range) -> None:
+    """A fuzz of histories: any begun, finished and lost lines, beside complete, stopped and damaged nights."""
+    source = sorted((week[0] / "history" / "nights").iterdir())[0]
+    for seed in seeds:
+        draw, history = random.Random(seed), tmp_path / str(seed)
+        kinds = {f"2020-01-0{day}T00-00-00Z": draw.choice(["complete", "stopped", "cut"]) for day in range(1, 5)}
+        for name, kind in kinds.items():
+            night = history / "nights" / name
+            night.mkdir(parents=True)
+            shutil.copy(source / "facts.sqlite", night / "facts.sqlite")
+            shutil.copy(source / "manifest.json", night / "manifest.json")
+            if kind == "stopped":
+                with sqlite3.connect(night / "facts.sqlite") as facts:
+                    facts.execute("UPDATE about SET value = '' WHERE name IN ('complete', 'seal')")
+            elif kind == "cut":
+                (night / "facts.sqlite").write_bytes((night / "facts.sqlite").read_bytes()[: draw.randrange(100_000)])
+        with open_history(history, create=True) as lines:
+            for name in kinds:
+                if draw.random() < 0.7:
+                    lines.begin(name)
+                if draw.random() < 0.3:
+                    values = (name, draw.choice([f"nights/{name}", "nights", "", "..", f"nights/{name}/.."]))
+                    lines._connection.execute(
+                        "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", values
+                    )
+            with suppress(InputError):
+                _clear_away(history, lines)
+        left = {path.name for path in (history / "nights").iterdir()}
+        assert {name for name, kind in kinds.items() if kind == "complete"} <= left, seed
 
 
 def test_a_line_that_names_another_place_removes_nothing_there(tmp_path: Path) -> None:

@@ -108,7 +108,7 @@ def check_controller(
     for case in driven:
         if sum(recording.wall_time for recording in again) <= _PATIENCE:
             again.append(drive(case))
-    findings += [_same(case, one, two) for case, one, two in zip(driven, first, again, strict=False)]
+    findings += _counted([_same(case, one, two) for case, one, two in zip(driven, first, again, strict=False)])
     if len(again) < len(driven):
         findings.append(Finding("note", f"{len(again)} of the {len(driven)} cases were driven a second time"))
     findings.append(_latency((*first, *again), settings.step))
@@ -228,6 +228,14 @@ def _planned(recordings: Sequence[Recording]) -> list[Finding]:
         return [Finding("warn", text, "a Plan is in road coordinates and in s since the start of the case, from where "
                         "the ego is, and reaches until the next one is given")]  # fmt: skip
     return [Finding("ok", text)]
+
+
+def _counted(findings: Sequence[Finding]) -> list[Finding]:
+    """What holds case by case, and the first of what does not, with how many there are."""
+    wrong = [finding for finding in findings if finding.kind == "FAIL"]
+    count = f"{len(wrong)} of {len(findings)} cases, e.g. " if len(wrong) > 1 else ""
+    first = [replace(finding, text=count + finding.text) for finding in wrong[:1]]
+    return [*(finding for finding in findings if finding.kind != "FAIL"), *first]
 
 
 def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
