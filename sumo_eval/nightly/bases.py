@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -11,10 +12,12 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import Accepted, History, Night, open_history
 from sumo_eval.report.comparison import Comparison, side_by_side
+from sumo_eval.report.gate_result import CaseChange
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.results import Evaluation
 
 MOST_DIGITS = 5  # of an age
+NIGHT = "night.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,7 @@ def pin_of(lines: History) -> Accepted | None:
 
 
 def accept(history: Path, night: str | None, reason: str, until: str | None) -> tuple[Night, list[str]]:
-    """Accept a night as a base, by default the newest: the night, and what of it is accepted.
+    """Accept a night as a base, by default the newest: the night, and the failures and cases that are accepted.
 
     until: the last day on which that counts. Raises InputError.
     """
@@ -96,7 +99,18 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
             raise InputError(f"The folder of night {name} is gone; only a night whose folder is kept can be a base.")
         lines.accept(Accepted(name, _now(), reason, until, itself=False))
         failed = [gate for gate in lines.gates() if gate.night == name and gate.passed is False]
-    return nights[name], [f"{gate.ads} in {gate.scenario}: {gate.sentence}" for gate in failed]
+    sentences = [f"{gate.ads} in {gate.scenario}: {gate.sentence}" for gate in failed]
+    return nights[name], [*sentences, *_named(history / nights[name].folder / NIGHT)]
+
+
+def _named(told: Path) -> list[str]:
+    """The worst cases of a night's failed limits, as its `night.json` has them; none without that file."""
+    if not told.is_file():
+        return []
+    limits = json.loads(told.read_text(encoding="utf-8"))["failed"]
+    names = ("case", "point", "before", "after")
+    changes = [CaseChange(*(case[name] for name in names)) for limit in limits for case in limit["cases"]]
+    return [f"{one.case}: {one.words}" for one in changes]
 
 
 UNITS = {"m": "minutes", "h": "hours", "d": "days"}

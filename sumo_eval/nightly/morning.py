@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from sumo_eval.nightly.bases import NIGHT
 from sumo_eval.nightly.history import History, Night
 from sumo_eval.nightly.judged import Judged
 from sumo_eval.report.comparison import Comparison, builds_besides
@@ -20,7 +21,6 @@ from sumo_eval.report.terminal import gate_lines, ways_to, worst_lines
 from sumo_eval.report.words import count, one_line
 from sumo_eval.results import Evaluation
 
-NIGHT = "night.json"
 SUMMARY = "summary.md"
 CHAT = "chat.json"
 MOST_IN_CHAT = 5  # failed limits

@@ -79,6 +79,14 @@ def test_a_night_leaves_what_people_and_machines_read(week: tuple[Path, list[str
     xml = junitparser.JUnitXml.fromfile(str(last / "junit.xml"))
     assert xml.errors >= 1
     assert "no plan here" in (last / "junit.xml").read_text()
+    page = (last / "report.html").read_text(encoding="utf-8")
+    top = page[: page.index('id="change"')]
+    assert "<b>new</b> mine in <code>front_vehicle_low_speed</code>: 1 case gave up, not so in the base" in top
+    case = json.loads((last / "night.json").read_text())["failed"][0]["cases"][0]
+    assert f'data-opening="{case["case"]}"' in top, "the picture is of the worst new failure"
+    assert case["run"] == f"sumo-eval run {last} --only {case['case']}"
+    told = json.loads((folder / "history" / "chat.json").read_text())["text"]
+    assert "1 case gave up, not so in the base" in told
     trend = (folder / "history" / "trend.html").read_text()
     assert trend.count("<svg data-chart") >= 5
     assert f'href="{nights(folder / "history")[-1].folder}/report.html"' in trend

@@ -96,6 +96,16 @@ def test_night_json_names_case_and_ways_to_it(judged: Judged, folder: Path) -> N
     assert told["builds"] == {builders.CALM: "def"}
 
 
+def test_accept_lists_the_cases_that_it_accepts(judged: Judged, folder: Path, evaluation: Evaluation) -> None:
+    history = folder.parents[1]
+    with open_history(history, create=True) as lines:
+        lines.add(night(SECOND, 1), evaluation, judged.gates)
+    (gate,) = failed(judged.gates)
+    _, accepted = accept(history, None, "closer on purpose", None)
+    sentence = f"{gate.ads} in {gate.scenario}: {gate.sentence}"
+    assert accepted == [sentence, f"{gate.worst[0].case}: 0.92 -> 0.32"]
+
+
 def test_an_annotation_is_one_line_for_github(judged: Judged) -> None:
     (line,) = github_annotations(judged.gates)
     head, _, body = line.removeprefix("::").partition("::")

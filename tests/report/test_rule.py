@@ -25,6 +25,7 @@ from sumo_eval.report.rule import (
     worsening,
 )
 from sumo_eval.report.rule_limits import judge_pairs
+from sumo_eval.report.verdict import verdict
 from sumo_eval.results import CaseResult, Evaluation
 
 SETTINGS = GateSettings(resamples=100)
@@ -209,3 +210,29 @@ def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation: Evaluation) -> No
     assert gone.endswith("If this is meant: accept it")
     part = without(lambda case: case.scenario == first.scenario and case.ads == first.ads)
     assert f"`{first.ads}` has no case of the base's {first.scenario} any more" in sentence(part)
+
+
+def test_the_same_is_said_of_equal_bits_alone(evaluation: Evaluation) -> None:
+    """The last digit of one value of one case is enough; so is a case without a partner."""
+
+    def told(new: Evaluation) -> str:
+        found = verdict(compare(evaluation, new, SETTINGS), (), new)
+        return f"{found.word}: {found.sentence}"
+
+    assert told(evaluation).startswith("same: THE SAME as")
+    case = pick(evaluation, collided=False)
+    digit = with_case(evaluation, case.case, lambda one: replace(one, max_jerk=np.nextafter(one.max_jerk or 1.0, 9.0)))
+    assert told(digit).startswith("no_limit_failed: NO LIMIT FAILED")
+    assert "1 case changed by less than the tolerances" in told(digit)
+    fewer = replace(evaluation, cases=tuple(one for one in evaluation.cases if one.case != case.case))
+    assert "equal to the last bit, 1 of the base have no partner" in told(fewer)
+    slower = with_case(evaluation, case.case, lambda one: replace(one, latency_median=1.0, wall_time=9.0))
+    assert told(slower).startswith("same: THE SAME as"), "no two drives take the same time"
+
+
+def test_a_slower_ads_fails_and_a_loaded_machine_does_not(evaluation: Evaluation) -> None:
+    """20 times the fixed work before. 30 now: its half is allowed (max(10, 0.5 * 20) = 10). 31: it is not."""
+    base = calm(evaluation, latency_relative=20.0, latency_median=1e-4)
+    loaded = calm(base, latency_relative=30.0, latency_median=9e-4)
+    assert not judged(base, loaded)
+    assert [gate.quantity for gate in judged(base, calm(base, latency_relative=31.0))] == ["latency_relative"]
