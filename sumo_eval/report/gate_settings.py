@@ -100,7 +100,6 @@ class NearMissSettings(Checked):
     measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
         MeasureSettings("min_gap", 0.1, 0.1, zone=2.0),
         MeasureSettings("min_ttc", 0.1, 0.1, zone=1.5),
-        MeasureSettings("pet", 0.1, 0.1, zone=1.0),
         MeasureSettings("max_drac", 0.2, 0.05, zone=3.4, higher_is_better=False),
     )
 
@@ -115,7 +114,6 @@ class ShiftSettings(Checked):
     share: Annotated[float, NotNegative, Le(1.0), About("least share of worse cases")] = 0.05
     share_alone: Annotated[float, NotNegative, Le(1.0), About("share that fails if no case is better")] = 0.15
     measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
-        MeasureSettings("max_jerk", 2.0, 0.2, higher_is_better=False),
         MeasureSettings("task_share", 0.01),
         MeasureSettings("simulated_time", 0.25, 0.02, higher_is_better=False),
         MeasureSettings("human_likeness", 0.01),
