@@ -152,11 +152,13 @@ def _check_scenario(use: str) -> NoReturn:
     path = Path(file)
     scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
-    logical = space_of(scenario, alone, path.parent.resolve(), looked_at=_ASKED).logical  # the file is asked everywhere
+    space = space_of(scenario, alone, path.parent.resolve(), looked_at=_ASKED)  # the file is asked everywhere
+    logical = space.logical
     refuse_impossible_zones(logical, alone.method.zones)
     say(check_file(path, given))
     if asks_some(logical):
-        tell(f"Zones: some {_ASKED} of these points and one in eight of their dense grid were asked; a run asks all.")
+        some = f"some {_ASKED} of these points and " if len(space.points) > _ASKED else ""
+        tell(f"Zones: {some}one in eight points of their dense grid were asked; a run asks all.")
     sys.exit(DONE)
 
 

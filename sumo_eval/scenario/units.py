@@ -47,7 +47,7 @@ def refuse_unit(formula: str | float, owner: str) -> None:
     for own, others in CONVERSIONS.items() if found is not None else ():
         if found is not None and (spelt(found[2]) == own or found[2].lower() in others):
             value = others.get(found[2].lower(), 1.0) * float(found[1])
-            raise InputError(f"{owner} must be a number without a unit, in {own}, got {formula}: write {value:.6g}.")
+            raise InputError(f"{owner} must be a number without a unit, got {formula}: as {own} write {value:.6g}.")
 
 
 def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> None:

@@ -374,7 +374,7 @@ def _intervals(
     unseen, free_points = {}, FreePoints.of(one)
     if free_points.spotless:
         unseen = free_points.losses(one.terms, one.hazardous, once(len(one.points)), method)
-        unseen = unseen if free_points.harmless else {"c": unseen["c"]}
+        unseen = {name: loss for name, loss in unseen.items() if free_points.harmless or name == "c"}
     for name in SCORED:
         value = values[name]
         if value is None:

@@ -53,6 +53,12 @@ def half(limits):
     return (limits[1] - limits[0]) / 2.0
 
 
+def test_cases_that_were_all_lost_have_intervals_without_c():
+    lost = np.zeros(3, dtype=bool)
+    found = intervals(judged(3, counted=lost, evaluated=lost, incident=np.ones(3, dtype=bool)), replicates=20)
+    assert "c" not in found.limits
+
+
 # --- the known answer -------------------------------------------------------------------------------------------------
 
 DRIVERS, CASES = 10, 90
