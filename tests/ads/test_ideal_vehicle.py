@@ -161,6 +161,7 @@ def lateness(first: float):
     return Late
 
 
+@pytest.mark.campaign
 def test_six_drivers_of_known_order_have_six_c_in_cut_out():
     cases = drawn_cases("front_vehicle_cut_out", 150, seed=8)
     ideal, nothing = severities(cases, "ideal_braking"), severities(cases, "no_reaction")

@@ -35,6 +35,7 @@ def cut_outs():
 SEES_THROUGH = SimulationSettings(ideal_visible_share=0.0)
 
 
+@pytest.mark.campaign
 def test_ideal_braking_that_sees_through_hits_exactly_as_fast_as_the_closed_form_says():
     hits = 0
     for concrete in cut_outs():

@@ -18,6 +18,7 @@ SAMPLE = runpy.run_path(str(ROOT / "docs" / "examples" / "dlr_sample.py"))
 PAGE = "docs/tutorials/recorded_people.md"
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(SAMPLE["archive"]() is None, reason="the wheel tasi is not installed: pip install --no-deps tasi")
 def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_people(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

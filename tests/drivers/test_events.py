@@ -116,6 +116,7 @@ def test_vehicles_and_ghosts_are_counted_and_pedestrians_are_not_traffic():
     assert "0 of 2 motor vehicles" in found.sentences()[0]
 
 
+@pytest.mark.campaign
 @needs_recordings
 def test_real_approaches_have_the_parameters_and_outcomes_of_their_table():
     """The series begin up to 2 s before the event, so the way in which it began is not in them; the rest is."""

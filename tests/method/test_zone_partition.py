@@ -338,6 +338,7 @@ def test_the_worst_point_is_found_in_a_corner_that_no_grid_holds():
     assert (point["x"], point["y"]) == pytest.approx((2.7 - 1.3 * cut, 1.3), abs=1e-6)
 
 
+@pytest.mark.campaign
 def test_boundary_distance_is_what_looking_in_every_direction_finds(hill):
     points = scattered(hill.logical, 10, seed=5)
 

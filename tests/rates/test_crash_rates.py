@@ -109,6 +109,7 @@ def test_the_plane_of_the_rare_scenario_is_where_it_should_be():
     assert -ndtri(1e-6) == pytest.approx(4.7534, abs=1e-4)
 
 
+@pytest.mark.campaign
 def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
     file = tmp_path / "campaign.toml"
     file.write_text(FILE)

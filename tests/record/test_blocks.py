@@ -64,6 +64,7 @@ def digest(run: Path) -> str:
     return sumo_eval.open_run(run).digest()
 
 
+@pytest.mark.campaign
 def test_the_same_bytes_whatever_the_workers_and_the_engine_and_after_a_loss(whole: Path, tmp_path: Path) -> None:
     one = digest(whole)
     shutil.copytree(whole, tmp_path / "one")

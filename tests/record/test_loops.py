@@ -42,6 +42,7 @@ def test_children_that_end_badly_are_waited_for(tmp_path: Path) -> None:
     assert (tmp_path / "done").is_file()
 
 
+@pytest.mark.campaign
 def test_children_take_no_module_from_the_folder_in_which_a_run_is_started(tmp_path: Path) -> None:
     """A clone of this package lies there, as where it is installed from, and files that are called as modules are."""
     (tmp_path / "sumo_eval").mkdir()

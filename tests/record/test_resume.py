@@ -170,7 +170,7 @@ def children_of_fork_servers(root: int) -> set[int]:
     return found - {root}
 
 
-@pytest.mark.parametrize("how", ["twice", "killed"])
+@pytest.mark.parametrize("how", ["killed", pytest.param("twice", marks=pytest.mark.campaign)])
 def test_hanging_children_are_gone_after_ctrl_c_twice_and_after_kill_9(how: str, tmp_path: Path) -> None:
     path = write_evaluation(tmp_path, HANGS, case_timeout=300.0)
     process = started(tmp_path / "run", path, at_rows=1)
@@ -216,6 +216,7 @@ def test_a_run_whose_disk_fills_up_stops_with_a_sentence_and_goes_on_later(whole
     assert digest(tmp_path / "run") == digest(whole)
 
 
+@pytest.mark.campaign
 def test_a_folder_whose_making_was_cut_short_is_made_anew_and_a_foreign_one_never(whole: Path, tmp_path: Path) -> None:
     path = write_evaluation(tmp_path)
     (tmp_path / "run" / "networks").mkdir(parents=True)

@@ -122,7 +122,9 @@ def again(out: Path, line: str) -> Path:
     return out / "again"
 
 
-@pytest.mark.parametrize(("scenario", "ads"), [("cut_in", "draws"), ("slow_truck", "program")])
+@pytest.mark.parametrize(
+    ("scenario", "ads"), [("cut_in", "draws"), pytest.param("slow_truck", "program", marks=pytest.mark.campaign)]
+)
 def test_an_exported_case_drives_again_digit_for_digit(run, tmp_path, scenario, ads):
     case = f"{scenario}-0001-{ads}"
     path = next(path for path in export_case(run, case, tmp_path).paths if path.suffix == ".toml")
@@ -133,6 +135,7 @@ def test_an_exported_case_drives_again_digit_for_digit(run, tmp_path, scenario, 
     assert drive(tmp_path / "again", f"{scenario}-0000-{ads}") == recorded
 
 
+@pytest.mark.campaign
 def test_the_line_that_it_gives_drives_the_case_again(run, tmp_path):
     ads = "beside it/--x"
     exported = export_case(run, f"slow_truck-0001-{ads}", tmp_path)

@@ -175,6 +175,7 @@ def ours_and_theirs(load: Callable[[str], LogicalScenario]) -> list[tuple[str, C
     return found
 
 
+@pytest.mark.campaign
 @needs_catalogues
 def test_a_car_that_does_nothing_hits_as_hard_in_our_own_scenarios_as_in_the_imported_ones() -> None:
     """Closing speeds at contact: 50 of CCRs, 80 - 20 of CCRm, 60 - 40 of the cut-in and 60 km/h of the cut-out; the

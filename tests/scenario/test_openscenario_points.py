@@ -109,6 +109,7 @@ def test_a_deterministic_variation_is_all_its_combinations_that_the_constraint_g
     assert any("Not mapped" in note and "Model" in note for note in chosen.notes)
 
 
+@pytest.mark.campaign
 def test_of_several_groups_one_has_to_hold_and_within_a_group_all(files):
     # both lanes are allowed by one group each; an AND over groups would allow neither
     (files / "mapping.toml").write_text(MAPPING.replace("RelativeLaneId = 1\n", ""))

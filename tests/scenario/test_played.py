@@ -185,6 +185,7 @@ def test_a_stream_is_the_same_every_time_and_denser_than_its_lane_is_refused() -
         scenario_from({**content, "stream": [{**stream, "density": 150.0}]}, "t", Path()).concrete(v=20.0)
 
 
+@pytest.mark.campaign
 def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_one() -> None:
     lead = {"name": "lead", "gap": 40.0, "speed": 10.0}
     plain = scenario_from({**BASE, "vehicle": [lead], "zone": {"obstacle": "lead"}}, "t", Path())

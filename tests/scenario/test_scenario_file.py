@@ -287,6 +287,7 @@ def test_schemas_name_every_key_with_its_meaning():
     assert "bumper" in scenario_schema()["$defs"]["VehicleTable"]["properties"]["gap"]["description"]
 
 
+@pytest.mark.campaign
 def test_the_zone_rule_of_a_file_trains_a_partition(file):
     from sumo_eval.method.zone_partition import partition
 
