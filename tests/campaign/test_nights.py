@@ -204,6 +204,7 @@ def test_noise_raises_one_alarm_in_fifty_nights_at_most(cases: int, tmp_path: Pa
     shutil.copy(Path(__file__).with_name("ladder_ads.py"), tmp_path)
     entries = [entry(f"{noise} {k:02d}", {"noise": noise}) for noise in NOISES for k in range(DRIVES)]
     run = driven(tmp_path, "noisy", cases, entries)
+    run = replace(run, cases=tuple(run.cases))  # read once: each night looks at them several times
     for noise in NOISES:
         nights, alarms = false_alarms(run, [f"{noise} {k:02d}" for k in range(DRIVES)])
         print(f"\n{len(run.cases) // len(entries)} cases, noise {noise} m/s2: {alarms} of {nights} null nights failed")
