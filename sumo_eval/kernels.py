@@ -326,5 +326,10 @@ def warm(scripts: Sequence[str]) -> None:
     begin = f"import sys; sys.path[:] = {sys.path!r}\n"
     begin += "import gc; gc.disable()\n"  # compiling makes many objects and little garbage; a tenth of its time
     children = [subprocess.Popen([sys.executable, "-P", "-c", begin + script]) for script in scripts]
-    for child in children:
-        child.wait()
+    try:
+        for child in children:
+            child.wait()
+    finally:  # after Ctrl-C none goes on behind the back of who pressed it
+        for child in children:
+            child.kill()
+            child.wait()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -40,6 +41,24 @@ def test_what_failed_to_compile_is_not_marked_as_done(tmp_path: Path, monkeypatc
 def test_children_that_end_badly_are_waited_for(tmp_path: Path) -> None:
     kernels.warm([f"open({str(tmp_path / 'done')!r}, 'w').close()", "raise SystemExit(3)"])
     assert (tmp_path / "done").is_file()
+
+
+def test_an_interrupt_ends_what_compiles(tmp_path: Path) -> None:
+    """Only this process is told, as by a service; a terminal tells its children, too."""
+    file = tmp_path / "pid"
+
+    def press(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, press)
+    begun = f"import os, time; open({str(file)!r}, 'w').write(str(os.getpid())); os.kill({os.getpid()}, 14)"
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            kernels.warm([f"{begun}; time.sleep(300)"])
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(file.read_text()), 0)
 
 
 @pytest.mark.campaign
