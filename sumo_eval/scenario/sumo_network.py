@@ -39,6 +39,7 @@ _DEFAULT_LANE_WIDTH = 3.2  # m, SUMO's
 _ONE_PLACE = 0.05  # m: corners nearer than that are netconvert's rounding
 PARALLEL = 0.3  # m that a lane may be off its place beside the line of a road that bends
 
+_WITHOUT_RIGHT_OF_WAY = ("dead_end", "district", "internal", "unregulated")
 _CARS = {"passenger", "all"}  # classes of vehicles, of which ours is one
 
 Point = tuple[float, float]
@@ -84,6 +85,7 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     if any(lane.width != width for of_edge in lanes for lane in of_edge):
         widths = ", ".join(f"{lane.id} {lane.width:g} m" for of_edge in lanes for lane in of_edge)
         raise InputError(f"The lanes of edges {', '.join(edges)} of {owner} must have one width, got {widths}.")
+    _check_junctions(root, [by_id[name] for name in edges[1:]], owner)
     bare = path.name.removesuffix(".net.xml").removesuffix(".xml")
     if not _is_straight(lanes):
         return _bent_road(root, network, lanes, end, owner, bare)
@@ -147,6 +149,18 @@ def _spans(
             raise must_be(f"Edge `{name}`", owner, "without lanes only on the outside, and not all of one side's",
                           f"none in place {min(missing)}")  # fmt: skip
     return tuple(found)
+
+
+def _check_junctions(root: etree._Element, edges: Sequence[etree._Element], owner: str) -> None:
+    """Refuse a junction before one of the edges that has incoming lanes and no right of way: SUMO crashes there."""
+    junctions = {junction.get("id"): junction for junction in root.iter("junction")}
+    for edge in edges:
+        junction = junctions.get(edge.get("from"))
+        if junction is None or junction.get("type") in _WITHOUT_RIGHT_OF_WAY or not junction.get("incLanes"):
+            continue
+        if junction.find("request") is None:
+            must = "with a <request> for each of its connections, as netconvert writes them, or of type `unregulated`"
+            raise InputError(f"Junction `{junction.get('id')}` of {owner} must be {must}: it has none.")
 
 
 def _check_end(end: float, length: float, owner: str) -> None:

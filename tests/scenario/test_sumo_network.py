@@ -250,6 +250,24 @@ def test_law_a_network_that_bends_is_the_road_along_its_lanes(bent):
     assert 1.0 / curvatures(road.line, 400.0) == pytest.approx(250.0, rel=0.02)
 
 
+def test_junction_without_right_of_way_is_refused(tmp_path):
+    """SUMO ends with a segmentation fault where a vehicle comes to one, whatever its type but `unregulated`."""
+    root = etree.fromstring(network_xml(BENT).encode())
+    (junction,) = [it for it in root.iter("junction") if it.get("id") == root.find(".//edge[@id='road1']").get("from")]
+    junction.set("type", "priority")
+    junction.set("incLanes", " ".join(lane.get("id") for lane in root.find(".//edge[@id='road0']").iter("lane")))
+    for request in junction.findall("request"):
+        junction.remove(request)
+    path = tmp_path / "hill.net.xml"
+    path.write_bytes(etree.tostring(root))
+    sentence = "must be with a <request> for each of its connections.*or of type `unregulated`: it has none"
+    with pytest.raises(InputError, match=sentence):
+        read_road(path, ["road0", "road1"], 500.0)
+    junction.set("type", "unregulated")
+    path.write_bytes(etree.tostring(root))
+    assert read_road(path, ["road0", "road1"], 500.0).lanes == 3
+
+
 def test_edges_that_bend_are_driven_in_their_order(bent):
     for edges, sentence in (
         (["road0", "road2"], "Edge `road0` of network hill.net.xml must lead to edge `road2`: no lane of it does."),
