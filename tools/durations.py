@@ -92,7 +92,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--most", type=int, default=40, help="rows of each table")
     parser.add_argument("--json", type=Path, help="also write every test's times to this file")
-    parser.add_argument("--write", action="store_true", help="write tests/durations.json: processor time by file")
+    parser.add_argument("--write", action="store_true", help="write tests/durations.json: wall time by file")
     options, arguments = parser.parse_known_args()
 
     begin = time.monotonic()
@@ -112,7 +112,7 @@ def main() -> int:
     if options.json:
         options.json.write_text(json.dumps(times, indent=0))
     if options.write:
-        files = {name: round(sums[0], 1) for name, sums in sorted(by_prefix(times, 9).items())}
+        files = {name: round(sums[1], 1) for name, sums in sorted(by_prefix(times, 9).items())}
         (ROOT / "tests/durations.json").write_text(json.dumps(files, indent=1) + "\n")
     return status
 
