@@ -27,6 +27,7 @@ from types import ModuleType
 from typing import Any, cast
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.settings.locators import FOLDERS
 
 _KIND = "forkserver" if sys.platform == "linux" else "spawn"  # never forked from this one: it has threads and state
 _START_TIME = 120.0  # s for a child to begin; it takes milliseconds, and seconds while the simulator is being loaded
@@ -50,7 +51,7 @@ class Child(_ordinary.Process):  # type: ignore[misc]
 
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # noqa: N802 - the name that multiprocessing looks for
-        with _script_out_of_sight(), _children_environment():
+        with _users_code_out_of_sight(), _children_environment():
             return _ordinary.Process._Popen(process_obj)
 
     def start(self) -> None:
@@ -154,7 +155,7 @@ def warm_up() -> None:
     Nothing waits for it, and where children are spawned there is no such process.
     """
     child_context()
-    with _script_out_of_sight(), _children_environment():
+    with _users_code_out_of_sight(), _children_environment():
         pass  # to begin there is part of entering
 
 
@@ -191,13 +192,15 @@ def _leave_at_end_of(lifeline: Connection) -> None:
 
 
 @contextmanager
-def _script_out_of_sight() -> Iterator[None]:
-    script = sys.modules["__main__"]
+def _users_code_out_of_sight() -> Iterator[None]:
+    """Hand on neither the script nor folders of users' files: a child imports the neighbours of its own ADS alone."""
+    script, places = sys.modules["__main__"], sys.path[:]
     sys.modules["__main__"] = ModuleType("__main__")
+    sys.path[:] = [place for place in places if place not in FOLDERS]
     try:
         yield
     finally:
-        sys.modules["__main__"] = script
+        sys.modules["__main__"], sys.path[:] = script, places
 
 
 def _begin_forkserver() -> None:

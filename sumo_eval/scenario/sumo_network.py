@@ -159,8 +159,8 @@ def _check_junctions(root: etree._Element, edges: Sequence[etree._Element], owne
         if junction is None or junction.get("type") in _WITHOUT_RIGHT_OF_WAY or not junction.get("incLanes"):
             continue
         if junction.find("request") is None:
-            must = "with a <request> for each of its connections, as netconvert writes them, or of type `unregulated`"
-            raise InputError(f"Junction `{junction.get('id')}` of {owner} must be {must}: it has none.")
+            must = "have a <request> for each of its connections, as netconvert writes it, or be of type `unregulated`"
+            raise InputError(f"Junction `{junction.get('id')}` of {owner} must {must}: it has none.")
 
 
 def _check_end(end: float, length: float, owner: str) -> None:

@@ -78,7 +78,12 @@ def _load_file(place: str, folder: Path | None, owner: str) -> ModuleType:
     return module
 
 
+FOLDERS: list[str] = []
+"""Folders of users' files that this process has made importable."""
+
+
 def _make_importable(folder: Path | None) -> None:
     """Let the user's file import its neighbours, after everything that is installed."""
     if folder is not None and str(folder) not in sys.path:
         sys.path.append(str(folder))
+        FOLDERS.append(str(folder))

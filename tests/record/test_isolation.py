@@ -172,6 +172,15 @@ def test_two_adss_that_import_a_helper_of_one_name_drive_with_their_own(tmp_path
         assert bytes_of(cases[::-1], tmp_path, workers) == alone
 
 
+def test_helper_of_an_earlier_ads_of_this_process_is_no_childs(tmp_path: Path) -> None:
+    (tmp_path / "first").mkdir()
+    earlier, *_ = two_planners(tmp_path / "first")
+    alone = RunSettings(engine="serial")
+    list(run_cases([earlier], Setup(SimulationSettings(), alone, tmp_path / "first")))
+    rows = bytes_of(two_planners(tmp_path / "second"), tmp_path / "second", 1)
+    assert len({repr(row) for row in rows.values()}) == len(rows), "four different drives"
+
+
 def test_a_process_serves_one_locator_in_its_life(tmp_path: Path) -> None:
     cases = two_planners(tmp_path)
     served: dict[str, set[str]] = {}

@@ -260,7 +260,7 @@ def test_junction_without_right_of_way_is_refused(tmp_path):
         junction.remove(request)
     path = tmp_path / "hill.net.xml"
     path.write_bytes(etree.tostring(root))
-    sentence = "must be with a <request> for each of its connections.*or of type `unregulated`: it has none"
+    sentence = "must have a <request> for each of its connections.*or be of type `unregulated`: it has none"
     with pytest.raises(InputError, match=sentence):
         read_road(path, ["road0", "road1"], 500.0)
     junction.set("type", "unregulated")
