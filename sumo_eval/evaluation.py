@@ -88,12 +88,13 @@ def record_rounds(
     shard: which share i of n is simulated, if not all; an evaluation in rounds has no shares.
     """
     from sumo_eval.record.facts import WHOLE, in_rounds, record_facts
-    from sumo_eval.scoring.zones import find_zones
+    from sumo_eval.scoring.zones import find_zones, zones_are_known
 
     adaptive = any(entry.sampling.method == "adaptive" for entry in settings.scenario)
     if adaptive:
         settings = in_rounds(settings, folder if resume else None)
-    zones = partial(find_zones, settings, source, folder)  # which scores need, and driving does not
+    # Scores need the zones, driving does not.
+    zones = None if zones_are_known(settings, source) else partial(find_zones, settings, source, folder)
     recorded = record_facts(
         settings, source, folder, resume=resume, shard=shard or WHOLE, progress=progress, stopping=stopping,
         meanwhile=zones,

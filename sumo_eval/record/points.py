@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,32 +24,35 @@ if TYPE_CHECKING:  # who asks which scenarios a run has needs neither zones nor 
 
 Exposure = Callable[[Values], FloatArray]
 
+ZONES: dict[bytes, ZonePartition] = {}
+"""Partitions that this process has read or computed, by the hash of all that they depend on."""
+_MOST_ZONES = 64  # more than ship: with fewer places than scenarios, taken in turn, none would be found again
+
 
 def kept_zones(logical: LogicalScenario, settings: ZoneSettings, kept: KeptResults, key: bytes) -> ZonePartition:
-    """The partition of a scenario, from what a run keeps of it under a key of all that it depends on, or computed."""
-    from sumo_eval.method.zone_partition import PartitionParts, from_parts, parts_of
+    """The partition of a scenario: from an earlier evaluation of this process, from what the run keeps, or computed.
+
+    key: hash of all that the partition depends on.
+    """
+    from sumo_eval.method.zone_partition import PartitionParts, from_parts, partition, parts_of
 
     data = kept.get("zones", key)
-    if data is not None:
+    if data is not None and key not in ZONES:
         with np.load(BytesIO(data), allow_pickle=False) as found:
             read = {name: found[name] for name in found.files}
         told = decoded(read.pop("plain").tobytes(), {})
-        return from_parts(logical, settings, PartitionParts(read, *told))
-    zones = zones_of(logical, settings)
-    parts, body = parts_of(zones), BytesIO()
-    plain = encoded((parts.numbers, parts.most_dangerous, parts.zone_shares, parts.notes))
-    arrays: dict[str, Any] = {**parts.arrays, "plain": np.frombuffer(plain, dtype=np.uint8)}
-    np.savez(body, **arrays)
-    kept.put([("zones", key, 0, body.getvalue())])
+        ZONES[key] = from_parts(logical, settings, PartitionParts(read, *told))
+    zones = ZONES[key] if key in ZONES else partition(logical, settings)
+    if data is None:
+        parts, body = parts_of(zones), BytesIO()
+        plain = encoded((parts.numbers, parts.most_dangerous, parts.zone_shares, parts.notes))
+        arrays: dict[str, Any] = {**parts.arrays, "plain": np.frombuffer(plain, dtype=np.uint8)}
+        np.savez(body, **arrays)
+        kept.put([("zones", key, 0, body.getvalue())])
+    ZONES[key] = zones
+    while len(ZONES) > _MOST_ZONES:
+        del ZONES[next(iter(ZONES))]
     return zones
-
-
-@lru_cache(maxsize=64)  # more than ship: with fewer places than scenarios, taken in turn, none would be found again
-def zones_of(logical: LogicalScenario, settings: ZoneSettings) -> ZonePartition:
-    """The partition of a scenario; asked for again by every stage of an evaluation, computed once."""
-    from sumo_eval.method.zone_partition import partition
-
-    return partition(logical, settings)
 
 
 def scenarios_of(settings: EvaluationSettings, source: Path) -> dict[str, LogicalScenario]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.kept_results import KeptResults, key_of
-from sumo_eval.record.points import kept_zones
+from sumo_eval.record.points import ZONES, kept_zones
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.fingerprint import sources, space_key
@@ -26,6 +26,11 @@ def zones_of_entry(
 def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Path) -> bytes:
     """What the partition of a scenario is kept under: a hash of all that it depends on."""
     return key_of("zones", settings.method.zones, entry.use, space_key(entry, source), sources(*ROOMS_OF_ZONES))
+
+
+def zones_are_known(settings: EvaluationSettings, source: Path) -> bool:
+    """Whether this process has the partition of every scenario of an evaluation."""
+    return all(zones_key(entry, settings, source) in ZONES for entry in settings.scenario)
 
 
 def find_zones(settings: EvaluationSettings, source: Path, folder: Path) -> None:

@@ -18,7 +18,7 @@ import sumo_eval
 from sumo_eval.errors import InputError
 from sumo_eval.evaluation import let_go, zone_partitions
 from sumo_eval.method.anthropomorphic import IndexNote
-from sumo_eval.record import human_reference
+from sumo_eval.record import human_reference, points
 from sumo_eval.record.facts import verify
 from sumo_eval.record.kept_results import KEPT
 from sumo_eval.record.run_folder import FACTS
@@ -32,6 +32,7 @@ from sumo_eval.scoring import critical, drive_measures, likeness, steps
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.kept_rows import decode_column, decode_rows, encode_rows
+from sumo_eval.scoring.zones import zones_are_known
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -89,6 +90,16 @@ def test_a_scored_run_answers_from_what_is_kept(done: Evaluation, monkeypatch: p
     kept, held = (case_terms(cases, again.settings.method) for cases in (again.cases, list(again.cases)))
     for one in fields(kept):
         np.testing.assert_array_equal(getattr(kept, one.name), getattr(held, one.name))
+
+
+def test_zones_that_this_process_knows_are_those_a_child_computes(done: Evaluation, tmp_path: Path) -> None:
+    settings, source = EVALUATION, Path(done.manifest["source_folder"])
+    assert zones_are_known(settings, source)
+    again = sumo_eval.evaluate(replace(settings, run=RunSettings(engine="processes")), tmp_path / "known")
+    points.ZONES.clear()
+    anew = sumo_eval.evaluate(replace(settings, run=RunSettings(engine="processes")), tmp_path / "anew")
+    for one in (again, anew):
+        assert (one.scores, one.zones, one.ranking) == (done.scores, done.zones, done.ranking)
 
 
 def test_changing_k5_computes_no_field_and_reads_no_drive(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
