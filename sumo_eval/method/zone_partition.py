@@ -19,6 +19,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -463,6 +464,7 @@ class BoundaryError:
     feasible: float
 
 
+@lru_cache(maxsize=64)  # for each evaluation of a process that has this partition
 def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
     """Compare a partition with the criterion itself (max ITTC >= ITTC*) at n evenly spread points of the box.
 
