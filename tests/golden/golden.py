@@ -59,8 +59,8 @@ def _closed_form(scenario: str) -> bool:
 
 
 IN_THE_SUITE = {
-    True: ("curve_cut_in", "front_vehicle_braking", "motorway_cut_out"),
-    False: ("bicycle_crossing", "exit_cut", "lane_change_rear", "oncoming_in_lane", "ramp_merge", "stop_and_go_stream"),
+    True: ("curve_cut_in",),
+    False: ("bicycle_crossing", "ramp_merge", "stop_and_go_stream"),
 }
 """By whether their zones have a closed form: straight and curved roads, all kinds of road users, reacting traffic."""
 
