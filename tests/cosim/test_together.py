@@ -325,12 +325,12 @@ SWAYS = [
 @pytest.mark.parametrize(
     ("scenario", "every"),
     [
-        ("front_vehicle_cut_out", 31), ("front_vehicle_braking", 41), ("ncap_ccrm", 5),
+        ("front_vehicle_cut_out", 31),
         *(
             pytest.param(name, every, marks=pytest.mark.campaign)
             for name, every in [
                 ("front_vehicle_low_speed", 5), ("cut_in", 331), ("r157_cut_out", 151), ("ncap_ccrb", 9),
-                ("ncap_ccrs", 5),
+                ("ncap_ccrs", 5), ("front_vehicle_braking", 41), ("ncap_ccrm", 5),
             ]
         ),
     ],

@@ -167,7 +167,9 @@ OPENINGS = (
 )
 
 
-@pytest.mark.parametrize("opening", OPENINGS)
+@pytest.mark.parametrize(
+    "opening", [*OPENINGS[:2], *(pytest.param(opening, marks=pytest.mark.campaign) for opening in OPENINGS[2:])]
+)
 def test_a_script_of_a_simulation_of_its_own_drives_as_it_is(tmp_path, monkeypatch, opening):
     """Whatever opens its connection, it drives as the same rule in process; when the case is over it need not care."""
     monkeypatch.setattr(sys, "path", list(sys.path))

@@ -123,7 +123,7 @@ def test_a_steady_vehicle_is_perceived_exactly_and_braking_one_reaction_time_lat
     assert speeds[-1] < 18.3
 
 
-@pytest.mark.parametrize("concrete", low_speed()[::4] + safe_cut_outs(25), ids=lambda c: c.label)
+@pytest.mark.parametrize("concrete", low_speed()[::8] + safe_cut_outs(10), ids=lambda c: c.label)
 def test_skilled_drivers_do_not_crash_in_the_safe_zone(concrete):
     for recording in synthetic_reference(concrete, DRIVERS, seed=1):
         assert (recording.collision, recording.error) == (None, None)

@@ -104,6 +104,7 @@ def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster: Clu
     assert {pack(o.recording.ego) for o in by_name["idm"] if o.recording} == {pack(alone.recording.ego)}
 
 
+@pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_the_command_line_runs_on_the_cluster_to_the_same_digest(cluster: Cluster, tmp_path: Path) -> None:
     import sumo_eval

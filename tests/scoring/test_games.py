@@ -30,7 +30,7 @@ def games() -> ModuleType:
 
 def test_law_no_game_scores_as_much_as_an_ads_that_ships(games: ModuleType, tmp_path: Path) -> None:
     """At some Sobol points of one scenario. Giving up is below the car that it drives like."""
-    few = games.evaluation({"front_vehicle_cut_out": 4}, games.entries(), drivers=2, workers=1)
+    few = games.evaluation({"front_vehicle_cut_out": 3}, games.entries(), drivers=2, workers=1)
     done = sumo_eval.evaluate(few, tmp_path / "run")
     table = games.table(done).set_index("ADS")
     plus, names = table["S+"], {game.__name__ for game in games.GAMES}
