@@ -119,7 +119,7 @@ def failing(copy: Path, arguments: list[str]) -> list[str]:
     command = [sys.executable, "-m", "pytest", "-x", "-q", "--tb=no", *arguments]
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": ""}
     run = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
-    names = re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", run.stdout, re.MULTILINE)
+    names = re.findall(r"^[A-Z]+ (tests/.+?)(?: - .*)?$", run.stdout, re.MULTILINE)
     return names or ([f"exit status {run.returncode}"] if run.returncode else [])
 
 
