@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sumo_eval.cosim.doors.contract import Finding, check_controller
 from sumo_eval.cosim.doors.controller import load_controller
@@ -12,7 +12,7 @@ from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Setup
 from sumo_eval.record.engines import what_happened
-from sumo_eval.record.frames import FrameError, Message
+from sumo_eval.record.frames import Message
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.watch import interrupted
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -21,7 +21,6 @@ from sumo_eval.text import clean
 
 _RUN = RunSettings()
 _TIMEOUT = 600.0  # s for all drives of a check
-_BOUND = 4 << 20  # bytes of all findings
 _LONGEST = 100_000  # characters of one
 
 
@@ -47,7 +46,7 @@ def check_apart(
     """
     asked = _Asked(locator, tuple(cases), step_timeout, case_timeout)
     run = RunSettings(case_timeout=_TIMEOUT)
-    work: Work[_Asked] = Work(_checked, folder, lambda _, message: _believed(message), lambda _: _BOUND, str)
+    work: Work[_Asked] = Work(_checked, folder, lambda _, message: _read(message), str)
     waiting = iter([asked])
     with Pool(1, run.case_timeout, run.memory_limit, 1) as pool:
         (ended,) = pool.run(work, lambda: next(waiting, None), lambda ended: ended)
@@ -75,27 +74,19 @@ def _checked(asked: _Asked, folder: Path) -> Message:
             case_timeout=asked.case_timeout,
         )
     except InputError as error:
-        return Message(["refused", [[str(error)[:_LONGEST]]]])
+        return Message(["refused", str(error)[:_LONGEST]])
     except KeyboardInterrupt as error:
         place = f" At {found_at}." if (found_at := fault_place(error, None, folder)) else ""
         return Message(["found", [["FAIL", f"ADS `{asked.locator}`: {interrupted(error)}.{place}", "end no process"]]])
     return Message(["found", [[one.kind, one.text[:_LONGEST], one.mend] for one in found]])
 
 
-def _believed(message: Message) -> list[Finding] | InputError:
-    """The findings in a child's message. Raises FrameError for anything else."""
-    plain: Any = message.plain
-    if not isinstance(plain, list) or len(plain) != 2 or not isinstance(plain[1], list):
-        raise FrameError("gave findings that are none")
-    for row in plain[1]:
-        if not isinstance(row, list) or not all(isinstance(text, str) for text in row):
-            raise FrameError("gave findings that are none")
-    rows = [[clean(text, _LONGEST, lines=True) for text in row] for row in plain[1]]
-    if plain[0] == "refused" and [len(row) for row in rows] == [1]:
-        return InputError(rows[0][0])
-    if plain[0] != "found" or any(len(row) != 3 or row[0] not in ("ok", "note", "warn", "FAIL") for row in rows):
-        raise FrameError("gave findings that are none")
-    return [Finding(*row) for row in rows]
+def _read(message: Message) -> list[Finding] | InputError:
+    """The findings in a child's message."""
+    kind, rows = message.plain
+    if kind == "refused":
+        return InputError(clean(rows, _LONGEST, lines=True))
+    return [Finding(*(clean(text, _LONGEST, lines=True) for text in row)) for row in rows]
 
 
 def _said(ended: Ended[_Asked], setup: Setup) -> str:

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import multiprocessing
 import multiprocessing.forkserver
-import multiprocessing.process
 import multiprocessing.resource_tracker
 import multiprocessing.util
 import os
 import signal
 import sys
 import threading
-import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
@@ -30,10 +28,6 @@ from sumo_eval.errors import InputError, said
 from sumo_eval.settings.locators import FOLDERS
 
 _KIND = "forkserver" if sys.platform == "linux" else "spawn"  # never forked from this one: it has threads and state
-_START_TIME = 120.0  # s for a child to begin; it takes milliseconds, and seconds while the simulator is being loaded
-_STARTS = 5  # tries
-_WAKE = 0.2  # s between two looks whether the process that makes the children goes on
-_PAUSE = 0.2  # s before the second try, more before each other
 _ordinary: Any = multiprocessing.get_context(_KIND)
 
 # Sets that iterate in the same order in every run, and no hidden threads, whose number would change sums by a bit.
@@ -79,74 +73,13 @@ def child_context() -> BaseContext:
 
 
 def started(target: Callable[..., object], arguments: tuple[object, ...]) -> Any:
-    """A child process that has begun `target`. Raises InputError when the system gives none.
-
-    The process that makes the children is within reach of users' code, too: one that has been stopped, ended or cut off
-    costs a new one. Nothing waits for it for ever.
-    """
-    fault: BaseException = TimeoutError(f"no process within {_START_TIME:g} s")
-    for again in range(_STARTS):
-        if again:
-            _end_forkserver()
-            clock.sleep(_PAUSE * again)
-        process: Any = child_context().Process(target=target, args=arguments, name="sumo_eval child")  # type: ignore[attr-defined]
-        faults: list[BaseException] = []
-        starting = threading.Thread(target=_start, args=(process, faults), daemon=True)
-        starting.start()
-        until = clock.monotonic() + _START_TIME
-        while starting.is_alive() and clock.monotonic() < until:
-            wake_forkserver()
-            starting.join(_WAKE)
-        if not starting.is_alive() and not faults:
-            return process
-        fault = faults[0] if faults else fault
-    raise InputError(f"No child process can be started, tried {_STARTS} times: {said(fault)}.") from fault
-
-
-def _start(process: Any, faults: list[BaseException]) -> None:
+    """A child process that has begun `target`. Raises InputError when the system gives none."""
+    process: Any = child_context().Process(target=target, args=arguments, name="sumo_eval child")  # type: ignore[attr-defined]
     try:
         process.start()
     except (OSError, EOFError) as error:
-        faults.append(error)
-
-
-def is_gone(process: Any, within: float) -> bool:
-    """Whether a child process has ended, after at most so many seconds."""
-    until = clock.monotonic() + within
-    while process.is_alive() and clock.monotonic() < until:
-        wake_forkserver()  # it tells of the end
-        process.join(_WAKE)
-    return not process.is_alive()
-
-
-def wake_forkserver() -> None:
-    """Let the process that makes the children go on, should users' code have stopped it."""
-    _signal_forkserver("SIGCONT")
-
-
-def forkserver() -> tuple[int | None, set[int | None]]:
-    """The process that makes the children, None where there is none, and its children that this process asked for."""
-    pid: int | None = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # shown nowhere else
-    known = {process.pid for process in multiprocessing.process._children}  # type: ignore[attr-defined]  # active_children() would take ends in
-    return (pid if _KIND == "forkserver" else None), known
-
-
-def _end_forkserver() -> None:
-    """Let the next child come from a new one. Children that are there go on: they hang on their leashes."""
-    pid = _signal_forkserver("SIGKILL")
-    if pid:
-        with suppress(OSError):
-            os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # whoever begins the next one takes its end in
-
-
-def _signal_forkserver(name: str) -> int:
-    """Send it a signal, by a name that not every system knows; its process id, or 0 where there is none."""
-    pid, _ = forkserver()
-    if pid is None:
-        return 0
-    with suppress(OSError):
-        os.kill(pid, signal.Signals[name])
-    return pid
+        raise InputError(f"No child process can be started: {said(error)}.") from error
+    return process
 
 
 def warm_up() -> None:
@@ -161,8 +94,10 @@ def warm_up() -> None:
 
 def cool_down() -> None:
     """End the process that makes the children where none was ever asked for: it would go on loading for seconds."""
-    if not Child.asked_for:
-        _end_forkserver()
+    pid = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # shown nowhere else
+    if pid is not None and not Child.asked_for:
+        with suppress(OSError):
+            os.kill(pid, signal.SIGKILL)
 
 
 def tie_to_owner(lifeline: Connection) -> None:

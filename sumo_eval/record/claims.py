@@ -15,10 +15,10 @@ from typing import Any, NamedTuple, get_args
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.record.cases import Case, Setup, Status, on_its_own
 from sumo_eval.record.frames import FrameError, Message
-from sumo_eval.record.kept import EGO, KeptRecording, most_bytes, samples, unpack
-from sumo_eval.record.reads import READS_BOUND, Reads, Told, chained
+from sumo_eval.record.kept import EGO, KeptRecording, samples, unpack
+from sumo_eval.record.reads import Reads, Told, chained
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.text import LOG, SENTENCE, clean, clean_log, words_of
+from sumo_eval.text import clean, clean_log, words_of
 from sumo_eval.trajectory import Alone, AloneReason, Clip, Collision, EndReason, Latency, Side
 
 STATUS: dict[EndReason, Status] = {
@@ -39,8 +39,6 @@ OURS = ""
 
 _LONGEST_NAME = 200
 _MOST_CLIPS = 1_000
-_TEXT_BOUND = 12 * (LOG + 2 * SENTENCE) + 300 * _MOST_CLIPS  # bytes: a character takes up to twelve in a JSON text
-_LARGEST = 256 << 20  # bytes of one result, however many cases it is of
 _SPARE_SAMPLES = 100
 
 
@@ -98,13 +96,6 @@ def as_message(results: Results, read: Told | None = None) -> Message:
         blobs += kept.drives.values()
         plain.append([result.status, error, clean_log(result.log), result.error_place, drive])
     return Message([read, plain], tuple(blobs))
-
-
-def bound(cases: Sequence[Case], setup: Setup) -> int:
-    """The bytes at most of the message about these cases."""
-    drive = most_bytes(_most_samples(setup.simulation))
-    vehicles = sum(1 + len(case.concrete.actors) for case in cases)
-    return min(len(cases) * _TEXT_BOUND + vehicles * drive + 2 * READS_BOUND, _LARGEST)
 
 
 def believed(message: Message, cases: Sequence[Case], setup: Setup) -> Results:

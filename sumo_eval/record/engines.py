@@ -13,8 +13,8 @@ from typing import Any
 from sumo_eval.errors import InputError
 from sumo_eval.record import loops, reads
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status, on_its_own
-from sumo_eval.record.claims import OURS, Result, Results, believed, bound, home, home_of_ads, with_reads
-from sumo_eval.record.identity import IDENTITY_BOUND, locator_identity, read_identity, tell_identity
+from sumo_eval.record.claims import OURS, Result, Results, believed, home, home_of_ads, with_reads
+from sumo_eval.record.identity import locator_identity, read_identity, tell_identity
 from sumo_eval.record.packs import Pack, Packs, driven, largest_pack
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.progress import Stopping, never
@@ -67,7 +67,6 @@ def run_in_children(
         answer,
         setup,
         read=lambda pack, message: believed(message, pack, setup),
-        bound=lambda pack: bound(pack, setup),
         home=lambda pack: home(pack[0], setup),
         size=driven,
     )
@@ -90,9 +89,7 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
         if not hasattr(os, "fork"):
             return {locator: _identity_here((kind, locator), setup) for kind, locator in named}
     identities: dict[str, str] = {}
-    work: Work[tuple[str, str]] = Work(
-        tell_identity, setup.folder, lambda _, message: read_identity(message), lambda _: IDENTITY_BOUND, str
-    )
+    work: Work[tuple[str, str]] = Work(tell_identity, setup.folder, lambda _, message: read_identity(message), str)
     with _pool(1, setup, items_per_child=1) as pool:
         waiting = iter(named)
         for ended in pool.run(work, lambda: next(waiting, None), lambda ended: ended):

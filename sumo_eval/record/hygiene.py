@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time as clock
 import traceback
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, NoReturn
@@ -27,7 +27,6 @@ MEGABYTE = 1 << 20
 _SET_DEATH_SIGNAL, _SET_SUBREAPER = 1, 36  # of prctl(2)
 _LOOK = 0.1  # s between two looks at the memory
 _LEAVE_TIME = 5.0  # s for killed processes to be gone
-_KILLS = 10  # rounds
 _REPORT = struct.Struct("<id")
 SCRATCH_PREFIX = "sumo_eval_pool_"
 _PAGE = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
@@ -60,9 +59,6 @@ def supervise(work: Callable[[], object], leash: int, report: int, memory_limit:
             os._exit(1)
         _work_and_leave(work)
     keep_open(leash, report)
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for standard in (0, 1, 2):  # it has nothing to say, and what it held open would lie open to the child
-        os.dup2(nowhere, standard)
     ended = _watch(child, leash, memory_limit)
     _end_family()
     with suppress(OSError):  # nobody may be there to read it
@@ -121,32 +117,6 @@ def _end_family() -> None:
         except ChildProcessError:
             return
         clock.sleep(0.0005)
-
-
-def kill_below(pid: int) -> None:
-    """Kill all that is below a process again and again, for a moment: what is killed may be starting something."""
-    for _ in range(_KILLS):
-        for other in family(pid):
-            with suppress(ProcessLookupError, PermissionError):
-                os.kill(other, signal.SIGKILL)
-        clock.sleep(0.01)
-
-
-def adopt_orphans() -> None:
-    """Let what loses its parent below this process, and has no nearer subreaper, become a child of this process."""
-    _prctl(_SET_SUBREAPER, 1)
-
-
-def end_strangers(pid: int, known: Collection[int | None]) -> None:
-    """End every child of a process that is not known, with all that is below it."""
-    for _ in range(_KILLS):
-        strangers = [child for child in _children(pid) if child not in known]
-        if not strangers:
-            return
-        for stranger in [*strangers, *(other for child in strangers for other in family(child))]:
-            with suppress(ProcessLookupError, PermissionError):
-                os.kill(stranger, signal.SIGKILL)
-        clock.sleep(0.01)
 
 
 def family(pid: int | None = None) -> list[int]:

@@ -18,12 +18,11 @@ from sumo_eval.cosim.doors.controller import find_controller, takes_arrays
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.cases import Case
-from sumo_eval.record.frames import FrameError, Message
+from sumo_eval.record.frames import Message
 from sumo_eval.settings import AdsSettings, DriverSettings, SimulationSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
 
-IDENTITY_BOUND = 4 << 20  # bytes of an identity: some thousands of source files
 _LONGEST_REFUSAL = 20_000  # characters
 _PACKAGE = Path(__file__).parent.parent
 _NOT_PYTHON = ("exec", "traci", "fmu", "onnx", "sumo", "given")  # locators of commands and files, not of Python objects
@@ -85,11 +84,9 @@ def tell_identity(named: tuple[str, str], folder: Path) -> Message:
 
 
 def read_identity(message: Message) -> str | InputError:
-    """The identity, or why there is none, in a child's message. Raises FrameError for anything else."""
-    plain = message.plain
-    if not isinstance(plain, list) or len(plain) != 2 or not all(isinstance(part, str) for part in plain):
-        raise FrameError("gave an identity that is none")
-    word, text = plain[0], clean(plain[1], len(plain[1]))
+    """The identity, or why there is none, in a child's message."""
+    word, text = message.plain
+    text = clean(text, len(text))
     return InputError(text) if word == "refused" else text
 
 

@@ -84,9 +84,3 @@ def samples(data: bytes) -> int:
     if len(data) < _HEADER.size:
         raise InputError(f"A recorded trajectory must begin with {_HEADER.size} bytes about it, got {len(data)}.")
     return int(_HEADER.unpack_from(data)[0])
-
-
-def most_bytes(n: int) -> int:
-    """The bytes at most that `pack` makes of n samples: deflating may lengthen what cannot be shortened."""
-    size = n * _SAMPLE_BYTES
-    return _HEADER.size + size + size // 1000 + 64

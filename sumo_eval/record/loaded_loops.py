@@ -1,13 +1,10 @@
 """Importing this loads what child processes run, and the compiled loops that every run needs, where this machine has
 them: processes forked from one that has imported it have them at once. Who else drives is loaded by the process that
 needs it, in the twentieth of a second, and what is not compiled yet is compiled by it.
-
-The process that imports it makes the children, and takes in what a supervisor that was killed has left behind.
 """
 
 import gc
 import sys
-import warnings
 from types import TracebackType
 
 
@@ -21,16 +18,13 @@ def _load() -> None:
     """Without looks for garbage: all of it stays, and is left out when a child looks for its own."""
     gc.disable()
     import sumo_eval.record.worker  # noqa: F401
-    from sumo_eval.record.hygiene import adopt_orphans
     from sumo_eval.record.loops import OF_EVERY_RUN, compiled, load
 
     if known := set(OF_EVERY_RUN).intersection(compiled()):
         load(sorted(known))
-    adopt_orphans()
     gc.freeze()
     gc.enable()
 
 
 _load()
 sys.excepthook = _in_a_sentence
-warnings.filterwarnings("ignore", "forkserver: waitpid returned unexpected pid")  # the end of what was taken in

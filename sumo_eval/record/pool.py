@@ -14,7 +14,6 @@ import os
 import pickle
 import select
 import shutil
-import signal
 import struct
 import sys
 import tempfile
@@ -30,14 +29,12 @@ from types import TracebackType
 from typing import Any, Generic, Literal, TypeVar
 
 from sumo_eval.errors import InputError
-from sumo_eval.record.children import child_context, forkserver, is_gone, started
-from sumo_eval.record.frames import NONCE_BYTES, FrameError, FrameReader, Message, Ticket, frame
+from sumo_eval.record.children import child_context, started
+from sumo_eval.record.frames import FrameError, FrameReader, Message, frame
 from sumo_eval.record.hygiene import (
     MEGABYTE,
     Report,
-    end_strangers,
     keep_open,
-    kill_below,
     processor_time,
     read_report,
     scratch_folder,
@@ -57,7 +54,6 @@ How = Literal["done", "died", "overdue", "overfull", "garbled"]
 LOG_END = 7_900  # bytes that are kept of the beginning, and of the end, of what an item printed
 _READS_AT_ONCE = 16  # of one child's output, before another one's turn
 _LEAVE_TIME = 5.0  # s for a killed process to be gone
-_CLOSED_TIME = 1.0  # s for a child that has closed its results to be gone; it had nothing else to do
 _COPY_TIME = 0.2  # s for a copy of a child to be where the child is
 _LONGEST_WAIT = 3600.0  # s
 _WARNING_SHARE = 0.9  # of the deadline: then the child writes where it hangs
@@ -86,14 +82,13 @@ class Ended(Generic[Item]):
 class Work(Generic[Item]):
     """What is to be done with items: `task`, with what they all share.
 
-    read: makes a result of the message that the task answered with; raises FrameError if that is none. bound: bytes of
-    that message at most. home: a child serves items of one home only. size: as how many items an item counts.
+    read: makes a result of the message that the task answered with; raises FrameError if that is none. home: a child
+    serves items of one home only. size: as how many items an item counts.
     """
 
     task: Task
     shared: Any
     read: Callable[[Item, Message], Any]
-    bound: Callable[[Item], int]
     home: Callable[[Item], str]
     size: Callable[[Item], int] = lambda item: 1
 
@@ -253,7 +248,6 @@ class _Child:
         self.home = home
         self.items = 0
         self.deadline = self._begun = self._used = 0.0
-        scratch.mkdir(exist_ok=True)  # an ADS may have removed it
         self._folder = Path(tempfile.mkdtemp(dir=scratch))
         self._log = BoundedLog()
         self._to_send = memoryview(b"")
@@ -278,9 +272,8 @@ class _Child:
 
     def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
         """Send an item, as much of it as goes at once. Raises OSError when the child is no more."""
-        ticket = Ticket(os.urandom(NONCE_BYTES), number, work.bound(item))
-        order = pickle.dumps((work.task, item, work.shared, deadline, ticket))
-        self._reader, self._message, self._fault = FrameReader(ticket), None, ""
+        order = pickle.dumps((work.task, item, work.shared, deadline, number))
+        self._reader, self._message, self._fault = FrameReader(number), None, ""
         self._to_send = memoryview(_LENGTH.pack(len(order)) + order)
         self.items += work.size(item)
         self._begun, self._used = clock.monotonic(), processor_time(self._process.pid)
@@ -325,9 +318,10 @@ class _Child:
         """How, with which result, exit code and fault, and whether the child with it; None while it goes on."""
         if self._message is not None and not self._fault:
             try:
-                last, twice, result = _opened(self._message)
+                last, twice, plain = self._message.plain
                 if not twice:
-                    return "done", read(result), None, "", last or self._reported
+                    result = read(Message(plain, self._message.blobs))
+                    return "done", result, None, "", last or self._reported
                 self._fault = "forked in a step, and both processes went on with the case"
             except FrameError as error:
                 self._fault = str(error)
@@ -351,8 +345,6 @@ class _Child:
                 data = os.read(self._results.fileno(), MEGABYTE)
                 if not data:
                     self._results.close()
-                    if self._message is None:
-                        self.deadline = min(self.deadline, clock.monotonic() + _CLOSED_TIME)
                     return
                 self._take_in(data)
 
@@ -375,14 +367,6 @@ class _Child:
                     self._output.close()
                 self._log.add(data)
 
-    def _has_reported(self) -> bool:
-        """Whether the supervisor came to its end as it should, and not because it was killed."""
-        poll = select.poll()
-        poll.register(self._report.fileno(), select.POLLIN)
-        if not self._reported and poll.poll(0):
-            self._ended, self._reported = read_report(self._report.fileno()), True
-        return self._ended is not None
-
     def take_log(self) -> str:
         """What was printed since the last time."""
         self._read_output()
@@ -397,28 +381,14 @@ class _Child:
     def end(self) -> None:
         """End it, leave no zombie and no file."""
         self.let_go()
-        # An ADS may have stopped it, and another one have killed the process that would tell whether it is alive.
-        with suppress(ProcessLookupError, PermissionError):
-            os.kill(self._process.pid, signal.SIGCONT)
-        if not is_gone(self._process, _LEAVE_TIME):  # something keeps the supervisor from its work: it is done for it
-            kill_below(self._process.pid)
+        self._process.join(_LEAVE_TIME)
+        if self._process.is_alive():
             self._process.kill()
-            is_gone(self._process, _LEAVE_TIME)
-        server, known = forkserver()
-        if server is not None and not self._has_reported():  # then what it has left became a child of that one
-            end_strangers(server, known)
+            self._process.join()
         self._read_output()
         for pipe in (self._orders, self._results, self._output, self._report):
             pipe.close()
         shutil.rmtree(self._folder, ignore_errors=True)
-
-
-def _opened(message: Message) -> tuple[bool, bool, Message]:
-    """Whether the child ends with this message, whether there are two of it, and the task's own message."""
-    plain = message.plain
-    if not isinstance(plain, list) or len(plain) != 3 or type(plain[0]) is not bool or type(plain[1]) is not bool:
-        raise FrameError("gave a result that cannot be read")
-    return plain[0], plain[1], Message(plain[2], message.blobs)
 
 
 # --- in the child -----------------------------------------------------------------------------------------------------
@@ -451,7 +421,7 @@ def _serve(orders: int, results: int, output: int, memory_limit: float, scratch:
     os.register_at_fork(after_in_parent=lambda: forks.append(True))
     threads = len(sys._current_frames())
     while (order := _read_order(orders)) is not None:
-        task, item, shared, deadline, ticket = pickle.loads(order)  # noqa: S301 - from the owner
+        task, item, shared, deadline, number = pickle.loads(order)  # noqa: S301 - from the owner
         os.makedirs(scratch, exist_ok=True)  # another ADS may have removed it
         faulthandler.dump_traceback_later(_WARNING_SHARE * deadline, file=2)
         message = task(item, shared)
@@ -461,7 +431,7 @@ def _serve(orders: int, results: int, output: int, memory_limit: float, scratch:
         _flush(c_library)
         left, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
         last = left or len(sys._current_frames()) > threads
-        _write(results, frame(Message([last, twice, message.plain], message.blobs), ticket.nonce, ticket.number))
+        _write(results, frame(Message([last, twice, message.plain], message.blobs), number))
         if last:
             return
 

@@ -40,7 +40,6 @@ _PYTHON = (".py", ".pyw", ".pyc")
 _CODE = (*_PYTHON, ".pyd", ".so", ".zip", ".egg", ".whl", ".pyz")
 _EVENTS = frozenset({"open", "import", "os.rename", "sqlite3.connect", "ctypes.dlopen"})
 _HASHED_WHOLE = 256 << 20  # bytes; a larger file is known by its size and time
-READS_BOUND = 1 << 20  # bytes of what one message tells of files
 _MOST_WRITTEN = 1_000  # files of one process that are noted as written
 _LONGEST_NAME = 10_000  # characters of a path
 _busy = threading.local()
@@ -76,7 +75,6 @@ class _Watch:
         self._open_for_both: dict[str, State] = {}
         self._known: set[File] = set()
         self._new: list[File] = []
-        self._room = READS_BOUND
         self._name = LOST
         self._modules = 0
         for place, was in before._known if before is not None else ():
@@ -130,15 +128,14 @@ class _Watch:
         for place, state in self._open_for_both.items():
             if _state(place) != state:
                 self.write(place)
-        noted, self._new, self._room = self._new, [], READS_BOUND
+        noted, self._new = self._new, []
         before, new = self._name, [(self._short(place), found) for place, found in noted]
         if new or before == LOST:
             self._name = name_of(before, new)
         return before, new
 
     def _note(self, place: str, found: str) -> None:
-        self._room -= len(json.dumps([place, found]))
-        file = (place, found) if self._room > 0 else (self.folder, UNKNOWN)
+        file = (place, found)
         if file not in self._known:
             self._known.add(file)
             self._new.append(file)
