@@ -12,6 +12,8 @@ MODULES = {
 }
 """Modules that locators named, and what to do instead."""
 COMMANDS = {
+    "humans coverage": "a run counts the recorded people behind each D_i: `recorded_drivers` in cases.csv",
+    "humans population": "docs/humans.md has the comparison with people and says where its script stands",
     "humans similarity": "D and H compare drives; `export RUN` writes trajectories that tslearn can compare by DTW",
 }
 """Commands by their words, and what to do instead."""

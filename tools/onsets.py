@@ -28,7 +28,6 @@ import pandas as pd
 from scipy import optimize, stats
 
 from sumo_eval.drivers.recorded.events import RULES
-from sumo_eval.drivers.recorded.population_check import through_the_gap
 from sumo_eval.drivers.synthetic.population import HEADWAY_LIMIT, ONSET_HEADWAY, ONSET_TTC, TTC_LIMIT, LogNormal
 from sumo_eval.trajectory import FloatArray
 
@@ -91,7 +90,8 @@ def of(headway: LogNormal, ttc: LogNormal) -> Limits:
 
 
 if __name__ == "__main__":
-    found = through_the_gap(pd.read_csv(Path(sys.argv[1])))
+    table = pd.read_csv(Path(sys.argv[1]))
+    found = table[(table["start_kind"] == "range_crossing") & (table["lane"] == 0)]
     found = found[found["outcome"] == "lane_change"].dropna(subset=["headway_at_onset", "ttc_at_onset"])
     groups = {**{str(name): people for name, people in found.groupby("recording")}, "all": found}
     limits = {name: most_likely(people) for name, people in groups.items()}

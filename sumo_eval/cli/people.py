@@ -24,7 +24,7 @@ class _WholeLines(click.Group):
 
 @click.group(cls=_WholeLines, epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
 def humans() -> None:
-    """Recorded human driving: import it, look for events, weigh scenarios, check the synthetic population."""
+    """Recorded human driving: import it, look for events, weigh scenarios."""
 
 
 @humans.command("import", epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
@@ -124,65 +124,6 @@ def departure(run: Path, out: Path | None) -> None:
     for one in write_departures(run, path):
         tell(f"{one.sentence()}.")
     tell(f"Page: {path}")
-
-
-@humans.command(epilog="Example: sumo-eval humans coverage evaluation.toml")
-@click.argument("evaluation", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="CSV file: a row a safe concrete scenario.")
-def coverage(evaluation: Path, out: Path | None) -> None:
-    """How many recorded people there are for each concrete scenario of EVALUATION; nothing is simulated."""
-    from sumo_eval.studies.people_coverage import coverage as covered
-    from sumo_eval.studies.people_coverage import nobody
-    from sumo_eval.studies.tables import write_rows
-
-    with Progress() as progress:
-        found = covered(evaluation, lambda what, done, total: progress(f"{what}: recorded people", done, total))
-    for one in found:
-        tell(f"{one.sentence()}.")
-        for point in one.points:
-            tell(
-                f"  {point.point}: {point.drivers} ({point.near} events near, {point.short} recorded "
-                f"over too little of the road, {point.again} of the same drivers)"
-            )
-    if nobody(found):
-        tell("WARN  nobody was recorded in anything like these concrete scenarios.")
-    if out is not None:
-        write_rows([point for one in found for point in one.points], out)
-        tell(f"Table: {out}")
-
-
-@humans.command(epilog="Example: sumo-eval humans population people.csv.gz --drivers 200")
-@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--drivers", type=click.IntRange(min=10), default=200, show_default=True, help="Synthetic drivers.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-@click.option("--recording", metavar="NAME", help="Only the people of this one of the recordings.")
-@click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="One of [drivers.population]'s settings.")
-@click.option("--out", type=click.Path(path_type=Path), help="CSV file for the table.")
-def population(
-    tables: tuple[Path, ...], drivers: int, seed: int, recording: str | None, changes: tuple[str, ...], out: Path | None
-) -> None:
-    """Compare the synthetic population with the people in imported TABLES."""
-    from sumo_eval.cli.named_values import named_texts
-    from sumo_eval.drivers.recorded.events import extract_events
-    from sumo_eval.drivers.recorded.importing import OWN, import_recordings
-    from sumo_eval.drivers.recorded.population_check import compare_population
-    from sumo_eval.settings.config import population_from
-    from sumo_eval.studies.tables import comparison_lines, write_rows
-
-    people = population_from(named_texts(changes, "--set"))
-    recordings = import_recordings(OWN, tables)
-    found = extract_events(recordings if recording is None else recordings.only(recording))
-    with Progress() as progress:
-        rows = compare_population(
-            found,
-            drivers=drivers,
-            seed=seed,
-            population=people,
-            progress=lambda done, total: progress("synthetic drivers", done, total),
-        )
-    say(comparison_lines(rows))
-    if out is not None:
-        write_rows(rows, out)
 
 
 @humans.command(epilog="Example: sumo-eval humans opinion results/first ratings.csv")

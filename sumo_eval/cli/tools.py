@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -18,7 +18,8 @@ from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 
 if TYPE_CHECKING:
-    from sumo_eval.record.recording import Space
+    from sumo_eval.drivers.recorded.events import Events
+    from sumo_eval.scenario.logical import Counterpart
     from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 _ASKED = 200  # points of a scenario's own sample at which `check` searches for a hazard
@@ -193,6 +194,8 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
 
 def _check_evaluation(path: Path) -> None:
     """Ask of each part of the file what a run asks before it simulates; name every mistake, not only the first."""
+    from sumo_eval.drivers.recorded.matching import known_match
+    from sumo_eval.drivers.recorded.reference import open_people
     from sumo_eval.errors import InputError
     from sumo_eval.method.severity import chosen_severity
     from sumo_eval.method.zone_partition import refuse_impossible_zones
@@ -251,20 +254,22 @@ def _check_evaluation(path: Path) -> None:
     found("vehicle model", partial(planned, words, replace(bare, simulation=settings.simulation)))
     found("drivers", partial(planned, settings.drivers.source, replace(bare, drivers=settings.drivers)))
     if settings.drivers.source == "recorded" and not wrong:
-        _check_people(spaces, settings, source)
+        people = open_people(settings.drivers, source)
+        for space in spaces:
+            name, recorded = space.logical.name, space.logical.recorded
+            if people.events is not None and known_match(name, recorded) is not None:
+                found(f"recorded people of {name}", partial(_events, people.events, name, recorded))
     found("severity", severity)
     if settings.method.ranking.weights:
         found("ranking", ranking)
     sys.exit(INPUT_WRONG if wrong else DONE)
 
 
-def _check_people(spaces: Sequence[Space], settings: EvaluationSettings, source: Path) -> None:
-    """Say how many recorded people there are, before a run finds out that there are none."""
-    from sumo_eval.studies.people_coverage import coverage_of
+def _events(events: Events, scenario: str, recorded: Counterpart | None) -> str:
+    """Say how many recorded events a scenario is like, before a run finds out that there are none."""
+    from sumo_eval.drivers.recorded.matching import matching_events
 
-    for one in coverage_of(spaces, settings, source):
-        people = sum(point.drivers for point in one.points)
-        tell(f"{'ok   ' if people else 'WARN '} recorded people of {one.sentence()}")
+    return f"{len(matching_events(events, scenario, recorded))} events like it"
 
 
 @click.command(epilog="Example: sumo-eval schema evaluation > evaluation.schema.json")

@@ -310,7 +310,7 @@ def people_sentence(evaluation: Evaluation) -> str:
         who = "no driver" if fills else f"fewer than {settings.drivers.least} drivers"
         return (
             f"D and H use no recorded driver: {source} has {who} in a situation like any of these "
-            f"{count(points, 'safe concrete scenario')}; {instead}. `sumo-eval humans coverage` shows where they are."
+            f"{count(points, 'safe concrete scenario')}; {instead}. `recorded_drivers` in cases.csv counts them."
         )
     rest = "synthetic drivers fill up" if fills else "the others are left out"
     each = "; ".join(

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.errors import InputError, did_you_mean, nearest, unknown
 from sumo_eval.input_file import read_input_text
-from sumo_eval.settings import Checked, EvaluationSettings, PopulationSettings
+from sumo_eval.settings import Checked, EvaluationSettings
 from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
 from sumo_eval.text import shown
 
@@ -89,11 +89,6 @@ def settings_from(content: Mapping[str, Any], where: str, *, own_ads: bool = Tru
     settings = _validated(with_suites(content, where), EvaluationSettings, where)
     check_evaluation(settings, where, own_ads=own_ads)
     return settings
-
-
-def population_from(content: Mapping[str, float | str]) -> PopulationSettings:
-    """A synthetic population that differs in what is named. Raises InputError for what there is not, or cannot be."""
-    return _validated(content, PopulationSettings, "the population")
 
 
 def _validated(content: Mapping[str, Any], kind: type[Settings], where: str, file: Path | None = None) -> Settings:

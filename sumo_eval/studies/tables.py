@@ -14,8 +14,6 @@ from sumo_eval.text import cell
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from sumo_eval.drivers.recorded.population_check import Comparison
-
 
 def write_rows(rows: Sequence[DataclassInstance], path: Path) -> None:
     """One row a dataclass, fields as columns; a tuple's values stand in one cell, separated by spaces."""
@@ -41,21 +39,3 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows of words as lines with columns of one width."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     return ["  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
-def comparison_lines(rows: Sequence[Comparison]) -> list[str]:
-    """The population beside recorded people: 10 %, median and 90 % of each quantity, and whether they differ."""
-    head = ("quantity", "recorded (10 50 90 %)", "n", "synthetic (10 50 90 %)", "n", "KS distance", "verdict")
-    body = [
-        (
-            row.name,
-            " ".join(f"{value:z.2f}" for value in row.recorded),
-            str(row.recorded_count),
-            " ".join(f"{value:z.2f}" for value in row.synthetic),
-            str(row.synthetic_count),
-            f"{row.distance:z.2f}",
-            row.words,
-        )
-        for row in rows
-    ]
-    return aligned([head, *body])

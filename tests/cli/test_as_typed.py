@@ -26,8 +26,6 @@ NOT_RUN = {
     "drive": "needs a person in a browser; tests/wheel/test_drive_command.py has bots",
     "qualify": "takes minutes; tests/studies/test_qualification.py runs a check of each kind",
     "bench": "tests/bench/test_benchmark.py runs it",
-    "humans population": "needs recorded approaches; tests/drivers/test_population_check.py has some",
-    "humans coverage": "needs recorded people; tests/docs/test_recorded_people_example.py has some",
     "import": "needs a file of OpenSCENARIO; tests/scenario/test_openscenario_faults.py has some",
 }
 """Commands whose example is not run here, and why."""

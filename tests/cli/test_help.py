@@ -75,7 +75,7 @@ def test_no_word_means_two_commands_and_none_is_a_command_itself() -> None:
 def test_the_help_of_humans_cuts_no_line_either() -> None:
     shown = CliRunner().invoke(main, ["humans", "--help"], terminal_width=80).output
     assert "..." not in shown.partition("Commands:")[2]
-    assert "\n  population " in shown
+    assert "\n  departure " in shown
 
 
 def test_a_line_wider_than_the_terminal_breaks_between_words_and_goes_on_indented() -> None:

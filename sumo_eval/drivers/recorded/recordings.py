@@ -27,7 +27,7 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError
 from sumo_eval.text import cells, from_cell
 from sumo_eval.trajectory import FloatArray, Trajectory
 
@@ -64,13 +64,6 @@ class Recordings:
     def vehicles(self) -> int:
         """Number of tracks."""
         return int(self.table[["recording", "vehicle"]].drop_duplicates().shape[0])
-
-    def only(self, name: str) -> Recordings:
-        """One of the recordings by itself. Raises InputError for a name that none has."""
-        names = [str(each) for each in self.table["recording"].unique()]
-        if name not in names:
-            raise unknown("recording", name, names)
-        return Recordings(self.table[self.table["recording"].astype(str) == name].reset_index(drop=True), self.notes)
 
 
 def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:

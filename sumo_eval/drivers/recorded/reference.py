@@ -37,15 +37,10 @@ class People:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """Drives in one concrete scenario. names: who, one a drive. near: events within the tolerance; short: of these, the
-    ones whose recording ends too early to be compared with; again: further events of drivers who are in it already.
-    """
+    """Drives in one concrete scenario. names: who, one a drive."""
 
     drives: tuple[Trajectory, ...]
     names: tuple[str, ...]
-    near: int = 0
-    short: int = 0
-    again: int = 0
 
 
 def open_people(settings: DriverSettings, source: Path) -> People:
@@ -97,18 +92,13 @@ def reference(
     near = np.flatnonzero(np.all(off <= 1.0, axis=1))
     near = near[np.argsort(np.linalg.norm(off[near], axis=1), kind="stable")]
     drives: dict[str, Trajectory] = {}
-    short = again = 0
     for event in events.iloc[near].itertuples():
         track = people.tracks[(str(event.recording), str(event.ego))]
         who = str(track["driver"].iloc[0] or "") or f"{event.recording}/{event.ego}"
         drive = _aligned(track, float(event.start), concrete, people)  # type: ignore[arg-type]
-        if who in drives:
-            again += 1
-        elif _covers(drive, concrete, settings.coverage):
+        if who not in drives and _covers(drive, concrete, settings.coverage):
             drives[who] = drive
-        else:
-            short += 1
-    return Reference(tuple(drives.values()), tuple(drives), len(near), short, again)
+    return Reference(tuple(drives.values()), tuple(drives))
 
 
 def _aligned(track: pd.DataFrame, start: float, concrete: ConcreteScenario, people: People) -> Trajectory:
@@ -167,7 +157,7 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
         for who, drive in _drives_in(people.folder / file):
             drives.append(drive)
             names.append(who)
-    return Reference(tuple(drives), tuple(names), len(drives))
+    return Reference(tuple(drives), tuple(names))
 
 
 def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
