@@ -12,6 +12,7 @@ MODULES = {
 }
 """Modules that locators named, and what to do instead."""
 COMMANDS = {
+    "bench --whole": "`time sumo-eval run --out DIR` measures a whole evaluation, and `run` says when each stage ends",
     "humans coverage": "a run counts the recorded people behind each D_i: `recorded_drivers` in cases.csv",
     "humans population": "docs/humans.md has the comparison with people and says where its script stands",
     "humans similarity": "D and H compare drives; `export RUN` writes trajectories that tslearn can compare by DTW",

@@ -1,4 +1,4 @@
-"""What everything costs on this machine: bare libsumo, the harness, the field, D, zones, a whole evaluation.
+"""What everything costs on this machine: bare libsumo, the harness, the field, D, zones.
 
 Processor time of this process, not wall time, so that other programs disturb little; the rows of one table are measured
 in turns, several rounds, and the least of each counts. What carries over to other machines are the ratios.
@@ -22,29 +22,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.bench.whole import whole_costs
-from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.observation import Observation, Observations
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.bare_libsumo import bare_seconds
-from sumo_eval.cosim.sumo.session import command_line, running, simulator_version
-from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
+from sumo_eval.cosim.sumo.session import command_line, simulator_version
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.method.anthropomorphic import anthropomorphic_index, lateral_position, slice_points, slice_positions
-from sumo_eval.method.trajectory_field import KERNEL, trajectory_field
+from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.store import open_store
-from sumo_eval.record.watch import watched
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.sampling.samples import sample
-from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import FloatArray, Recording
 
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)  # the step of the public simulators of UN R157
-TARGET = 1061.0  # cases a second and core of a public tool without a traffic simulator
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +110,6 @@ def benchmark(*, cases: int, rounds: int, parts: Collection[str], progress: Call
         "co-simulation": lambda: cosimulation(cases, rounds),
         "field and D": lambda: field_and_index(rounds),
         "zones": lambda: zones(2000 if cases >= 100 else 100),
-        "whole": lambda: whole_evaluation(progress),
     }
     for part, measure in measures.items():
         if part in parts:
@@ -127,7 +121,6 @@ def benchmark(*, cases: int, rounds: int, parts: Collection[str], progress: Call
         "load": os.getloadavg()[0],
         "python": platform.python_version(),
         "simulator": simulator_version(),
-        "kernel": KERNEL,
     }
     return {"format_version": 1, "machine": machine, "cases": cases, "rows": [asdict(row) for row in rows]}
 
@@ -143,7 +136,6 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
         "user's ten lines, vehicle model and moveToXY": lambda: [
             simulate(one, TenLines, SETTINGS) for one in concretes
         ],
-        "the same, watched as in a batch": lambda: [_watched(one, TenLines) for one in concretes],
         "careful_driver, one at a time": lambda: [simulate(one, "careful_driver", SETTINGS) for one in concretes],
         **{
             f"{ads}, packed": functools.partial(_packed, concretes, ads)
@@ -164,53 +156,26 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
             for name, way in ways.items():
                 timed.setdefault(name, []).append(_seconds(way))
                 timed.setdefault(f"bare {name}", []).append(alone.submit(bare_seconds, lines, steps[name]).result())
-            primed = _seconds(bare_seconds, lines, steps["careful_driver, packed"])
-            timed.setdefault("bare primed", []).append(primed)
-            timed.setdefault("bare packed", []).append(_seconds(_bare_pack, concretes, steps["careful_driver, packed"]))
-    rows = []
     count = len(concretes)
-    for name in ways:
-        took, bare = min(timed[name]), min(timed[f"bare {name}"])
-        mean = float(np.mean(steps[name]))
-        rows.append(
-            Row(
-                "co-simulation",
-                f"{name} ({mean:.0f} steps a case)",
-                count / took,
-                "cases/s",
-                bare / took,
-                "bare libsumo",
-            )
+    rows = [
+        Row(
+            "co-simulation",
+            f"{name} ({np.mean(steps[name]):.0f} steps a case)",
+            count / min(timed[name]),
+            "cases/s",
+            min(timed[f"bare {name}"]) / min(timed[name]),
+            "bare libsumo",
         )
-    first = min(timed["bare careful_driver, packed"])
-    rows.append(Row("co-simulation", "bare libsumo, one at a time, as many steps", count / first, "cases/s"))
-    primed = min(timed["bare primed"])
-    rows.append(
-        Row("co-simulation", "the same in this process, whose XML parser stays set up", count / primed, "cases/s",
-            first / primed, "as quick as bare libsumo alone")
-    )  # fmt: skip
-    together = min(timed["bare packed"])
-    packed = min(timed["careful_driver, packed"])
-    rows.append(
-        Row("co-simulation", "bare libsumo, packed, as many steps", count / together, "cases/s", together / packed,
-            "of it that careful_driver, packed, reaches")
-    )  # fmt: skip
-    rows.append(
-        Row("co-simulation", "careful_driver, packed, beside a public tool", count / packed, "cases/s",
-            count / packed / TARGET, f"{TARGET:g} cases/s")
-    )  # fmt: skip
+        for name in ways
+    ]
+    bare = min(timed["bare careful_driver, packed"])
+    rows.append(Row("co-simulation", "bare libsumo, one at a time, as many steps", count / bare, "cases/s"))
     rows.append(_storing(concretes, recordings["careful_driver, packed"]))
     return rows
 
 
 def _packed(concretes: Sequence[ConcreteScenario], ads: Any) -> list[Recording]:
     return list(simulate_many(concretes, ads, SETTINGS))
-
-
-def _watched(concrete: ConcreteScenario, ads: Any) -> Recording:
-    """A case as a child process of the batch simulates it."""
-    limits = RunSettings()
-    return simulate(concrete, watched(load_controller(ads), limits), SETTINGS, step_timeout=limits.step_timeout)
 
 
 def _place(folder: Path, number: int) -> tuple[Path, Path, None]:
@@ -226,21 +191,6 @@ def _bare_process() -> Iterator[ProcessPoolExecutor]:
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as process:
         process.submit(int).result()  # it has started
         yield process
-
-
-def _bare_pack(concretes: Sequence[ConcreteScenario], steps: Sequence[int]) -> None:
-    """Step all cases in one bare simulation; each case's vehicles are taken off when it ends."""
-    settings = concretes[0].simulation(SETTINGS)
-    texts = shared_network_xml(concretes), shared_routes_xml(concretes, settings.vehicle)
-    ends: dict[int, list[int]] = {}
-    for case, count in enumerate(steps):
-        ends.setdefault(count, []).append(case)
-    with running(*texts, settings, collisions="none") as traci:
-        for step in range(max(steps)):
-            traci.simulationStep()
-            for case in ends.get(step + 1, ()):
-                for index in range(1 + len(concretes[case].actors)):
-                    traci.vehicle.remove(f"{case}.{index}")
 
 
 def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> Row:
@@ -259,7 +209,7 @@ def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recordi
 
 
 def field_and_index(rounds: int) -> list[Row]:
-    """The field's kernel beside the machine's compiled exp, and D of a case beside its 11 simulations in packs."""
+    """The field's kernel beside numpy's exp, and D of a case beside its 11 simulations in packs."""
     logical = catalogue.load("front_vehicle_cut_out")
     concrete = logical.concrete(ego_speed=25.0, obstacle_speed=10.0, gap=110.0)
     people = [human_controller(index, 10, 1, concrete) for index in range(10)]
@@ -273,53 +223,21 @@ def field_and_index(rounds: int) -> list[Row]:
     slices = slice_positions(float(ads.x[0]), logical.road.length - float(ads.x[0]), 0.5)
     places = slice_points(slices, lateral_position(ads, slices), logical.road).reshape(-1, 2)
     terms = len(places) * len(np.arange(0.0, ads.duration, 0.02))
-    exponential = compiled_exponential()
     anthropomorphic_index(ads, drivers, logical.road)  # compiles what is not compiled yet
     numbers, result = np.random.default_rng(2).uniform(-0.3, 0.3, 1024), np.empty(1024)
-    kernels, exps, any_exps = [], [], []
+    kernels, exponentials = [], []
     for _ in range(3 * rounds):
         kernels.append(_seconds(lambda: trajectory_field(places, ads, sample_interval=0.02)) / terms)
-        exps.append(exponential())
-        any_exps.append(_seconds(lambda: [np.exp(numbers, out=result) for _ in range(1000)]) / (1000 * numbers.size))
-    kernel, exp, any_exp = min(kernels), min(exps), min(any_exps)
+        exponentials.append(
+            _seconds(lambda: [np.exp(numbers, out=result) for _ in range(1000)]) / (1000 * numbers.size)
+        )
+    kernel, exponential = min(kernels), min(exponentials)
     index = min(_seconds(anthropomorphic_index, ads, drivers, logical.road) for _ in range(rounds))
     return [
-        Row("field and D", "compiled exp, a number", 1e9 * exp, "ns"),
-        Row("field and D", "numpy's exp, a number", 1e9 * any_exp, "ns", any_exp / kernel, "a term's time"),
-        Row("field and D", "field, a term", 1e9 * kernel, "ns", exp / kernel, "compiled exp alone"),
+        Row("field and D", "numpy's exp, a number", 1e9 * exponential, "ns"),
+        Row("field and D", "field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"),
         Row("field and D", "D of a case, 10 drivers", 1e3 * index, "ms", simulated / index, "its 11 runs in packs"),
     ]
-
-
-def compiled_exponential() -> Callable[[], float]:
-    """What measures one number's exponential in machine code, s: its Taylor polynomial to f^12 and nothing else, as
-    numba compiles it for this machine; numpy's where there is no numba.
-    """
-    numbers, repeats = np.random.default_rng(2).uniform(-0.3, 0.3, 1024), 1000
-
-    def by_numpy(values: FloatArray, sums: FloatArray, repeated: int) -> None:
-        for _ in range(repeated):
-            sums += np.exp(values)
-
-    def polynomials(values: FloatArray, sums: FloatArray, repeated: int) -> None:
-        for _ in range(repeated):
-            for i in range(values.shape[0]):
-                f = values[i]
-                e = 1.0 / 3628800.0 + f * (1.0 / 39916800.0 + f * (1.0 / 479001600.0))
-                e = 1.0 / 40320.0 + f * (1.0 / 362880.0 + f * e)
-                e = 1.0 / 720.0 + f * (1.0 / 5040.0 + f * e)
-                e = 1.0 / 24.0 + f * (1.0 / 120.0 + f * e)
-                e = 1.0 / 2.0 + f * (1.0 / 6.0 + f * e)
-                sums[i] += 1.0 + f * (1.0 + f * e)
-
-    loops = by_numpy
-    if KERNEL == "numba":
-        import numba
-
-        loops = numba.njit(fastmath={"contract"}, error_model="numpy")(polynomials)
-    sums = np.zeros(numbers.shape)
-    loops(numbers, sums, 1)
-    return lambda: _seconds(loops, numbers, sums, repeats) / (repeats * len(numbers))
 
 
 def zones(points: int) -> list[Row]:
@@ -330,21 +248,6 @@ def zones(points: int) -> list[Row]:
         Row("zones", "front_vehicle_cut_out, its own grid", _seconds(partition, logical), "s"),
         Row("zones", f"{points} training points", _seconds(lambda: partition(logical, points=many)), "s"),
     ]
-
-
-def whole_evaluation(progress: Callable[[str], None]) -> list[Row]:
-    """The paper's evaluation in a process of its own, cold: wall time, processor time, and each stage's share."""
-    costs = whole_costs(None, lambda stage: progress(f"whole: {stage}"))
-    rows = [
-        Row("whole", "the paper's evaluation, cold, wall time", costs.wall, "s"),
-        Row("whole", "processor time of its own process", costs.own, "s", costs.own / costs.wall, "its wall time"),
-    ]
-    if costs.children is not None:
-        ratio = costs.children / costs.wall
-        rows.append(Row("whole", "processor time of its children", costs.children, "s", ratio, "its wall time"))
-    for stage, seconds in costs.stages.items():
-        rows.append(Row("whole", stage, seconds, "s", seconds / costs.wall, "its wall time"))
-    return rows
 
 
 def _seconds(work: Callable[..., object], *args: object) -> float:

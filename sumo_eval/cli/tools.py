@@ -281,18 +281,17 @@ def schema(what: str) -> None:
     tell(json.dumps(scenario_schema() if what == "scenario" else evaluation_schema(), indent=2))
 
 
-PARTS = ("co-simulation", "field and D", "zones", "whole")  # as in sumo_eval.bench.costs, which is slow to import
+PARTS = ("co-simulation", "field and D", "zones")  # as in sumo_eval.bench.costs, which is slow to import
 
 
 @click.command(epilog="Example: sumo-eval bench --small")
 @click.option("--small", is_flag=True, help="A few cases and one round: shows that it works, in seconds.")
-@click.option("--whole", is_flag=True, help="Also run the paper's evaluation, cold.")
 @click.option("--only", multiple=True, type=click.Choice(PARTS), help="Measure this part alone; may be repeated.")
 @click.option(
     "--cases", default=500, show_default=True, type=click.IntRange(2), help="Cases of the UN R157 cut-in grid."
 )
 @click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the figures to this file.")
-def bench(small: bool, whole: bool, only: tuple[str, ...], cases: int, file: Path | None) -> None:
+def bench(small: bool, only: tuple[str, ...], cases: int, file: Path | None) -> None:
     """Measure bare libsumo, the harness, the field, D and zones in one run, and print costs and ratios.
 
     Processor time of one core. How to read the table: docs/benchmarks.md.
@@ -302,7 +301,7 @@ def bench(small: bool, whole: bool, only: tuple[str, ...], cases: int, file: Pat
     found = benchmark(
         cases=8 if small else cases,
         rounds=1 if small else 3,
-        parts=(*(only or PARTS[:-1]), *(["whole"] if whole else [])),
+        parts=only or PARTS,
         progress=lambda part: tell(f"measuring: {part}", err=True),
     )
     if file is not None:
