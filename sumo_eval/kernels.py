@@ -18,7 +18,6 @@ import importlib
 import importlib.metadata
 import itertools
 import os
-import pickle
 import platform
 import subprocess
 import sys
@@ -32,14 +31,21 @@ import numpy as np
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 INTERPRETED = os.environ.get("SUMO_EVAL_INTERPRETED", "") not in ("", "0")
+PLAIN = os.environ.get("SUMO_EVAL_PLAIN", "") not in ("", "0")
+"""Whether the insides that `numba_insides` and `record/children.py` borrow are left out."""
 _PACKAGE = Path(__file__).parent
-_ROOMS = ("kernels.py", "trajectory.py", "settings", "scenario", "cosim", "ads", "drivers", "method/field_loops.py")
+_ROOMS = (
+    "kernels.py",
+    "numba_insides.py",
+    "trajectory.py",
+    "settings",
+    "scenario",
+    "cosim",
+    "ads",
+    "drivers",
+    "method/field_loops.py",
+)
 """Where kernels and the constants that are compiled into them stand."""
-
-_KNOWN_INSIDE = "0.68."
-"""Versions of numba of which `_as_part` knows the insides; others compile more slowly, to the same bits."""
-
-_SEAL = 32  # bytes before machine code that is kept: the SHA-256 of the rest
 
 _waiting: list[Callable[..., Any]] = []
 
@@ -105,59 +111,13 @@ def _compiled(function: Callable[..., Any]) -> Any:
 
 
 def keep_code(loop: Any) -> Any:
-    """A loop of numba's, whose machine code is kept on disk from now on; what was damaged is compiled again."""
-    loop._cache = _kept_code()(loop.py_func)
+    """A loop of numba's, whose machine code is kept on disk from now on."""
+    if PLAIN:
+        importlib.import_module("numba.core.config").__dict__["CACHE_DIR"] = str(cache_folder())
+        loop.enable_caching()
+    else:
+        loop._cache = importlib.import_module("sumo_eval.numba_insides").kept_code()(loop.py_func)
     return loop
-
-
-@functools.cache
-def _kept_code() -> Any:
-    """numba's way to keep code, with one sealed file for each loop and kind of arguments.
-
-    numba's own index mixes kinds up where two processes write at once, and trusts whatever stands in its files.
-    """
-    caching = importlib.import_module("numba.core.caching")
-    rebuilt = importlib.import_module("numba.core.compiler").CompileResult._rebuild
-
-    class KeptCode(caching.NullCache):  # type: ignore[name-defined,misc]
-        """The code of a loop: nothing that goes wrong with its files does more than compile it again."""
-
-        def __init__(self, function: Callable[..., Any]) -> None:
-            self._py_func = function
-
-        def load_overload(self, signature: Any, target: Any) -> Any:
-            """The code for arguments of these types, or None; without what numba imports to compile, 0.5 s."""
-            importlib.import_module("numba.core.runtime").rtsys.initialize(target)
-            try:
-                content = self._path(signature, target.codegen()).read_bytes()
-                whole = content[:_SEAL] == _seal(content)
-                return rebuilt(target, *pickle.loads(content[_SEAL:])) if whole else None  # noqa: S301 - as numba does
-            except Exception:  # noqa: BLE001 - whatever a file of another make holds
-                return None
-
-        def save_overload(self, signature: Any, result: Any) -> None:
-            """Keep it, if it can be kept."""
-            if result.library.has_dynamic_globals:
-                return
-            content = bytes(_SEAL) + caching.dumps(result._reduce())
-            with contextlib.suppress(OSError):
-                path = self._path(signature, result.codegen)
-                path.parent.mkdir(parents=True, exist_ok=True)
-                with caching.IndexDataCacheFile._open_for_write(self, path) as file:
-                    file.write(_seal(content) + content[_SEAL:])
-
-        def _path(self, signature: Any, codegen: Any) -> Path:
-            source = Path(self._py_func.__code__.co_filename)
-            key = caching.Cache._index_key(self, signature, codegen)
-            digest = hashlib.sha256(repr((str(source), source.read_bytes(), key)).encode())
-            return cache_folder() / f"{self._py_func.__name__}.{digest.hexdigest()[:24]}"
-
-    return KeptCode
-
-
-def _seal(content: bytes) -> bytes:
-    """What stands before machine code on disk, and tells what was damaged."""
-    return hashlib.sha256(content[_SEAL:]).digest()
 
 
 def _numba() -> Any:
@@ -171,72 +131,8 @@ def _numba() -> Any:
 
 def _register(function: Callable[..., Any]) -> None:
     register = importlib.import_module("numba.extending").register_jitable
-    register(error_model="numpy", no_cfunc_wrapper=True, **_as_part())(function)
-
-
-@functools.cache
-def _as_part() -> dict[str, Any]:
-    """How numba is to compile a rule: as a part of the loops that call it, and nothing else; empty: as it likes.
-
-    By itself numba makes every function machine code of its own, optimised, and then once more within each that calls
-    it. A rule is only ever called by rules and loops, so it is enough to optimise it, and make machine code of it, as a
-    part of a loop: a third of the time of compiling everything. That takes what numba promises nobody, so numbas whose
-    insides are not known here do as they like.
-    """
-    numba = importlib.import_module("numba")
-    if not numba.__version__.startswith(_KNOWN_INSIDE):
-        return {}
-    codegen, compiler, passes, make_function = (
-        importlib.import_module("numba.core.codegen"),
-        importlib.import_module("numba.core.compiler"),
-        importlib.import_module("numba.core.typed_passes"),
-        importlib.import_module("numba._dynfunc").make_function,
-    )
-
-    class Part(codegen.JITCodeLibrary):  # type: ignore[name-defined,misc]
-        """The code of a rule and of those that it calls, to be linked into others and not to be run."""
-
-        def _optimize_functions(self, module: Any) -> None:
-            module.data_layout = self._codegen._data_layout
-
-        def finalize(self) -> None:
-            for library in dict.fromkeys(self._linking_libraries):
-                self._reload_init.update(library._reload_init)
-                self._final_module.link_in(library._get_module_for_linking(), preserve=True)
-            self._finalized = True
-
-    class LowerPart(passes.NativeLowering):  # type: ignore[name-defined,misc]
-        """Lower a rule to a `Part`, for which there is no function that Python could call."""
-
-        _name = "sumo_eval_lower_part"
-
-        def run_pass(self, state: Any) -> bool:
-            state.library = Part(state.targetctx.codegen(), state.func_id.func_qualname)
-            state.flags.no_compile = True
-            super().run_pass(state)
-            made = state["cr"]
-            name = made.fndesc.qualname.split(".")[-1]
-            stands_for = make_function(made.fndesc.lookup_module(), name, "", 0, made.env, (state.library,))
-            state.targetctx.insert_user_function(stands_for, made.fndesc, [state.library])
-            state.library._ensure_finalized()
-            state.reload_init.extend(state.library._reload_init)
-            state["cr"] = made._replace(cfunc=stands_for)
-            return True
-
-    importlib.import_module("numba.core.compiler_machinery").register_pass(mutates_CFG=True, analysis_only=False)(
-        LowerPart
-    )
-
-    class PartCompiler(compiler.CompilerBase):  # type: ignore[name-defined,misc]
-        """numba's own way, with the last step replaced."""
-
-        def define_pipelines(self) -> list[Any]:
-            usual = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
-            usual.passes = [(LowerPart if step is passes.NativeLowering else step, what) for step, what in usual.passes]
-            usual.finalize()
-            return [usual]
-
-    return {"pipeline_class": PartCompiler}
+    part = {} if PLAIN else importlib.import_module("sumo_eval.numba_insides").as_part()
+    register(error_model="numpy", no_cfunc_wrapper=True, **part)(function)
 
 
 @functools.cache

@@ -138,6 +138,20 @@ def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse: int, driv
 # -- machine code ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.campaign  # compiles all that the run needs, once more
+@pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
+def test_small_evaluation_scores_alike_without_borrowed_insides(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(
+        'name = "small"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
+        '[[ads]]\nname = "idm"\ncontroller = "idm"\n[drivers]\ncount = 2\n'
+    )
+    for plain in ("", "1"):
+        command = [sys.executable, "-m", "sumo_eval", "run", "small.toml", "--out", f"run{plain}"]
+        environment = {**os.environ, "SUMO_EVAL_PLAIN": plain}
+        subprocess.run(command, cwd=tmp_path, env=environment, check=True, capture_output=True)
+    assert (tmp_path / "run" / "scores.json").read_bytes() == (tmp_path / "run1" / "scores.json").read_bytes()
+
+
 @pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
 def test_every_loop_is_compiled_for_one_kind_of_arguments():
     """Another type of array compiles a loop again: one and three other vehicles, one case and many are one type."""

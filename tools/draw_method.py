@@ -18,8 +18,8 @@ from pictures import write_or_check
 from sumo_eval.method.anthropomorphic import gaussian_similarity
 from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.method.criticality import critical_gap, required_gap
-from sumo_eval.method.trajectory_field import instantaneous_field
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.method.trajectory_field import trajectory_field
+from sumo_eval.trajectory import FloatArray, Trajectory
 
 WIDTH, HEIGHT = 560.0, 260.0  # px
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 16.0, 14.0, 44.0  # px around the axes
@@ -60,7 +60,7 @@ def charts() -> dict[str, Chart]:
         Curve(
             f"{speed:g} m/s",
             away,
-            np.array(instantaneous_field(places, (0.0, 0.0), (speed, 0.0))),
+            trajectory_field(places, Trajectory([0.0], [0.0], [0.0], heading=[0.0], speed=[speed])),
             at,
         )
         for speed, at in ((10.0, (-42.0, 0.3)), (40.0, (14.0, 0.42)))

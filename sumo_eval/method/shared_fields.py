@@ -9,7 +9,7 @@ The result is that of `trajectory_field.trajectory_fields` to `ERROR`. The summa
 one length away they lie on Bernstein ellipses of 3 + sqrt(8) = 5.8 along x and L/h + sqrt((L/h)^2 + 1) >= 6.5 across a
 strip of half-width h <= L/3.2: 16 nodes along x and at most 14 across leave 6.5e-12 of each sample's field, about;
 found is 2.6e-12 (k1 = 0.5) to 6e-12 (k1 = 1). Where that does not hold (large constants, vectors, points off it),
-does not pay, or numba is missing, the plain sum is taken.
+or does not pay, the plain sum is taken.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.method import trajectory_field
 from sumo_eval.method.trajectory_field import samples_of, trajectory_fields
 from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
@@ -74,12 +73,11 @@ class Stretch:
 
 def prepare() -> None:
     """Have the compiled loops there before they are needed: loaded, and on a machine's first time compiled, for 4 s."""
-    if trajectory_field.KERNEL == "numba":
-        time = np.arange(0.0, 20.0, 0.1)
-        drive = Trajectory(time, 20.0 * time, np.zeros_like(time), speed=np.full_like(time, 20.0))
-        rows, across = np.arange(0.0, 400.0, 0.5), np.linspace(-1.5, 1.5, 7)
-        fields = SharedFields([drive], Stretch(0.0, 400.0, -2.0, 2.0), FieldSettings())
-        fields.at(rows, np.broadcast_to(across, (len(rows), len(across))), [0])
+    time = np.arange(0.0, 20.0, 0.1)
+    drive = Trajectory(time, 20.0 * time, np.zeros_like(time), speed=np.full_like(time, 20.0))
+    rows, across = np.arange(0.0, 400.0, 0.5), np.linspace(-1.5, 1.5, 7)
+    fields = SharedFields([drive], Stretch(0.0, 400.0, -2.0, 2.0), FieldSettings())
+    fields.at(rows, np.broadcast_to(across, (len(rows), len(across))), [0])
 
 
 class SharedFields:
@@ -116,7 +114,7 @@ class SharedFields:
         if pays is None:
             known = all(place in self._far for place in places)
             pays = known or _pays(int(np.count_nonzero(inside)) * y.shape[1], self._stretch)
-        if not pays or not smooth or constants.superposition != "magnitude" or trajectory_field.KERNEL != "numba":
+        if not pays or not smooth or constants.superposition != "magnitude":
             return self._plain(x, y, places)
         fields = np.empty((len(places), *y.shape))
         self._by_boxes(x, y, np.flatnonzero(inside), places, fields)

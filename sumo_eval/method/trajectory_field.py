@@ -6,16 +6,14 @@ Readings of the paper (docs/METHOD.md) that this file is built on:
 - A point on the vehicle itself lies dead ahead of it (cos theta = 1), so the field never rises on the way out.
 - The velocity points along the heading.
 
-The sum runs in numba where numba can be imported (`KERNEL == "numba"`), else in plain numpy (`KERNEL == "numpy"`, a few
-times slower). The two agree to rounding, and each gives the same bytes on every run.
+The sum of magnitudes is compiled by numba, which is imported at first use, because that takes a while.
 """
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,11 +21,7 @@ from numpy.typing import ArrayLike
 from sumo_eval.errors import must_be
 from sumo_eval.trajectory import FloatArray, Trajectory
 
-Kernel = Callable[[FloatArray, FloatArray, float], FloatArray]
 Superposition = Literal["magnitude", "vector"]
-
-if TYPE_CHECKING:
-    KERNEL: Literal["numba", "numpy"]
 
 COINCIDENT = 1e-9  # m; nearer than this a direction is only the rounding of the coordinates, as in `field_loops`
 SAME_TIME = 1e-6  # s; sample times this close to the wanted ones are the wanted ones
@@ -71,7 +65,7 @@ def trajectory_fields(
     if not (math.isfinite(sample_interval) and sample_interval > 0.0):
         raise must_be("`sample_interval`", "the trajectory field", "greater than 0 s", sample_interval)
     if superposition == "magnitude":
-        field = _kernel()[1]
+        from sumo_eval.method.field_loops import magnitude_sum as field
     elif superposition == "vector":
         field = _vector_sum
     else:
@@ -80,23 +74,6 @@ def trajectory_fields(
     for row, trajectory in enumerate(trajectories):
         fields[row] = field(places, samples_of(trajectory, k2, sample_interval), float(k1))
     return fields
-
-
-def instantaneous_field(
-    points: ArrayLike, position: ArrayLike, velocity: ArrayLike, *, k1: float = 0.5, k2: float = 0.005
-) -> FloatArray:
-    """Eq. 10: s(p) = exp(k2 v cos theta) / max(|r|, 1)^k1, (n,), of a vehicle at one time.
-
-    points: p, (n, 2), m. position: of the vehicle's centre, (2,), m; r = p - position. velocity: (2,), m/s; v is its
-    size and theta the angle from it to r. k1: decay with distance. k2: growth with speed ahead, s/m.
-    Raises InputError for arguments outside these meanings.
-    """
-    places = _checked_points(points)
-    _check_constants(k1, k2)
-    x, y = _checked_pair("position", position)
-    vx, vy = _checked_pair("velocity", velocity)
-    exponent = _checked_exponent(k2 * np.hypot(vx, vy))
-    return _magnitude_sum(places, np.array([[x, y, k2 * vx, k2 * vy, float(exponent), 1.0]]), float(k1))
 
 
 # --- samples ----------------------------------------------------------------------------------------------------------
@@ -124,31 +101,6 @@ def _resampled(trajectory: Trajectory, interval: float) -> FloatArray:
 
 
 # --- kernels: points (n, 2), samples (k, 6), k1 -> (n,) ---------------------------------------------------------------
-
-
-@functools.cache
-def _kernel() -> tuple[Literal["numba", "numpy"], Kernel]:
-    """The fastest kernel this machine has; numba is imported here, at first use, because that takes a while."""
-    try:
-        from sumo_eval.method.field_loops import magnitude_sum
-    except ImportError:
-        return "numpy", _magnitude_sum
-    return "numba", magnitude_sum
-
-
-def __getattr__(name: str) -> str:
-    if name == "KERNEL":
-        return _kernel()[0]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def _magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:
-    """The sum of magnitudes in plain numpy."""
-    field = np.empty(len(points))
-    for block in _blocks(points, samples):
-        magnitude, _, _ = _terms(points[block], samples, k1)
-        field[block] = magnitude @ samples[:, 5]
-    return field
 
 
 def _vector_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:
@@ -192,13 +144,6 @@ def _checked_points(points: ArrayLike) -> FloatArray:
     if not np.all(np.isfinite(places)):
         raise must_be("`points`", "the trajectory field", "finite", float(places[~np.isfinite(places)][0]))
     return places
-
-
-def _checked_pair(name: str, values: ArrayLike) -> FloatArray:
-    pair = np.asarray(values, dtype=np.float64)
-    if pair.shape != (2,) or not np.all(np.isfinite(pair)):
-        raise must_be(f"`{name}`", "the trajectory field", "two finite numbers", values)
-    return pair
 
 
 def _check_constants(k1: float, k2: float) -> None:

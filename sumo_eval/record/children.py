@@ -4,6 +4,11 @@ A child never runs the user's script again. One that only computes leads a proce
 terminal is not its business) and is killed by the kernel when its owner's end of the lifeline closes, whatever it is
 doing: a thread that watched could not run while C code holds the interpreter's lock. One that runs users' code has a
 supervisor, see `hygiene`.
+
+Insides of multiprocessing that this file borrows, tried with Python 3.11 (SUMO_EVAL_PLAIN=1 leaves them out): the
+daemon flag of the own process (without it no worker of Dask starts children), the arguments of the process that makes
+the children (`-P`; without it that process may import files of the working folder), and its process id (without it a
+refused command leaves it loading for 2 s).
 """
 
 from __future__ import annotations
@@ -25,6 +30,7 @@ from types import ModuleType
 from typing import Any, cast
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.kernels import PLAIN
 from sumo_eval.settings.locators import FOLDERS
 
 _KIND = "forkserver" if sys.platform == "linux" else "spawn"  # never forked from this one: it has threads and state
@@ -52,7 +58,7 @@ class Child(_ordinary.Process):  # type: ignore[misc]
         """Start it, also from a daemonic process such as a Dask worker: the lifeline ends it, not the exit handlers."""
         Child.asked_for = True
         config: dict[str, Any] = multiprocessing.current_process()._config  # type: ignore[attr-defined]
-        daemon = config.pop("daemon", None)
+        daemon = None if PLAIN else config.pop("daemon", None)
         try:
             super().start()
         finally:
@@ -95,7 +101,7 @@ def warm_up() -> None:
 def cool_down() -> None:
     """End the process that makes the children where none was ever asked for: it would go on loading for seconds."""
     pid = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # shown nowhere else
-    if pid is not None and not Child.asked_for:
+    if pid is not None and not Child.asked_for and not PLAIN:
         with suppress(OSError):
             os.kill(pid, signal.SIGKILL)
 
@@ -159,7 +165,7 @@ def _working_folder_out_of_sight() -> Iterator[None]:
     """
     util: Any = multiprocessing.util
     usual = util._args_from_interpreter_flags
-    if not _starts_beside_the_package():
+    if not _starts_beside_the_package() and not PLAIN:
         util._args_from_interpreter_flags = lambda: [*usual(), "-P"]
     try:
         yield

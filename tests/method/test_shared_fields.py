@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.method import shared_fields as module
-from sumo_eval.method import trajectory_field
 from sumo_eval.method.anthropomorphic import lateral_position, slice_points, slice_positions
 from sumo_eval.method.shared_fields import ERROR, SharedFields, Stretch
 from sumo_eval.method.trajectory_field import trajectory_fields
@@ -204,12 +203,6 @@ def test_few_points_and_a_short_road_are_summed_plainly() -> None:
     for x, y in ((X[::50], Y[::50]), (np.linspace(50.0, 55.0, 551), Y), (X[:1], Y[:1]), (X[:0], Y[:0])):
         assert not module._pays(y.size, around(x, y))
         np.testing.assert_array_equal(shared_fields(x, y, drives, PLAIN), plain(x, y, drives, PLAIN))
-
-
-def test_without_numba_the_sum_is_plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trajectory_field, "_kernel", lambda: ("numpy", trajectory_field._magnitude_sum))
-    drives = [standing(200.0, 1.0, 0.1, 50.0)]
-    np.testing.assert_array_equal(shared_fields(X, Y, drives, PLAIN), plain(X, Y, drives, PLAIN))
 
 
 def test_no_trajectories_are_an_empty_answer() -> None:

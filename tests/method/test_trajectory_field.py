@@ -14,23 +14,22 @@ from twins import trajectory_field as twin
 
 from sumo_eval.errors import InputError
 from sumo_eval.method import trajectory_field as module
-from sumo_eval.method.trajectory_field import instantaneous_field, trajectory_field, trajectory_fields
+from sumo_eval.method.field_loops import magnitude_sum
+from sumo_eval.method.trajectory_field import trajectory_field, trajectory_fields
 from sumo_eval.trajectory import Trajectory
 
 STEP = 0.1
 
 
-@pytest.fixture(params=["numba", "numpy"])
-def kernel(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Run the test with each kernel."""
-    if request.param == "numpy":
-        monkeypatch.setattr(module, "_kernel", lambda: ("numpy", module._magnitude_sum))
-    assert request.param == module.KERNEL
-    return str(request.param)
-
-
 def one_sample(speed: float, heading: float = 0.0) -> Trajectory:
     return Trajectory([0.0], [0.0], [0.0], heading=[heading], speed=[speed])
+
+
+def instantaneous_field(points, position, velocity, **constants) -> np.ndarray:
+    """Eq. 10, of a vehicle at one time."""
+    (x, y), (vx, vy) = position, velocity
+    drive = Trajectory([0.0], [x], [y], heading=[math.atan2(vy, vx)], speed=[math.hypot(vx, vy)])
+    return trajectory_field(points, drive, **constants)
 
 
 def winding(seed: int, n: int = 40, step: float = STEP) -> Trajectory:
@@ -76,7 +75,7 @@ def around(trajectory: Trajectory, n: int, seed: int = 7) -> np.ndarray:
     ],
 )
 def test_one_vehicle_at_the_origin_at_20_metres_per_second(
-    point: tuple[float, float], k1: float, k2: float, expected: float, kernel: str
+    point: tuple[float, float], k1: float, k2: float, expected: float
 ) -> None:
     assert instantaneous_field([point], [0.0, 0.0], [20.0, 0.0], k1=k1, k2=k2) == pytest.approx([expected], rel=1e-12)
     assert trajectory_field([point], one_sample(20.0), k1=k1, k2=k2) == pytest.approx([expected], rel=1e-12)
@@ -87,13 +86,13 @@ def test_the_defaults_are_those_of_the_settings() -> None:
     assert instantaneous_field([(4.0, 0.0)], [0, 0], [20, 0]) == pytest.approx([0.5525854590378238], rel=1e-12)
 
 
-def test_samples_add_up(kernel: str) -> None:
+def test_samples_add_up() -> None:
     two = Trajectory([0.0, 0.1], [0.0, 2.0], [0.0, 0.0], speed=[20.0, 20.0], heading=[0.0, 0.0])
     # 6 m and 4 m ahead: exp(0.1) (1/sqrt(6) + 1/2) = 1.10517092 * 0.90824829
     assert trajectory_field([(6.0, 0.0)], two) == pytest.approx([1.0037695977], rel=1e-9)
 
 
-def test_a_standing_vehicle_counts_once_for_every_tenth_of_a_second(kernel: str) -> None:
+def test_a_standing_vehicle_counts_once_for_every_tenth_of_a_second() -> None:
     standing = Trajectory(STEP * np.arange(31), np.full(31, 5.0), np.zeros(31))
     assert trajectory_field([(9.0, 0.0)], standing) == pytest.approx([31 / 2], rel=1e-12)
 
@@ -155,7 +154,7 @@ def test_moving_or_rotating_the_world_moves_nothing(turn: float, east: float, no
     assert trajectory_field(elsewhere, moved) == pytest.approx(trajectory_field(points, drive), rel=1e-8)
 
 
-def test_many_trajectories_at_once_are_each_alone_to_the_last_bit(kernel: str) -> None:
+def test_many_trajectories_at_once_are_each_alone_to_the_last_bit() -> None:
     drives = [winding(seed, n=10 + seed) for seed in range(5)]
     points = around(drives[0], 300)
     together = trajectory_fields(points, drives, k1=1.0, k2=0.02)
@@ -164,7 +163,7 @@ def test_many_trajectories_at_once_are_each_alone_to_the_last_bit(kernel: str) -
         np.testing.assert_array_equal(row, trajectory_field(points, drive, k1=1.0, k2=0.02))
 
 
-def test_same_input_same_bytes_and_a_point_does_not_feel_the_others(kernel: str) -> None:
+def test_same_input_same_bytes_and_a_point_does_not_feel_the_others() -> None:
     drive = winding(3)
     points = around(drive, 700)
     field = trajectory_field(points, drive)
@@ -239,7 +238,7 @@ def test_another_sample_interval_sums_other_samples() -> None:
     [(0.5, 0.005), (0.0, 0.005), (1.0, 0.05), (2.0, 0.05), (0.7, 0.005), (0.5, 0.0), (3.0, 1.0), (0.5, 8.0)],
 )
 @pytest.mark.parametrize("step", [STEP, 0.04, 0.23])
-def test_the_kernels_are_the_plain_loops(k1: float, k2: float, step: float, kernel: str) -> None:
+def test_the_kernels_are_the_plain_loops(k1: float, k2: float, step: float) -> None:
     drive = winding(int(100 * step), n=25, step=step)
     points = around(drive, 15)
     plain = [twin.trajectory_field(point, drive, k1, k2) for point in points]
@@ -247,13 +246,13 @@ def test_the_kernels_are_the_plain_loops(k1: float, k2: float, step: float, kern
 
 
 @pytest.mark.parametrize("n", [1, 255, 256, 257, 900])
-def test_the_two_kernels_agree_whatever_the_number_of_points(n: int) -> None:
+def test_compiled_sum_is_numpys_whatever_the_number_of_points(n: int) -> None:
     drive = winding(n)
     points = around(drive, n)
     samples = module.samples_of(drive, 0.005, STEP)
     for k1 in (0.5, 1.0, 2.0, 0.3):
-        compiled, portable = (run(points, samples, k1) for run in (module._kernel()[1], module._magnitude_sum))
-        np.testing.assert_allclose(compiled, portable, rtol=1e-12)
+        plain = module._terms(points, samples, k1)[0] @ samples[:, 5]
+        np.testing.assert_allclose(magnitude_sum(points, samples, k1), plain, rtol=1e-12)
 
 
 def test_far_from_all_points_of_a_block_the_field_is_exact_to_1e_13() -> None:
@@ -297,44 +296,17 @@ def test_vectors_cancel_on_the_path_where_magnitudes_peak() -> None:
     assert trajectory_field([(0.0, 0.0)], two, superposition="vector") == pytest.approx([10.0**-0.5], rel=1e-14)
 
 
-# --- the kernel that is there -----------------------------------------------------------------------------------------
-
-SCRIPT = """
-import sys
-import numpy as np
-if {blocked}:
-    sys.modules["numba"] = None
-import sumo_eval.method.trajectory_field as module
-assert {blocked} or "numba" not in sys.modules, "importing the module must not import numba"
-from sumo_eval.trajectory import Trajectory
-drive = Trajectory([0.0, 0.1, 0.2], [0.0, 2.0, 4.0], [0.0, 0.1, 0.0], heading=[0.0] * 3, speed=[20.0] * 3)
-print(module.KERNEL, *module.trajectory_field([(7.0, 1.0), (2.0, 0.1)], drive).tolist())
-"""
-
-
-@pytest.mark.parametrize(("blocked", "expected"), [(True, "numpy"), (False, "numba")])
-def test_numba_is_imported_late_and_can_be_missing(blocked: bool, expected: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT.format(blocked=blocked)], capture_output=True, text=True, check=True
-    )
-    kernel, *field = done.stdout.split()
-    drive = Trajectory([0.0, 0.1, 0.2], [0.0, 2.0, 4.0], [0.0, 0.1, 0.0], heading=[0.0] * 3, speed=[20.0] * 3)
-    plain = [twin.trajectory_field(point, drive) for point in ((7.0, 1.0), (2.0, 0.1))]
-    assert kernel == expected
-    assert [float(value) for value in field] == pytest.approx(plain, rel=1e-12)
+def test_numba_is_imported_late() -> None:
+    script = "import sys, sumo_eval.method.trajectory_field; sys.exit('numba' in sys.modules)"
+    subprocess.run([sys.executable, "-c", script], check=True)
 
 
 def test_compiled_loops_are_ordinary_python_too() -> None:
-    loops = pytest.importorskip("sumo_eval.method.field_loops").magnitude_sum.py_func
     drive = winding(2, n=3)
     points = around(drive, 3)
     samples = module.samples_of(drive, 0.02, STEP)
-    np.testing.assert_allclose(loops(points, samples, 0.5), module._magnitude_sum(points, samples, 0.5), rtol=1e-13)
-
-
-def test_the_module_has_no_other_late_name() -> None:
-    with pytest.raises(AttributeError, match="KERNELL"):
-        module.KERNELL  # noqa: B018
+    plain = module._terms(points, samples, 0.5)[0] @ samples[:, 5]
+    np.testing.assert_allclose(magnitude_sum.py_func(points, samples, 0.5), plain, rtol=1e-13)
 
 
 # --- refusals ---------------------------------------------------------------------------------------------------------
@@ -362,20 +334,3 @@ def test_a_field_refuses(change: dict[str, object], words: str) -> None:
     trajectory_field(**arguments)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=words):
         trajectory_field(**(arguments | change))  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"points": [(math.inf, 0.0)]}, "`points` .* finite"),
-        ({"position": [0.0, 0.0, 0.0]}, "`position` .* two finite numbers"),
-        ({"velocity": [math.nan, 0.0]}, "`velocity` .* two finite numbers"),
-        ({"velocity": [1e6, 0.0]}, "`k2` times the speed"),
-        ({"k1": -1.0}, "`k1`"),
-    ],
-)
-def test_a_field_at_one_time_refuses(change: dict[str, object], words: str) -> None:
-    arguments: dict[str, object] = {"points": [(1.0, 2.0)], "position": [0.0, 0.0], "velocity": [20.0, 0.0]}
-    instantaneous_field(**arguments)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=words):
-        instantaneous_field(**(arguments | change))  # type: ignore[arg-type]

@@ -102,21 +102,6 @@ def test_people_of_references_that_are_left_out_stand_behind_nothing(runs):
     assert (told["with_people"], told["drives"]) == (len(compared), sum(compared))
 
 
-def test_coverage_says_the_same_before_anything_is_driven(runs):
-    out, _, rows = runs["fill"]
-    result = CliRunner().invoke(
-        main, ["humans", "coverage", str(out.parent / "evaluation.toml"), "--out", str(out.parent / "coverage.csv")]
-    )
-    assert result.exit_code == 0, result.output
-    with (out.parent / "coverage.csv").open() as file:
-        found = {row["point"]: int(row["drivers"]) for row in csv.DictReader(file)}
-    for row in rows:
-        if row["zone"] == "safe":
-            point = f"ego_speed={float(row['ego_speed']):g}, lead_speed={float(row['lead_speed']):g}"
-            assert found[point] == int(row["recorded_drivers"])
-    assert "approach events" in result.output
-
-
 NOBODY = """
 name = "slow"
 [[parameter]]
