@@ -3,7 +3,7 @@
     python tools/mutate.py --count 60 --seed 1 [pytest arguments]
 
 Each mistake is one operator or number of one line, drawn evenly over the rooms, in a copy of the repository. The tests
-of its room run first and stop at the first failure; all others follow only where these found nothing.
+near it run first and stop at the first failure; all others follow only where these found nothing.
 """
 
 from __future__ import annotations
@@ -104,11 +104,19 @@ def plant(mistake: Mistake, copy: Path) -> None:
     path.write_bytes(b"".join(lines))
 
 
-def finder(mistake: Mistake, copy: Path, arguments: list[str]) -> str:
-    """The test that fails, twice; empty where none does. Those of the mistake's room run first, then all."""
-    room = Path("tests") / Path(mistake.file).parts[1].removesuffix(".py")
-    for tests in (str(room), "tests"):
-        for name in failing(copy, [*arguments, tests]) if (copy / tests).is_dir() else []:
+def finder(mistake: Mistake, copy: Path, arguments: list[str], *, near: bool) -> str:
+    """The test that fails, twice; empty where none does.
+
+    First the files run that name the mistake's module, then those of its room, then, unless `near`, all.
+    """
+    module = mistake.file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    names = re.compile(
+        rf"{re.escape(module)}\b|from {re.escape(module.rpartition('.')[0])} import .*{Path(mistake.file).stem}"
+    )
+    naming = [str(path) for path in sorted((copy / "tests").rglob("test_*.py")) if names.search(path.read_text())]
+    room = copy / "tests" / Path(mistake.file).parts[1].removesuffix(".py")
+    for tests in (naming, [str(room)] if room.is_dir() else [], [] if near else ["tests"]):
+        for name in failing(copy, [*arguments, *tests]) if tests else []:
             if failing(copy, [name]):  # else only the load of the machine had let it fail
                 return name
     return ""
@@ -129,6 +137,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--skip", type=int, default=0, help="begin after so many")
+    parser.add_argument("--near", action="store_true", help="run only the tests of the module and of its room")
     parser.add_argument("--list", action="store_true", help="only say what would be planted")
     options, arguments = parser.parse_known_args()
 
@@ -144,7 +153,7 @@ def main() -> int:
             continue
         shutil.copy2(ROOT / mistake.file, copy / mistake.file)
         plant(mistake, copy)
-        by = finder(mistake, copy, arguments)
+        by = finder(mistake, copy, arguments, near=options.near)
         shutil.copy2(ROOT / mistake.file, copy / mistake.file)
         found += bool(by)
         print(f"{'found' if by else 'NOT FOUND':9} {mistake}  {by}", flush=True)

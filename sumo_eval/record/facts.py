@@ -47,7 +47,7 @@ from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.file import check_points
-from sumo_eval.scenario.openscenario.collections import expanded
+from sumo_eval.scenario.formats import expanded
 from sumo_eval.scenario.road.table import check_line
 from sumo_eval.scenario.sampling.adaptive import size_of_round
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings

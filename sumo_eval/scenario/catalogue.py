@@ -13,6 +13,7 @@ from typing import Final
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.gone import is_use_case, refuse_use_case
 from sumo_eval.scenario.file import read_scenario
+from sumo_eval.scenario.formats import format_of
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings.locators import load_object
@@ -40,18 +41,16 @@ SCENARIOS: Final[Mapping[str, LogicalScenario]] = _Shipped()
 
 
 def find(use: str, folder: Path | None = None) -> LogicalScenario:
-    """A logical scenario by its shipped name, or `file.toml`, `file.xosc`, `module:name`, `file.py:name`
-    relative to `folder`.
+    """A logical scenario by its shipped name, or `file.toml`, a file of another installed format, `module:name`,
+    `file.py:name` relative to `folder`.
 
     After the name of a shipped one or of a file options may stand: `cut_in?lateral_acceleration=1.5`.
     """
     plain, given = options_of(use)
     if plain.endswith(".toml"):
         return read_scenario((Path.cwd() if folder is None else folder) / plain, given)
-    if plain.endswith(".xosc"):
-        from sumo_eval.scenario.openscenario.logical import read_logical
-
-        return read_logical((Path.cwd() if folder is None else folder) / plain, given)
+    if form := format_of(plain):
+        return form.read((Path.cwd() if folder is None else folder) / plain, given)
     if is_use_case(plain):
         refuse_use_case(plain)
     if ":" not in plain:
@@ -64,7 +63,8 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
 
 def is_file(use: str) -> bool:
     """Whether a `use` names a file with a scenario of its own, not a shipped one and no Python."""
-    return use.partition("?")[0].endswith((".toml", ".xosc"))
+    plain = use.partition("?")[0]
+    return plain.endswith(".toml") or format_of(plain) is not None
 
 
 @cache

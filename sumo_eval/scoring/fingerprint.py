@@ -15,6 +15,7 @@ from typing import Any
 
 from sumo_eval.record.kept_results import key_of
 from sumo_eval.scenario.catalogue import options_of
+from sumo_eval.scenario.formats import format_of
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 _PACKAGE = Path(__file__).parent.parent
@@ -63,7 +64,7 @@ def space_key(entry: ScenarioSettings, source: Path) -> str:
 def _files_of(locator: str, source: Path) -> list[Path]:
     """The file that a locator names and those that its text names; the neighbours of a Python one too."""
     found: set[Path] = set()
-    if locator.endswith((".toml", ".xosc", ".csv", ".json", ".xml")):
+    if locator.endswith((".toml", ".csv", ".json", ".xml")) or format_of(locator):
         _add_with_named(found, source / locator)
         return sorted(found)
     place, colon, _ = locator.rpartition(":")

@@ -36,7 +36,7 @@ from sumo_eval.rates.campaign import read_campaign
 from sumo_eval.report.gate_settings import read_gate
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import scenario_from
-from sumo_eval.scenario.openscenario.collections import expanded
+from sumo_eval.scenario.formats import expanded
 from sumo_eval.scenario.sampling.openscenario_points import read_mapping
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings

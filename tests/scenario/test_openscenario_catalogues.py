@@ -17,8 +17,8 @@ from sumo_eval.errors import InputError
 from sumo_eval.record.facts import resolve
 from sumo_eval.scenario.catalogue import find, load
 from sumo_eval.scenario.concrete import ConcreteScenario, LaneChange
+from sumo_eval.scenario.formats import expanded
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.openscenario.collections import expanded
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import ScenarioSettings, SimulationSettings
 from sumo_eval.trajectory import Collision as Hit

@@ -16,7 +16,7 @@ from sumo_eval.scenario.parts import Definitions, Exposure
 from sumo_eval.scenario.sampling.combinations import tuples_of
 from sumo_eval.scenario.sampling.listed_points import from_csv
 from sumo_eval.scenario.sampling.request import Request
-from sumo_eval.scenario.sampling.samples import METHODS, sample
+from sumo_eval.scenario.sampling.samples import all_methods, sample
 
 CUT_IN, CUT_OUT = catalogue.load("cut_in"), catalogue.load("front_vehicle_cut_out")
 DRAWN = ("latin_hypercube", "sobol", "halton", "exposure", "exposure_danger")
@@ -283,7 +283,7 @@ def test_a_request_that_makes_no_points_is_refused_in_a_sentence(method, keys, s
 
 def test_every_method_says_which_keys_it_takes():
     known = {"levels", "steps", "count", "strength", "file", "round", "aim", "until", "rounds"}
-    assert all(takes and takes <= known for _, takes in METHODS.values())
+    assert all(takes and takes <= known for _, takes in all_methods().values())
 
 
 def test_constraints_that_exclude_everything_leave_no_point():

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from sumo_eval.errors import did_you_mean
 from sumo_eval.scenario.openscenario.reading import (
-    Element,
     attribute,
     child,
     children,
@@ -17,6 +16,7 @@ from sumo_eval.scenario.openscenario.reading import (
     where,
 )  # fmt: skip
 from sumo_eval.scenario.openscenario.values import Scope, Value, declared, text, worked_out
+from sumo_eval.scenario.xml_file import Element
 
 
 @dataclass(slots=True)

@@ -8,7 +8,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.gone import is_use_case, refuse_use_case
 from sumo_eval.scenario.openscenario.logical import Read, read_file
 from sumo_eval.settings import ScenarioSettings
 
@@ -56,25 +55,17 @@ COLLECTIONS: Mapping[str, Collection] = MappingProxyType(
 """Catalogues by the name that `use` gives them."""
 
 
-def expanded(entries: tuple[ScenarioSettings, ...], folder: Path) -> tuple[ScenarioSettings, ...]:
-    """Entries with one for each file of a catalogue, and one for each road of an OpenSCENARIO file of several.
+def entries_of(entry: ScenarioSettings, folder: Path) -> tuple[ScenarioSettings, ...]:
+    """An entry for each file of a catalogue, or for each road of an OpenSCENARIO file of several.
 
     What does not play is told by the first entry of its catalogue. folder: where relative paths start.
     """
-    found: list[ScenarioSettings] = []
-    for entry in entries:
-        plain = entry.use.partition("?")[0]
-        if entry.use in COLLECTIONS:
-            found += _of_collection(entry, folder)
-        elif is_use_case(entry.use):
-            refuse_use_case(entry.use)
-        elif entry.folder is not None:
-            raise InputError(f"`folder` of scenario `{entry.use}` is for catalogues: {', '.join(COLLECTIONS)}.")
-        elif plain.endswith(".xosc") and "road=" not in entry.use:
-            found += [replace(entry, use=use) for use, _ in uses_of(folder / plain, entry.use)]
-        else:
-            found.append(entry)
-    return tuple(found)
+    if entry.use in COLLECTIONS:
+        return tuple(_of_collection(entry, folder))
+    if "road=" in entry.use:
+        return (entry,)
+    uses = uses_of(folder / entry.use.partition("?")[0], entry.use)
+    return tuple(replace(entry, use=use) for use, _ in uses)
 
 
 def uses_of(path: Path, use: str) -> Iterator[tuple[str, Read]]:

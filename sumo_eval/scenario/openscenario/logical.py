@@ -28,7 +28,6 @@ from sumo_eval.scenario.first_places import misplaced
 from sumo_eval.scenario.logical import Constraint, LogicalScenario, NamedSample, Option, Parameter, Values
 from sumo_eval.scenario.openscenario.catalogs import named_file
 from sumo_eval.scenario.openscenario.reading import (
-    Element,
     attribute,
     child,
     children,
@@ -44,6 +43,7 @@ from sumo_eval.scenario.openscenario.values import Scope, Value, plain
 from sumo_eval.scenario.played import KEEP
 from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.road.table import bend_name, check_line
+from sumo_eval.scenario.xml_file import Element
 from sumo_eval.trajectory import BoolArray
 
 _MOST = 2_000_000  # points of a grid

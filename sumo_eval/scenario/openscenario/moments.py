@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 
 from sumo_eval.scenario import played
 from sumo_eval.scenario.openscenario.places import Entity
-from sumo_eval.scenario.openscenario.reading import Element, attribute, child, fault, not_played, one_of, only
+from sumo_eval.scenario.openscenario.reading import attribute, child, fault, not_played, one_of, only
 from sumo_eval.scenario.openscenario.values import RULES, Scope, compared, flag, number, text, worked_out
+from sumo_eval.scenario.xml_file import Element
 from sumo_eval.text import shown
 
 Step = tuple[int, int, int, float]

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
-from sumo_eval.scenario.openscenario.reading import Element, attribute, decimal, fault, read_xml
+from sumo_eval.scenario.openscenario.reading import attribute, decimal, fault
 from sumo_eval.scenario.road.opendrive import lane_offset, reference_line
 from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.xml_file import Element, read_xml
 
 WIDEST = 6.0  # m: a wider lane is an area without marks
 MARKED = 3.5  # m: the lane that the ego is given in such an area

@@ -16,9 +16,10 @@ import numpy as np
 
 from sumo_eval.scenario.openscenario.catalogs import Catalogs
 from sumo_eval.scenario.openscenario.network import Lane, MapRoad, Network, Pose
-from sumo_eval.scenario.openscenario.reading import Element, attribute, child, children, fault, not_played, one_of, only
+from sumo_eval.scenario.openscenario.reading import attribute, child, children, fault, not_played, one_of, only
 from sumo_eval.scenario.openscenario.values import Scope, flag, number, text, whole
 from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.xml_file import Element
 
 _FINE = 0.25  # m between two points of a trajectory that bends
 _STRAIGHT = 0.05  # m that a route may be off the straight line through its ends

@@ -29,7 +29,6 @@ from sumo_eval.scenario.openscenario.moments import NEVER, Conditions, Moment, S
 from sumo_eval.scenario.openscenario.network import MARKED, WIDEST, Lane, MapRoad, Pose, read_network
 from sumo_eval.scenario.openscenario.places import Entity, Places, Spot, Trajectory, entity_of
 from sumo_eval.scenario.openscenario.reading import (
-    Element,
     attribute,
     child,
     children,
@@ -53,6 +52,7 @@ from sumo_eval.scenario.openscenario.values import (
 )
 from sumo_eval.scenario.road.opendrive import beside
 from sumo_eval.scenario.road.reference_line import Piece, curvatures, frame_places, tightest
+from sumo_eval.scenario.xml_file import Element
 
 EGO = "Ego"
 _AT_ONCE = 1e-6  # s that a speed takes which is told to change at once

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from sumo_eval.errors import InputError, did_you_mean
-from sumo_eval.scenario.openscenario.reading import Element, attribute, children, fault, where
+from sumo_eval.scenario.openscenario.reading import attribute, children, fault, where
+from sumo_eval.scenario.xml_file import Element
 from sumo_eval.text import shown
 
 Value = float | str

@@ -18,10 +18,10 @@ from typing import NamedTuple
 from lxml import etree
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.scenario.openscenario.reading import read_xml
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.xml_file import read_xml
 
 _JOINT = 0.01  # m and rad that a geometry may begin beside the end of the one before it
 _PART = 2.0  # m: a spiral's offset is no spiral, and is drawn in parts of it

@@ -27,9 +27,10 @@ from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.openscenario.logical import Axis, axes_of, range_of
-from sumo_eval.scenario.openscenario.reading import Element, attribute, children, read_openscenario
+from sumo_eval.scenario.openscenario.reading import attribute, children, read_openscenario
 from sumo_eval.scenario.openscenario.values import Value, declared, plain
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Request
+from sumo_eval.scenario.xml_file import Element
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.settings.toml_file import read_toml
 

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.scenario.formats import formats
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.adaptive import adaptive
 from sumo_eval.scenario.sampling.combinations import combinations, pairwise
 from sumo_eval.scenario.sampling.drawn_points import by_exposure, by_exposure_and_danger, halton, latin_hypercube, sobol
 from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.listed_points import from_csv, from_function
-from sumo_eval.scenario.sampling.openscenario_points import from_openscenario
 from sumo_eval.scenario.sampling.request import Drawn, Levels, Request, Steps
 from sumo_eval.trajectory import FloatArray
 
@@ -45,7 +45,9 @@ class Sample:
     stratum: NDArray[np.intp] | None = None
 
 
-METHODS: Mapping[str, tuple[Callable[[LogicalScenario, Request], Drawn], frozenset[str]]] = MappingProxyType(
+Method = tuple[Callable[[LogicalScenario, Request], Drawn], frozenset[str]]
+
+METHODS: Mapping[str, Method] = MappingProxyType(
     {
         "grid": (full_grid, frozenset({"levels", "steps"})),
         "pairwise": (pairwise, frozenset({"levels", "steps"})),
@@ -57,10 +59,14 @@ METHODS: Mapping[str, tuple[Callable[[LogicalScenario, Request], Drawn], frozens
         "exposure_danger": (by_exposure_and_danger, frozenset({"count"})),
         "adaptive": (adaptive, frozenset({"count", "round", "aim", "until", "rounds"})),
         "file": (from_csv, frozenset({"file"})),
-        "openscenario": (from_openscenario, frozenset({"file", "count"})),
     }
 )
 """Ways to choose points, by the name they have in an evaluation file, and the keys that each of them takes."""
+
+
+def all_methods() -> dict[str, Method]:
+    """Ours and those of the installed formats."""
+    return {**METHODS, **{name: method for form in formats() for name, method in form.samplings.items()}}
 
 
 def sample(
@@ -91,12 +97,12 @@ def sample(
     elif ":" in method:
         _refuse_extra(given, {"count"}, method, owner)
         drawn = from_function(logical, request, method)
-    elif method in METHODS:
-        choose, takes = METHODS[method]
+    elif method in (methods := METHODS if method in METHODS else all_methods()):
+        choose, takes = methods[method]
         _refuse_extra(given, takes, method, owner)
         drawn = choose(logical, request)
     else:
-        raise unknown("sampling method", method, (*METHODS, *prescribed))
+        raise unknown("sampling method", method, (*methods, *prescribed))
     feasible = logical.feasible(drawn.points)
     points = drawn.points[feasible]
     if drawn.exposure is not None:

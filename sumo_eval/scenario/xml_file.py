@@ -1,0 +1,38 @@
+"""XML files of others: no network, no entities."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from lxml import etree
+
+from sumo_eval.errors import InputError
+from sumo_eval.input_file import read_input
+from sumo_eval.text import shown
+
+Element = etree._Element
+_LARGEST = 50_000_000  # bytes of a file
+_DECLARES = re.compile(rb"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
+
+
+def read_xml(path: Path, what: str) -> Element:
+    """The root of an XML file; `what` it is in sentences. Raises InputError for what cannot or must not be read."""
+    content = read_input(Path(path), what, _LARGEST)
+    plain = content.replace(b"\0", b"")
+    declares = _DECLARES.search(plain)
+    if declares:
+        line = plain.count(b"\n", 0, declares.start()) + 1
+        element = declares.group(1).decode().upper()
+        raise InputError(
+            f"{what} {path} must not declare a document type or entities, got <!{element}> in line {line}: none is "
+            "ever expanded here."
+        )
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    try:
+        root = etree.fromstring(content, parser, base_url=str(path))
+    except etree.XMLSyntaxError as error:
+        raise InputError(f"{what} {path} is not XML: {shown(str(error))}.") from error
+    if root.getroottree().docinfo.internalDTD is not None:  # in an encoding in which the bytes above are others
+        raise InputError(f"{what} {path} must not declare a document type or entities: none is ever expanded here.")
+    return root

@@ -1,0 +1,74 @@
+"""Formats of scenario files that installed packages bring: entry points of the group `sumo_eval.scenarios`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import sumo_eval
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import catalogue, formats
+
+EVALUATION = {
+    "name": "own format",
+    "scenario": [{"use": "slow.lead?speed=5", "sampling": {"levels": 2}}],
+    "ads": [{"name": "idm", "controller": "idm"}],
+    "drivers": {"count": 2},
+}
+READER = """
+from dataclasses import replace
+from sumo_eval.scenario.catalogue import load
+
+def read(path, options):
+    assert path.read_text() == "a slow lead vehicle" and options == {"speed": "5"}
+    return replace(load("front_vehicle_low_speed"), name="slow_lead")
+"""
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder of installed packages, where a test may install its own."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for known in (formats._points, formats._loaded):
+        known.cache_clear()
+    yield tmp_path
+    sys.modules.pop("lead_format", None)
+    for known in (formats._points, formats._loaded):
+        known.cache_clear()
+
+
+def install(site: Path, entry: str, name: str = "lead_format") -> None:
+    folder = site / f"{name}-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (folder / "entry_points.txt").write_text(f"[{formats.GROUP}]\n{entry}\n")
+
+
+def test_an_installed_package_reads_a_format_of_its_own(site: Path) -> None:
+    (site / "lead_format.py").write_text(READER)
+    (site / "slow.lead").write_text("a slow lead vehicle")
+    install(site, "lead = lead_format:read")
+    assert catalogue.is_file("slow.lead")
+    done = sumo_eval.evaluate(EVALUATION, site / "run", engine="serial")
+    assert [score.scenario for score in done.scores] == ["slow_lead"]
+
+
+def test_a_format_that_cannot_be_loaded_is_one_sentence(site: Path) -> None:
+    install(site, "lead = lead_format:read")
+    with pytest.raises(InputError, match=r"The reader of `\.lead` files, `lead_format:read`, cannot be loaded: Module"):
+        catalogue.find("slow.lead", site)
+
+
+def test_two_readers_of_one_ending_are_refused_by_name(site: Path) -> None:
+    install(site, "xosc = lead_format:read")
+    with pytest.raises(InputError, match=r"Files `\.xosc` must have one reader, got .*uninstall one"):
+        catalogue.find("any.xosc", site)
+
+
+def test_an_ending_that_nothing_reads_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"Unknown logical scenario `slow\.lead`"):
+        catalogue.find("slow.lead", tmp_path)
