@@ -83,6 +83,7 @@ ELSEWHERE = {
     "kind: Job": "needs Kubernetes; the shards are those of tests/record/test_resume.py",
     "[[feature]]": "needs a policy; tests/learning/test_onnx.py drives one through such a file",
     "learned/cut_in.toml": "needs what `learn` wrote; tests/rates has that",
+    "project.entry-points": "tests/scenario/test_formats.py installs such a package",
     "consent": "needs people who rate; tests/wheel/test_study.py has bots",
     "train_ppo.py": "trains for minutes; tests/learning/test_examples_of_learning.py trains a little",
     "16384 steps": "what that training printed",
