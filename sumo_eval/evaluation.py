@@ -23,8 +23,7 @@ from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.store import open_store, vouch
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.fingerprint import scores_key
-from sumo_eval.scoring.kept_rows import KeptRows
-from sumo_eval.scoring.kept_scores import RowWriter, keep_scores, kept_scores
+from sumo_eval.scoring.kept_scores import RowWriter, keep_scores, kept_scores, table_of
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import with_changes
 from sumo_eval.settings.locators import load_object
@@ -166,7 +165,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
         manifest,
         found.zones,
         found.scores,
-        KeptRows(kept, key, found.chunks),
+        table_of(kept, key, found.chunks),
         exposures,
         found.ranking,
         _checks(settings, source),

@@ -2,210 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from operator import attrgetter
 from pathlib import Path
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal
 
-from sumo_eval.method.anthropomorphic import IndexNote
+import numpy as np
+
+from sumo_eval.cases import CaseResult, CaseTable, Zone
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import Alone
 
-Zone = Literal["safe", "hazardous"]
-
 # texts, because words and pictures are made in a room that builds on this one
 _TABLE, _PICTURE = "sumo_eval.report.notebook:html_table", "sumo_eval.report.notebook:picture"
-_CASE, _SCORE = "sumo_eval.report.notebook:case_html", "sumo_eval.report.notebook:score_html"
-
-EVALUATED = ("ok", "collision", "off_road")
-"""Statuses of cases whose outcome counts; all others could not be evaluated."""
-GAVE_UP = ("ads_error", "ads_timeout", "timeout", "crashed", "rejected")
-"""Statuses of cases that their ADS gave up: they count in T, A, A', H and S+ all the same."""
-
-
-@dataclass(frozen=True, slots=True)
-class ThinReference:
-    """A concrete scenario with fewer recorded drivers than an evaluation asks for. filled: synthetic drivers who make
-    up for them; None: the case is left out of D instead.
-    """
-
-    recorded: int
-    least: int
-    filled: int | None
-
-
-@dataclass(frozen=True, slots=True)
-class CaseResult:
-    """One concrete scenario driven by one ADS. None: does not apply, or could not be evaluated (see `status`).
-
-    severity U and loss L belong to collisions, Eqs. 14-15. ideal_severity Ug and no_reaction_severity U0: those of the
-    ideal vehicle and of `no_reaction` in the same concrete scenario, 0 where they avoid, None where their drive could
-    not be evaluated, and ideal_error, no_reaction_error: why not. ideal_collided: whether the former hit something.
-    weight: r of Eq. 16, of every case.
-
-    departure_time s, departure_speed m/s: when a corner of the body was first more than `road_margin` off the road, and
-    departure_severity: U of a contact beside the road at that speed; None where it stayed on the road. task_share: t_i,
-    at safe points part of T; None without a reference. no_reaction_severity likewise counts departures, ideal_severity
-    contacts alone.
-
-    latency_median and latency_p99: of a step of the ADS, s. latency_reference: median of a fixed piece of work, timed
-    between the steps in the same process, s; latency_relative: latency_median over it.
-
-    index (in tables also `d_i`): D_i and its factors, of safe-zone cases without a collision, Eqs. 11-12. Beside it the
-    terms of H: operation_tolerance f_n+, mixture_similarity, plausibility (of every evaluated case) and human_likeness,
-    which is 0 for a safe case with a collision that the ideal vehicle avoids.
-
-    min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2, max_jerk m/s3 and
-    delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not defined or has no bound. largest_offset
-    m, overshoot m, over_line_time s and settling_time s: how the lane was kept. conflict_pet s: PET of the drive where
-    somebody's way conflicts with the ego's; undisturbed_pet s and time_to_conflict s: PET of both, and how long until
-    the ego is at the conflict area, where nobody reacts. struck_from_behind: a vehicle that
-    reacts ran into the ego's rear and is at fault; such a case is not `collided`.
-
-    Safe-zone cases: drivers that D_i is computed from, recorded people among them; reference_note: where they are too
-    few; human_low, human_mean, human_high: what these drivers score when each is left out once; bimodal: whether they
-    fall into two groups somewhere; manoeuvre of the ADS and the share of drivers who made it (mixture mode).
-    exposure_note: whether the point lies outside the support of recorded events. error_place: file, line and function
-    of the user's code that the exception in `error` came from. requirements_missed: names of the requirements of the
-    scenario that do not hold in the drive, "" where all do, None where nothing is required or nothing was evaluated.
-    """
-
-    case: str
-    scenario: str
-    ads: str
-    values: Mapping[str, float]
-    zone: Zone
-    exposure: float
-    status: str
-    end_reason: str | None
-    error: str | None
-    wall_time: float | None
-    simulated_time: float | None
-    latency_mean: float | None
-    latency_max: float | None
-    collided: bool
-    impact_speed: float | None
-    overlap: float | None
-    side: str | None
-    severity: float | None
-    loss: float | None
-    ideal_severity: float | None
-    weight: float | None
-    beats_ideal: bool
-    index: float | None
-    length_factor: float | None
-    operation_factor: float | None
-    similarity: float | None
-    index_note: tuple[IndexNote, ...]
-    clips: str
-    ideal_collided: bool | None = None
-    min_ttc: float | None = None
-    max_ittc: float | None = None
-    min_thw: float | None = None
-    min_gap: float | None = None
-    max_drac: float | None = None
-    pet: float | None = None
-    max_deceleration: float | None = None
-    max_jerk: float | None = None
-    delta_v: float | None = None
-    drivers: int | None = None
-    recorded_drivers: int | None = None
-    reference_note: ThinReference | None = None
-    human_low: float | None = None
-    human_mean: float | None = None
-    human_high: float | None = None
-    bimodal: bool = False
-    manoeuvre: str = ""
-    manoeuvre_share: float | None = None
-    exposure_note: Literal["", "outside_support"] = ""
-    error_place: str = ""
-    no_reaction_severity: float | None = None
-    operation_tolerance: float | None = None
-    mixture_similarity: float | None = None
-    plausibility: float | None = None
-    human_likeness: float | None = None
-    struck_from_behind: bool = False
-    largest_offset: float | None = None
-    overshoot: float | None = None
-    over_line_time: float | None = None
-    settling_time: float | None = None
-    requirements_missed: str | None = None
-    conflict_pet: float | None = None
-    undisturbed_pet: float | None = None
-    time_to_conflict: float | None = None
-    ideal_error: str = ""
-    no_reaction_error: str = ""
-    task_share: float | None = None
-    departure_time: float | None = None
-    departure_speed: float | None = None
-    departure_severity: float | None = None
-    latency_median: float | None = None
-    latency_p99: float | None = None
-    latency_reference: float | None = None
-    latency_relative: float | None = None
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        shown: str = load_object(_CASE, None, "Case")(self)
-        return shown
-
-    @property
-    def voids_index(self) -> bool:
-        """Whether it is a collision after which there is no D: in the safe zone, and not the ideal vehicle's as well.
-
-        One whose ideal vehicle could not be evaluated is.
-        """
-        return self.zone == "safe" and self.collided and not self.ideal_severity
-
-    @property
-    def counts_for_index(self) -> bool:
-        """Whether the case may have a D_i that counts: in the safe zone and without a collision."""
-        return self.zone == "safe" and not self.collided and not self.struck_from_behind
-
-    @property
-    def departed(self) -> bool:
-        """Whether it left the road."""
-        return self.departure_time is not None
-
-    @property
-    def gave_up(self) -> bool:
-        """Whether the ADS gave it up."""
-        return self.status in GAVE_UP
-
-    @property
-    def incident(self) -> bool:
-        """Whether the case holds a contact, a departure or a giving up."""
-        return self.collided or self.departed or self.gave_up
-
-    @property
-    def incident_severity(self) -> float | None:
-        """U of the worst of its incidents, 0 without one; None where the harness failed, or giving up has no U0."""
-        if not (self.evaluated or self.gave_up) or (self.gave_up and self.no_reaction_severity is None):
-            return None
-        idle = (self.no_reaction_severity or 0.0) if self.gave_up else 0.0
-        return max((self.severity or 0.0) if self.collided else 0.0, self.departure_severity or 0.0, idle)
-
-    @property
-    def avoidable(self) -> bool:
-        """Whether it is a collision that the ideal vehicle avoids in the same concrete scenario."""
-        return self.collided and self.ideal_severity == 0.0
-
-    @property
-    def unavoidable(self) -> bool:
-        """Whether it is a collision that the ideal vehicle has as well."""
-        return self.collided and bool(self.ideal_severity)
-
-    @property
-    def caused(self) -> bool:
-        """Whether it is a collision that the ADS brought about: neither the ideal vehicle nor doing nothing has one."""
-        return self.avoidable and self.no_reaction_severity == 0.0
-
-    @property
-    def evaluated(self) -> bool:
-        """Whether the case has an outcome that counts."""
-        return self.status in EVALUATED
+_SCORE = "sumo_eval.report.notebook:score_html"
 
 
 @dataclass(frozen=True, slots=True)
@@ -540,28 +351,6 @@ class Ranking:
         return next(pair for pair in self.pairs if (pair.above, pair.below) == (above, below))
 
 
-@runtime_checkable
-class InParts(Protocol):
-    """Rows that know which of them are one ADS's in one scenario, and find one by its name."""
-
-    def part(self, ads: str, scenario: str) -> Sequence[CaseResult]:
-        """Those of one ADS in one scenario."""
-
-    def in_scenario(self, scenario: str) -> Sequence[CaseResult]:
-        """Those of all ADSs in one scenario."""
-
-    def find(self, case: str) -> CaseResult | None:
-        """The row of a case; None where there is none."""
-
-    def columns(self, *names: str) -> Iterator[tuple[Any, ...]]:
-        """These fields of all rows, without the rest of them."""
-
-
-def columns(cases: Iterable[CaseResult], *names: str) -> Iterator[tuple[Any, ...]]:
-    """Two or more fields of rows, a tuple a row; of kept rows nothing else is read."""
-    return cases.columns(*names) if isinstance(cases, InParts) else map(attrgetter(*names), cases)
-
-
 @dataclass(frozen=True, slots=True)
 class Evaluation:
     """A scored run. cases: of every ADS in every scenario, read from the run's folder when they are asked for. ranking:
@@ -574,12 +363,15 @@ class Evaluation:
     manifest: Mapping[str, Any]
     zones: tuple[ZoneResult, ...]
     scores: tuple[ScenarioResult, ...]
-    cases: Sequence[CaseResult]
+    cases: CaseTable
     exposures: Mapping[str, Any] = field(
         default_factory=dict
     )  # by scenario, as `drivers.exposure.Exposure.plain` has it
     ranking: Ranking | None = None
     checks: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cases", CaseTable.of(self.cases))  # records may be given in its place
 
     @property
     def not_evaluated(self) -> int:
@@ -594,23 +386,17 @@ class Evaluation:
         names = [zone.scenario for zone in self.zones] if scenario is None else [scenario]
         return any(self.exposures.get(name, {}).get("known", False) for name in names)
 
-    def cases_of(self, ads: str, scenario: str) -> Sequence[CaseResult]:
+    def cases_of(self, ads: str, scenario: str) -> CaseTable:
         """The cases of one ADS in one scenario."""
-        if isinstance(self.cases, InParts):
-            return self.cases.part(ads, scenario)
-        return [case for case in self.cases if (case.ads, case.scenario) == (ads, scenario)]
+        return self.cases.part(scenario, ads)
 
-    def cases_in(self, scenario: str) -> Sequence[CaseResult]:
+    def cases_in(self, scenario: str) -> CaseTable:
         """The cases of all ADSs in one scenario."""
-        if isinstance(self.cases, InParts):
-            return self.cases.in_scenario(scenario)
-        return [case for case in self.cases if case.scenario == scenario]
+        return self.cases.part(scenario)
 
     def case(self, key: str) -> CaseResult | None:
         """A case by its key; None where there is none."""
-        if isinstance(self.cases, InParts):
-            return self.cases.find(key)
-        return next((case for case in self.cases if case.case == key), None)
+        return next(iter(self.cases[np.flatnonzero(self.cases.case == key)]), None)
 
     def score(self, ads: str, scenario: str) -> ScenarioResult:
         """The result of one ADS in one scenario."""

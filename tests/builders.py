@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.method.score import plus_of
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.cases import Case, Outcome, Status
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Store, open_store
-from sumo_eval.results import BeyondRange, CaseResult, Evaluation, NotComputed, ScenarioResult, ZoneResult
+from sumo_eval.results import BeyondRange, Evaluation, NotComputed, ScenarioResult, ZoneResult
 from sumo_eval.scenario import ConcreteScenario, catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scoring.case_terms import case_terms, point_values

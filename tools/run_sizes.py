@@ -37,6 +37,7 @@ from unittest.mock import patch
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from sumo_eval.cases import COLUMNS, CaseResult, CaseTable, encode_rows
 from sumo_eval.evaluation import score, zone_partitions
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Case, Outcome, Role
@@ -61,14 +62,14 @@ from sumo_eval.report.shown_cases import shown_cases
 from sumo_eval.report.tables import cases_csv
 from sumo_eval.report.terminal import closing_lines, comparison_lines, ledger_lines
 from sumo_eval.report.words import collision_shares, explain_a, explain_h, index_notes
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.assessment import assess
 from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import REPLICATES, Judged, score_intervals
 from sumo_eval.scoring.confidence.resamples import strata
-from sumo_eval.scoring.kept_rows import Chunk, KeptRows, encode_rows
+from sumo_eval.scoring.kept_scores import KeptChunk, table_of
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
 from sumo_eval.settings import (
@@ -179,15 +180,15 @@ def measure(folder: Path) -> None:
         )
 
 
-def made_up_chunks(cases: int) -> list[Chunk]:
+def made_up_chunks(cases: int) -> list[KeptChunk]:
     """How so many rows of one ADS lie in a run's folder."""
     firsts = enumerate(range(0, cases, POINTS_AT_ONCE))
-    return [Chunk("cut_in", "first", place, min(POINTS_AT_ONCE, cases - first)) for place, first in firsts]
+    return [KeptChunk("cut_in", "first", min(POINTS_AT_ONCE, cases - first), place) for place, first in firsts]
 
 
-def made_up_rows(folder: Path, cases: int) -> KeptRows:
+def made_up_rows(folder: Path, cases: int) -> CaseTable:
     """The rows of a made-up run, none of them read yet."""
-    return KeptRows(KeptResults(folder), folder.name.encode(), made_up_chunks(cases))
+    return table_of(KeptResults(folder), folder.name.encode(), made_up_chunks(cases))
 
 
 def made_up_run(folder: Path, cases: int, *, changed: bool = False) -> Evaluation:
@@ -197,7 +198,8 @@ def made_up_run(folder: Path, cases: int, *, changed: bool = False) -> Evaluatio
     for chunk in made_up_chunks(cases):
         first = chunk.place * POINTS_AT_ONCE
         some = [another(row, number, changed=changed) for number in range(first, first + chunk.rows)]
-        kept.put([("rows", folder.name.encode(), chunk.place, encode_rows(some))])
+        parts = enumerate(encode_rows(some), chunk.place * COLUMNS)
+        kept.put(("rows", folder.name.encode(), place, data) for place, data in parts)
     return of_rows_alone(folder, cases)
 
 
@@ -258,7 +260,7 @@ def why(run: Evaluation) -> object:
 def named(run: Evaluation) -> object:
     """A case by its name, and those nearest to the middle of the space."""
     middle = {item.name: 0.5 * (item.low + item.high) for item in BOX}
-    return run.cases.find(case_name(len(run.cases) - 1)), list(nearest_cases(run, middle, None, None, 3))  # type: ignore[attr-defined]
+    return run.case(case_name(len(run.cases) - 1)), list(nearest_cases(run, middle, None, None, 3))
 
 
 PARTS: dict[str, Callable[[Evaluation, Path], object]] = {

@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.points import scenarios_of
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.results import Evaluation
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.trajectory import Trajectory
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import binary_erosion
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.figures.chosen import Scene, ads_of, case_of, scenario_of, scene_of
@@ -31,7 +32,7 @@ from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.page_data import View, choose_view, slice_points, telling_slice
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.trajectory import FloatArray, Trajectory
 
@@ -98,7 +99,7 @@ def zone_map(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
     return figure
 
 
-def _telling(view: View, zones: ZonePartition, cases: Sequence[CaseResult]) -> View:
+def _telling(view: View, zones: ZonePartition, cases: CaseTable) -> View:
     """A view whose slice, where it is one, is that with most collisions."""
     fixed = telling_slice(view, cases)
     if not fixed:

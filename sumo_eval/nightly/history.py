@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.gate_settings import NearMissSettings
 from sumo_eval.report.words import SCORES, cases_of
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, columns
-from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.results import Evaluation, ScenarioResult
 
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1
@@ -297,16 +297,15 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
         raise InputError(f"The history {path} is damaged: {found.splitlines()[-1]}. {_MEND}")
 
 
-def near_misses(cases: Sequence[CaseResult]) -> int:
+def near_misses(cases: CaseTable) -> int:
     """Cases without contact that came nearer than the zone of interest of a measure of the rule, by its defaults."""
     measures = NearMissSettings().measure
-    read = arrays(cases, "status", *(measure.quantity for measure in measures))
     inside = [
-        read[one.quantity] < one.zone if one.higher_is_better else read[one.quantity] > one.zone
+        getattr(cases, one.quantity) < one.zone if one.higher_is_better else getattr(cases, one.quantity) > one.zone
         for one in measures
         if one.zone is not None
     ]
-    return int(np.sum(np.any(inside, axis=0) & (read["status"] == "ok")))
+    return int(np.sum(np.any(inside, axis=0) & (cases.status == "ok")))
 
 
 def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, float | None]:
@@ -322,5 +321,5 @@ def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, floa
         "gave_up": score.gave_up,
         "near_misses": near_misses(cases_of(evaluation, score)),
         "not_evaluated": score.not_evaluated,
-        "run_time": sum(time or 0.0 for _, time in columns(cases_of(evaluation, score), "zone", "wall_time")),
+        "run_time": float(np.nansum(cases_of(evaluation, score).wall_time)),
     }

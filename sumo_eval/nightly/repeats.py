@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import ShakyCase
 from sumo_eval.record.cases import Case
@@ -21,7 +22,6 @@ from sumo_eval.record.store import open_store
 from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.rule import (
-    END_COLUMNS,
     Ends,
     Noise,
     Repeats,
@@ -31,8 +31,7 @@ from sumo_eval.report.rule import (
     worse_ends,
 )
 from sumo_eval.report.words import point
-from sumo_eval.results import CaseResult, Evaluation
-from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.results import Evaluation
 from sumo_eval.settings.random_streams import random_stream
 
 AGAIN = "again"  # folder beside the nights in which cases are driven once more; gone afterwards
@@ -99,9 +98,9 @@ def _floors(done: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings
     first = [row for row in done.cases if row.ads == ads and row.case in rows]
     second = [rows[row.case] for row in first]
     names = [measure.quantity for measure in (*settings.near_miss.measure, *settings.shift.measure)]
-    once, twice = arrays(first, *names), arrays(second, *names)
-    floors = {name: floor_of(twice[name] - once[name], settings.noise) for name in names}
-    severity = [Ends.of(arrays(part, *END_COLUMNS)).severity for part in (first, second)]
+    once, twice = CaseTable.of(first), CaseTable.of(second)
+    floors = {name: floor_of(getattr(twice, name) - getattr(once, name), settings.noise) for name in names}
+    severity = [Ends.of(part).severity for part in (once, twice)]
     return floors | {"severity": floor_of(severity[1] - severity[0], settings.noise)}
 
 
@@ -113,7 +112,7 @@ def bad_again(
     bad = dict.fromkeys(bases, 1)
     for _ in range(settings.outcome.repeats if bases else 0):
         for case, row in _driven_anew(done, bases, place).items():
-            old, new = (Ends.of(arrays([one], *END_COLUMNS)) for one in (bases[case], row))
+            old, new = (Ends.of(CaseTable.of([one])) for one in (bases[case], row))
             limit = severity_limit(settings, noise.of(row.ads))
             bad[case] += any(flags.any() for flags in worse_ends(old, new, limit).values())
     return bad
@@ -127,7 +126,7 @@ def _newly_bad_rows(
         repeats, paired = noise.of(one.ads), one.changed.paired
         for worse in newly_bad(one, settings, repeats).values() if repeats.noisy else ():
             for pair in worse.which:
-                yield paired.new[int(paired.new_rows[pair])].case, paired.base[int(paired.base_rows[pair])]
+                yield paired.new[pair].case, paired.base[pair]
 
 
 def shaky_cases(done: Evaluation, bad: Mapping[str, int], settings: GateSettings) -> set[ShakyCase]:

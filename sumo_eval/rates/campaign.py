@@ -18,13 +18,13 @@ from typing import Annotated, Final
 import numpy as np
 from annotated_types import Ge, Le, MinLen
 
+from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.rates.importance import Estimate, Met, RareEvents, degrees_of_freedom, how_met, resampled
 from sumo_eval.rates.intervals import rate_interval
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import identify, run_cases
-from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import About, AdsSettings, Checked, Positive, RunSettings, SimulationSettings

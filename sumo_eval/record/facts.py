@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from sumo_eval.cases import EVALUATED
 from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
@@ -43,7 +44,6 @@ from sumo_eval.record.recording import (
 from sumo_eval.record.spread import beside
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.record.trust import refuse_foreign_code, remember
-from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.file import check_points

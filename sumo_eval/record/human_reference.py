@@ -20,6 +20,7 @@ from pathlib import Path
 from statistics import fmean
 
 import sumo_eval.method
+from sumo_eval.coded import decoded, encoded
 from sumo_eval.kernels import INTERPRETED
 from sumo_eval.method.anthropomorphic import (
     AnthropomorphicIndex,
@@ -32,7 +33,6 @@ from sumo_eval.method.anthropomorphic import (
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
 from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.shared_fields import prepare
-from sumo_eval.record.coded import decoded, encoded
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.kept_results import Part as KeptPart
 from sumo_eval.record.spread import Part, Result, Spread, beside, spread_over

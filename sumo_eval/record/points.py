@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sumo_eval.coded import decoded, encoded
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.record.coded import decoded, encoded
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario, Values

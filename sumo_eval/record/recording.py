@@ -9,6 +9,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from sumo_eval.cases import EVALUATED
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
@@ -27,7 +28,6 @@ from sumo_eval.record.identity import (
 from sumo_eval.record.progress import Progress, Stopping, never
 from sumo_eval.record.reads import NOT_KNOWN, OneVersion, Reads, changed, known_chain
 from sumo_eval.record.store import RECORDED, Store
-from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import EvaluationSettings

@@ -14,7 +14,6 @@ from sumo_eval.report.opinion_section import OPINION
 from sumo_eval.report.page import CONFIDENCE, REPORT
 from sumo_eval.report.people import STUDY
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.kept_rows import KeptRows
 
 if TYPE_CHECKING:
     from sumo_eval.report.sections import Beside
@@ -53,7 +52,7 @@ def write_assessed_report(evaluation: Evaluation, beside: Beside | None = None, 
 
 def _key(evaluation: Evaluation) -> bytes | None:
     """A hash of all that the page shows; None for an evaluation that was not read from a run's folder."""
-    if not isinstance(evaluation.cases, KeptRows):
+    if evaluation.cases.key is None:
         return None
     source, cases = Path(str(evaluation.manifest.get("source_folder", "."))), evaluation.settings.drivers.cases
     told = _hash(evaluation.folder / OPINION, source / cases / STUDY)

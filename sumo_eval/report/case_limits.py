@@ -2,41 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.report.comparison import AdsComparison
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
-from sumo_eval.report.gate_settings import HIGHER_COLUMNS, MEASURES, LimitSettings
+from sumo_eval.report.gate_settings import HIGHER_COLUMNS, LimitSettings
 from sumo_eval.report.words import count, point
-from sumo_eval.results import CaseResult, ScenarioResult
-from sumo_eval.scoring.kept_rows import arrays, as_array
+from sumo_eval.results import ScenarioResult
 from sumo_eval.trajectory import FloatArray
 
 _FIELDS = {"d_i": "index"}  # columns called otherwise than their field
 
 
 def judge_cases(
-    limit: LimitSettings, cases: Sequence[CaseResult], score: ScenarioResult, compared: AdsComparison | None
+    limit: LimitSettings, cases: CaseTable, score: ScenarioResult, compared: AdsComparison | None
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a column. cases: of the new run. compared: beside their partners in the base."""
     after = column(cases, limit.quantity)
     before = np.full(len(cases), np.nan)
     if compared is not None:
         paired = compared.changed.paired
-        before[paired.new_rows] = column(paired.base, limit.quantity)[paired.base_rows]
+        before[paired.new_rows] = column(paired.base, limit.quantity)
 
     for beyond, words in _beyond(limit, before, after):
         yield _result(limit, cases, score, (before, after, beyond), words)
 
 
-def column(cases: Sequence[CaseResult], name: str) -> FloatArray:
+def column(cases: CaseTable, name: str) -> FloatArray:
     """A column of cases.csv as numbers, (n,); nan where it is empty."""
-    field = _FIELDS.get(name, name)
-    if field in MEASURES:
-        return np.asarray(arrays(cases, field)[field])
-    return np.asarray(as_array([getattr(case, field) for case in cases]))
+    return np.asarray(getattr(cases, _FIELDS.get(name, name)), dtype=np.float64)
 
 
 def _beyond(limit: LimitSettings, before: FloatArray, after: FloatArray) -> Iterator[tuple[FloatArray, str]]:
@@ -54,7 +51,7 @@ def _beyond(limit: LimitSettings, before: FloatArray, after: FloatArray) -> Iter
 
 def _result(
     limit: LimitSettings,
-    cases: Sequence[CaseResult],
+    cases: CaseTable,
     score: ScenarioResult,
     values: tuple[FloatArray, FloatArray, FloatArray],
     words: str,

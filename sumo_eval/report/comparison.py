@@ -14,6 +14,7 @@ from typing import Final, Literal, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_eval.cases import CaseResult, CaseTable, point_numbers
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.score_terms import excess
 from sumo_eval.record.run_folder import FACTS
@@ -22,10 +23,8 @@ from sumo_eval.report.bootstrap import paired_differences, quantities
 from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.report.gate_settings import TIMED, GateSettings
 from sumo_eval.report.words import count
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
-from sumo_eval.scoring.kept_rows import Chosen, Column, arrays, arrays_in_parts, names_at, point_numbers
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
@@ -67,25 +66,16 @@ _ORDER: Final[tuple[Change, ...]] = (*WORSE, *BETTER)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paired:
-    """Cases of both runs at the same points: which row of either run each pair is, (n,).
+    """Cases of both runs at the same points, pair by pair. new_rows: which rows of the new run these are, (n,).
 
-    lost, added: rows of the base, and of the new run, at points that only that run has.
+    lost, added: cases of the base, and of the new run, at points that only that run has.
     """
 
-    base: Sequence[CaseResult]
-    new: Sequence[CaseResult]
-    base_rows: IntArray
+    base: CaseTable
+    new: CaseTable
     new_rows: IntArray
-    lost: IntArray
-    added: IntArray
-
-    def arrays(self, *names: str) -> tuple[dict[str, Column], dict[str, Column]]:
-        """Columns of every pair in the base and in the new run, (n,) each."""
-        base, new = arrays(self.base, *names), arrays(self.new, *names)
-        return (
-            {name: base[name][self.base_rows] for name in names},
-            {name: new[name][self.new_rows] for name in names},
-        )
+    lost: CaseTable
+    added: CaseTable
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,8 +138,8 @@ class Changes(Sequence[ChangedCase]):
         pair, by = int(self.which[place]), float(self.by[place])
         return ChangedCase(
             _ORDER[int(self.kinds[place])],
-            self.paired.base[int(self.paired.base_rows[pair])],
-            self.paired.new[int(self.paired.new_rows[pair])],
+            self.paired.base[pair],
+            self.paired.new[pair],
             None if np.isnan(by) else by,
             {name: float(values[place]) for name, values in self.moved.items() if np.isfinite(values[place])},
         )
@@ -226,7 +216,7 @@ class AdsComparison:
     quantities: Mapping[str, QuantityChange]
     counts: Mapping[str, tuple[int, int]]
     moved_zone: int
-    new_cases: Sequence[CaseResult]
+    new_cases: CaseTable
 
     def count(self, change: Change) -> int:
         """Number of cases with a change."""
@@ -340,10 +330,10 @@ def _unpaired(base: Evaluation, new: Evaluation, compared: Sequence[AdsCompariso
     for score in base.scores:
         cases = base.cases_of(score.ads, score.scenario)
         one = known.get((score.ads, score.scenario))
-        lost = np.arange(len(cases)) if one is None else one.changed.paired.lost
+        lost = cases if one is None else one.changed.paired.lost
         added = 0 if one is None else len(one.changed.paired.added)
         if len(lost) or added:
-            examples = names_at(cases, lost[:MOST_EXAMPLES]).tolist()
+            examples = lost[:MOST_EXAMPLES].case.tolist()
             yield Unpaired(score.ads, score.scenario, len(lost), added, len(cases), tuple(examples))
 
     paired = {(one.ads, one.scenario) for one in compared}
@@ -381,32 +371,32 @@ def _compare_ads(
     paired = _paired(base.cases_of(base_ads, scenario), new.cases_of(ads, scenario))
     if not len(paired.new_rows):
         return None
-    terms = _terms(paired.base, paired.base_rows, base), _terms(paired.new, paired.new_rows, new)
-    changed, counts, undecided, moved_zone = _changes(paired, terms, settings)
+    terms = case_terms(paired.base, base.settings.method), case_terms(paired.new, new.settings.method)
+    counts = _counts(paired.base), _counts(paired.new)
     return AdsComparison(
         ads=ads,
         base_ads=base_ads,
         scenario=scenario,
         pairs=len(paired.new_rows),
         unpaired=len(paired.lost) + len(paired.added),
-        undecided=undecided,
+        undecided=int(np.sum(~(paired.base.evaluated & paired.new.evaluated))),
         identical=identical_pairs(paired, base.folder, new.folder),
-        changed=changed,
+        changed=_changes(paired, terms, settings),
         quantities=_quantity_changes(*terms, base, new, settings),
-        counts=counts,
-        moved_zone=moved_zone,
-        new_cases=Chosen(paired.new, paired.new_rows),
+        counts={name: (then, counts[1][name]) for name, then in counts[0].items()},
+        moved_zone=int(np.sum(paired.base.safe != paired.new.safe)),
+        new_cases=paired.new,
     )
 
 
-def _paired(base: Sequence[CaseResult], new: Sequence[CaseResult]) -> Paired:
+def _paired(base: CaseTable, new: CaseTable) -> Paired:
     """The cases at points that both runs have, in the order of the new run, and those that only one of them has.
 
     Of several cases at one point the last one counts.
     """
     nobody = np.empty(0, dtype=np.intp)
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
-        return Paired(base, new, nobody, nobody, np.arange(len(base)), np.arange(len(new)))
+        return Paired(base[nobody], new[nobody], nobody, base, new)
     old, now = point_numbers([base, new])
     places = int(max(old.max(), now.max())) + 1
     last_old, last_now, first_now = (np.full(places, -1, dtype=np.intp) for _ in range(3))
@@ -416,7 +406,7 @@ def _paired(base: Sequence[CaseResult], new: Sequence[CaseResult]) -> Paired:
     both = np.flatnonzero((last_old >= 0) & (last_now >= 0))
     both = both[np.argsort(first_now[both], kind="stable")]
     lost, added = last_old[(last_old >= 0) & (last_now < 0)], last_now[(last_now >= 0) & (last_old < 0)]
-    return Paired(base, new, last_old[both], last_now[both], lost, added)
+    return Paired(base[last_old[both]], new[last_now[both]], last_now[both], base[lost], new[added])
 
 
 _NOT_DRIVEN: Final = frozenset((
@@ -433,15 +423,14 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
     """
     same = np.ones(len(paired.new_rows), dtype=np.bool_)
     for name in (item.name for item in fields(CaseResult) if item.name not in _NOT_DRIVEN):
-        before, after = (column[name] for column in paired.arrays(name))
-        number = before.dtype.kind == after.dtype.kind == "f"
-        same &= (before == after) | (np.isnan(before) & np.isnan(after)) if number else _texts(before) == _texts(after)
+        before, after = getattr(paired.base, name), getattr(paired.new, name)
+        same &= (before == after) | ((before != before) & (after != after))  # nan is alike
 
     if not same.all() or base == new or not all((folder / FACTS).is_file() for folder in (base, new)):
         return int(same.sum())
-    keys = (names_at(paired.base, paired.base_rows).tolist(), names_at(paired.new, paired.new_rows).tolist())
+    keys = zip(paired.base.case.tolist(), paired.new.case.tolist(), strict=True)
     with open_store(base / FACTS) as old, open_store(new / FACTS) as now:
-        return sum(_drove_alike(old, one, now, other) for one, other in zip(*keys, strict=True))
+        return sum(_drove_alike(old, one, now, other) for one, other in keys)
 
 
 def _drove_alike(old: Store, before: str, now: Store, after: str) -> bool:
@@ -449,74 +438,27 @@ def _drove_alike(old: Store, before: str, now: Store, after: str) -> bool:
     return old.drive(before, whole=whole) == now.drive(after, whole=whole)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Table:
-    """What changes are found by, of every pair in one run, (n,). counts: how many pairs are what."""
-
-    safe: BoolArray
-    evaluated: BoolArray
-    collided: BoolArray
-    off_road: BoolArray
-    severity: FloatArray
-    human_likeness: FloatArray
-    index: FloatArray
-    counts: Mapping[str, int]
-
-    @classmethod
-    def of(cls, cases: Sequence[CaseResult], rows: IntArray) -> _Table:
-        there, chosen_rows = OutcomeColumns.of(cases), _all_or(rows, len(cases))
-        flags = {
-            "collisions": there.collided,
-            "avoidable_collisions": there.avoidable,
-            "unavoidable_collisions": there.unavoidable,
-            "caused_collisions": there.caused,
-            "safe_collisions": there.collided & there.safe,
-            "off_road": there.off_road,
-            "departures": there.departed,
-            "gave_up": there.gave_up,
-            "not_evaluated": ~there.evaluated,
-            "requirements_missed": _missing_requirements(cases),
-        }
-        numbers = arrays(cases, "severity", "human_likeness", "index")
-        return cls(
-            there.safe[chosen_rows], there.evaluated[chosen_rows], there.collided[chosen_rows],
-            there.off_road[chosen_rows], numbers["severity"][chosen_rows], numbers["human_likeness"][chosen_rows],
-            numbers["index"][chosen_rows], {name: int(found[chosen_rows].sum()) for name, found in flags.items()},
-        )  # fmt: skip
+def _counts(cases: CaseTable) -> dict[str, int]:
+    """How many cases are what."""
+    flags = {
+        "collisions": cases.collided,
+        "avoidable_collisions": cases.avoidable,
+        "unavoidable_collisions": cases.unavoidable,
+        "caused_collisions": cases.caused,
+        "safe_collisions": cases.collided & cases.safe,
+        "off_road": cases.off_road,
+        "departures": cases.departed,
+        "gave_up": cases.gave_up,
+        "not_evaluated": ~cases.evaluated,
+        "requirements_missed": cases.requirements_missed != "",
+    }
+    return {name: int(np.count_nonzero(found)) for name, found in flags.items()}
 
 
-def _all_or(rows: IntArray, cases: int) -> IntArray | slice:
-    """Rows of so many cases; all of them as a slice, of which no column is copied."""
-    return slice(None) if np.array_equal(rows, np.arange(cases)) else rows
-
-
-def _missing_requirements(cases: Sequence[CaseResult]) -> BoolArray:
-    """Which cases miss a requirement, (n,)."""
-    name = "requirements_missed"
-    parts = [_texts(part[name]) != "" for part in arrays_in_parts(cases, name)]
-    return np.concatenate(parts) if parts else np.zeros(0, dtype=np.bool_)
-
-
-def _texts(column: Column) -> Column:
-    """A column of texts; "" throughout where it has none."""
-    return column if column.dtype.kind == "U" else np.full(len(column), "")
-
-
-def _terms(cases: Sequence[CaseResult], rows: IntArray, run: Evaluation) -> CaseTerms:
-    """The terms of chosen cases."""
-    terms = case_terms(cases, run.settings.method)
-    chosen_rows = _all_or(rows, len(cases))
-    return CaseTerms(**{item.name: getattr(terms, item.name)[chosen_rows] for item in fields(terms)})
-
-
-def _changes(
-    paired: Paired, terms: tuple[CaseTerms, CaseTerms], settings: GateSettings
-) -> tuple[Changes, dict[str, tuple[int, int]], int, int]:
-    """What is different in each concrete scenario: of all that is, what stands first below. Beside it counts of both
-    runs, and of pairs that are undecided and that lie in another zone.
-    """
-    old, now = _Table.of(paired.base, paired.base_rows), _Table.of(paired.new, paired.new_rows)
-    kind, by = np.full(len(old.safe), -1, dtype=np.intp), np.full(len(old.safe), np.nan)
+def _changes(paired: Paired, terms: tuple[CaseTerms, CaseTerms], settings: GateSettings) -> Changes:
+    """What is different in each concrete scenario: of all that is, what stands first below."""
+    old, now = paired.base, paired.new
+    kind, by = np.full(len(old), -1, dtype=np.intp), np.full(len(old), np.nan)
 
     def found(flags: BoolArray, change: Change, size: FloatArray | None = None) -> None:
         fresh = flags & (kind < 0)
@@ -541,16 +483,12 @@ def _changes(
         found(more > settings.less_human_by, "more human", more)
     regret = excess(terms[1].severity, terms[1].ideal) - excess(terms[0].severity, terms[0].ideal)
     which = np.flatnonzero(kind >= 0)
-    names = names_at(paired.new, paired.new_rows[which])
-    order = np.lexsort((names, -np.abs(np.nan_to_num(by[which])), kind[which]))
+    order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))
     moved = {
         name: np.where(values != 0.0, values, np.nan)[which][order]
         for name, values in (("regret", regret), ("H_i", liked), ("D_i", index))
     }
-    changes = Changes(paired, kind[which][order], which[order], by[which][order], moved)
-    counts = {name: (then, now.counts[name]) for name, then in old.counts.items()}
-    undecided = int(np.sum(~(old.evaluated & now.evaluated)))
-    return changes, counts, undecided, int(np.sum(old.safe != now.safe))
+    return Changes(paired, kind[which][order], which[order], by[which][order], moved)
 
 
 def _quantity_changes(

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.method.driving_task import asked_way, times_at
 from sumo_eval.method.measures import STANDING
 from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
 from sumo_eval.record.store import EGO, Fact, Store
 from sumo_eval.report.words import LIKENESS_FACTORS, count, percent
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.plausible_people import plausible_people
 from sumo_eval.trajectory import FloatArray, Trajectory

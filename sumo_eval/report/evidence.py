@@ -7,13 +7,14 @@ down as such: `supported`, `not supported`, or `open` where nothing could be eva
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
@@ -22,11 +23,9 @@ from sumo_eval.report.page import asset, template
 from sumo_eval.report.preventability import preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.qualification import holds, qualification_sentence
 from sumo_eval.report.words import count, people_sentence
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scoring.confidence.intervals import LEVEL
 from sumo_eval.scoring.confidence.risk import risk
-from sumo_eval.scoring.kept_rows import arrays, chosen
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings.random_streams import random_stream
 
 FORMAT_VERSION = 1
@@ -125,13 +124,13 @@ def _claim(score: ScenarioResult, kind: str, **parts: Any) -> Claim:
     return Claim(id=f"{score.scenario}/{score.ads}/{kind}", ads=score.ads, scenario=score.scenario, **parts)
 
 
-def _names(cases: Sequence[CaseResult]) -> tuple[str, ...]:
+def _names(cases: CaseTable) -> tuple[str, ...]:
     """The first of some cases, by their keys."""
     return tuple(case.case for case in cases[:MOST_CASES])
 
 
-def _complete(about: str, score: ScenarioResult, cases: Sequence[CaseResult]) -> Claim:
-    missing = chosen(cases, ~OutcomeColumns.of(cases).evaluated)
+def _complete(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
+    missing = cases[~cases.evaluated]
     return _claim(
         score, "complete",
         claim=f"Every concrete scenario that was chosen for {about} was driven and evaluated.",
@@ -143,14 +142,13 @@ def _complete(about: str, score: ScenarioResult, cases: Sequence[CaseResult]) ->
 
 
 def _collisions(
-    evaluation: Evaluation, about: str, score: ScenarioResult, cases: Sequence[CaseResult], assumptions: tuple[str, ...]
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable, assumptions: tuple[str, ...]
 ) -> Claim:
     """Collision share < p: p is the upper end of its interval."""
     known = evaluation.exposure_known(score.scenario)
     under = "this exposure" if known else "equal weights of its points"
-    there, read = OutcomeColumns.of(cases), arrays(cases, "exposure", "loss")
-    judged, hit = chosen(cases, there.evaluated), chosen(cases, there.evaluated & there.collided)
-    exposure = read["exposure"][there.evaluated]
+    judged = cases[cases.evaluated]
+    hit, exposure = judged[judged.collided], judged.exposure
     if len(judged) < 2 or not exposure.sum() > 0.0:
         return _claim(
             score, "collisions", claim=f"The collision share of {about} is known.", verdict="open",
@@ -158,7 +156,7 @@ def _collisions(
             evidence=(f"{count(len(judged), 'case')} evaluated.",), interval=None, cases=_names(hit),
             assumptions=assumptions,
         )  # fmt: skip
-    loss = np.nan_to_num(read["loss"][there.evaluated])
+    loss = np.nan_to_num(judged.loss)
     found = risk(exposure, loss, random_stream(evaluation.settings.seed, "risk", score.scenario, score.ads))
     it = found.collision_probability
     return _claim(
@@ -177,11 +175,11 @@ def _collisions(
 
 
 def _preventable(
-    evaluation: Evaluation, about: str, score: ScenarioResult, cases: Sequence[CaseResult], assumptions: tuple[str, ...]
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable, assumptions: tuple[str, ...]
 ) -> Claim:
     """In the words of assessors: unpreventable for a skilled driver, preventable for the ADS."""
     row = next(it for it in preventability(evaluation) if (it.ads, it.scenario) == (score.ads, score.scenario))
-    against = chosen(cases, verdicts(evaluation, score).among("preventable", "undecided"))
+    against = cases[verdicts(evaluation, score).among("preventable", "undecided")]
     skilled = reference_ads(evaluation.settings) or "the ideal vehicle"
     undecided = row.undecided + row.not_evaluated
     verdict: Verdict = "not supported" if row.preventable else "open" if undecided else "supported"
@@ -203,7 +201,7 @@ def _preventable(
 
 
 def _avoided(
-    evaluation: Evaluation, about: str, score: ScenarioResult, cases: Sequence[CaseResult], assumptions: tuple[str, ...]
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable, assumptions: tuple[str, ...]
 ) -> Claim:
     """The avoided share A is above the lower end of its interval."""
     ends = score.avoided_share_interval
@@ -220,7 +218,7 @@ def _avoided(
             argument="A needs evaluated cases, its interval two of them.", evidence=(), interval=None, cases=(),
             assumptions=assumptions,
         )  # fmt: skip
-    against = chosen(cases, OutcomeColumns.of(cases).avoidable)
+    against = cases[cases.avoidable]
     return _claim(
         score, "avoided",
         claim=f"{about} avoids at least {ends[0]:z.3g} of the harm that the ideal vehicle avoids and a car that does "

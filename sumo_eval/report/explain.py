@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import unknown
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.score_terms import excess, mean_shares, worth
@@ -38,8 +39,9 @@ from sumo_eval.report.words import (
     reason_without_d,
     severity_unit,
 )
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, columns
+from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
+from sumo_eval.trajectory import FloatArray
 
 ROUNDING = 1e-9
 
@@ -48,7 +50,7 @@ def find_case(evaluation: Evaluation, key: str) -> CaseResult:
     """A case by its key. Raises InputError with the nearest known one."""
     found = evaluation.case(key)
     if found is None:
-        raise unknown("case", key, [case.case for case in evaluation.cases])
+        raise unknown("case", key, evaluation.cases.case.tolist())
     return found
 
 
@@ -129,14 +131,9 @@ def _collision(
         + (", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else "")
     )
     yield from _weight(case, zones)
-    weights, share = _share(
-        case,
-        cases_of(evaluation, score),
-        "weight",
-        lambda hit, ideal: hit and ideal is not None,
-        "collided",
-        "ideal_severity",
-    )
+    cases = cases_of(evaluation, score)
+    hits = cases[cases.collided & np.isfinite(cases.ideal_severity)]
+    weights, share = _share(case, hits, hits.weight)
     whole = worth(evaluation.settings.method.score)
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (score.c or 0.0):z.4f} this case took r (1 - {what}) / sum r = "
@@ -194,9 +191,9 @@ def _likeness(
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
-    exposures, share = _share(
-        case, cases_of(evaluation, score), "exposure", lambda zone, d: zone == "safe" and d is not None, "zone", "index"
-    )
+    cases = cases_of(evaluation, score)
+    indexed = cases[cases.safe & np.isfinite(cases.index)]
+    exposures, share = _share(case, indexed, indexed.exposure)
     of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
     whole = worth(evaluation.settings.method.score)
     yield (
@@ -245,7 +242,7 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
     unit = severity_unit(settings)
     cases = cases_of(evaluation, score)
     terms = case_terms(cases, settings.method)
-    row = next(place for place, (name, _) in enumerate(columns(cases, "case", "zone")) if name == case.case)
+    row = int(np.flatnonzero(cases.case == case.case)[0])
     losses = avoided_share_losses(terms)
     u, ideal, nothing = (float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting))
     lost, at_stake = (float(excess(part, ideal)) for part in (u, nothing))
@@ -276,10 +273,9 @@ def _task(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> It
         return
     beside = f"`{score.task_reference}` and the drivers" if score.task_reference else "the drivers"
     why = " for its incident" if case.incident else ""
-    exposures, share = _share(
-        case, cases_of(evaluation, score), "exposure",
-        lambda zone, part: zone == "safe" and part is not None, "zone", "task_share",
-    )  # fmt: skip
+    cases = cases_of(evaluation, score)
+    timed = cases[cases.safe & np.isfinite(cases.task_share)]
+    exposures, share = _share(case, timed, timed.exposure)
     yield (
         f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of {beside} / own "
         f"time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
@@ -308,9 +304,9 @@ def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> I
             f"H: f_L f_n+ similarity plausibility = {' x '.join(number(value, 4) for value in factors)} = "
             f"{case.human_likeness:z.4f}; plausibility: 1 where at least 5 % of recorded people go to such extremes"
         )
-    exposures, share = _share(
-        case, cases_of(evaluation, score), "exposure", lambda likeness: likeness is not None, "human_likeness"
-    )
+    cases = cases_of(evaluation, score)
+    likened = cases[np.isfinite(cases.human_likeness)]
+    exposures, share = _share(case, likened, likened.exposure)
     if math.fsum(exposures) > 0.0:
         yield (
             f"H: share of the mean {share:z.5f} ({len(exposures)} cases); of H = {number(score.human_likeness, 4)} "
@@ -318,17 +314,11 @@ def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> I
         )
 
 
-def _share(
-    case: CaseResult, cases: Sequence[CaseResult], weight: str, counts: Callable[..., bool], *fields: str
-) -> tuple[list[float], float]:
-    """The weights of those cases that a mean is over, and what this case weighs in it. weight: the field that has them.
-    counts: whether a case has a part in the mean, by these of its fields.
-    """
-    read = columns(cases, "case", weight, *fields)
-    counted = [(name, value or 0.0) for name, value, *rest in read if counts(*rest)]
-    weights = [value for _, value in counted]
-    place = next(place for place, (name, _) in enumerate(counted) if name == case.case)
-    return weights, float(mean_shares(weights)[place])
+def _share(case: CaseResult, counted: CaseTable, weights: FloatArray) -> tuple[list[float], float]:
+    """The weights of the cases that a mean is over, and what this case weighs in it."""
+    place = int(np.flatnonzero(counted.case == case.case)[0])
+    known = np.nan_to_num(weights)
+    return known.tolist(), float(mean_shares(known)[place])
 
 
 def _measures(case: CaseResult) -> Iterator[str]:

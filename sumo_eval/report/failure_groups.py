@@ -7,17 +7,15 @@ whose values it does not span; beside them stands how many of all cases in these
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.report.words import count
-from sumo_eval.results import CaseResult, columns
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scoring.kept_rows import arrays_in_parts, parameters_of
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
@@ -45,29 +43,28 @@ class FailureGroup:
     words: str
 
 
-def failure_kinds(cases: Sequence[CaseResult]) -> tuple[IntArray, list[str]]:
+def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
     """How each case failed: (n,), places in a list of words, whose first are empty and mean that it did not."""
-    there, words = OutcomeColumns.of(cases), ["", "off road", "unavoidable collision", "avoidable collision"]
-    words.append("caused collision")
-    kinds = np.zeros(len(there.safe), dtype=np.intp)
-    for code, flags in enumerate((there.off_road | there.departed, there.collided, there.avoidable, there.caused), 1):
+    words = ["", "off road", "unavoidable collision", "avoidable collision", "caused collision"]
+    kinds = np.zeros(len(cases), dtype=np.intp)
+    for code, flags in enumerate((cases.off_road | cases.departed, cases.collided, cases.avoidable, cases.caused), 1):
         kinds[flags] = code
     codes: dict[str, int] = {}
-    for number, (status, place) in enumerate(columns(cases, "status", "error_place")):
-        if not there.evaluated[number]:
-            said = f"not evaluated ({status}){f' at {place}' if place else ''}"
-            kinds[number] = codes.setdefault(said, len(words) + len(codes))
+    lost = np.flatnonzero(~cases.evaluated)
+    for number, status, place in zip(lost.tolist(), cases.status[lost], cases.error_place[lost], strict=True):
+        said = f"not evaluated ({status}){f' at {place}' if place else ''}"
+        kinds[number] = codes.setdefault(said, len(words) + len(codes))
     return kinds, [*words, *codes]
 
 
-def failure_groups(logical: LogicalScenario, cases: Sequence[CaseResult]) -> list[FailureGroup]:
+def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGroup]:
     """The groups of one logical scenario: the gravest kinds first, and of these the largest groups."""
     found = []
-    names, whose = _ads_of(cases)
-    rows = parameters_of(cases, logical.names)
+    whose = cases.ads
+    rows = cases.parameters(logical.names)
     kinds, words = failure_kinds(cases)
-    for number, ads in enumerate(names):
-        own = np.flatnonzero(whose == number)
+    for ads in dict.fromkeys(chunk.ads for chunk in cases.chunks):
+        own = np.flatnonzero(whose == ads)
         its = rows if len(own) == len(rows) else rows[own]
         for kind in sorted(set(np.unique(kinds[own]).tolist()) - {0}, key=lambda kind: _order(words[kind])):
             members = np.flatnonzero(kinds[own] == kind)
@@ -75,18 +72,6 @@ def failure_groups(logical: LogicalScenario, cases: Sequence[CaseResult]) -> lis
                 found.append(_told(logical, its, group, kinds[own] == kind, ads, words[kind], own[group]))
     found.sort(key=lambda group: (_order(group.kind), -len(group.places)))
     return found[:MOST_GROUPS]
-
-
-def _ads_of(cases: Sequence[CaseResult]) -> tuple[list[str], IntArray]:
-    """The ADSs in the order in which they appear, and which of them drove each case, (n,)."""
-    numbers: dict[str, int] = {}
-    parts = [np.empty(0, dtype=np.intp)]
-    for some in arrays_in_parts(cases, "ads"):
-        found, first, which = np.unique(some["ads"], return_index=True, return_inverse=True)
-        for place in np.argsort(first):
-            numbers.setdefault(str(found[place]), len(numbers))
-        parts.append(np.array([numbers[str(name)] for name in found], dtype=np.intp)[which])
-    return list(numbers), np.concatenate(parts)
 
 
 def _order(kind: str) -> tuple[int, str]:

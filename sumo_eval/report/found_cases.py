@@ -11,7 +11,6 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.points import scenarios_of
 from sumo_eval.report.words import count, one_line, outcome, point
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.kept_rows import arrays
 
 
 def nearest_cases(
@@ -38,11 +37,10 @@ def nearest_cases(
             raise InputError(f"`{parameter}` must be a finite number, got {values[parameter]}.")
     for one in everybody if ads is None else [ads]:
         cases = evaluation.cases_of(one, name)
-        read = arrays(cases, *(f"values.{parameter}" for parameter in values))
         distance = np.zeros(len(cases))
-        for parameter, wanted in values.items():
+        for parameter, column in zip(values, cases.parameters(list(values)).T, strict=True):
             item = logical.parameters[logical.column(parameter)]
-            distance += ((read[f"values.{parameter}"] - wanted) / (item.high - item.low)) ** 2
+            distance += ((column - values[parameter]) / (item.high - item.low)) ** 2
         order = np.argsort(distance, kind="stable")[:most].tolist()
         yield f"{one_line(one)} in {name}, {count(len(cases), 'case')}:"
         for place in order:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Final
 
 from annotated_types import Ge, Gt, Le, Lt
 
+from sumo_eval.cases import NUMBERS
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.results import CaseResult
 from sumo_eval.settings import About, Checked, NotNegative
 from sumo_eval.settings.config import read_checked
 
@@ -27,10 +27,7 @@ OF_THE_COMPARISON: Final = (
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
 )  # fmt: skip
 
-_NUMBERS = ("float", "float | None", "bool", "bool | None", "int | None")
-MEASURES: Final = tuple(item.name for item in fields(CaseResult) if item.type in _NUMBERS)
-"""Columns of cases.csv that hold numbers, by the field behind them."""
-COLUMNS: Final = (*MEASURES, "d_i", "departed", "incident_severity")
+COLUMNS: Final = (*NUMBERS, "d_i", "departed", "incident_severity")
 """Columns of cases.csv that a limit may be about, case by case, beside `QUANTITIES`."""
 HIGHER_COLUMNS: Final = frozenset((
     "min_ttc", "min_thw", "min_gap", "pet", "conflict_pet", "undisturbed_pet", "time_to_conflict", "index", "d_i",
@@ -169,8 +166,8 @@ def read_gate(path: Path | None) -> GateSettings:
     for number, limit in enumerate(settings.limit, start=1):
         _check(limit, f"`limit` {number} in {path}")
     for measure in (*settings.near_miss.measure, *settings.shift.measure):
-        if measure.quantity not in MEASURES:
-            raise unknown(f"column of a `measure` in {path}", measure.quantity, MEASURES)
+        if measure.quantity not in NUMBERS:
+            raise unknown(f"column of a `measure` in {path}", measure.quantity, NUMBERS)
     return settings
 
 

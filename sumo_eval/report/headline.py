@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import bdtr
 
+from sumo_eval.cases import point_numbers
 from sumo_eval.method.score_terms import excess, exposure_mean, once
 from sumo_eval.report.words import (
     REASON_WITHOUT_T,
@@ -20,8 +21,6 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import Evaluation, RankedAds, ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
-from sumo_eval.scoring.kept_rows import arrays, point_numbers
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 
 CONTACT = 50.0 / 3.6
 """Impact speed that excess impact speed is counted in, m/s."""
@@ -127,10 +126,9 @@ def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
 
 def _in_scenario(evaluation: Evaluation, score: ScenarioResult) -> Finding:
     cases = cases_of(evaluation, score)
-    there, read = OutcomeColumns.of(cases), arrays(cases, "task_share", "end_reason", "impact_speed", "exposure")
-    terms = case_terms(cases, evaluation.settings.method, there)
-    behind = there.safe & ~there.incident & (read["task_share"] < 1.0 - NOTICEABLE)
-    stands = behind & (read["end_reason"] == "standstill")
+    terms = case_terms(cases, evaluation.settings.method)
+    behind = cases.safe & ~cases.incident & (cases.task_share < 1.0 - NOTICEABLE)
+    stands = behind & (cases.end_reason == "standstill")
     beyond = exposure_mean(excess(terms.severity, terms.ideal), terms.exposure, once(len(cases)))
 
     return Finding(
@@ -142,7 +140,7 @@ def _in_scenario(evaluation: Evaluation, score: ScenarioResult) -> Finding:
         slower=int((behind & ~stands).sum()),
         gave_up=score.gave_up,
         not_evaluated=score.not_evaluated,
-        worst=float(read["impact_speed"][there.avoidable].max(initial=0.0)),
+        worst=float(cases.impact_speed[cases.avoidable].max(initial=0.0)),
         excess=float(beyond[0]),
         grade=score.avoidance_grade,
         human=score.human_likeness,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -12,6 +13,7 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
@@ -29,7 +31,6 @@ from sumo_eval.report.words import (
     LIKENESS_FACTORS,
     OUTCOMES,
     SCORES,
-    CollisionShare,
     cases_of,
     collision_shares,
     collision_words,
@@ -59,11 +60,10 @@ from sumo_eval.report.words import (
     severity_unit,
     share_lost,
     unevaluated,
+    why_missing,
 )
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scoring.kept_rows import arrays
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import SamplingSettings
 
 NOTHING_BESIDE = Beside()
@@ -117,7 +117,7 @@ def _shared(
     partitions: Mapping[str, ZonePartition],
     beside: Beside,
     in_page: Mapping[str, Shown],
-    missing: Sequence[tuple[CaseResult, str]],
+    missing: Sequence[CaseTable],
 ) -> dict[str, Any]:
     """What the page says beside its sections and its data."""
     settings = evaluation.settings
@@ -144,10 +144,10 @@ def _shared(
         "likeness_factors": {name: meaning for name, (_, meaning) in LIKENESS_FACTORS.items()},
         "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
         "missing": [
-            {"case": case, "key": quote(case.case, safe=""), "point": point(case.values), "sentence": sentence}
-            for case, sentence in missing[:MOST_LISTED]
+            {"case": case, "key": quote(case.case, safe=""), "point": point(case.values), "sentence": why_missing(case)}
+            for case in islice(chain.from_iterable(missing), MOST_LISTED)
         ],
-        "all_missing": len(missing),
+        "all_missing": sum(map(len, missing)),
         "index_notes": index_notes(evaluation),
         "synthetic": (drivers_are_synthetic(settings) or nobody_recorded(evaluation)) and not nobody_drove(evaluation),
         "exposure_known": evaluation.exposure_known(),
@@ -161,7 +161,7 @@ def _shared(
         "origin": _origin(evaluation),
         "citation": citation(evaluation),
         "folder": evaluation.folder,
-        "badges": _badges(evaluation, beside, len(missing)),
+        "badges": _badges(evaluation, beside, sum(map(len, missing))),
         "css": asset("report.css"),
         "page_js": asset("page.js"),
         "plotly": plotly(),
@@ -222,13 +222,12 @@ def _group(
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     scores = [score for score in evaluation.scores if score.scenario == logical.name]
     found = {verdict for score in scores for verdict, number in verdicts(evaluation, score).numbers().items() if number}
-    there = OutcomeColumns.of(cases)
-    off_road = there.off_road | there.departed
+    collided, evaluated, off_road = cases.collided, cases.evaluated, cases.off_road | cases.departed
     became = {
-        "collision": there.collided,
-        "not evaluated": ~there.collided & ~there.evaluated,
-        "off road": ~there.collided & off_road,
-        "no contact": ~there.collided & there.evaluated & ~off_road,
+        "collision": collided,
+        "not evaluated": ~collided & ~evaluated,
+        "off road": ~collided & off_road,
+        "no contact": ~collided & evaluated & ~off_road,
     }
     behind = {item.name: item.behind for item in logical.parameters}
     return {
@@ -245,8 +244,8 @@ def _group(
         "map_note": "" if view.projected or view.fixed else view.note,
         "constraints": [constraint.about for constraint in logical.constraints],
         "outcomes": [outcome for outcome in OUTCOMES if became[outcome].any()],
-        "has_collisions": bool(there.collided.any()),
-        "has_index": bool(np.isfinite(arrays(cases, "index")["index"]).any()),
+        "has_collisions": bool(collided.any()),
+        "has_index": bool(np.isfinite(cases.index).any()),
         **_left_out(logical, evaluation, shown, view),
         "share_of_space": percent(sum(zones.zone_shares)),
         "share_of_cases": percent(zone.hazardous_share),
@@ -302,7 +301,7 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
     cases = cases_of(evaluation, score)
     means, likeness = factor_means(cases), likeness_means(cases)
     hits, losses = collision_shares(cases, settings), share_lost(cases, settings)
-    indexed = np.isfinite(arrays(cases, "index")["index"])
+    indexed = np.isfinite(cases.index)
     counted, collided = likened(cases)
     return {
         "notes": [score_note(note) for note in score.notes],
@@ -331,12 +330,12 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
         "likened": counted,
         "likened_hits": collided,
         "has_index": bool(indexed.any()),
-        "indexed": int(np.count_nonzero(indexed & OutcomeColumns.of(cases).safe)),
+        "indexed": int(np.count_nonzero(indexed & cases.safe)),
         "collisions": [
-            _collision(share, float(losses[place]))
-            for share, place in zip(hits[:MOST_LISTED], hits.places[:MOST_LISTED], strict=True)
+            _collision(cases[place], float(avoided), float(lost), float(losses[place]))
+            for place, avoided, lost in zip(hits.places[:MOST_LISTED], hits.avoided, hits.lost, strict=False)
         ],
-        "more_collisions": max(len(hits) - MOST_LISTED, 0),
+        "more_collisions": max(len(hits.places) - MOST_LISTED, 0),
     }
 
 
@@ -350,8 +349,7 @@ def _value(score: ScenarioResult, name: str) -> dict[str, str]:
     }
 
 
-def _collision(share: CollisionShare, a_lost: float) -> dict[str, Any]:
-    case = share.case
+def _collision(case: CaseResult, avoided: float, lost: float, a_lost: float) -> dict[str, Any]:
     kinds = ((case.caused, "caused"), (case.avoidable, "avoidable"), (case.unavoidable, "unavoidable"))
     return {
         "kind": next((words for holds, words in kinds if holds), "not known"),
@@ -366,10 +364,10 @@ def _collision(share: CollisionShare, a_lost: float) -> dict[str, Any]:
         "severity": number(case.severity, 1),
         "loss": number(case.loss, 1),
         "ideal": "not known" if case.ideal_severity is None else number(case.ideal_severity, 1),
-        "avoided": number(share.avoided, 2),
+        "avoided": number(avoided, 2),
         "beats": case.beats_ideal,
         "weight": number(case.weight, 3),
-        "lost": number(share.lost, 4),
+        "lost": number(lost, 4),
     }
 
 

@@ -18,16 +18,24 @@ from typing import IO, Literal
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import InputError
-from sumo_eval.report.comparison import AdsComparison, ChangedCase, Changes, Comparison
+from sumo_eval.report.comparison import AdsComparison, ChangedCase, Comparison
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.terminal import worst_lines
-from sumo_eval.report.words import count, end_reason, explain_s_plus, number, placed, point, unevaluated_of, why_missing
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
-from sumo_eval.scoring.kept_rows import Made, parameters_of
+from sumo_eval.report.words import (
+    count,
+    end_reason,
+    explain_s_plus,
+    missing_from_means,
+    number,
+    placed,
+    point,
+    why_missing,
+)
+from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.settings import ReportSettings
 
 JUNIT = "junit.xml"
@@ -46,7 +54,7 @@ class Test:
     seconds: float = 0.0
 
 
-Suites = Mapping[tuple[str, str], Sequence[Test]]
+Suites = Mapping[tuple[str, str], Iterable[Test]]
 """Tests by (name of the suite, class name)."""
 Properties = Mapping[tuple[str, str], Mapping[str, str]]
 """Properties by suite, in the order of a file."""
@@ -55,11 +63,11 @@ Properties = Mapping[tuple[str, str], Mapping[str, str]]
 def run_suites(evaluation: Evaluation) -> Suites:
     """A suite for each ADS in each logical scenario, with a test for each case or for each cell of the space."""
     report = evaluation.settings.report
-    suites: dict[tuple[str, str], Sequence[Test]] = {}
+    suites: dict[tuple[str, str], Iterable[Test]] = {}
     for score in evaluation.scores:
         cases = evaluation.cases_of(score.ads, score.scenario)
-        missing = frozenset(unevaluated_of(evaluation, score).places.tolist())
-        tests: Sequence[Test] = Made((cases, partial(_case_test, missing=missing, report=report)))
+        missing = missing_from_means(evaluation, score).tolist()
+        tests: Iterable[Test] = map(partial(_case_test, report=report), cases, missing)
         if report.junit == "cell":
             tests = _by_cell(cases, tests, report.junit_cells)
         suites[_suite_of(score)] = tests
@@ -92,7 +100,7 @@ def write_results(evaluation: Evaluation) -> None:
 
 def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]) -> Suites:
     """A suite of the gates, and one for each ADS in each logical scenario with a test for each case of both runs."""
-    suites: dict[tuple[str, str], Sequence[Test]] = {
+    suites: dict[tuple[str, str], Iterable[Test]] = {
         ("gates", "gates"): [
             Test(
                 f"{gate.quantity} of {gate.ads} in {gate.scenario}",
@@ -105,22 +113,16 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
         ]
     }
     for one in comparison.ads if comparison else ():
-        suites[f"{one.ads} in {one.scenario} beside the base", f"change.{one.scenario}.{one.ads}"] = Made(
-            (one.new_cases, partial(_test_of_pair, changed=one.changed, place_of=_places(one)))
-        )
+        key = f"{one.ads} in {one.scenario} beside the base", f"change.{one.scenario}.{one.ads}"
+        suites[key] = _change_tests(one)
     return suites
 
 
-def _places(one: AdsComparison) -> NDArray[np.intp]:
-    """Where each pair stands among the changed ones, (pairs,); -1 where nothing changed."""
-    found = np.full(one.pairs, -1, dtype=np.intp)
-    found[one.changed.which] = np.arange(len(one.changed))
-    return found
-
-
-def _test_of_pair(case: CaseResult, place: int, changed: Changes, place_of: NDArray[np.intp]) -> Test:
-    at = int(place_of[place])
-    return _change_test(case, changed[at] if at >= 0 else None)
+def _change_tests(one: AdsComparison) -> Iterator[Test]:
+    """A test for each pair, in the order of the new run."""
+    place = dict(zip(one.changed.which.tolist(), range(len(one.changed)), strict=True))
+    for pair, case in enumerate(one.new_cases):
+        yield _change_test(case, one.changed[place[pair]] if pair in place else None)
 
 
 def write_junit(suites: Suites, path: Path, properties: Properties | None = None) -> Path:
@@ -208,8 +210,8 @@ def _element(test: Test, classname: str) -> etree._Element:
     return item
 
 
-def _case_test(case: CaseResult, place: int, missing: frozenset[int], report: ReportSettings) -> Test:
-    reason = placed(why_missing(case), case) if place in missing else None
+def _case_test(case: CaseResult, missing: bool, report: ReportSettings) -> Test:
+    reason = placed(why_missing(case), case) if missing else None
     name, seconds = f"{point(case.values)}", case.wall_time or 0.0
     if not case.evaluated:
         text = "\n".join(filter(None, (reason, *_task_and_harm(case))))
@@ -276,12 +278,12 @@ def _change_test(case: CaseResult, change: ChangedCase | None) -> Test:
     return Test(name, "failure", change.change.replace(" ", "_"), message, _facts(case))
 
 
-def _by_cell(cases: Sequence[CaseResult], tests: Sequence[Test], cells: int) -> list[Test]:
+def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> list[Test]:
     """One test a cell of the sampled box: a failure when a case in it failed, an error when only errors are in it."""
     if not len(cases):
         return []
     names = list(cases[0].values)
-    points = parameters_of(cases, names)
+    points = cases.parameters(names)
     low, high = points.min(axis=0), points.max(axis=0)
     spans = np.where(high > low, high - low, 1.0)
     place_of = np.minimum(cells - 1, (cells * (points - low) / spans).astype(np.intp))

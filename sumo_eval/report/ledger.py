@@ -9,13 +9,14 @@ part of that loss is its Shapley value (`score_terms.product_losses`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.method.score_terms import mean_shares, product_losses, worth
 from sumo_eval.report.words import (
     FACTORS,
@@ -27,10 +28,8 @@ from sumo_eval.report.words import (
     reason_without_d,
     reason_without_h,
 )
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
-from sumo_eval.scoring.kept_rows import OfSomeRows, arrays, name_ranks
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -44,33 +43,11 @@ Term = Literal["S+", "T", "A", "H", "C", "D"]
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
-    """What one case adds to a line, in units of the index and in points of the score; both at most 0."""
-
-    case: CaseResult
-    index: float
-    points: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Entries(OfSomeRows[Entry]):
-    """What cases add to a line, the costliest first. parts: in units of the index, (m,). scale: points of a unit."""
-
-    parts: FloatArray
-    scale: float
-
-    def _made(self, place: int) -> Entry:
-        part = float(self.parts[place])
-        return Entry(self._row(place), part, part * self.scale)
-
-
-NOBODY: Final = Entries((), np.empty(0, dtype=np.intp), np.empty(0), 1.0)
-
-
-@dataclass(frozen=True, slots=True)
 class Line:
-    """One term of the ledger. index: in units of T, A, H, C or D; points: of S+ or S. entries: its cases, the costliest
-    first. equation: its number in the paper; empty for what is not the paper's.
+    """One term of the ledger. index: in units of T, A, H, C or D; points: of S+ or S.
+
+    entries: its cases, the costliest first. parts: what each adds, in units of the index, at most 0, (m,).
+    equation: its number in the paper; empty for what is not the paper's.
     """
 
     term: Term
@@ -78,12 +55,19 @@ class Line:
     words: str
     index: float
     points: float
-    entries: Entries = NOBODY
+    scale: float
+    entries: CaseTable
+    parts: FloatArray
 
     @property
     def cases(self) -> int:
         """Number of cases that lost something worth counting."""
-        return int(np.count_nonzero(self.entries.parts <= -WORTH_COUNTING))
+        return int(np.count_nonzero(self.parts <= -WORTH_COUNTING))
+
+    def worst(self, most: int) -> Iterator[tuple[CaseResult, float]]:
+        """The costliest cases that cost anything, each with its points."""
+        points = (self.parts[:most] * self.scale).tolist()
+        return ((case, lost) for case, lost in zip(self.entries[:most], points, strict=True) if lost < 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +98,8 @@ def ledger_plus(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
         ("A", float(losses[1]), list(_avoided_lines(score, cases, settings))),
         ("H", float(losses[2]), list(_human_lines(score, cases))),
     )
-    lines = [Line("S+", "", "the task driven without avoidable harm, as people drive", 1.0, FULL)]
+    whole = "", "the task driven without avoidable harm, as people drive", 1.0, _NONE
+    lines = _scaled("S+", FULL, cases, [whole])
     for term, lost, parts in terms:
         taken = -math.fsum(alone if not len(places) else float(its.sum()) for _, _, alone, (places, its) in parts)
         lines += _scaled(term, lost / taken if taken > 0.0 else 0.0, cases, parts)
@@ -158,29 +143,28 @@ _Lines = Iterable[tuple[str, str, float, _Parts]]
 """(equation, words, index where there are no cases, what its cases add)."""
 
 
-def _scaled(term: Term, scale: float, cases: Sequence[CaseResult], lines: _Lines) -> list[Line]:
-    scaled, ranks = [], name_ranks(cases, np.arange(len(cases)))
+def _scaled(term: Term, scale: float, cases: CaseTable, lines: _Lines) -> list[Line]:
+    scaled, names = [], cases.case
     for equation, words, alone, (places, parts) in lines:
         index = math.fsum(map(float, parts)) if len(places) else alone
-        order = np.lexsort((ranks[places], parts))
-        entries = Entries(cases, places[order], parts[order], scale)
-        scaled.append(Line(term, equation, words, index, index * scale, entries))
+        order = np.lexsort((names[places], parts))
+        entries = cases[places[order]]
+        scaled.append(Line(term, equation, words, index, index * scale, scale, entries, parts[order]))
     return scaled
 
 
-def _task_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Lines:
+def _task_lines(score: ScenarioResult, cases: CaseTable) -> _Lines:
     if score.task_share is None:
         yield "", f"T not computed: {REASON_WITHOUT_T}", -1.0, _NONE
         return
-    there, read = OutcomeColumns.of(cases), arrays(cases, "task_share", "end_reason")
-    counted = there.safe & np.isfinite(read["task_share"])
-    lost = np.nan_to_num(_shares(cases, counted) * (1.0 - read["task_share"]))
-    stands = read["end_reason"] == "standstill"
+    shares = cases.task_share
+    lost = np.nan_to_num(_shares(cases, cases.safe & np.isfinite(shares)) * (1.0 - shares))
+    stands = cases.end_reason == "standstill"
     yield from _first_of(
         (
-            ("given up", there.gave_up),
-            ("a contact", there.collided),
-            ("left the road", there.departed),
+            ("given up", cases.gave_up),
+            ("a contact", cases.collided),
+            ("left the road", cases.departed),
             ("stands where the references drive", stands),
             ("slower than the slowest reference", np.ones(len(lost), dtype=np.bool_)),
         ),
@@ -198,47 +182,46 @@ def _first_of(groups: Sequence[tuple[str, BoolArray]], lost: FloatArray) -> _Lin
             yield "", words, 0.0, (places, -lost[places])
 
 
-def _avoided_lines(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> _Lines:
+def _avoided_lines(score: ScenarioResult, cases: CaseTable, settings: EvaluationSettings) -> _Lines:
     if score.avoided_share is None:
         yield "", "A not computed", -1.0, _NONE
         return
-    there = OutcomeColumns.of(cases)
-    losses = np.nan_to_num(avoided_share_losses(case_terms(cases, settings.method, there)))
+    losses = np.nan_to_num(avoided_share_losses(case_terms(cases, settings.method)))
     yield from _first_of(
         (
-            ("given up, which counts as doing nothing", there.gave_up),
-            ("collisions that the ADS caused: doing nothing has none", there.caused),
-            ("collisions that the ideal vehicle avoids", there.avoidable),
-            ("collisions that the ideal vehicle has too, but softer", there.unavoidable),
-            ("left the road", there.departed),
+            ("given up, which counts as doing nothing", cases.gave_up),
+            ("collisions that the ADS caused: doing nothing has none", cases.caused),
+            ("collisions that the ideal vehicle avoids", cases.avoidable),
+            ("collisions that the ideal vehicle has too, but softer", cases.unavoidable),
+            ("left the road", cases.departed),
         ),
         losses,
     )
 
 
-def _human_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Lines:
+def _human_lines(score: ScenarioResult, cases: CaseTable) -> _Lines:
     if score.human_likeness is None:
         yield "", f"H not computed: {reason_without_h(score)}", -1.0, _NONE
         return
-    counted = np.isfinite(arrays(cases, "human_likeness")["human_likeness"])
-    weights, incident = _shares(cases, counted), OutcomeColumns.of(cases).incident
+    counted = np.isfinite(cases.human_likeness)
+    weights, incident = _shares(cases, counted), cases.incident
     hits = np.flatnonzero(counted & incident)
     if len(hits):
         yield "", "an avoidable incident in a safe case", 0.0, (hits, -weights[hits])
     yield from _factor_lines(cases, np.flatnonzero(counted & ~incident), weights, "human_likeness")
 
 
-def _collision_lines(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> _Lines:
+def _collision_lines(score: ScenarioResult, cases: CaseTable, settings: EvaluationSettings) -> _Lines:
     yield "17", "C = 1, no collision or none worse than the ideal vehicle's", 1.0, _NONE
     if score.c is None:
         yield "17", "C not computed", -1.0, _NONE
         return
-    there, shares = OutcomeColumns.of(cases), collision_shares(cases, settings)
-    hits = np.nan_to_num(there.ideal) != 0.0
+    shares, safe = collision_shares(cases, settings), cases.safe
+    hits = np.nan_to_num(cases.ideal_severity) != 0.0
     groups = (
-        ("collisions in the safe zone", there.safe),
-        ("collisions that the ideal vehicle avoids", ~there.safe & ~hits),
-        ("collisions that the ideal vehicle only softens", ~there.safe & hits),
+        ("collisions in the safe zone", safe),
+        ("collisions that the ideal vehicle avoids", ~safe & ~hits),
+        ("collisions that the ideal vehicle only softens", ~safe & hits),
     )
     for words, belongs in groups:
         part = belongs[shares.places] & np.isfinite(shares.lost)
@@ -246,38 +229,37 @@ def _collision_lines(score: ScenarioResult, cases: Sequence[CaseResult], setting
             yield "14–17", words, 0.0, (shares.places[part], -shares.lost[part])
 
 
-def _likeness_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Lines:
+def _likeness_lines(score: ScenarioResult, cases: CaseTable) -> _Lines:
     yield "13", "D = 1, within the drivers' own spread everywhere", 1.0, _NONE
-    there = OutcomeColumns.of(cases)
     if score.d is None:
-        hits = np.flatnonzero(there.voids_index)
+        hits = np.flatnonzero(cases.voids_index)
         each = np.full(len(hits), -1.0 / max(len(hits), 1))
         yield "18", f"D not computed: {reason_without_d(score)}", -1.0, (hits, each)
         return
-    indexed = there.counts_for_index & np.isfinite(arrays(cases, "index")["index"])
+    indexed = cases.counts_for_index & np.isfinite(cases.index)
     yield from _factor_lines(cases, np.flatnonzero(indexed), _shares(cases, indexed), "index")
 
 
-def _shares(cases: Sequence[CaseResult], counted: BoolArray) -> FloatArray:
+def _shares(cases: CaseTable, counted: BoolArray) -> FloatArray:
     """What each case weighs in a mean over those that are counted, (n,)."""
     weights = np.zeros(len(counted))
-    weights[counted] = mean_shares(arrays(cases, "exposure")["exposure"][counted])
+    weights[counted] = mean_shares(cases.exposure[counted])
     return weights
 
 
 def _factor_lines(
-    cases: Sequence[CaseResult], places: IntArray, weights: FloatArray, what: Literal["index", "human_likeness"]
+    cases: CaseTable, places: IntArray, weights: FloatArray, what: Literal["index", "human_likeness"]
 ) -> _Lines:
     """A line for each factor of D_i, or of a case's human-likeness. weights: each case's share of the mean, (n,)."""
     if not len(places):
         return
     factors, equation = (FACTORS, "11–13") if what == "index" else (LIKENESS_FACTORS, "")
-    read, share = arrays(cases, what, *(field for field, _ in factors.values())), weights[places]
-    values = np.column_stack([read.pop(field)[places] for field, _ in factors.values()])  # no column is held twice
+    share = weights[places]
+    values = np.column_stack([getattr(cases, field)[places] for field, _ in factors.values()])
     losses = product_losses(values)
     for column, name in enumerate(factors):
         label = name if name in ("similarity", "plausibility") else f"{name} factor"
         yield equation, label, 0.0, (places, -share * losses[:, column])
-    rest = share * (read[what][places] - values.prod(axis=1))
+    rest = share * (getattr(cases, what)[places] - values.prod(axis=1))
     if (np.abs(rest) > ROUNDING).any():
         yield equation, "what is not the product of the factors", 0.0, (places, rest)

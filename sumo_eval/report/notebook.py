@@ -5,13 +5,14 @@ from __future__ import annotations
 from html import escape
 from typing import Any
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.errors import needs_extra
 from sumo_eval.report.citation import citation
 from sumo_eval.report.headline import headline
 from sumo_eval.report.score_table import FIRST, MORE, WORDS, cells_of
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.words import number, outcome, point
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import Evaluation, ScenarioResult
 
 
 def html_table(evaluation: Evaluation) -> str:

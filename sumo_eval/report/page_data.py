@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.report.failure_groups import failure_groups
@@ -18,23 +19,21 @@ from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
 from sumo_eval.report.shown_cases import Shown
 from sumo_eval.report.words import (
     MEASURES,
-    CollisionShare,
     cases_of,
     collision_shares,
     end_reason,
     index_note_words,
+    missing_from_means,
     outcome,
     severity_unit,
     share_lost,
-    unevaluated_of,
     why_missing,
 )
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.results import Evaluation
 from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
-from sumo_eval.scoring.kept_rows import arrays, keys_by_place, parameters_of
 from sumo_eval.trajectory import FloatArray
 
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
@@ -82,13 +81,14 @@ def page_data(
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """A case that the page has, and what is said of it beside its row. missing: why it left the means. a_lost: what it
-    takes from A.
+    """A case that the page has, and what is said of it beside its row. missing: why it left the means. avoided: Ug/U.
+    c_lost, a_lost: what it takes from C and A.
     """
 
     case: CaseResult
     missing: str | None
-    share: CollisionShare | None
+    avoided: float | None
+    c_lost: float | None
     a_lost: float | None
     verdict: str
 
@@ -104,22 +104,14 @@ def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[Told]:
         if score.scenario != scenario:
             continue
         cases = cases_of(evaluation, score)
-        missing = np.zeros(len(cases), dtype=np.bool_)
-        missing[unevaluated_of(evaluation, score).places] = True
-        shares, judged = collision_shares(cases, evaluation.settings), verdicts(evaluation, score)
-        share_at = np.full(len(cases), -1, dtype=np.intp)
-        share_at[shares.places] = np.arange(len(shares))
-        lost = share_lost(cases, evaluation.settings)
+        missing, judged = missing_from_means(evaluation, score), verdicts(evaluation, score)
+        shares, numbers = collision_shares(cases, evaluation.settings), np.full((3, len(cases)), np.nan)
+        numbers[:2, shares.places] = shares.avoided, shares.lost
+        numbers[2] = share_lost(cases, evaluation.settings)
         for place, case in shown.among(cases):
-            found.append(
-                Told(
-                    case,
-                    why_missing(case) if missing[place] else None,
-                    shares[int(share_at[place])] if share_at[place] >= 0 else None,
-                    float(lost[place]) if math.isfinite(lost[place]) else None,
-                    judged[place],
-                )
-            )
+            avoided, c_lost, a_lost = (None if math.isnan(value) else value for value in numbers[:, place].tolist())
+            why = why_missing(case) if missing[place] else None
+            found.append(Told(case, why, avoided, c_lost, a_lost, judged[place]))
     return found
 
 
@@ -132,10 +124,9 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
     rows = []
     for one in told:
-        row = _case(one.case, logical.row(one.case.values), view, one.missing, one.share, one.a_lost)
-        rows.append({**row, "verdict": one.verdict})
-    here_too = keys_by_place(cases, [row["key"] for row in rows])
-    places_here = np.array(list(here_too), dtype=np.intp)
+        rows.append(_case(one, logical.row(one.case.values), view))
+    names = cases.case
+    here = np.isin(names, [row["key"] for row in rows])
     everybody = [score.ads for score in evaluation.scores if score.scenario == logical.name]
     return {
         "name": logical.name,
@@ -154,7 +145,7 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
             "line": drawn_line(logical.road),
             **drawn_shape(logical.road),
         },
-        "bodies": drawn_bodies(logical.concrete(**cases[0].values)) if cases else {},
+        "bodies": drawn_bodies(logical.concrete(**cases[0].values)) if len(cases) else {},
         "view": {
             "x": view.x,
             "y": view.y,
@@ -173,7 +164,7 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
                 "ads": group.ads,
                 "kind": group.kind,
                 "words": group.words,
-                "cases": [here_too[place] for place in group.places[np.isin(group.places, places_here)].tolist()],
+                "cases": names[group.places[here[group.places]]].tolist(),
                 "size": len(group.places),
                 "ranges": {name: list(range_) for name, range_ in group.ranges.items()},
             }
@@ -191,24 +182,16 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     }
 
 
-def _mean_index(cases: Sequence[CaseResult]) -> float | None:
+def _mean_index(cases: CaseTable) -> float | None:
     """The mean D_i of all cases that have one, by exposure."""
-    read = arrays(cases, "index", "exposure")
-    indexed = np.isfinite(read["index"])
-    values, exposure = read["index"][indexed], read["exposure"][indexed]
-    mean = float(exposure_mean(values, exposure, once(len(values)))[0])
+    indexed = cases[np.isfinite(cases.index)]
+    mean = float(exposure_mean(indexed.index, indexed.exposure, once(len(indexed)))[0])
     return None if math.isnan(mean) else mean
 
 
-def _case(
-    case: CaseResult,
-    row: FloatArray,
-    view: View,
-    reason: str | None,
-    share: CollisionShare | None,
-    a_lost: float | None,
-) -> dict[str, Any]:
+def _case(told: Told, row: FloatArray, view: View) -> dict[str, Any]:
     """One case; the page computes nothing of this anew."""
+    case = told.case
     return {
         "key": case.case,
         "ads": case.ads,
@@ -221,7 +204,7 @@ def _case(
         "end": end_reason(case),
         "error": case.error,
         "errorPlace": case.error_place,
-        "missing": reason,
+        "missing": told.missing,
         "time": case.simulated_time,
         "latency": case.latency_max,
         "impactSpeed": case.impact_speed,
@@ -232,14 +215,14 @@ def _case(
         "idealSeverity": case.ideal_severity,
         "noReactionSeverity": case.no_reaction_severity,
         "kind": "caused" if case.caused else "avoidable" if case.avoidable else "unavoidable",
-        "aLost": a_lost if case.collided else None,
+        "aLost": told.a_lost if case.collided else None,
         "humanLikeness": case.human_likeness,
         "operationTolerance": case.operation_tolerance,
         "mixtureSimilarity": case.mixture_similarity,
         "plausibility": case.plausibility,
         "weight": case.weight,
-        "avoided": share.avoided if share else None,
-        "lost": share.lost if share else None,
+        "avoided": told.avoided,
+        "lost": told.c_lost,
         "index": case.index,
         "lengthFactor": case.length_factor,
         "operationFactor": case.operation_factor,
@@ -250,6 +233,7 @@ def _case(
         "measures": [
             [label, value, unit] for name, label, unit in MEASURES if (value := getattr(case, name)) is not None
         ],
+        "verdict": told.verdict,
     }
 
 
@@ -296,7 +280,7 @@ class View:
         return self.projected or all(case.values[self.names[column]] == value for column, value in self.fixed.items())
 
 
-def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult], axes: tuple[str, str] | None = None) -> View:
+def choose_view(logical: LogicalScenario, cases: CaseTable, axes: tuple[str, str] | None = None) -> View:
     """One map for two parameters, a panel for each value of the first for three, a slice through more.
 
     axes: the parameters of x and y, where somebody has chosen them; the map then is a slice through the others.
@@ -307,14 +291,14 @@ def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult], axes: tup
     if len(columns) == 2:
         return View(logical.names, 0, 1, None, (None,), {}, True, "")
     if len(columns) == 3 and axes is None:
-        distinct = np.unique(parameters_of(cases, logical.names[:1])).tolist()
+        distinct = np.unique(cases.parameters(logical.names[:1])).tolist()
         note = ""
         if len(distinct) > MOST_PANELS:
             first = logical.parameters[0]
             distinct = np.linspace(first.low, first.high, GATHERED_PANELS).tolist()
             note = f"Each case is drawn in the panel whose {first.name} is nearest to its own."
         return View(logical.names, 1, 2, 0, tuple(distinct), {}, True, note)
-    points = parameters_of(cases, logical.names)
+    points = cases.parameters(logical.names)
     number, common = zip(*(_variety(points[:, column]) for column in columns), strict=True)
     by_variety = sorted(columns, key=lambda column: -number[column])
     x, y = sorted(by_variety[:2]) if axes is None else map(logical.column, axes)
@@ -341,16 +325,16 @@ def _variety(column: FloatArray) -> tuple[int, float]:
     return len(values), float(values[len(values) // 2 if often.max() == 1 else np.argmax(often)])
 
 
-def telling_slice(view: View, cases: Sequence[CaseResult]) -> dict[int, float]:
+def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
     """The slice that a map with a choice of slices opens at, column -> value: the one with most collisions.
 
     Of equals the first in order of the values. Empty where a view has no slices.
     """
     if view.projected or not view.fixed:
         return {}
-    points = parameters_of(cases, [view.names[column] for column in view.fixed])
+    points = cases.parameters([view.names[column] for column in view.fixed])
     slices, which = np.unique(points, axis=0, return_inverse=True)  # in the order of their values
-    collisions = np.bincount(which.ravel(), arrays(cases, "collided")["collided"], len(slices))
+    collisions = np.bincount(which.ravel(), cases.collided, len(slices))
     return dict(zip(view.fixed, slices[int(np.argmax(collisions))].tolist(), strict=True))
 
 

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import heapq
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import read_input_text
 from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.report.words import cases_of, count, number, percent, point
-from sumo_eval.results import CaseResult, Evaluation, columns
-from sumo_eval.scoring.kept_rows import arrays
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.results import Evaluation
+from sumo_eval.trajectory import FloatArray
 
 STUDY: Final = "study.json"
 """Beside the drives of a study: who took part, what was left out and why."""
@@ -101,18 +99,17 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
     rows = []
     for score in evaluation.scores:
         cases = cases_of(evaluation, score)
-        read = arrays(
-            cases, "index", "human_low", "human_mean", "human_high", "drivers", "recorded_drivers", "exposure"
-        )
-        safe = OutcomeColumns.of(cases).safe & np.isfinite(read["index"])
-        banded = safe & np.isfinite(read["human_mean"])
-        if not safe.any():
+        own = cases[cases.safe & np.isfinite(cases.index)]
+        if not len(own):
             continue
-        below = int(np.count_nonzero(read["index"][banded] < np.nan_to_num(read["human_low"][banded])))
-        numbers = np.unique(read["drivers"][safe & np.isfinite(read["drivers"])]).astype(int).tolist()
-        recorded, everybody = (int(np.nansum(read[name][safe])) for name in ("recorded_drivers", "drivers"))
+        banded, drivers = own[np.isfinite(own.human_mean)], own.drivers
+        below = int(np.count_nonzero(banded.index < np.nan_to_num(banded.human_low)))
+        numbers = np.unique(drivers[np.isfinite(drivers)]).astype(int).tolist()
+        recorded, everybody = (int(np.nansum(values)) for values in (own.recorded_drivers, drivers))
         range_ = "–".join(dict.fromkeys(str(n) for n in (*numbers[:1], *numbers[-1:]))) or "no"
-        low, mean, high = (_weighted(read[f"human_{end}"], read["exposure"], banded) for end in ("low", "mean", "high"))
+        low, mean, high = (
+            _weighted(getattr(banded, f"human_{end}"), banded.exposure) for end in ("low", "mean", "high")
+        )
         rows.append(
             PeopleRow(
                 scenario=score.scenario,
@@ -121,32 +118,28 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
                 low=number(low, 3),
                 mean=number(mean, 3),
                 high=number(high, 3),
-                below=f"{below} of {int(np.count_nonzero(banded))}",
+                below=f"{below} of {len(banded)}",
                 drivers=f"{range_} a case, {percent(recorded / everybody if everybody else 0.0)} recorded",
-                warnings=_warnings(cases),
+                warnings=_warnings(own),
             )
         )
     return rows
 
 
-def _weighted(values: FloatArray, exposure: FloatArray, counted: BoolArray) -> float | None:
-    """The mean of values over the cases that are counted, (n,) each."""
-    mean = float(exposure_mean(values[counted], exposure[counted], once(int(np.count_nonzero(counted))))[0])
+def _weighted(values: FloatArray, exposure: FloatArray) -> float | None:
+    """The mean of values, (n,) each."""
+    mean = float(exposure_mean(values, exposure, once(len(values)))[0])
     return None if math.isnan(mean) else mean
 
 
-def _warnings(cases: Sequence[CaseResult]) -> tuple[str, ...]:
-    """What must be known of the safe cases with a D_i before the numbers are believed."""
+def _warnings(cases: CaseTable) -> tuple[str, ...]:
+    """What must be known of the safe cases with a D_i before the numbers are believed. cases: these."""
     told = []
-    thin = outside = bimodal = unusual = 0
-    for zone, index, reference, exposure, two_groups, share in columns(
-        cases, "zone", "index", "reference_note", "exposure_note", "bimodal", "manoeuvre_share"
-    ):
-        if zone == "safe" and index is not None:
-            thin += bool(reference)
-            outside += bool(exposure)
-            bimodal += two_groups
-            unusual += share == 0.0
+    thin = sum(note is not None for note in cases.reference_note)
+    outside, bimodal, unusual = (
+        int(np.count_nonzero(flags))
+        for flags in (cases.exposure_note != "", cases.bimodal, cases.manoeuvre_share == 0.0)
+    )
     if thin:
         told.append(f"Reference too thin in {count(thin, 'case')}.")
     if outside:
@@ -163,12 +156,9 @@ def _warnings(cases: Sequence[CaseResult]) -> tuple[str, ...]:
 
 def worst_cases(evaluation: Evaluation, most: int = 10) -> list[WorstCase]:
     """The cases in which an ADS scores furthest below the drivers' own mean."""
-    below = (
-        (index - mean, name, place)
-        for place, (name, index, mean) in enumerate(columns(evaluation.cases, "case", "index", "human_mean"))
-        if index is not None and mean is not None and index < mean
-    )
-    rows = [evaluation.cases[place] for _, _, place in heapq.nsmallest(most, below)]
+    cases, below = evaluation.cases, evaluation.cases.index - evaluation.cases.human_mean
+    places = np.flatnonzero(below < 0.0)
+    rows = cases[places[np.lexsort((cases.case[places], below[places]))[:most]]]
     return [
         WorstCase(
             case.ads,

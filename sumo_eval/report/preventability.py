@@ -14,9 +14,8 @@ from typing import Literal, get_args, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
-from sumo_eval.scoring.kept_rows import arrays, point_numbers
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
+from sumo_eval.cases import CaseTable, point_numbers
+from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -120,39 +119,37 @@ class Verdicts(Sequence[Verdict]):
 def verdicts(evaluation: Evaluation, score: ScenarioResult) -> Verdicts:
     """The verdict on every case of one ADS in one scenario."""
     cases, reference = evaluation.cases_of(score.ads, score.scenario), reference_ads(evaluation.settings)
-    there = OutcomeColumns.of(cases)
     if reference is None:
         # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it is not known. Its
         # contacts alone count (Ug): it hardly steers, and leaves roads that drivers stay on.
-        beside = arrays(cases, "ideal_collided")["ideal_collided"]
+        beside = cases.ideal_collided
     else:
         beside = _incidents_at(cases, evaluation.cases_of(reference, score.scenario))
-    found = np.full(len(there.safe), _CODES["avoided"], dtype=np.uint8)
+    found = np.full(len(cases), _CODES["avoided"], dtype=np.uint8)
     rules: tuple[tuple[Verdict, BoolArray], ...] = (
         ("better", beside == 1.0),
-        ("preventable", _incident(there)),
-        ("unpreventable", _incident(there) & (beside == 1.0)),
-        ("undecided", _incident(there) & np.isnan(beside)),
-        ("not evaluated", ~there.counted),
+        ("preventable", _incident(cases)),
+        ("unpreventable", _incident(cases) & (beside == 1.0)),
+        ("undecided", _incident(cases) & np.isnan(beside)),
+        ("not evaluated", ~cases.counted),
     )
     for verdict, holds in rules:  # of several that hold it is the last
         found[holds] = _CODES[verdict]
     return Verdicts(found)
 
 
-def _incident(there: OutcomeColumns) -> BoolArray:
+def _incident(cases: CaseTable) -> BoolArray:
     """Cases with U > 0, (n,): those whose centre left the road among them, whatever the margin."""
-    return np.asarray(there.incident | there.off_road)
+    return np.asarray(cases.incident | cases.off_road)
 
 
-def _incidents_at(cases: Sequence[CaseResult], reference: Sequence[CaseResult]) -> FloatArray:
+def _incidents_at(cases: CaseTable, reference: CaseTable) -> FloatArray:
     """Whether the reference had an incident at the point of each case, (n,): 1 or 0, nan without an outcome there."""
     if not len(reference):
         return np.full(len(cases), np.nan)
-    there = OutcomeColumns.of(reference)
     at, its = point_numbers([cases, reference])
     found = np.full(int(max(at.max(initial=0), its.max(initial=0))) + 1, np.nan)
-    found[its] = np.where(there.counted, _incident(there).astype(np.float64), np.nan)
+    found[its] = np.where(reference.counted, _incident(reference).astype(np.float64), np.nan)
     return np.asarray(found[at])
 
 
@@ -160,7 +157,7 @@ def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
     """The counts of every ADS in every logical scenario, in the order of the scores."""
     rows = []
     for score in evaluation.scores:
-        here, there = verdicts(evaluation, score), OutcomeColumns.of(evaluation.cases_of(score.ads, score.scenario))
+        here, there = verdicts(evaluation, score), evaluation.cases_of(score.ads, score.scenario)
         count = here.numbers()
         rows.append(
             Preventability(

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import binom
 
+from sumo_eval.cases import CaseTable, Column
 from sumo_eval.report.comparison import AdsComparison, Comparison, Paired
 from sumo_eval.report.gate_settings import (
     LAST_DIGIT,
@@ -20,8 +21,6 @@ from sumo_eval.report.gate_settings import (
     NoiseSettings,
     ShiftSettings,
 )
-from sumo_eval.results import EVALUATED, GAVE_UP
-from sumo_eval.scoring.kept_rows import Column
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 
@@ -125,17 +124,15 @@ class Ends:
     severity: FloatArray
 
     @classmethod
-    def of(cls, rows: Mapping[str, Column]) -> Ends:
-        """Those of columns named in `END_COLUMNS`."""
-        missed, severity = rows["requirements_missed"], np.nan_to_num(rows["severity"])
-        gave_up, evaluated = np.isin(rows["status"], GAVE_UP), np.isin(rows["status"], EVALUATED)
+    def of(cls, cases: CaseTable) -> Ends:
+        """Those of some cases."""
         return cls(
-            collided=rows["collided"] == 1.0,
-            departed=np.isfinite(rows["departure_time"]) | (rows["status"] == "off_road"),
-            gave_up=gave_up,
-            not_evaluated=~evaluated & ~gave_up,
-            missed=(missed != "") if missed.dtype.kind == "U" else np.zeros(len(missed), dtype=np.bool_),
-            severity=np.maximum(severity, np.nan_to_num(rows["departure_severity"])),
+            collided=cases.collided,
+            departed=cases.departed | cases.off_road,
+            gave_up=cases.gave_up,
+            not_evaluated=~cases.counted,
+            missed=cases.requirements_missed != "",
+            severity=np.maximum(np.nan_to_num(cases.severity), np.nan_to_num(cases.departure_severity)),
         )
 
     @property
@@ -144,7 +141,6 @@ class Ends:
         return self.collided | self.departed | self.gave_up | self.not_evaluated | self.missed
 
 
-END_COLUMNS = ("status", "collided", "departure_time", "requirements_missed", "severity", "departure_severity")
 ENDS = {
     "collided": "collided", "departed": "left the road", "gave_up": "gave up", "not_evaluated": "not evaluated",
     "missed": "missed a requirement",
@@ -184,7 +180,7 @@ def severity_limit(settings: GateSettings, repeats: Repeats) -> float:
 
 def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
     """The pairs of part one, by quantity."""
-    base, new = (Ends.of(rows) for rows in one.changed.paired.arrays(*END_COLUMNS))
+    base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
     found = worse_ends(base, new, severity_limit(settings, repeats))
     return {name: _worst(one, flags, new.severity - base.severity, base.severity, new.severity)
             for name, flags in found.items()}  # fmt: skip
@@ -244,9 +240,8 @@ def tally(
 
 def values_of(paired: Paired, measure: MeasureSettings, *, fill: bool) -> tuple[FloatArray, FloatArray, BoolArray]:
     """A quantity of all pairs, before and after, and which pairs have it and ended without contact in both runs."""
-    old, now = paired.arrays(measure.quantity, "status")
-    there = (old["status"] == "ok") & (now["status"] == "ok")
-    before, after = old[measure.quantity], now[measure.quantity]
+    there = (paired.base.status == "ok") & (paired.new.status == "ok")
+    before, after = (getattr(cases, measure.quantity).astype(np.float64) for cases in (paired.base, paired.new))
     if fill and measure.zone is not None:
         before, after = (np.where(np.isnan(values), measure.zone, values) for values in (before, after))
     return before, after, there & np.isfinite(before) & np.isfinite(after)
@@ -307,7 +302,7 @@ def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
     measures = [one for one in (*settings.near_miss.measure, *settings.shift.measure) if one.quantity not in TIMED]
     better = False
     for one in comparison.ads:
-        base, new = (Ends.of(rows) for rows in one.changed.paired.arrays(*END_COLUMNS))
+        base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
         if any(flags.any() for flags in worse_ends(base, new, 0.0).values()):
             return False
         better |= bool((base.bad & ~new.bad).any())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
 from sumo_eval.report.gate_settings import GateSettings
@@ -20,7 +21,6 @@ from sumo_eval.report.rule import (
     tallies,
 )
 from sumo_eval.report.words import count, number, point
-from sumo_eval.results import CaseResult
 
 WORDS = {
     "min_gap": ("smallest gap", "m"), "min_ttc": ("smallest TTC", "s"), "pet": ("PET", "s"),
@@ -128,8 +128,7 @@ def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
 
 def _ending(worse: Worse, pair: int) -> CaseChange:
     """How a case ended in both runs."""
-    paired = worse.one.changed.paired
-    before, after = paired.base[int(paired.base_rows[pair])], paired.new[int(paired.new_rows[pair])]
+    before, after = worse.one.changed.paired.base[pair], _row(worse, pair)
     return CaseChange(after.case, point(after.values), end_words(before), end_words(after))
 
 
@@ -182,8 +181,7 @@ def _change(worse: Worse, pair: int) -> CaseChange:
 
 
 def _row(worse: Worse, pair: int) -> CaseResult:
-    paired = worse.one.changed.paired
-    return paired.new[int(paired.new_rows[pair])]
+    return worse.one.changed.paired.new[pair]
 
 
 def _key(worse: Worse, pair: int) -> str:

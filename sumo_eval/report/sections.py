@@ -181,9 +181,8 @@ def _ledger(found: Ledger) -> dict[str, Any]:
                 "points": line.points,
                 "number": line.cases if line.entries else "",
                 "cases": [
-                    (quote(entry.case.case, safe=""), point(entry.case.values), entry.points)
-                    for entry in line.entries[:MOST_LEDGER_CASES]
-                    if entry.points < 0.0
+                    (quote(case.case, safe=""), point(case.values), points)
+                    for case, points in line.worst(MOST_LEDGER_CASES)
                 ],
             }
             for line in found.lines

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.record.store import EGO, RECORDED, Store, open_store
 from sumo_eval.report.packing import LEVEL, packed_bytes
-from sumo_eval.results import CaseResult
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
 CHANNEL_STEPS = {

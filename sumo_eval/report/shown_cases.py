@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
-from sumo_eval.scoring.kept_rows import arrays, arrays_in_parts
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.trajectory import FloatArray
 
 MOST_SHOWN = 5_000  # cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
@@ -34,12 +33,12 @@ class Shown:
     places: IntArray | None
     of: int
 
-    def among(self, cases: Sequence[CaseResult]) -> Iterator[tuple[int, CaseResult]]:
+    def among(self, cases: CaseTable) -> Iterator[tuple[int, CaseResult]]:
         """Those of one ADS, each with its place among all of them."""
         places = range(len(cases)) if self.places is None else self.places.tolist()
         return ((place, cases[place]) for place in places if place < len(cases))
 
-    def number(self, cases: Sequence[CaseResult]) -> int:
+    def number(self, cases: CaseTable) -> int:
         """How many of one ADS's there are."""
         return len(cases) if self.places is None else int(np.count_nonzero(self.places < len(cases)))
 
@@ -73,32 +72,29 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
     return found
 
 
-def _telling(cases: Sequence[CaseResult], named: Collection[str]) -> FloatArray:
+def _telling(cases: CaseTable, named: Collection[str]) -> FloatArray:
     """How much each case tells, (n,)."""
-    read, there = arrays(cases, "severity", "human_likeness"), OutcomeColumns.of(cases)
-    tells = np.nan_to_num(1.0 - read["human_likeness"])
-    severity = np.nan_to_num(read["severity"])
-    tells[there.collided] = _HIT + severity[there.collided] / max(float(severity.max(initial=0.0)), 1.0)
-    tells = np.where(there.evaluated, tells, _LOST)
+    collided, severity = cases.collided, np.nan_to_num(cases.severity)
+    tells = np.nan_to_num(1.0 - cases.human_likeness)
+    tells[collided] = _HIT + severity[collided] / max(float(severity.max(initial=0.0)), 1.0)
+    tells = np.where(cases.evaluated, tells, _LOST)
     if named:
-        parts = (np.isin(part["case"], list(named)) for part in arrays_in_parts(cases, "case"))
-        tells[np.concatenate(list(parts))] = _NAMED
+        tells[np.isin(cases.case, list(named))] = _NAMED
     return tells
 
 
-def density_maps(logical: LogicalScenario, cases: Sequence[CaseResult], x: int, y: int) -> list[tuple[str, Markup]]:
+def density_maps(logical: LogicalScenario, cases: CaseTable, x: int, y: int) -> list[tuple[str, Markup]]:
     """Pictures of where all cases of an ADS lie in two parameters, with what each shows: how many there are in each
     part of the plane, and which share of them collided. x, y: columns of the parameters.
     """
     across, up = (logical.parameters[column] for column in (x, y))
-    read = arrays(cases, f"values.{across.name}", f"values.{up.name}", "collided")
     tile = []
-    for item in (across, up):
-        share = (read[f"values.{item.name}"] - item.low) / (item.high - item.low)
+    for item, values in zip((across, up), cases.parameters([across.name, up.name]).T, strict=True):
+        share = (values - item.low) / (item.high - item.low)
         tile.append(np.clip((share * TILES).astype(np.intp), 0, TILES - 1))
     place = tile[1] * TILES + tile[0]
     number = np.bincount(place, minlength=TILES * TILES)
-    hits = np.bincount(place, read["collided"] == 1.0, TILES * TILES)
+    hits = np.bincount(place, cases.collided, TILES * TILES)
     share = np.divide(hits, number, out=np.zeros(len(hits)), where=number > 0)
     axes = " against ".join(f"{item.name} ({item.low:g} to {item.high:g}{item.behind})" for item in (up, across))
     most = int(number.max(initial=0))

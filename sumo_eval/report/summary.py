@@ -8,6 +8,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.report.comparison import Comparison, builds_besides
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.headline import headline, ranked
@@ -20,9 +21,7 @@ from sumo_eval.report.words import (
     share_lost,
     unevaluated,
 )
-from sumo_eval.results import CaseResult, Evaluation, RankedAds, ScenarioResult
-from sumo_eval.scoring.kept_rows import arrays, chosen
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
+from sumo_eval.results import Evaluation, RankedAds, ScenarioResult
 
 MOST_CHANGES = 4  # failed limits whose worst case is named
 WIDE = 20.0  # points of S+: an interval wider than this tells little
@@ -69,9 +68,8 @@ def worst_case(evaluation: Evaluation, order: Sequence[str]) -> str:
 def _looks(evaluation: Evaluation, best: str) -> list[tuple[str, str]]:
     """What to look at next: (words, key of a case or an anchor)."""
     looks = []
-    missing = unevaluated(evaluation)
-    if missing:
-        looks.append((f"{count(len(missing), 'case')} that could not be evaluated", "#missing"))
+    if missing := sum(map(len, unevaluated(evaluation))):
+        looks.append((f"{count(missing, 'case')} that could not be evaluated", "#missing"))
     least = _least_human(evaluation, best)
     if least is not None:
         looks.append((f"the least human-like case of {best}: {_at(least)}", _address(least)))
@@ -82,8 +80,8 @@ def _looks(evaluation: Evaluation, best: str) -> list[tuple[str, str]]:
 
 def _failed(evaluation: Evaluation, score: ScenarioResult) -> bool:
     """Whether a case collided or could not be evaluated."""
-    there = OutcomeColumns.of(cases_of(evaluation, score))
-    return bool((there.collided | ~there.evaluated).any())
+    cases = cases_of(evaluation, score)
+    return bool((cases.collided | ~cases.evaluated).any())
 
 
 def _costliest(evaluation: Evaluation, ads: str) -> CaseResult | None:
@@ -95,7 +93,7 @@ def _costliest(evaluation: Evaluation, ads: str) -> CaseResult | None:
             losses = np.nan_to_num(share_lost(cases, evaluation.settings))
             most = float(losses.max(initial=0.0))
             if most > 0.0:
-                worst.append((most, max(chosen(cases, losses == most), key=lambda case: case.case)))
+                worst.append((most, max(cases[losses == most], key=lambda case: case.case)))
     return max(worst, key=lambda pair: (pair[0], pair[1].case))[1] if worst else None
 
 
@@ -105,10 +103,9 @@ def _least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
     for score in evaluation.scores:
         if score.ads == ads:
             cases = cases_of(evaluation, score)
-            read = arrays(cases, "human_likeness", "collided")
-            likeness = np.where(read["collided"] == 1.0, np.nan, read["human_likeness"])
+            likeness = np.where(cases.collided, np.nan, cases.human_likeness)
             if np.isfinite(likeness).any():
-                found.append(min(chosen(cases, likeness == np.nanmin(likeness)), key=lambda case: case.case))
+                found.append(min(cases[likeness == np.nanmin(likeness)], key=lambda case: case.case))
     return min(found, key=lambda case: (case.human_likeness or 0.0, case.case), default=None)
 
 

@@ -7,9 +7,11 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError
 from sumo_eval.report.checks import checked_cases
 from sumo_eval.report.preventability import preventability, reference_ads
@@ -23,12 +25,12 @@ from sumo_eval.report.words import (
     reference_note_words,
     score_note,
 )
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.text import cell
 
 CHECKS = "checks.csv"
-_ALSO = {"d_i": "index"} | {name: name for name in ("departed", "gave_up", "incident_severity")}
-"""Columns behind the fields: (heading, attribute of CaseResult)."""
+_ALSO = ("d_i", "departed", "gave_up", "incident_severity")
+"""Columns behind the fields."""
 _IN_WORDS: dict[str, Callable[[CaseResult], str]] = {
     "index_note": index_note_words,
     "reference_note": reference_note_words,
@@ -48,7 +50,7 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
         dict.fromkeys(
             name
             for score in evaluation.scores
-            for case in evaluation.cases_of(score.ads, score.scenario)[:1]
+            for case in islice(evaluation.cases_of(score.ads, score.scenario), 1)
             for name in case.values
         )
     )
@@ -57,11 +59,16 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(map(cell, (*_FIRST, *headings, *_REST, *_ALSO)))
-            for case in evaluation.cases:
+            cases = evaluation.cases
+            worst = (None if math.isnan(value) else value for value in cases.incident_severity.tolist())
+            also = zip(cases.departed.tolist(), cases.gave_up.tolist(), worst, strict=True)
+            for case, more in zip(cases, also, strict=True):
                 row = (
                     *(getattr(case, name) for name in _FIRST),
                     *(case.values.get(name) for name in parameters),
-                    *(_shown(case, name) for name in (*_REST, *_ALSO.values())),
+                    *(_shown(case, name) for name in _REST),
+                    case.index,
+                    *more,
                 )
                 writer.writerow(map(cell, row))
     except OSError as error:

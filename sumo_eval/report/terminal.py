@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import check_lines
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gates import GateResult
@@ -32,8 +33,9 @@ from sumo_eval.report.words import (
     reason_without_h,
     score_note,
     unevaluated,
+    why_missing,
 )
-from sumo_eval.results import CaseResult, CasesMissing, Evaluation, Ranking, ReferenceMissing
+from sumo_eval.results import CasesMissing, Evaluation, Ranking, ReferenceMissing
 from sumo_eval.text import without_numbers
 
 NOT_COMPUTED = "not computed"
@@ -70,9 +72,9 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     if any(not score.task_reference and score.task_share is not None for score in evaluation.scores):
         lines.append(WITHOUT_REFERENCE_CAR)
     missing = unevaluated(evaluation)
-    if missing:
-        lines.append(f"{count(len(missing), 'case')} could not be evaluated and left the means:")
-        kinds, rest = _by_kind(missing)
+    if number_of := sum(map(len, missing)):
+        lines.append(f"{count(number_of, 'case')} could not be evaluated and left the means:")
+        kinds, rest = _by_kind(case for table in missing for case in table)
         lines += [f"  {_of_a_kind(kind)}" for kind in kinds]
         if rest:
             lines.append(f"  and {rest} more, all in the report.")
@@ -114,7 +116,7 @@ class _Kind:
     more: int = 0
 
 
-def _by_kind(missing: Iterable[tuple[CaseResult, str]]) -> tuple[list[_Kind], int]:
+def _by_kind(missing: Iterable[CaseResult]) -> tuple[list[_Kind], int]:
     """The first `MOST_LISTED` kinds of cases that are missing from a mean, and how many are of no such kind.
 
     Those are of one kind that one ADS lost at one place of its code, or with one sentence, of who drove well whatever
@@ -122,7 +124,8 @@ def _by_kind(missing: Iterable[tuple[CaseResult, str]]) -> tuple[list[_Kind], in
     """
     kinds: dict[tuple[str, str, str], _Kind] = {}
     rest = 0
-    for case, sentence in missing:
+    for case in missing:
+        sentence = why_missing(case)
         alike = without_numbers(sentence) if case.evaluated else case.error_place or sentence
         key = case.ads, case.status, alike
         if key in kinds:
@@ -315,8 +318,7 @@ def _ledger_lines(found: Ledger) -> list[str]:
         equation = f"Eq. {line.equation}: " if line.equation else ""
         lines.append(f"  {line.points:+z8.2f}  {line.term} {line.index:+z.4f}  {equation}{line.words}{cases}")
         lines += [
-            f"            {entry.points:+z8.2f}  {one_line(entry.case.case)}: {one_line(point(entry.case.values))}"
-            for entry in line.entries[:MOST_ENTRIES]
-            if entry.points < 0.0
+            f"            {points:+z8.2f}  {one_line(case.case)}: {one_line(point(case.values))}"
+            for case, points in line.worst(MOST_ENTRIES)
         ]
     return [*lines, f"  {total:>8}  {found.name}, the sum"]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_eval.cases import CaseResult, CaseTable, point_numbers
 from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.method.manoeuvres import Manoeuvre
@@ -18,7 +19,6 @@ from sumo_eval.method.score_terms import exposure_mean, ideal_ratio, mean_shares
 from sumo_eval.results import (
     ActorsLeft,
     BeyondRange,
-    CaseResult,
     CasesMissing,
     DrivenAlone,
     DrivenInBlocks,
@@ -38,11 +38,8 @@ from sumo_eval.results import (
     StruckFromBehind,
     ThinReferences,
     WorstAndBest,
-    columns,
 )
 from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms, ratios
-from sumo_eval.scoring.kept_rows import Chosen, Made, OfSomeRows, arrays, chosen, name_ranks, point_numbers
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -268,10 +265,10 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
     found = []
     for name in dict.fromkeys(score.scenario for score in evaluation.scores):
         cases = evaluation.cases_in(name)
-        read, safe = arrays(cases, "recorded_drivers"), OutcomeColumns.of(cases).safe
+        safe = cases.safe
         if not safe.any():
             continue
-        people = np.nan_to_num(read["recorded_drivers"][safe])
+        people = np.nan_to_num(cases.recorded_drivers[safe])
         points, place = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
         most = np.zeros(len(points))
         np.maximum.at(most, place, np.where(people >= fewest, people, 0.0))
@@ -345,26 +342,22 @@ def _wants_no_index(score: ScenarioResult) -> bool:
     return score.d_reason is not None and score.d_reason.why in ("collisions", "no_drivers")
 
 
-def cases_of(evaluation: Evaluation, score: ScenarioResult) -> Sequence[CaseResult]:
+def cases_of(evaluation: Evaluation, score: ScenarioResult) -> CaseTable:
     """The cases of one ADS in one logical scenario."""
     return evaluation.cases_of(score.ads, score.scenario)
 
 
-def unevaluated(evaluation: Evaluation) -> Sequence[tuple[CaseResult, str]]:
-    """Every case that is missing from a mean, with a sentence that says why; each row is read when it is asked for."""
-    return Made(
-        *((unevaluated_of(evaluation, score), lambda case, _: (case, why_missing(case))) for score in evaluation.scores)
-    )
+def unevaluated(evaluation: Evaluation) -> list[CaseTable]:
+    """The cases that are missing from a mean, of each ADS in each scenario."""
+    return [cases_of(evaluation, score)[missing_from_means(evaluation, score)] for score in evaluation.scores]
 
 
-def unevaluated_of(evaluation: Evaluation, score: ScenarioResult) -> Chosen:
-    """The cases of one ADS and scenario that are missing from a mean."""
+def missing_from_means(evaluation: Evaluation, score: ScenarioResult) -> BoolArray:
+    """Which cases of one ADS in one scenario are missing from a mean, (n,)."""
     cases = cases_of(evaluation, score)
-    there = OutcomeColumns.of(cases)
-    missing = ~there.evaluated | np.isnan(there.ideal) | np.isnan(there.unreacting)
-    if not _wants_no_index(score):
-        missing |= there.counts_for_index & np.isnan(arrays(cases, "index")["index"])
-    return chosen(cases, missing)
+    if _wants_no_index(score):
+        return np.asarray(cases.missing)
+    return np.asarray(cases.missing | (cases.counts_for_index & np.isnan(cases.index)))
 
 
 def why_missing(case: CaseResult) -> str:
@@ -419,7 +412,7 @@ def collisions_sentence(score: ScenarioResult) -> str:
     return f"{score.ads} had {count(score.collisions, 'collision')}: {', '.join(parts)}."
 
 
-def explain_a(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[str]:
+def explain_a(score: ScenarioResult, cases: CaseTable, settings: EvaluationSettings) -> list[str]:
     """Why A is what it is."""
     said = [collisions_sentence(score)]
     if score.avoided_share is None:
@@ -438,13 +431,13 @@ def explain_a(score: ScenarioResult, cases: Sequence[CaseResult], settings: Eval
     return said
 
 
-def share_lost(cases: Sequence[CaseResult], settings: EvaluationSettings) -> FloatArray:
+def share_lost(cases: CaseTable, settings: EvaluationSettings) -> FloatArray:
     """What each case of one ADS and scenario takes from A, (n,), together 1 - A; nan where it has no part in A."""
     losses = avoided_share_losses(case_terms(cases, settings.method))
     return np.where(np.isfinite(losses), losses, np.nan)
 
 
-def explain_h(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
+def explain_h(score: ScenarioResult, cases: CaseTable) -> list[str]:
     """Why H is what it is."""
     if score.human_likeness is None:
         return [f"H is not computed: {reason_without_h(score)}. Its term counts 0 points."]
@@ -493,54 +486,42 @@ def reason_without_h(score: ScenarioResult) -> str:
     return _reason(score.h_reason, "human-likeness")
 
 
-def likeness_means(cases: Sequence[CaseResult]) -> dict[str, float]:
+def likeness_means(cases: CaseTable) -> dict[str, float]:
     """Mean of every factor of a case's human-likeness over the safe cases without an incident, by exposure."""
-    counted = np.isfinite(arrays(cases, "human_likeness")["human_likeness"])
-    return _means(cases, counted & ~OutcomeColumns.of(cases).incident, LIKENESS_FACTORS)
+    counted = np.isfinite(cases.human_likeness)
+    return _means(cases, counted & ~cases.incident, LIKENESS_FACTORS)
 
 
-def likened(cases: Sequence[CaseResult]) -> tuple[int, int]:
+def likened(cases: CaseTable) -> tuple[int, int]:
     """How many cases have a human-likeness, and how many of them hold an incident."""
-    counted = np.isfinite(arrays(cases, "human_likeness")["human_likeness"])
-    return int(np.count_nonzero(counted)), int(np.count_nonzero(counted & OutcomeColumns.of(cases).incident))
+    counted = np.isfinite(cases.human_likeness)
+    return int(np.count_nonzero(counted)), int(np.count_nonzero(counted & cases.incident))
 
 
 # --- why C, D and S are what they are ---------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class CollisionShare:
-    """One collision in C. avoided: its ratio Ug/U (or of the loss classes). lost: its part of 1 - C; parts add up."""
-
-    case: CaseResult
-    avoided: float | None
-    lost: float | None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class CollisionShares(OfSomeRows[CollisionShare]):
-    """The collisions among the cases of one ADS and scenario, the one that took most from C first (Eq. 17). ratios,
-    lost: (h,), nan where not known.
+class CollisionShares:
+    """Collisions of one ADS in one scenario, the one that took most from C first (Eq. 17): their rows, (h,).
+
+    avoided: Ug/U of each (or of the loss classes); lost: its part of 1 - C; nan where not known. Parts add up.
     """
 
-    ratios: FloatArray
+    places: IntArray
+    avoided: FloatArray
     lost: FloatArray
 
-    def _made(self, place: int) -> CollisionShare:
-        known = (float(values[place]) for values in (self.ratios, self.lost))
-        return CollisionShare(self._row(place), *(None if math.isnan(value) else value for value in known))
 
-
-def collision_shares(cases: Sequence[CaseResult], settings: EvaluationSettings) -> CollisionShares:
+def collision_shares(cases: CaseTable, settings: EvaluationSettings) -> CollisionShares:
     """The collisions among the cases of one ADS and scenario, the one that took most from C first (Eq. 17)."""
-    read = arrays(cases, "collided", "severity", "ideal_severity", "weight")
-    places = np.flatnonzero(read["collided"] == 1.0)
-    severity, ideal, weight = (read[name][places] for name in ("severity", "ideal_severity", "weight"))
-    found = ratios(severity, ideal, settings.method)
+    places = np.flatnonzero(cases.collided)
+    hits = cases[places]
+    found = ratios(hits.severity, hits.ideal_severity, settings.method)
     known, lost = np.isfinite(found), np.full(len(places), np.nan)
-    lost[known] = mean_shares(np.nan_to_num(weight[known])) * (1.0 - found[known])
-    order = np.lexsort((name_ranks(cases, places), -np.nan_to_num(lost), np.isnan(lost)))
-    return CollisionShares(cases, places[order], found[order], lost[order])
+    lost[known] = mean_shares(np.nan_to_num(hits.weight[known])) * (1.0 - found[known])
+    order = np.lexsort((hits.case, -np.nan_to_num(lost), np.isnan(lost)))
+    return CollisionShares(places[order], found[order], lost[order])
 
 
 def ratio_of(case: CaseResult, loss: str) -> float | None:
@@ -553,12 +534,12 @@ def ratio_of(case: CaseResult, loss: str) -> float | None:
     return float(ideal_ratio(hit, best))
 
 
-def explain_c(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[str]:
+def explain_c(score: ScenarioResult, cases: CaseTable, settings: EvaluationSettings) -> list[str]:
     """Why C is what it is."""
     if score.c is None:
         return [f"C is not computed: {REASON_WITHOUT_C}. Its term counts 0 points."]
     if score.collisions == 0:
-        judged = int(np.count_nonzero(OutcomeColumns.of(cases).evaluated))
+        judged = int(np.count_nonzero(cases.evaluated))
         return [f"{score.ads} did not collide in any of {count(judged, 'evaluated case')}, so C = 1."]
     risky = score.collisions - score.safe_collisions
     zones = ((risky, score.hazardous_cases, "hazardous case"), (score.safe_collisions, score.safe_cases, "safe case"))
@@ -573,19 +554,20 @@ def explain_c(score: ScenarioResult, cases: Sequence[CaseResult], settings: Eval
             else "A collision that the ideal vehicle avoids still has Lg = 0.1."
         ),
     ]
-    worst = next(iter(collision_shares(cases, settings)), None)
-    if worst is not None and worst.lost and worst.lost >= SHARE_WORTH_NAMING * (1.0 - score.c):
-        sentences.append(f"{point(worst.case.values)} took the most from C: {worst.lost:z.3f} of {1.0 - score.c:z.3f}.")
+    shares = collision_shares(cases, settings)
+    worst, lost = cases[shares.places[0]], float(shares.lost[0])
+    if lost and lost >= SHARE_WORTH_NAMING * (1.0 - score.c):
+        sentences.append(f"{point(worst.values)} took the most from C: {lost:z.3f} of {1.0 - score.c:z.3f}.")
     return sentences
 
 
-def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
+def explain_d(score: ScenarioResult, cases: CaseTable) -> list[str]:
     """Why D is what it is."""
     if score.d is None:
         return [f"D is not computed: {reason_without_d(score)}. Its term counts 0 points."]
     means = factor_means(cases)
-    index = arrays(cases, "index")["index"]
-    safe = OutcomeColumns.of(cases).safe
+    index = cases.index
+    safe = cases.safe
     indexed = int(np.count_nonzero(safe & np.isfinite(index)))
     name = min(means, key=lambda factor: means[factor])
     if means[name] >= NEGLIGIBLE_LIMIT:
@@ -597,10 +579,7 @@ def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
     low = int(np.count_nonzero(safe & (index < 0.1)))
     if 0 < low < indexed:
         sentences.append(f"{low} of them {'scores' if low == 1 else 'score'} below 0.1.")
-    split = sum(
-        zone == "safe" and any(one.kind == "two_groups" for one in notes)
-        for zone, notes in columns(cases, "zone", "index_note")
-    )
+    split = sum(any(one.kind == "two_groups" for one in notes) for notes in cases.index_note[safe])
     if split:
         sentences.append(
             f"In {split} of them some drivers overtook and others followed. D compares the ADS "
@@ -646,20 +625,20 @@ def not_computed(reason: str) -> str:
     return f"not computed: {reason}" if reason else ""
 
 
-def factor_means(cases: Sequence[CaseResult]) -> dict[str, float]:
+def factor_means(cases: CaseTable) -> dict[str, float]:
     """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without any."""
-    indexed = np.isfinite(arrays(cases, "index")["index"])
-    return _means(cases, OutcomeColumns.of(cases).safe & indexed, FACTORS)
+    indexed = np.isfinite(cases.index)
+    return _means(cases, cases.safe & indexed, FACTORS)
 
 
-def _means(cases: Sequence[CaseResult], counted: BoolArray, factors: Mapping[str, tuple[str, str]]) -> dict[str, float]:
+def _means(cases: CaseTable, counted: BoolArray, factors: Mapping[str, tuple[str, str]]) -> dict[str, float]:
     """The mean of every factor over the cases that are counted, (n,)."""
-    read = arrays(cases, "exposure", *(field for field, _ in factors.values()))
-    exposure = read["exposure"][counted]
+    some = cases[counted]
+    exposure = some.exposure
     if not exposure.sum() > 0.0:
         return {}
     return {
-        name: float(exposure_mean(read[field][counted], exposure, once(len(exposure)))[0])
+        name: float(exposure_mean(getattr(some, field), exposure, once(len(exposure)))[0])
         for name, (field, _) in factors.items()
     }
 
@@ -815,7 +794,7 @@ def index_notes(evaluation: Evaluation) -> list[GatheredNote]:
         ends: dict[
             tuple[NoteKind, Manoeuvre], tuple[int, int, int, int]
         ] = {}  # least and most count, least and most of
-        for _, notes in columns(cases_of(evaluation, score), "zone", "index_note"):
+        for notes in cases_of(evaluation, score).index_note:
             for note in notes:
                 kind = note.kind, note.manoeuvre
                 number[kind] += 1

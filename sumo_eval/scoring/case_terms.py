@@ -8,19 +8,12 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss
-from sumo_eval.results import CaseResult
-from sumo_eval.scoring.kept_rows import arrays
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-_FIELDS = (
-    "severity", "departure_severity", "ideal_severity", "no_reaction_severity", "exposure", "weight", "index",
-    "human_likeness", "task_share",
-)  # fmt: skip
-"""Of a row of cases.csv what scores are made of, besides what became of the case."""
 SCORES = (
     "c",
     "d",
@@ -64,42 +57,38 @@ class CaseTerms:
     counted: BoolArray
     task: FloatArray
 
-    def part(self, rows: NDArray[np.intp] | slice) -> CaseTerms:
+    def part(self, rows: NDArray[np.intp] | BoolArray | slice) -> CaseTerms:
         """Those of some of the cases."""
         return CaseTerms(*(getattr(self, item.name)[rows] for item in fields(self)))
 
 
-def case_terms(cases: Sequence[CaseResult], method: MethodSettings, there: OutcomeColumns | None = None) -> CaseTerms:
-    """The terms of cases, in their order; of kept rows nothing but their columns is read. there: what became of these
-    cases, where that has been read.
-    """
-    there = OutcomeColumns.of(cases) if there is None else there
-    read = arrays(cases, *_FIELDS)
-    hit, departure, ideal, unreacting, exposure, weight, index, likeness, task = (
-        np.ascontiguousarray(read[name], dtype=np.float64) for name in _FIELDS
-    )
-    worst = np.fmax(np.where(there.collided, hit, 0.0), np.nan_to_num(departure))
-    worst = np.where(there.gave_up, np.maximum(worst, unreacting), worst)
-    worst = np.where(there.counted, worst, np.nan)
+def case_terms(cases: CaseTable | Sequence[CaseResult], method: MethodSettings) -> CaseTerms:
+    """The terms of cases, in their order."""
+    table = CaseTable.of(cases)
     contact, severity, ideal, unreacting = (
         _loss(values) if method.collision.loss == "class" else values
-        for values in (np.where(there.collided, hit, np.nan), worst, ideal, unreacting)
+        for values in (
+            np.where(table.collided, table.severity, np.nan),
+            table.incident_severity,
+            table.ideal_severity,
+            table.no_reaction_severity,
+        )
     )
     return CaseTerms(
-        exposure=exposure,
-        weight=weight,
+        exposure=table.exposure,
+        weight=table.weight,
         severity=severity,
         ideal=ideal,
         unreacting=unreacting,
         ratio=score_terms.ideal_ratio(contact, ideal),
-        collided=there.collided,
-        evaluated=there.evaluated,
-        index=np.where(there.counts_for_index, index, np.nan),
-        likeness=likeness,
-        voids=there.voids_index,
-        incident=there.incident,
-        counted=there.counted,
-        task=np.where(there.safe, task, np.nan),
+        collided=table.collided,
+        evaluated=table.evaluated,
+        index=np.where(table.counts_for_index, table.index, np.nan),
+        likeness=table.human_likeness,
+        voids=table.voids_index,
+        incident=table.incident,
+        counted=table.counted,
+        task=np.where(table.safe, table.task_share, np.nan),
     )
 
 

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial import KDTree
 
-from sumo_eval.results import Evaluation, columns
+from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scoring.kept_rows import arrays, parameters_of
 
 LEAST_HUMAN = 100
 """Cases of an ADS in a scenario, the least human-like ones, whose points are critical."""
@@ -28,14 +27,13 @@ def critical_points(
     for score in evaluation.scores:
         name, logical = score.scenario, spaces[score.scenario]
         cases = evaluation.cases_of(score.ads, name)
-        points = np.array([numbers[case] for case, _ in columns(cases, "case", "zone")], dtype=np.intp)
-        read = arrays(cases, "collided", "status", "human_likeness")
-        ended, likeness = read["collided"] == 1.0, read["human_likeness"]
-        critical = ended | (read["status"] != "ok")
+        points = np.array([numbers[case] for case in cases.case.tolist()], dtype=np.intp)
+        ended, likeness = cases.collided, cases.human_likeness
+        critical = ended | (cases.status != "ok")
         liked = np.flatnonzero(np.isfinite(likeness))
         critical[liked[np.lexsort((points[liked], likeness[liked]))[:LEAST_HUMAN]]] = True
         if len(points) > 1:
-            places = logical.to_unit(parameters_of(cases, logical.names))
+            places = logical.to_unit(cases.parameters(logical.names))
             nearest = np.asarray(KDTree(places).query(places, k=2)[1])[:, 1]
             critical |= ended[nearest] != ended
         found |= {(name, number) for number in points[critical].tolist()}

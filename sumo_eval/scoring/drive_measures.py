@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from sumo_eval.cases import EVALUATED
 from sumo_eval.method.conflict import conflicting
 from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, conflict_pet, course_of, lane_keeping, measures
 from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
@@ -19,7 +20,6 @@ from sumo_eval.record.human_reference import method_sources
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import EGO, Fact, Store, open_store
-from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import Collision
 

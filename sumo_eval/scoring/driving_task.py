@@ -8,6 +8,8 @@ from functools import cache
 from itertools import groupby
 from pathlib import Path
 
+from sumo_eval.cases import EVALUATED
+from sumo_eval.coded import decoded, encoded
 from sumo_eval.method.driving_task import (
     AskedWay,
     Departure,
@@ -17,12 +19,10 @@ from sumo_eval.method.driving_task import (
     task_share,
 )
 from sumo_eval.method.measures import STANDING
-from sumo_eval.record.coded import decoded, encoded
 from sumo_eval.record.human_reference import method_sources
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import EGO, Fact, Store, open_store
-from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import Trajectory

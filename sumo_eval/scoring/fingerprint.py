@@ -20,7 +20,7 @@ from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 _PACKAGE = Path(__file__).parent.parent
 _ROOMS = ("drivers", "method", "record", "scenario", "scoring", "settings")
-_FILES = ("evaluation.py", "results.py", "trajectory.py")
+_FILES = ("cases.py", "coded.py", "evaluation.py", "results.py", "trajectory.py")
 _COMPUTES = ("numpy", "scipy", "numba")
 _QUOTED = re.compile(r"""["']([^"'\n]{1,300})["']""")
 _WITH_NAMES = (".toml", ".xosc", ".py", ".json", ".xml")

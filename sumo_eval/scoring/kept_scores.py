@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, is_dataclass
 
 from sumo_eval import results
-from sumo_eval.record.coded import decoded, encoded
+from sumo_eval.cases import COLUMNS, CaseResult, CaseTable, Chunk, encode_rows
+from sumo_eval.coded import decoded, encoded
+from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.results import CaseResult, Ranking, ScenarioResult, ZoneResult
-from sumo_eval.scoring.kept_rows import Chunk, KeptRows, encode_rows
+from sumo_eval.results import Ranking, ScenarioResult, ZoneResult
 from sumo_eval.trajectory import Alone
 
 _MOST_OF_OTHERS = 256 << 20  # bytes of rows that other settings than the last gave, before the oldest go
 _in_use: set[bytes] = set()  # keys of scores that this process has handed out
+
+
+@dataclass(frozen=True, slots=True)
+class KeptChunk:
+    """Rows of one ADS in one scenario that are kept together, and their place among those of a scoring."""
+
+    scenario: str
+    ads: str
+    rows: int
+    place: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,14 +34,29 @@ class Scores:
     zones: tuple[ZoneResult, ...]
     scores: tuple[ScenarioResult, ...]
     ranking: Ranking
-    chunks: tuple[Chunk, ...]
+    chunks: tuple[KeptChunk, ...]
 
 
 _RECORDS: dict[str, type] = {
     one.__name__: one
-    for one in (*vars(results).values(), Alone, Chunk, Scores)
+    for one in (*vars(results).values(), Alone, KeptChunk, Scores)
     if isinstance(one, type) and is_dataclass(one)
 }
+
+
+def table_of(kept: KeptResults, key: bytes, chunks: Sequence[KeptChunk]) -> CaseTable:
+    """The rows of a scoring, each column read from the run's folder when it is asked for."""
+    return CaseTable((Chunk(one.scenario, one.ads, one.rows, _reader(kept, key, one.place)) for one in chunks), key=key)
+
+
+def _reader(kept: KeptResults, key: bytes, place: int) -> Callable[[int], bytes]:
+    def column(number: int) -> bytes:
+        data = kept.get("rows", key, place * COLUMNS + number)
+        if data is None:
+            raise InputError(f"Rows of {kept.path} are gone: somebody took them out. Score the run again.")
+        return data
+
+    return column
 
 
 class RowWriter:
@@ -38,20 +64,21 @@ class RowWriter:
 
     def __init__(self, kept: KeptResults, key: bytes) -> None:
         self._kept, self._key = kept, key
-        self._chunks: list[Chunk] = []
+        self._chunks: list[KeptChunk] = []
 
-    def add(self, scenario: str, ads: str, rows: Sequence[CaseResult]) -> None:
+    def add(self, rows: Sequence[CaseResult]) -> None:
         """Keep rows of one ADS in one scenario, after those of it that are there."""
         if rows:
-            chunk = Chunk(scenario, ads, len(self._chunks), len(rows))
-            self._kept.put([("rows", self._key, chunk.place, encode_rows(rows))])
+            chunk = KeptChunk(rows[0].scenario, rows[0].ads, len(rows), len(self._chunks))
+            parts = enumerate(encode_rows(rows), chunk.place * COLUMNS)
+            self._kept.put(("rows", self._key, place, data) for place, data in parts)
             self._chunks.append(chunk)
 
-    def rows(self, ads: str, scenario: str) -> KeptRows:
+    def rows(self, ads: str, scenario: str) -> CaseTable:
         """All rows of one ADS in one scenario so far."""
-        return KeptRows(self._kept, self._key, self._chunks).part(ads, scenario)
+        return table_of(self._kept, self._key, self._chunks).part(scenario, ads)
 
-    def chunks(self, order: Sequence[tuple[str, str]]) -> tuple[Chunk, ...]:
+    def chunks(self, order: Sequence[tuple[str, str]]) -> tuple[KeptChunk, ...]:
         """Where the rows are, ADSs and scenarios in this order of (ADS, scenario)."""
         return tuple(chunk for pair in order for chunk in self._chunks if (chunk.ads, chunk.scenario) == pair)
 

@@ -11,6 +11,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_eval.cases import EVALUATED, CaseResult, CaseTable, ThinReference
 from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.leave_one_out import HumanBand
@@ -21,15 +22,7 @@ from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import RECORDED, Fact, Store
-from sumo_eval.results import (
-    EVALUATED,
-    CaseResult,
-    OutsideSupport,
-    ScoreNote,
-    ThinReference,
-    ThinReferences,
-    columns,
-)
+from sumo_eval.results import OutsideSupport, ScoreNote, ThinReferences
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.confidence.drivers import exchanges
 from sumo_eval.settings import DriverSettings, EvaluationSettings
@@ -267,19 +260,13 @@ def with_people(
     return full
 
 
-def reference_notes(rows: Iterable[CaseResult]) -> tuple[ScoreNote, ...]:
+def reference_notes(cases: CaseTable) -> tuple[ScoreNote, ...]:
     """What must be said of the human reference and the exposure of the cases of one ADS in one scenario."""
-    cases = safe = thin = unfilled = outside = 0
-    for zone, exposure_note, reference in columns(rows, "zone", "exposure_note", "reference_note"):
-        cases += 1
-        outside += bool(exposure_note)
-        if zone == "safe":
-            safe += 1
-            thin += reference is not None
-            unfilled += reference is not None and reference.filled is None
+    safe, outside = cases.safe, int(np.count_nonzero(cases.exposure_note != ""))
+    thin = [note for note in cases.reference_note[safe] if note is not None]
     said: list[ScoreNote] = []
     if thin:
-        said.append(ThinReferences(thin, safe, unfilled))
+        said.append(ThinReferences(len(thin), int(safe.sum()), sum(note.filled is None for note in thin)))
     if outside:
-        said.append(OutsideSupport(outside, cases))
+        said.append(OutsideSupport(outside, len(cases)))
     return tuple(said)

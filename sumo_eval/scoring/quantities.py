@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
 
+from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Column, Zone
 from sumo_eval.method.anthropomorphic import exposure_weighted_index
 from sumo_eval.method.collision_avoidance import (
     collision_avoidance_index,
@@ -18,7 +19,6 @@ from sumo_eval.method.collision_avoidance import (
 )
 from sumo_eval.method.conflict import Conflict, conflict_at
 from sumo_eval.method.driving_task import roadside_contact
-from sumo_eval.method.measures import CriticalityMeasures
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
@@ -26,11 +26,8 @@ from sumo_eval.record.cases import IN_BLOCK
 from sumo_eval.record.human_reference import CaseIndex
 from sumo_eval.record.store import Fact, Store
 from sumo_eval.results import (
-    EVALUATED,
-    GAVE_UP,
     ActorsLeft,
     BeyondRange,
-    CaseResult,
     CasesMissing,
     DrivenAlone,
     DrivenInBlocks,
@@ -44,7 +41,6 @@ from sumo_eval.results import (
     ScoreNote,
     StruckFromBehind,
     WorstAndBest,
-    Zone,
     ZoneResult,
 )
 from sumo_eval.scenario.logical import LogicalScenario
@@ -52,12 +48,12 @@ from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.scoring.drive_measures import DriveMeasures
 from sumo_eval.scoring.driving_task import TaskOfDrive
-from sumo_eval.scoring.kept_rows import arrays
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import CollisionSettings, MethodSettings
 from sumo_eval.text import without_numbers
 from sumo_eval.trajectory import BoolArray, FloatArray
 
+_RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in fields(Fact)} - {"clips"}
+"""What a row has of its fact as it is."""
 STRUCK_FROM_BEHIND = "struck_from_behind"
 LEFT_THE_NETWORK = "actor_left_the_network"
 """The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
@@ -241,23 +237,9 @@ def tabulate(
         departure = task.departure
         rows.append(
             CaseResult(
-                case=fact.case,
-                scenario=fact.scenario,
                 ads=fact.driver,
-                values=fact.values,
                 zone="hazardous" if dangerous else "safe",
-                exposure=fact.exposure,
-                status=fact.status,
-                end_reason=fact.end_reason,
-                error=fact.error,
-                error_place=fact.error_place,
-                wall_time=fact.wall_time,
-                simulated_time=fact.simulated_time,
-                latency_mean=fact.latency_mean,
-                latency_max=fact.latency_max,
-                latency_median=fact.latency_median,
-                latency_p99=fact.latency_p99,
-                latency_reference=fact.latency_reference,
+                **{name: getattr(fact, name) for name in _RECORDED},
                 latency_relative=fact.latency_median / fact.latency_reference
                 if fact.latency_median is not None and fact.latency_reference
                 else None,
@@ -304,31 +286,14 @@ def _judged(row: CaseResult, index: CaseIndex | None, found: DriveMeasures | Non
         likeness = 0.0
     elif row.counts_for_index and not row.incident and index is not None and index.likeness is not None:
         likeness = index.likeness.value * found.plausibility
-    lane = found.lane
-    return replace(
-        _with_measures(row, found.criticality),
-        plausibility=found.plausibility,
-        human_likeness=likeness,
-        largest_offset=lane.largest_offset,
-        overshoot=lane.overshoot,
-        over_line_time=lane.over_line_time,
-        settling_time=_finite(lane.settling_time),
-        conflict_pet=_finite(found.conflict_pet),
-    )
-
-
-def _with_measures(row: CaseResult, found: CriticalityMeasures) -> CaseResult:
+    columns = [(item.name, part) for part in (found.criticality, found.lane) for item in fields(part)]
+    measured = {name: _finite(getattr(part, name)) for name, part in columns if hasattr(row, name)}
     return replace(
         row,
-        min_ttc=_finite(found.min_ttc),
-        max_ittc=_finite(found.max_ittc),
-        min_thw=_finite(found.min_thw),
-        min_gap=_finite(found.min_gap),
-        max_drac=_finite(found.max_drac),
-        pet=_finite(found.pet),
-        max_deceleration=_finite(found.max_deceleration),
-        max_jerk=_finite(found.max_jerk),
-        delta_v=_finite(found.delta_v),
+        plausibility=found.plausibility,
+        human_likeness=likeness,
+        conflict_pet=_finite(found.conflict_pet),
+        **measured,  # type: ignore[arg-type]
     )
 
 
@@ -340,7 +305,7 @@ def _finite(value: float) -> float | None:
 def combine(
     ads: str,
     scenario: str,
-    cases: Sequence[CaseResult],
+    rows: CaseTable | Sequence[CaseResult],
     method: MethodSettings,
     notes: Sequence[ScoreNote] = (),
     *,
@@ -353,19 +318,19 @@ def combine(
     reference car that T compares with, "" where the run holds none.
     """
     notes = list(notes)
-    there = OutcomeColumns.of(cases)
-    terms = case_terms(cases, method, there)
+    cases = CaseTable.of(rows)
+    terms = case_terms(cases, method)
     values = point_values(terms, method)
     c, d = values["c"], values["d"]
-    tally = _Tally.of(cases, there)
+    tally = _Tally.of(cases)
     voiding = tally.voiding
     missing = Counter(tally.missing)
     if not voiding and people and tally.without_index:
         missing["safe"] += tally.without_index
-    c_interval = _c_interval(cases, there, method)
-    d_interval = _d_interval(cases, there) if tally.safe and not voiding and people else None
+    c_interval = _c_interval(cases, method)
+    d_interval = _d_interval(cases) if tally.safe and not voiding and people else None
     s_interval = _s_interval(c, d, c_interval, d_interval, tally.safe_not_evaluated, method)
-    others = missing_bounds(terms, there.safe, method, people=people) if missing else {}
+    others = missing_bounds(terms, cases.safe, method, people=people) if missing else {}
     if missing:
         notes.append(CasesMissing(tuple(sorted(missing.items()))))
         notes += _references_missing(cases)
@@ -407,8 +372,8 @@ def combine(
         s_interval=s_interval,
         task_share=values["task_share"],
         avoidance_grade=values["avoidance_grade"],
-        departures=int(np.count_nonzero(there.departed)),
-        gave_up=int(np.count_nonzero(there.gave_up)),
+        departures=int(np.count_nonzero(cases.departed)),
+        gave_up=int(np.count_nonzero(cases.gave_up)),
         task_reference=task_reference,
         avoided_share=values["avoided_share"],
         avoided_share_exposure=values["avoided_share_exposure"],
@@ -452,41 +417,38 @@ class _Tally:
     likenesses: int
 
     @classmethod
-    def of(cls, cases: Sequence[CaseResult], there: OutcomeColumns) -> _Tally:
-        read = arrays(cases, "index", "human_likeness", "beats_ideal")
-        indexed = np.isfinite(read["index"])
-        missing = ~there.evaluated | np.isnan(there.ideal) | np.isnan(there.unreacting)
-        zones: tuple[tuple[Zone, BoolArray], ...] = (("safe", there.safe), ("hazardous", ~there.safe))
+    def of(cls, cases: CaseTable) -> _Tally:
+        safe, collided, missing, indexed = cases.safe, cases.collided, cases.missing, np.isfinite(cases.index)
+        zones: tuple[tuple[Zone, BoolArray], ...] = (("safe", safe), ("hazardous", ~safe))
 
         def number(flags: BoolArray) -> int:
             return int(np.count_nonzero(flags))
 
         return cls(
-            safe=number(there.safe),
-            hits=number(there.collided),
-            safe_hits=number(there.safe & there.collided),
-            voiding=number(there.voids_index),
-            avoidable=number(there.avoidable),
-            unavoidable=number(there.unavoidable),
-            caused=number(there.caused),
-            struck=number(there.struck),
-            beaten=number(there.collided & (read["beats_ideal"] == 1.0)),
-            off_road=number(there.off_road),
+            safe=number(safe),
+            hits=number(collided),
+            safe_hits=number(safe & collided),
+            voiding=number(cases.voids_index),
+            avoidable=number(cases.avoidable),
+            unavoidable=number(cases.unavoidable),
+            caused=number(cases.caused),
+            struck=number(cases.struck_from_behind),
+            beaten=number(collided & cases.beats_ideal),
+            off_road=number(cases.off_road),
             missing={zone: number(missing & inside) for zone, inside in zones if (missing & inside).any()},
-            without_index=number(~missing & there.counts_for_index & ~indexed),
-            safe_not_evaluated=number(there.safe & ~there.evaluated),
-            indexes=number(there.safe & indexed),
-            likenesses=number(there.safe & np.isfinite(read["human_likeness"])),
+            without_index=number(~missing & cases.counts_for_index & ~indexed),
+            safe_not_evaluated=number(safe & ~cases.evaluated),
+            indexes=number(safe & indexed),
+            likenesses=number(safe & np.isfinite(cases.human_likeness)),
         )
 
 
-def _references_missing(cases: Sequence[CaseResult]) -> Iterator[ReferenceMissing]:
+def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
     """Why references of cases could not be evaluated, the most frequent reason first."""
-    columns: tuple[tuple[Literal["ideal", "no_reaction"], str], ...] = (
-        ("ideal", "ideal_error"), ("no_reaction", "no_reaction_error")
+    errors: tuple[tuple[Literal["ideal", "no_reaction"], Column], ...] = (
+        ("ideal", cases.ideal_error), ("no_reaction", cases.no_reaction_error)
     )  # fmt: skip
-    for who, column in columns:
-        reasons = arrays(cases, column)[column]
+    for who, reasons in errors:
         alike: dict[str, list[int]] = {}
         for place in np.flatnonzero(reasons != "").tolist():
             alike.setdefault(without_numbers(str(reasons[place])), []).append(place)
@@ -513,22 +475,19 @@ def _or_nan(value: float | None) -> float:
 _SEVEREST = 100.0  # m/s: past every class of severity
 
 
-def _c_interval(
-    cases: Sequence[CaseResult], there: OutcomeColumns, method: MethodSettings
-) -> tuple[float, float] | None:
+def _c_interval(cases: CaseTable, method: MethodSettings) -> tuple[float, float] | None:
     """C with everything that is missing as a collision: one that the ideal vehicle avoids, or as gentle as its own.
 
     Both are bounds: a collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it.
     """
-    read = arrays(cases, "severity", "weight")
-    severity, weight, known = read["severity"], read["weight"], np.isfinite(there.ideal)
-    hit = there.collided & np.isfinite(severity) & np.isfinite(weight)
-    lost = ~hit & ~there.evaluated
+    severity, weight, known = cases.severity, cases.weight, np.isfinite(cases.ideal_severity)
+    hit = cases.collided & np.isfinite(severity) & np.isfinite(weight)
+    lost = ~hit & ~cases.evaluated
     if not (lost | (hit & ~known)).any():
         return None
     u = np.where(hit, severity, _SEVEREST)
     counted = np.where(np.isnan(weight), 1.0, weight)
-    worst, best = np.where(hit & known, there.ideal, 0.0), np.where(hit & known, there.ideal, u)
+    worst, best = (np.where(hit & known, cases.ideal_severity, other) for other in (0.0, u))
     part = hit | lost
     low, high = (
         collision_avoidance_index(u[part], ideal[part], counted[part], loss=method.collision.loss)
@@ -537,10 +496,9 @@ def _c_interval(
     return low, high
 
 
-def _d_interval(cases: Sequence[CaseResult], there: OutcomeColumns) -> tuple[float, float] | None:
+def _d_interval(cases: CaseTable) -> tuple[float, float] | None:
     """D with every safe case without a collision that has no D_i as 0, and as 1."""
-    read = arrays(cases, "index", "exposure")
-    index, exposures = (read[name][there.counts_for_index] for name in ("index", "exposure"))
+    index, exposures = (column[cases.counts_for_index] for column in (cases.index, cases.exposure))
     if np.isfinite(index).all() or not exposures.any():
         return None
     low, high = (exposure_weighted_index(np.where(np.isnan(index), fill, index), exposures) for fill in (0.0, 1.0))

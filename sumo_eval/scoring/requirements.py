@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from sumo_eval.cases import EVALUATED, CaseResult, CaseTable
 from sumo_eval.method.measures import time_headway, time_to_collision, vehicle_ahead
 from sumo_eval.record.store import EGO, Fact, Store
-from sumo_eval.results import EVALUATED, CaseResult, RequirementMissed, ScenarioResult
+from sumo_eval.results import RequirementMissed, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.requirement import Requirement
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory
@@ -79,7 +80,7 @@ def with_requirements(
     return found
 
 
-def with_counts(score: ScenarioResult, rows: Sequence[CaseResult], logical: LogicalScenario) -> ScenarioResult:
+def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario) -> ScenarioResult:
     """The score with how many cases miss a requirement, and a note for each requirement that some miss."""
     if logical.requirements is None:
         return score

@@ -209,7 +209,7 @@ class Scoring:
             if nobody:
                 table = [replace(row, human_likeness=None) for row in table]
             table = with_people(table, facts, people, compared, outside, settings.drivers)
-            rows.add(logical.name, name, with_requirements(table, facts, logical, store))
+            rows.add(with_requirements(table, facts, logical, store))
             remarks[name].add(facts)
             remarks[name].add_references([fact for fact in (*drivers, *cars) if not known.hazardous[fact.point]])
         self.progress(stage, points.stop, known.points)

@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
+from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import identify, run_cases
-from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.studies.straddle import BoundarySearch
 from sumo_eval.trajectory import BoolArray, FloatArray

@@ -17,15 +17,15 @@ from pathlib import Path
 import pytest
 
 import sumo_eval
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.report.comparison import Comparison, side_by_side
 from sumo_eval.report.gate_settings import GateSettings, MeasureSettings
 from sumo_eval.report.gates import failed, judge
-from sumo_eval.report.rule import END_COLUMNS, Ends, Noise, Repeats, floor_of, severity_limit, worse_ends
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.report.rule import Ends, Noise, Repeats, floor_of, severity_limit, worse_ends
+from sumo_eval.results import Evaluation
 from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
-from sumo_eval.scoring.kept_rows import arrays
 
 SIZES = tuple(int(text) for text in os.environ.get("SUMO_EVAL_NIGHT_CASES", "18 62").split())
 SETTINGS = GateSettings(resamples=100)
@@ -138,9 +138,9 @@ def repeats(run: Evaluation, first: str, second: str) -> Repeats:
     once, twice = (rows_of(run, ads)[:: max(1, len(run.cases_of(ads, run.scores[0].scenario)) * 2 // 30)]
                    for ads in (first, second))  # fmt: skip
     names = [measure.quantity for measure in watched()]
-    before, after = arrays(once, *names), arrays(twice, *names)
-    floors = {name: floor_of(after[name] - before[name], SETTINGS.noise) for name in names}
-    severity = [Ends.of(arrays(part, *END_COLUMNS)).severity for part in (once, twice)]
+    before, after = CaseTable.of(once), CaseTable.of(twice)
+    floors = {name: floor_of(getattr(after, name) - getattr(before, name), SETTINGS.noise) for name in names}
+    severity = [Ends.of(part).severity for part in (before, after)]
     return Repeats(len(once), 0, floors | {"severity": floor_of(severity[1] - severity[0], SETTINGS.noise)})
 
 
@@ -152,7 +152,7 @@ def by_point(run: Evaluation, ads: str) -> Rows:
 
 
 def ends(case: CaseResult) -> Ends:
-    return Ends.of(arrays([case], *END_COLUMNS))
+    return Ends.of(CaseTable.of([case]))
 
 
 def bad_drives(base: CaseResult, drives: Sequence[CaseResult], limit: float) -> int:

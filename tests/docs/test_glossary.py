@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from sumo_eval import settings
+from sumo_eval.cases import CaseResult
 from sumo_eval.report.tables import cases_csv
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import Evaluation, ScenarioResult
 
 ROOT = Path(__file__).parents[2]
 GLOSSARY = (ROOT / "GLOSSARY.md").read_text(encoding="utf-8")

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import builders
 
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.cases import CaseResult
+from sumo_eval.results import Evaluation
 
 
 def with_case(evaluation: Evaluation, key: str, change: Callable[[CaseResult], CaseResult]) -> Evaluation:

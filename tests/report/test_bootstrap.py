@@ -8,10 +8,11 @@ import builders
 import numpy as np
 import pytest
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import exposure_weighted_index
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
 from sumo_eval.report.bootstrap import BLOCKS, CountsOfBlocks, blocks_of, paired_differences, quantities
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.settings import MethodSettings
 

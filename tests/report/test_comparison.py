@@ -10,14 +10,14 @@ import builders
 import pytest
 from report_cases import hit, pick, with_case
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.report.comparison import Comparison, InTurn, compare
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.terminal import moved_words
-from sumo_eval.results import CaseResult, Evaluation
-from sumo_eval.scoring.kept_rows import KeptRows
-from sumo_eval.scoring.kept_scores import RowWriter
+from sumo_eval.results import Evaluation
+from sumo_eval.scoring.kept_scores import RowWriter, table_of
 from sumo_eval.settings import AdsSettings
 
 GATE = GateSettings(resamples=200)
@@ -107,9 +107,9 @@ def test_kept_rows_compare_as_rows_in_memory_do(evaluation: Evaluation, tmp_path
         pairs = [(score.ads, score.scenario) for score in run.scores]
         for ads, scenario in pairs:
             cases = run.cases_of(ads, scenario)
-            writer.add(scenario, ads, cases[:3])  # in chunks of their own
-            writer.add(scenario, ads, cases[3:])
-        runs.append(replace(run, cases=KeptRows(kept, key, writer.chunks(pairs))))
+            writer.add(list(cases[:3]))  # in chunks of their own
+            writer.add(list(cases[3:]))
+        runs.append(replace(run, cases=table_of(kept, key, writer.chunks(pairs))))
     found, known = compare(*runs, GATE), compare(evaluation, changed, GATE)
     kept.close()
     assert changes(known)

@@ -8,10 +8,11 @@ import builders
 import numpy as np
 import pytest
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.method.plausibility import EXTREMES, MOTORWAY_PEOPLE
 from sumo_eval.report import driving_words as words
 from sumo_eval.report.driving_words import Scene
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import Trajectory
 

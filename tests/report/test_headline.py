@@ -7,10 +7,11 @@ from dataclasses import replace
 import builders
 import pytest
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.report.failure_groups import failure_kinds
 from sumo_eval.report.headline import finding, harm_beside, headline, safety_words
 from sumo_eval.report.words import outcome
-from sumo_eval.results import CaseResult, Evaluation, RankedAds, RankedPair, Ranking
+from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
 
 NAME = builders.SCENARIOS[1]
 
@@ -117,5 +118,5 @@ def test_a_departure_is_off_road_on_every_picture(evaluation: Evaluation) -> Non
     first, *rest = clean(evaluation, builders.CALM)
     gone = replace(first, **ALARMS["left the road in 1 case"])  # type: ignore[arg-type]
     assert (outcome(first), outcome(gone)) == ("no contact", "off road")
-    kinds, words = failure_kinds([gone, *rest])
+    kinds, words = failure_kinds(CaseTable.of([gone, *rest]))
     assert [words[kind] for kind in kinds] == ["off road", "", "", ""]

@@ -33,7 +33,7 @@ def with_report(evaluation: Evaluation, **values: object) -> Evaluation:
 
 def test_every_case_is_a_test_with_the_verdict_of_the_table(evaluation: Evaluation, tmp_path: Path) -> None:
     found = read(write_junit(run_suites(evaluation), tmp_path / "junit.xml"))
-    missing = {case.case for case, _ in unevaluated(evaluation)}
+    missing = {case.case for table in unevaluated(evaluation) for case in table}
     assert sum(len(tests) for tests in found.values()) == len(evaluation.cases)
     for score in evaluation.scores:
         tests = found[f"{score.ads} in {score.scenario}"]

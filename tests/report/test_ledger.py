@@ -27,8 +27,9 @@ def test_every_line_with_cases_is_the_sum_of_its_cases(evaluation: Evaluation) -
     lines = [line for score in evaluation.scores for line in ledger(evaluation, score).lines if line.entries]
     assert len(lines) > 6
     for line in lines:
-        assert math.fsum(entry.points for entry in line.entries) == pytest.approx(line.points, abs=1e-9)
-        assert [entry.points for entry in line.entries] == sorted(entry.points for entry in line.entries)
+        assert math.fsum(line.parts * line.scale) == pytest.approx(line.points, abs=1e-9)
+        assert line.parts.tolist() == sorted(line.parts)
+        assert [case for case, _ in line.worst(2)] == list(line.entries[line.parts < 0.0])[:2]
 
 
 def test_scales_and_points_of_eq_18_are_in_the_sum(evaluation: Evaluation) -> None:
@@ -76,13 +77,13 @@ def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation: Eva
             assert 1.0 + found.index(term) == pytest.approx(value, abs=1e-12)
         for line in found.lines:
             if line.entries:
-                assert math.fsum(entry.points for entry in line.entries) == pytest.approx(line.points, abs=1e-9)
+                assert math.fsum(line.parts * line.scale) == pytest.approx(line.points, abs=1e-9)
 
 
 def test_a_case_given_up_costs_points_of_t(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
     (line,) = [line for line in ledger_plus(evaluation, score).lines if (line.term, line.words) == ("T", "given up")]
-    assert [entry.case.status for entry in line.entries] == ["crashed"]
+    assert line.entries.status.tolist() == ["crashed"]
     assert line.points < 0.0
 
 
@@ -103,7 +104,7 @@ def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation: Eval
     assert score.caused_collisions == len(struck) > 0
     assert score.collisions == score.avoidable_collisions + score.unavoidable_collisions
     (line,) = [line for line in ledger_plus(evaluation, score).lines if "caused" in line.words]
-    assert {entry.case.case for entry in line.entries} == {case.case for case in struck}
+    assert set(line.entries.case.tolist()) == {case.case for case in struck}
     assert f"({len(struck)} of them caused by the ADS)" in explain_a(score, rows, evaluation.settings)[0]
 
 

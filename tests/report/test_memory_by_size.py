@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib.util
 import tracemalloc
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from sumo_eval.scoring import case_terms, kept_rows
+from sumo_eval import cases as tables
+from sumo_eval.scoring import case_terms
 from sumo_eval.scoring.confidence import resamples
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
 
@@ -39,7 +41,7 @@ SIZES = tool()
 @pytest.fixture
 def small_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is held at any number of cases is made small, so that a few of them fill it already."""
-    monkeypatch.setattr(kept_rows, "_HELD", 2)
+    monkeypatch.setattr(tables, "records_of", lru_cache(2)(tables.records_of.__wrapped__))
     monkeypatch.setattr(case_terms, "SUMMED_AT_ONCE", 256)
     monkeypatch.setattr(resamples, "AT_ONCE", 64_000)
     monkeypatch.setattr(resamples, "DRAWN_AT_ONCE", 2_000)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import builders
 import pytest
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.report.preventability import (
     LOOKS,
     Preventability,
@@ -17,7 +18,7 @@ from sumo_eval.report.preventability import (
     verdicts,
 )
 from sumo_eval.report.tables import scores_json
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.results import Evaluation
 from sumo_eval.settings import AdsSettings, ReportSettings
 
 SCENARIO = builders.SCENARIOS[0]

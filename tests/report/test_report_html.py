@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from packed_pages import unpacked
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report import sent_drives
@@ -159,7 +160,7 @@ def test_the_drivers_are_called_synthetic_and_only_when_they_are(
 def test_every_collision_and_every_missing_case_is_listed(evaluation: Evaluation, tags: list[Any]) -> None:
     links = [attributes.get("href") or "" for tag, attributes in tags if tag == "a"]
     linked = {unquote(link.removeprefix("#case:")) for link in links if link.startswith("#case:")}
-    missing = {case.case for case, _ in unevaluated(evaluation)}
+    missing = {case.case for table in unevaluated(evaluation) for case in table}
     assert linked >= {case.case for case in evaluation.cases if case.collided} | missing
 
 
@@ -241,10 +242,10 @@ def test_a_map_with_slices_opens_where_most_collisions_are(evaluation: Evaluatio
     rows = [
         [float(a), float(b), float(c), float(d)] for a in range(3) for b in range(3) for c in range(2) for d in range(2)
     ]
-    calm = [replace(case, collided=False) for case in points(evaluation, rows)]
+    calm = CaseTable.of(replace(case, collided=False) for case in points(evaluation, rows))
     view = choose_view(space(4), calm)
     assert telling_slice(view, calm) == {2: 0.0, 3: 0.0}
-    hits = [replace(case, collided=case.values["p2"] == 1.0 and case.values["p3"] == 0.0) for case in calm]
+    hits = CaseTable.of(replace(case, collided=case.values["p2"] == 1.0 and case.values["p3"] == 0.0) for case in calm)
     assert telling_slice(view, hits) == {2: 1.0, 3: 0.0}
     assert telling_slice(choose_view(space(3), calm), calm) == {}
 
@@ -294,9 +295,10 @@ def space(k: int) -> LogicalScenario:
     return replace(logical, name="made_up", parameters=parameters, constraints=())
 
 
-def points(evaluation: Evaluation, rows: list[list[float]]) -> list[Any]:
+def points(evaluation: Evaluation, rows: list[list[float]]) -> CaseTable:
     first = evaluation.cases[0]
-    return [replace(first, values={f"p{index}": value for index, value in enumerate(row)}) for row in rows]
+    records = (replace(first, values={f"p{index}": value for index, value in enumerate(row)}) for row in rows)
+    return CaseTable.of(records)
 
 
 @pytest.mark.parametrize(("k", "x", "y", "panel"), [(1, 0, None, None), (2, 0, 1, None), (3, 1, 2, 0)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import builders
 import numpy as np
 import pytest
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
 from sumo_eval.report import words
@@ -48,13 +50,13 @@ def test_the_parts_of_the_collisions_add_up_to_what_c_lost(evaluation: Evaluatio
         [row.severity for row in hits], [row.ideal_severity for row in hits], [row.weight for row in hits], loss
     )
     shares = collision_shares(rows, odd.settings)
-    assert sum(share.lost or 0.0 for share in shares) == pytest.approx(1.0 - c, abs=1e-12)
-    assert [share.lost for share in shares] == sorted((share.lost for share in shares), reverse=True)
+    assert shares.lost.sum() == pytest.approx(1.0 - c, abs=1e-12)
+    assert shares.lost.tolist() == sorted(shares.lost, reverse=True)
 
 
 def test_without_any_weight_every_collision_counts_the_same(evaluation: Evaluation) -> None:
     rows = [replace(row, weight=0.0, ideal_severity=0.0) for row in evaluation.cases if row.collided][:4]
-    assert [share.lost for share in collision_shares(rows, evaluation.settings)] == [0.25] * 4
+    assert collision_shares(CaseTable.of(rows), evaluation.settings).lost.tolist() == [0.25] * 4
 
 
 def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluation: Evaluation) -> None:
@@ -65,10 +67,11 @@ def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluatio
         evaluation,
         cases=tuple(replace(row, ideal_severity=None) if row is first else row for row in evaluation.cases),
     )
-    shares = collision_shares(cases_of(odd, score), odd.settings)
-    assert shares[-1].case.case == first.case
-    assert shares[-1].lost is None
-    assert first.case in {case.case for case, _ in unevaluated(odd)}
+    cases = cases_of(odd, score)
+    shares = collision_shares(cases, odd.settings)
+    assert cases[shares.places[-1]].case == first.case
+    assert math.isnan(shares.lost[-1])
+    assert first.case in {case.case for table in unevaluated(odd) for case in table}
 
 
 def test_c_is_explained_by_counts_of_each_zone(evaluation: Evaluation) -> None:
@@ -104,7 +107,7 @@ def test_a_perfect_d_is_limited_by_nothing(evaluation: Evaluation) -> None:
         for row in cases_of(evaluation, score)
         if row.index is not None
     ]
-    assert explain_d(replace(score, d=1.0), rows) == [
+    assert explain_d(replace(score, d=1.0), CaseTable.of(rows)) == [
         f"D = 1.000: mean over {len(rows)} safe cases, no factor limits it."
     ]
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from report_cases import hit, pick, with_case
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.report.comparison import compare
 from sumo_eval.report.gate_settings import GateSettings, MeasureSettings, NearMissSettings, NoiseSettings
 from sumo_eval.report.gates import GateResult, failed, judge
@@ -26,7 +27,7 @@ from sumo_eval.report.rule import (
 )
 from sumo_eval.report.rule_limits import judge_pairs
 from sumo_eval.report.verdict import verdict
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.results import Evaluation
 
 SETTINGS = GateSettings(resamples=100)
 GAP = MeasureSettings("min_gap", 0.1, 0.1, zone=2.0)

@@ -8,6 +8,7 @@ from urllib.parse import unquote
 import builders
 import numpy as np
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.report.failure_groups import failure_groups
 from sumo_eval.report.headline import headline
 from sumo_eval.report.summary import summary_content, worst_case
@@ -65,7 +66,7 @@ def test_failures_next_to_each_other_are_one_group_and_far_ones_another(evaluati
                 ideal_severity=0.0, ideal_collided=False, no_reaction_severity=9.0, index=None,
             )  # fmt: skip
             cases.append(new)
-    groups = failure_groups(logical, cases)
+    groups = failure_groups(logical, CaseTable.of(cases))
     assert [len(group.places) for group in groups] == [4, 4]
     assert all((group.alike, group.inside) == (4, 4) for group in groups)
     failed = {place for place, case in enumerate(cases) if case.collided}

@@ -12,11 +12,12 @@ import pytest
 from scoring.test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
 
 import sumo_eval
+from sumo_eval.cases import CaseResult
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.record.store import open_store
 from sumo_eval.report.gate_settings import TIMED
 from sumo_eval.report.tables import write_tables
-from sumo_eval.results import CaseResult, Evaluation, IdealCollidesToo, NotComputed, ScenarioResult
+from sumo_eval.results import Evaluation, IdealCollidesToo, NotComputed, ScenarioResult
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from sumo_eval.scoring.confidence.coverage import SpaceCoverage, space_coverage
 from sumo_eval.scoring.confidence.further_cases import FurtherCases, further_cases
 from sumo_eval.scoring.confidence.intervals import LEVEL, SCORED, Interval
 from sumo_eval.scoring.confidence.risk import Risk, risk
-from sumo_eval.scoring.kept_rows import arrays, parameters_of
 from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
@@ -69,7 +68,7 @@ def _points(evaluation: Evaluation, zones: ZonePartition) -> FloatArray:
     found = np.empty((0, len(zones.logical.parameters)))
     for score in evaluation.scores:
         if score.scenario == zones.logical.name:
-            rows = parameters_of(evaluation.cases_of(score.ads, score.scenario), zones.logical.names)
+            rows = evaluation.cases_of(score.ads, score.scenario).parameters(zones.logical.names)
             found = np.unique(np.concatenate([found, rows]), axis=0)
     return found
 
@@ -82,9 +81,9 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition)
     if evaluated.sum() < 2 or not terms.exposure[evaluated].sum() > 0.0:
         reason = "fewer than two evaluated cases with exposure"
         return Assessment(score.ads, score.scenario, {}, {}, None, None, reason)
-    terms = CaseTerms(**{field.name: getattr(terms, field.name)[evaluated] for field in fields(terms)})
-    points = parameters_of(cases, zones.logical.names)[evaluated]
-    loss = np.nan_to_num(arrays(cases, "loss")["loss"][evaluated])
+    terms = terms.part(evaluated)
+    points = cases.parameters(zones.logical.names)[evaluated]
+    loss = np.nan_to_num(cases.loss[evaluated])
     return Assessment(
         score.ads,
         score.scenario,

@@ -15,10 +15,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.record.human_reference import LeftOut
 from sumo_eval.record.store import RECORDED
-from sumo_eval.results import GAVE_UP, CaseResult, columns
 from sumo_eval.settings import DriverSettings, PopulationSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -42,7 +42,7 @@ NO_DEVIATIONS = DriverDeviations((), np.zeros(0), np.zeros(0), 1)
 
 
 def driver_deviations(
-    rows: Sequence[CaseResult],
+    cases: CaseTable,
     left_out: Mapping[str, LeftOut],
     present: Mapping[str, Sequence[str]],
     settings: DriverSettings,
@@ -53,35 +53,25 @@ def driver_deviations(
 
     The same driver is left out of all cases at once, because it is the same person.
     """
-    chosen = [
-        (case, exposure, plausibility)
-        for case, exposure, plausibility in columns(rows, "case", "exposure", "plausibility")
-        if case in left_out and left_out[case].without
-    ]
-    names = sorted({name for case, *_ in chosen for name in present[case]})
-    weights = np.array([exposure for _, exposure, _ in chosen])
+    there = np.isin(cases.case, [case for case, one in left_out.items() if one.without])
+    chosen = cases.case[there].tolist()
+    names, weights = sorted({name for case in chosen for name in present[case]}), cases.exposure[there]
     if len(names) < 3 or not weights.any():  # a deviation needs two that stay
         return NO_DEVIATIONS
     index, likeness = np.empty((len(names), len(chosen))), np.empty((len(names), len(chosen)))
-    plausible = np.array([plausibility or 0.0 for *_, plausibility in chosen])
-    changed_index = np.array([left_out[case].exchanged - left_out[case].everyone for case, *_ in chosen])
-    changed_likeness = [left_out[case].likeness_exchanged - left_out[case].likeness for case, *_ in chosen]
-    for column, (case, *_) in enumerate(chosen):
-        found, there = left_out[case], list(present[case])
+    plausible = np.nan_to_num(cases.plausibility[there])
+    changed_index = np.array([left_out[case].exchanged - left_out[case].everyone for case in chosen])
+    changed_likeness = [left_out[case].likeness_exchanged - left_out[case].likeness for case in chosen]
+    for column, case in enumerate(chosen):
+        found, here = left_out[case], list(present[case])
         for line, name in enumerate(names):
-            here = name in there
-            index[line, column] = found.without[there.index(name)] if here else found.everyone
-            one = found.likeness_without[there.index(name)] if here else found.likeness
+            drove = name in here
+            index[line, column] = found.without[here.index(name)] if drove else found.everyone
+            one = found.likeness_without[here.index(name)] if drove else found.likeness
             likeness[line, column] = one * plausible[column]
-    whole = compared = 0.0
-    happened = ("collided", "departure_time", "status")
-    for zone, of_case, exposure, collided, departed, status in columns(
-        rows, "zone", "human_likeness", "exposure", *happened
-    ):
-        if zone == "safe" and of_case is not None:
-            whole += exposure
-            compared += 0.0 if collided or departed is not None or status in GAVE_UP else exposure
-    compared = compared / whole if whole else 0.0
+    likened = cases.safe & np.isfinite(cases.human_likeness)
+    whole, calm = (sum(cases.exposure[part].tolist()) for part in (likened, likened & ~cases.incident))
+    compared = calm / whole if whole else 0.0
     groups = [_group(name, settings, seed) for name in names]
     share = settings.population.overtake_share if groups.count(None) == 0 else 1.0
     mean_index, mean_likeness, index_change, likeness_change = (

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.method.score_terms import excess, grade_slope
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.adaptive import capacity_of_cells, size_of_next, size_of_round, spread
 from sumo_eval.scenario.sampling.samples import Sample
@@ -47,7 +48,7 @@ def standing(
     sampling: SamplingSettings,
     points: Sample,
     scores: Sequence[ScenarioResult],
-    rows: Sequence[Sequence[CaseResult]],
+    rows: Sequence[CaseTable],
     places: Sequence[IntArray],
     method: MethodSettings,
     scenario: str,

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.method.score import score_of
 from sumo_eval.record.progress import Progress, quiet
-from sumo_eval.results import CaseResult, ScenarioResult
+from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.intervals import SCORED, Judged, ScoreIntervals, score_intervals
 from sumo_eval.scoring.confidence.resamples import EVEN, IntArray, of_one_number, strata
-from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -37,7 +37,7 @@ LEAST = 2  # evaluated cases of which an interval can be made
 
 def with_intervals(
     scores: Sequence[ScenarioResult],
-    rows: Sequence[Sequence[CaseResult]],
+    rows: Sequence[CaseTable],
     places: Sequence[ArrayLike],
     drivers: Sequence[DriverDeviations],
     unit: FloatArray,
@@ -56,13 +56,11 @@ def with_intervals(
     groups = strata(unit, sampling) if stratum is None else of_one_number(stratum)
     judged, which = [], []
     for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
-        outcomes = OutcomeColumns.of(cases)
-        terms = case_terms(cases, settings.method, outcomes)
+        terms = case_terms(cases, settings.method)
         if np.count_nonzero(terms.counted) >= LEAST:
             which.append(number)
             at = np.array(places[number], dtype=np.intp)
-            judged.append(Judged(score.ads, terms, at, ~outcomes.safe, drivers[number]))
-        del outcomes  # of a million cases 20 MB, while replicates are drawn
+            judged.append(Judged(score.ads, terms, at, ~cases.safe, drivers[number]))
     if not judged:
         return list(scores), [None] * len(scores)
     even = unit if sampling in EVEN else None

@@ -13,7 +13,7 @@ def with_intervals_of(evaluation: Evaluation, partitions: dict[str, ZonePartitio
     """The evaluation with the scores of one of its ADSs alone, as `score` makes them of its rows."""
     finished = []
     for name, zones in partitions.items():
-        rows = [case for case in evaluation.cases if (case.ads, case.scenario) == (ads, name)]
+        rows = evaluation.cases_of(ads, name)
         unit = zones.logical.to_unit([zones.logical.row(case.values) for case in rows])
         done, _ = with_intervals(
             [combine(ads, name, rows, evaluation.settings.method)],

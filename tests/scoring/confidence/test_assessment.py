@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scoring.confidence.scored_by_hand import with_intervals_of
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.method.anthropomorphic import anthropomorphic_index
 from sumo_eval.method.zone_partition import partition
@@ -109,7 +110,9 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
                 under += case.exposure
             values.append(over / under)
         whole, fewer, swapped = values[0], values[1 : 1 + builders.DRIVERS], values[1 + builders.DRIVERS :]
-    found = driver_deviations(safe, left_out, {case.case: names for case in safe}, settings.drivers, settings.seed)
+    found = driver_deviations(
+        CaseTable.of(safe), left_out, {case.case: names for case in safe}, settings.drivers, settings.seed
+    )
     population = settings.drivers.population
     groups = [draw_driver(index, settings.seed, population).overtakes for index in range(builders.DRIVERS)]
     change = float(np.mean(swapped)) - whole

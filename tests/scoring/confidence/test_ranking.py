@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scoring.test_scoring_intervals import HIT, LOST_SAFE, SAFE, combined
 
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.report.score_table import score_lines
 from sumo_eval.report.tables import scores_json
 from sumo_eval.report.terminal import ranking_lines
-from sumo_eval.results import CaseResult, Evaluation, NotComputed, ScenarioResult
+from sumo_eval.results import Evaluation, NotComputed, ScenarioResult
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.ranking import rank
@@ -42,7 +43,7 @@ def scored(
         replace(combine("a", "s", rows, settings.method), ads=rows[0].ads, scenario=rows[0].scenario) for rows in tables
     ]
     done, found = with_intervals(
-        scores, tables, [range(len(rows)) for rows in tables], [NO_DEVIATIONS] * len(tables),
+        scores, list(map(CaseTable.of, tables)), [range(len(rows)) for rows in tables], [NO_DEVIATIONS] * len(tables),
         np.linspace(0.0, 1.0, 80)[:, None], "latin_hypercube", settings,
     )  # fmt: skip
     return done, {(one.ads, one.scenario): spread for one, spread in zip(done, found, strict=True)}
