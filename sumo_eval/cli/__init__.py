@@ -9,39 +9,48 @@ import gc
 import os
 import sys
 from contextlib import suppress
+from functools import cache
 from importlib import import_module
-from keyword import iskeyword
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final, NoReturn
 
 import click
 
 from sumo_eval.cli.exit_status import INPUT_WRONG, INTERRUPTED
 from sumo_eval.cli.sentences import WHOLE, tell
-from sumo_eval.errors import StoppedError, SumoEvalError, did_you_mean
+from sumo_eval.errors import InputError, StoppedError, SumoEvalError, did_you_mean, said
 from sumo_eval.gone import refuse_command
 from sumo_eval.text import clean, clean_log
 
-TASKS: Final = {
-    "Evaluate": {"run": "run", "score": "run", "merge": "run", "verify": "run"},
-    "Look at a run": {
-        "report": "look",
-        "explain": "look",
-        "find": "look",
-        "replay": "look",
-        "plot": "look",
-        "export": "look",
-    },
-    "Compare runs": {"compare": "compare", "nightly": "compare", "accept": "compare", "trend": "compare"},
-    "Look into a space": {"scenarios": "space", "partition": "space", "sample": "space", "boundary": "space"},
-    "Drive yourself": {"drive": "drive"},
-    "From recordings to rates": {"learn": "rates", "campaign": "rates"},
-    "People and open constants": {"humans": "people", "calibrate": "people", "sensitivity": "people"},
-    "Believe the tool": {"qualify": "qualify"},
-    "Write an ADS or a scenario": {"import": "importing", "check": "tools", "schema": "tools", "bench": "tools"},
+_CORE: Final = {
+    "run": ("run", "score", "merge", "verify"),
+    "look": ("report", "explain", "find", "replay", "export"),
+    "compare": ("compare", "nightly", "accept", "trend"),
+    "space": ("scenarios", "partition", "sample"),
+    "tools": ("check", "schema"),
+    "importing": ("import_",),
 }
-"""What people do: task -> its commands, each with the file of this folder that defines it."""
+"""The files of this folder, and the commands that each defines."""
 
-COMMANDS: Final = {name: file for commands in TASKS.values() for name, file in commands.items()}
+_FILES: Final = {name.rstrip("_"): (file, name) for file, names in _CORE.items() for name in names}
+
+GROUP: Final = "sumo_eval.commands"
+"""Entry points of packages that bring further commands: a name and a click command. Our `extras` use them, too."""
+
+TASKS: Final = {
+    "Evaluate": ("run", "score", "merge", "verify"),
+    "Look at a run": ("report", "explain", "find", "replay", "plot", "export"),
+    "Compare runs": ("compare", "nightly", "accept", "trend"),
+    "Look into a space": ("scenarios", "partition", "sample", "boundary"),
+    "Drive yourself": ("drive",),
+    "From recordings to rates": ("learn", "campaign"),
+    "People and open constants": ("humans", "calibrate", "sensitivity"),
+    "Believe the tool": ("qualify",),
+    "Write an ADS or a scenario": ("import", "check", "schema", "bench"),
+}
+"""What people do, and the commands for it."""
+
+FURTHER: Final = "From other packages"
 
 _MMAP_THRESHOLD: Final = -3  # of mallopt
 _LARGE: Final = 2 << 20  # bytes
@@ -84,13 +93,16 @@ class _Group(click.Group):
     """Loads a command when it is named, offers the nearest name for a misspelt one, turns errors into sentences."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
+        return commands()
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
+        if cmd_name in _FILES:
+            file, function = _FILES[cmd_name]
+            command = getattr(import_module(f"sumo_eval.cli.{file}"), function)
+        elif cmd_name in _plugins():
+            command = _loaded(_plugins()[cmd_name])
+        else:
             return None
-        module = import_module(f"sumo_eval.cli.{COMMANDS[cmd_name]}")
-        command = getattr(module, f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name)
         assert isinstance(command, click.Command)
         return command
 
@@ -98,15 +110,17 @@ class _Group(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         refuse_command(args)
-        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+        if args and not args[0].startswith("-") and args[0] not in _FILES and args[0] not in _plugins():
             raise click.UsageError(f"There is no command `{clean(args[0])}`.{_nearest(args[0])}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The commands by task, each in one line that is not cut."""
-        for task, names in TASKS.items():
-            with formatter.section(task):
-                formatter.write_dl([(name, self._line(ctx, name)) for name in names])
+        ours, there = {name for names in TASKS.values() for name in names}, commands()
+        for task, names in (*TASKS.items(), (FURTHER, tuple(name for name in there if name not in ours))):
+            if shown := [(name, self._line(ctx, name)) for name in names if name in there]:
+                with formatter.section(task):
+                    formatter.write_dl(shown)
 
     def _line(self, ctx: click.Context, name: str) -> str:
         command = self.get_command(ctx, name)
@@ -148,7 +162,35 @@ def _nearest(name: str) -> str:
     for command, words in MEANT.items():
         if word in words.split():
             return f" Did you mean `{command}`?"
-    return did_you_mean(word, COMMANDS)
+    return did_you_mean(word, commands())
+
+
+def commands() -> list[str]:
+    """The names of all commands, ours in the order of the help, then those of other packages."""
+    known = {*_FILES, *_plugins()}
+    ours = [name for names in TASKS.values() for name in names if name in known]
+    return [*ours, *sorted(known - set(ours))]
+
+
+@cache
+def _plugins() -> dict[str, EntryPoint]:
+    """Commands that installed packages bring, by name; the first of each name, none in the place of ours."""
+    found: dict[str, EntryPoint] = {}
+    for point in entry_points(group=GROUP):
+        if point.name not in _FILES:
+            found.setdefault(point.name, point)
+    return found
+
+
+def _loaded(point: EntryPoint) -> click.Command:
+    try:
+        command = point.load()
+    except Exception as error:  # of a package that is not ours
+        raise InputError(f"Command `{point.name}`, `{point.value}`, cannot be loaded: {said(error)}.") from error
+    if not isinstance(command, click.Command):
+        kind = type(command).__name__
+        raise InputError(f"Command `{point.name}`, `{point.value}`, must be a click command, got {kind}.")
+    return command
 
 
 def _read_utf8() -> None:

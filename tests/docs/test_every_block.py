@@ -29,7 +29,7 @@ from doc_blocks import (
 )
 from example_files import write_needs
 
-from sumo_eval.cli import COMMANDS, main
+from sumo_eval.cli import commands, main
 from sumo_eval.cosim.doors.features import read_interface
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.rates.campaign import read_campaign
@@ -140,7 +140,7 @@ def test_every_command_in_a_sentence_exists_with_its_options(page: str) -> None:
     for words in mentioned(page):
         if words[0].startswith("-"):
             continue
-        assert words[0] in COMMANDS, words
+        assert words[0] in commands(), words
         command: Any = main.get_command(click.Context(main), words[0])
         if isinstance(command, click.Group) and len(words) > 1:
             command = command.get_command(click.Context(command), words[1])

@@ -17,9 +17,9 @@ from lxml import etree
 from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, shares_of
 
 from sumo_eval.cli import main
-from sumo_eval.cli.rates import called
 from sumo_eval.drivers.recorded.importing import import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical
+from sumo_eval.rates.command import called
 from sumo_eval.rates.encounters import LEAD_MOVES, find_encounters
 from sumo_eval.rates.intervals import (
     end_interval,

@@ -1,0 +1,67 @@
+"""Commands that installed packages bring: entry points of the group `sumo_eval.commands`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from sumo_eval import cli
+
+COMMAND = """
+import click
+
+@click.command()
+def weather():
+    '''Say what the weather is.'''
+    click.echo("dry")
+
+nothing = 1
+"""
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder of installed packages, where a test may install its own."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "weather_tool.py").write_text(COMMAND)
+    cli._plugins.cache_clear()
+    yield tmp_path
+    sys.modules.pop("weather_tool", None)
+    cli._plugins.cache_clear()
+
+
+def install(site: Path, entry: str) -> None:
+    folder = site / "weather_tool-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: weather_tool\nVersion: 1.0\n")
+    (folder / "entry_points.txt").write_text(f"[{cli.GROUP}]\n{entry}\n")
+
+
+def test_an_installed_package_brings_a_command_of_its_own(site: Path) -> None:
+    install(site, "weather = weather_tool:weather")
+    assert CliRunner().invoke(cli.main, ["weather"]).output == "dry\n"
+    shown = CliRunner().invoke(cli.main, ["--help"]).output
+    assert "Say what the weather is." in shown.partition(f"{cli.FURTHER}:")[2]
+
+
+@pytest.mark.parametrize(
+    ("entry", "sentence"),
+    [
+        ("weather = weather_tool:rain", "Command `weather`, `weather_tool:rain`, cannot be loaded: AttributeError"),
+        ("weather = weather_tool:nothing", "must be a click command, got int."),
+    ],
+)
+def test_what_is_no_command_is_one_sentence_and_status_2(site: Path, entry: str, sentence: str) -> None:
+    install(site, entry)
+    done = CliRunner().invoke(cli.main, ["weather"])
+    assert done.exit_code == 2
+    assert sentence in done.output
+
+
+def test_no_package_takes_the_place_of_our_commands(site: Path) -> None:
+    install(site, "run = weather_tool:weather")
+    assert "EVALUATION" in CliRunner().invoke(cli.main, ["run", "--help"]).output
