@@ -23,11 +23,11 @@ def qualify(out: Path) -> None:
 
     Exit status: 0 every check passed, 1 one failed.
     """
-    from sumo_eval.studies.qualification import pages, qualified
+    from sumo_eval.studies.qualification import pages, qualified, table
 
     out_folder.ready(out)
     with Progress() as progress:
-        found = qualified.qualify(qualified.all_checks(), progress)
+        found = qualified.qualify(table.all_checks(), progress)
     written = pages.write_qualification(found, out)
     say(pages.lines(found))
     for path in written:

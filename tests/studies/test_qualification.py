@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
-from itertools import chain
+from itertools import chain, groupby
 from pathlib import Path
 
 import pytest
@@ -12,27 +11,22 @@ from click.testing import CliRunner
 
 from sumo_eval.cli import main
 from sumo_eval.errors import SimulationError
-from sumo_eval.studies.qualification import closed_forms, equations, qualified, regulations, repeats, traps
-from sumo_eval.studies.qualification.check import Check, made
+from sumo_eval.studies.qualification import table
+from sumo_eval.studies.qualification.qualified import made
+from sumo_eval.studies.qualification.table import Check
 
-FIRST = [
-    next(iter(checks()))
-    for checks in (
-        closed_forms.checks, equations.checks, regulations.consensus, regulations.un_r79, regulations.eu_2022_1426,
-        repeats.halving, repeats.determinism, traps.checks,
-    )
-]  # fmt: skip
+FIRST = [next(group) for _, group in groupby(table.all_checks(), key=lambda check: check.kind)]
 
 
 def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    planted = replace(FIRST[0], name="planted", expected=float(FIRST[0].expected) + 0.2)
-    monkeypatch.setattr(qualified, "all_checks", lambda: chain(FIRST, [planted]))
+    planted = FIRST[0]._replace(name="planted", expected=float(FIRST[0].expected) + 0.2)
+    monkeypatch.setattr(table, "all_checks", lambda: chain(FIRST, [planted]))
     done = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path / "q")])
     assert done.exit_code == 1, done.output
-    table = done.stdout.partition("FAIL  planted")[0]
-    assert max(map(len, table.splitlines())) <= 80
+    printed = done.stdout.partition("FAIL  planted")[0]
+    assert max(map(len, printed.splitlines())) <= 80
     assert "8 of 9 checks passed: this installation is NOT qualified." in done.output
     told = json.loads((tmp_path / "q" / "qualification.json").read_text(encoding="utf-8"))
     assert [item["name"] for item in told["checks"] if not item["passed"]] == ["planted"]
@@ -49,7 +43,7 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(
 
 
 def test_the_command_exits_with_0_when_all_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualified, "all_checks", lambda: iter(FIRST[1:2]))
+    monkeypatch.setattr(table, "all_checks", lambda: iter(FIRST[1:2]))
     done = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
 
@@ -58,11 +52,11 @@ def test_a_fault_of_the_tool_is_a_check_that_failed_with_its_sentence() -> None:
     def fails() -> float:
         raise SimulationError("SUMO is gone")
 
-    found = made(Check("kind", "name", "source", 1.0, fails, 1.0))
+    found = made(Check("kind", "name", fails, (), 1.0, "source", 1.0))
     assert (found.passed, found.found, found.error) == (False, None, "SUMO is gone")
 
 
 def test_every_name_fits_the_table_and_stands_once() -> None:
-    names = [check.name for check in qualified.all_checks()]
+    names = [check.name for check in table.all_checks()]
     assert max(map(len, names)) <= 40
     assert len(names) == len(set(names))

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.report.page import asset, template
-from sumo_eval.studies.qualification.check import Answer
 from sumo_eval.studies.qualification.qualified import DOMAIN, LIMITS, PURPOSE, Qualification
+from sumo_eval.studies.qualification.table import Answer
 
 _HEAD = f"     {'check':<40} {'expected':>9} {'found':>9} {'bound':>7} unit"
 
@@ -24,16 +24,17 @@ def shown(value: Answer | None) -> str:
 
 def lines(found: Qualification) -> Iterator[str]:
     """A table that fits 80 columns; what failed says why below it."""
-    for kind, group in groupby(found.findings, key=lambda item: item.kind):
+    for kind, group in groupby(found.findings, key=lambda item: item.check.kind):
         yield f"{kind}"
         yield _HEAD
         for item in group:
-            bound = "" if isinstance(item.expected, str) else f"{item.bound:.2g}"
-            row = f"{shown(item.expected):>9} {shown(item.found)[:9]:>9} {bound:>7} {item.unit}"
-            yield f"{'ok' if item.passed else 'FAIL':<4} {item.name:<40} {row}".rstrip()
+            check = item.check
+            bound = "" if isinstance(check.expected, str) else f"{check.bound:.2g}"
+            row = f"{shown(check.expected):>9} {shown(item.found)[:9]:>9} {bound:>7} {check.unit}"
+            yield f"{'ok' if item.passed else 'FAIL':<4} {check.name:<40} {row}".rstrip()
     for item in found.failed:
-        why = item.error or f"expected {shown(item.expected)}, found {shown(item.found)}"
-        yield f"FAIL  {item.name}: {why}"
+        why = item.error or f"expected {shown(item.check.expected)}, found {shown(item.found)}"
+        yield f"FAIL  {item.check.name}: {why}"
     total = len(found.findings)
     yield f"{total - len(found.failed)} of {total} checks passed: this installation is " + (
         "NOT qualified." if found.failed else "qualified on this machine."
@@ -43,7 +44,7 @@ def lines(found: Qualification) -> Iterator[str]:
 def write_qualification(found: Qualification, folder: Path) -> tuple[Path, Path]:
     """Write `qualification.html` and `qualification.json` into a folder and return their paths."""
     page, plain = folder / "qualification.html", folder / "qualification.json"
-    kinds = [(kind, list(group)) for kind, group in groupby(found.findings, key=lambda item: item.kind)]
+    kinds = [(kind, list(group)) for kind, group in groupby(found.findings, key=lambda item: item.check.kind)]
     text = template("qualification.html.j2").render(
         found=found, kinds=kinds, purpose=PURPOSE, domain=DOMAIN, limits=LIMITS, shown=shown, css=asset("report.css"),
         page_js=asset("page.js"),

@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 import platform
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from itertools import chain
 from typing import Any
 
-from sumo_eval.studies.qualification import closed_forms, equations, regulations, repeats, traps
-from sumo_eval.studies.qualification.check import Check, Finding, made
+from sumo_eval.errors import SumoEvalError
+from sumo_eval.studies.qualification.table import Answer, Check
 
 FORMAT_VERSION = 1
 PURPOSE = (
@@ -34,6 +33,41 @@ LIMITS = (
 
 
 @dataclass(frozen=True, slots=True)
+class Finding:
+    """What a check found; `error` says why it found nothing, and is empty otherwise."""
+
+    check: Check
+    found: Answer | None
+    error: str
+
+    @property
+    def passed(self) -> bool:
+        """Words are equal, numbers within the bound; nan does not pass."""
+        expected = self.check.expected
+        if isinstance(self.found, float) and isinstance(expected, float):
+            return abs(self.found - expected) <= self.check.bound
+        return self.found is not None and self.found == expected
+
+    def plain(self) -> dict[str, Any]:
+        """An entry of `qualification.json`; a number that is not finite is written as a word."""
+        check = self.check
+        values = {
+            "kind": check.kind, "name": check.name, "source": check.source, "expected": check.expected,
+            "found": self.found, "bound": check.bound, "unit": check.unit, "passed": self.passed, "error": self.error,
+        }  # fmt: skip
+        endless = {name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)}
+        return {name: str(value) if name in endless else value for name, value in values.items()}
+
+
+def made(check: Check) -> Finding:
+    """The check, carried out; a fault of the tool is a check that failed, with its sentence."""
+    try:
+        return Finding(check, check.find(*check.arguments), "")
+    except SumoEvalError as fault:
+        return Finding(check, None, str(fault))
+
+
+@dataclass(frozen=True, slots=True)
 class Qualification:
     """findings: in the order of the checks. versions, machine: what they hold for. created: UTC."""
 
@@ -48,24 +82,12 @@ class Qualification:
         return tuple(finding for finding in self.findings if not finding.passed)
 
     def plain(self) -> dict[str, Any]:
-        """The content of `qualification.json`; a number that is not finite is written as a word."""
+        """The content of `qualification.json`."""
         return {
             "format_version": FORMAT_VERSION, "created": self.created, "purpose": PURPOSE, "domain": DOMAIN,
             "limits": list(LIMITS), "passed": not self.failed, "versions": self.versions, "machine": self.machine,
-            "checks": [{name: _plain(value) for name, value in asdict(item).items()} for item in self.findings],
+            "checks": [item.plain() for item in self.findings],
         }  # fmt: skip
-
-
-def _plain(value: object) -> object:
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def all_checks() -> Iterator[Check]:
-    """Every check that ships."""
-    return chain(
-        closed_forms.checks(), equations.checks(), regulations.consensus(), regulations.un_r79(),
-        regulations.eu_2022_1426(), repeats.halving(), repeats.determinism(), traps.checks(),
-    )  # fmt: skip
 
 
 def qualify(checks: Iterable[Check], watch: Callable[[str, int, int], None]) -> Qualification:
