@@ -55,43 +55,6 @@ class Film:
         return f'<{tag} {how}{more} dur="{self.duration:.1f}s" repeatCount="indefinite"/>'
 
 
-def picture(name: str, about: str, road: Road, vehicles: dict[str, Trajectory]) -> str:
-    """The drive on a plain straight road as SVG text. vehicles: the ego first."""
-    ego = next(iter(vehicles.values()))
-    film = Film(ego)
-    at, animated = film.at, film.animated
-    width, height = (AHEAD + BEHIND) * SCALE, (road.left_edge - road.right_edge) * SCALE + 16.0
-    camera = _along(ego, at, "x")
-
-    def y(across: float) -> float:
-        return 8.0 + (road.left_edge - across) * SCALE
-
-    lines = [
-        f'<path d="M0 {y(road.right_edge + lane * road.lane_width):.1f}H{width:.0f}" stroke="#fff" stroke-width="1.5" '
-        f'stroke-dasharray="{DASH * SCALE:.0f}">'
-        + animated("stroke-dashoffset", [f"{value * SCALE % (2e3 * DASH * SCALE):.0f}" for value in camera])
-        + "</path>"
-        for lane in range(1, road.lanes)
-    ]
-    bodies = []
-    for number, trajectory in enumerate(vehicles.values()):
-        x = (_along(trajectory, at, "x") - camera + BEHIND) * SCALE
-        across = [y(value) for value in _along(trajectory, at, "y")]
-        turned = -np.degrees(_along(trajectory, at, "heading"))
-        long, wide = trajectory.length * SCALE, trajectory.width * SCALE
-        colour = COLOURS["ego" if number == 0 else "other"]
-        places = [f"{a:.1f} {b:.1f}" for a, b in zip(x, across, strict=True)]
-        bodies.append(
-            f"<g>{animated('transform', places, 'translate')}"
-            f"{animated('transform', [f'{angle:.1f}' for angle in turned], 'rotate')}"
-            f'<rect x="{-long / 2:.1f}" y="{-wide / 2:.1f}" width="{long:.1f}" height="{wide:.1f}" rx="3" '
-            f'fill="{colour}"/>'
-            "</g>"
-        )
-    road_shape = f'<rect y="{y(road.left_edge):.1f}" width="{width:.0f}" height="{height - 16:.1f}" fill="{ROAD}"/>'
-    return _svg(name, about, width, height, [road_shape, *lines, *bodies])
-
-
 def _svg(name: str, about: str, width: float, height: float, parts: list[str]) -> str:
     title = f"<title>{escape(name)}</title><desc>{escape(about)} Blue: the ADS. Ochre: the others.</desc>"
     body = "\n".join((title, *parts))
@@ -100,7 +63,7 @@ def _svg(name: str, about: str, width: float, height: float, parts: list[str]) -
     )
 
 
-def picture_on_the_map(name: str, about: str, road: Road, vehicles: dict[str, Trajectory]) -> str:
+def picture(name: str, about: str, road: Road, vehicles: dict[str, Trajectory]) -> str:
     """The drive on any road as SVG text, its shapes in metres on the map. vehicles: the ego first."""
     ego = next(iter(vehicles.values()))
     film = Film(ego)
@@ -188,8 +151,7 @@ def drawn(logical: LogicalScenario) -> str:
     values = dict(zip(logical.names, np.ravel(central_point(logical)).tolist(), strict=True))
     recording = simulate(logical.concrete(**values), "idm")
     vehicles = {"ego": recording.ego, **recording.actors}
-    draw = picture_on_the_map if logical.road.bent or logical.road.shaped else picture
-    return draw(logical.name, logical.about, logical.road, vehicles)
+    return picture(logical.name, logical.about, logical.road, vehicles)
 
 
 def main() -> int:

@@ -11,9 +11,9 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 
 import numpy as np
-from pictures import write_or_check
 
 from sumo_eval.method.anthropomorphic import gaussian_similarity
 from sumo_eval.method.collision_avoidance import collision_loss
@@ -21,6 +21,7 @@ from sumo_eval.method.criticality import critical_gap, required_gap
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.trajectory import FloatArray, Trajectory
 
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 WIDTH, HEIGHT = 560.0, 260.0  # px
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 16.0, 14.0, 44.0  # px around the axes
 COLOURS, DASHES = ("#0072b2", "#b34700", "#007a59", "#8f3f75"), ("", "7 4", "2 3", "9 3 2 3")
@@ -129,5 +130,19 @@ def drawing(chart: Chart) -> str:
     )
 
 
+def main() -> int:
+    """Write the drawings, or with --check say which of them are stale: exit status 1."""
+    check, stale = sys.argv[1:] == ["--check"], 0
+    for name, chart in charts().items():
+        text = drawing(chart)
+        path = FOLDER / name
+        if not check:
+            path.write_text(text, encoding="utf-8")
+        elif not path.is_file() or path.read_text(encoding="utf-8") != text:
+            print(f"docs/pictures/{name} is stale; run tools/draw_method.py.")
+            stale = 1
+    return stale
+
+
 if __name__ == "__main__":
-    sys.exit(write_or_check({name: drawing(chart) for name, chart in charts().items()}, __file__, __doc__ or ""))
+    sys.exit(main())

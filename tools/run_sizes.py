@@ -1,26 +1,19 @@
-"""What runs of many cases cost: processor time and peak memory of scoring, answers, report and comparison, by size.
+"""What is made of all rows of a run costs: processor time and peak memory, by size.
 
-    python tools/run_sizes.py make FOLDER POINTS [DRIVERS]     a run of POINTS cut-ins with made-up drives, 3 drivers
-                                                               where it is safe: no simulation
-    python tools/run_sizes.py measure FOLDER                   each command on it, in a process of its own
-    python tools/run_sizes.py compared CASES [CASES ...]       two runs of so many made-up rows, nothing recorded, side
-                                                               by side: each size in a process of its own
-    python tools/run_sizes.py prepare FOLDER CASES             so many made-up rows, for `rows`
+    python tools/run_sizes.py prepare FOLDER CASES             so many made-up rows
     python tools/run_sizes.py rows FOLDER CASES ROUNDS [PART ...]
                                                                what comes of these rows, each part in a process of its
                                                                own: scores, intervals, confidence, tables, JUnit,
                                                                ledgers, page, evidence; without PART all but the
                                                                intervals with all their replicates
 
-Made-up drives are short and alike, so a case costs less to read than a real one; what the owner holds a case does not
-depend on that. Seconds are of processor time, children included.
+Seconds are of processor time, children included.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
 import pickle
 import subprocess
 import sys
@@ -30,7 +23,6 @@ from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import fields, replace
 from pathlib import Path
-from resource import RUSAGE_SELF, getrusage
 from typing import Any
 from unittest.mock import patch
 
@@ -46,12 +38,9 @@ from sumo_eval.record.kept import KeptRecording, keep
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.recording import Space
 from sumo_eval.record.store import open_store
-from sumo_eval.report.comparison import compare
 from sumo_eval.report.confidence_section import confidence_json
 from sumo_eval.report.evidence import write_evidence
 from sumo_eval.report.found_cases import nearest_cases
-from sumo_eval.report.gate_settings import GateSettings
-from sumo_eval.report.gates import judge
 from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import run_suites, write_junit
 from sumo_eval.report.ledger import ledger
@@ -60,7 +49,7 @@ from sumo_eval.report.preventability import preventability
 from sumo_eval.report.sent_drives import Embedded
 from sumo_eval.report.shown_cases import shown_cases
 from sumo_eval.report.tables import cases_csv
-from sumo_eval.report.terminal import closing_lines, comparison_lines, ledger_lines
+from sumo_eval.report.terminal import closing_lines, ledger_lines
 from sumo_eval.report.words import collision_shares, explain_a, explain_h, index_notes
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
@@ -146,38 +135,6 @@ def make(folder: Path, points: int, drivers: int) -> None:
             store.note("shard", "1/1")
             store.seal()
             store.note("complete", "yes")
-            drives = sum(number for *_, number, _ in store.counts())
-    size = (folder / run_folder.FACTS).stat().st_size
-    print(f"{len(space.numbers)} points, {drives} drives, {size / drives:.0f} bytes a drive")
-
-
-def measure(folder: Path) -> None:
-    """A line for each command."""
-    with open_store(folder / run_folder.FACTS, checked=True) as store:
-        case = next(store.names("ads"))[0]
-    run = str(folder)
-    commands = {
-        "score": ["-c", f"import sumo_eval; sumo_eval.score({run!r})"],
-        "score again": ["-c", f"import sumo_eval; sumo_eval.score({run!r})"],
-        "another k5": ["-c", f"import sumo_eval; sumo_eval.score({run!r}, ['method.score.k5=2'])"],
-        "explain": ["-m", "sumo_eval", "explain", run, case],
-        "unknown case": ["-m", "sumo_eval", "explain", run, case + "x"],
-        "replay": ["-m", "sumo_eval", "replay", run, case],
-        "export of a case": ["-m", "sumo_eval", "export", run, case, "--out", run + "-case"],
-        "compare": ["-m", "sumo_eval", "compare", run, run],
-        "report": ["-m", "sumo_eval", "report", run],
-        "report again": ["-m", "sumo_eval", "report", run],
-    }
-    for name, words in commands.items():
-        began = time.monotonic()
-        pid = os.posix_spawn(sys.executable, [sys.executable, *words], os.environ)
-        _, status, used = os.wait4(pid, 0)
-        took = used.ru_utime + used.ru_stime
-        print(
-            f"{name}: {took:.2f} s, {used.ru_maxrss // 1024} MB, wall {time.monotonic() - began:.1f} s, "
-            f"exit {os.waitstatus_to_exitcode(status)}",
-            flush=True,
-        )
 
 
 def made_up_chunks(cases: int) -> list[KeptChunk]:
@@ -191,13 +148,13 @@ def made_up_rows(folder: Path, cases: int) -> CaseTable:
     return table_of(KeptResults(folder), folder.name.encode(), made_up_chunks(cases))
 
 
-def made_up_run(folder: Path, cases: int, *, changed: bool = False) -> Evaluation:
+def made_up_run(folder: Path, cases: int) -> Evaluation:
     """A run of one ADS whose rows are made up; its scores are those of two of them."""
     folder.mkdir()
     row, kept = made_up_row(), KeptResults(folder)
     for chunk in made_up_chunks(cases):
         first = chunk.place * POINTS_AT_ONCE
-        some = [another(row, number, changed=changed) for number in range(first, first + chunk.rows)]
+        some = [another(row, number) for number in range(first, first + chunk.rows)]
         parts = enumerate(encode_rows(some), chunk.place * COLUMNS)
         kept.put(("rows", folder.name.encode(), place, data) for place, data in parts)
     return of_rows_alone(folder, cases)
@@ -318,22 +275,6 @@ def from_rows(folder: Path, cases: int, names: Sequence[str], rounds: int) -> No
         print(f"{cases} cases, {name}: {took:.2f} s, {1e6 * took / cases:.2f} us a case, {most:.0f} MB", flush=True)
 
 
-def compared(cases: int) -> None:
-    """Compare two runs of one ADS whose rows are made up; every hundredth case changed."""
-    began = time.process_time()
-    with tempfile.TemporaryDirectory() as place, threadpool_limits(1):
-        base, new = (made_up_run(Path(place) / name, cases, changed=name == "new") for name in ("base", "new"))
-        made, before = time.process_time(), getrusage(RUSAGE_SELF).ru_maxrss
-        found = compare(base, new, GateSettings())
-        lines = comparison_lines(found, judge(new, found, GateSettings()), new)
-        took, peak = time.process_time() - made, getrusage(RUSAGE_SELF).ru_maxrss
-    print(
-        f"{cases} cases a run: compared in {took:.2f} s of processor time, {peak // 1024} MB at most "
-        f"({before // 1024} MB before, {made - began:.1f} s to make the rows); {len(lines)} lines",
-        flush=True,
-    )
-
-
 def made_up_row() -> CaseResult:
     """A safe case without a contact."""
     given: dict[str, Any] = {item.name: None for item in fields(CaseResult)}
@@ -362,11 +303,9 @@ def case_name(number: int) -> str:
     return f"cut_in-{number:04d}-first"
 
 
-def another(row: CaseResult, number: int, *, changed: bool) -> CaseResult:
-    """Another case, by its number; every hundredth may be changed. Every third has no D_i."""
+def another(row: CaseResult, number: int) -> CaseResult:
+    """Another case, by its number. Every third has no D_i."""
     likeness, hit = 0.5 + 0.4 * math.sin(number), number % 7 == 0
-    if changed and number % 100 == 0:
-        likeness, hit = likeness - 0.1, not hit
     own = copy(row)  # `replace` would look at each of the other fields, which is most of what a million rows cost
     values: dict[str, Any] = {
         "case": case_name(number), "values": somewhere(number),
@@ -382,16 +321,7 @@ def another(row: CaseResult, number: int, *, changed: bool) -> CaseResult:
 
 if __name__ == "__main__":
     task, place, *rest = sys.argv[1:]
-    if task == "make":
-        make(Path(place), int(rest[0]), int(rest[1]) if len(rest) > 1 else 3)
-    elif task == "measure":
-        measure(Path(place))
-    elif task == "compared":
-        for size in (place, *rest):
-            subprocess.run([sys.executable, __file__, "compared-in-this-process", size], check=True)
-    elif task == "compared-in-this-process":
-        compared(int(place))
-    elif task == "prepare":
+    if task == "prepare":
         prepare(Path(place), int(rest[0]))
     elif task == "rows":
         from_rows(Path(place), int(rest[0]), rest[2:] or [name for name in PARTS if name != "intervals"], int(rest[1]))

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -172,12 +169,3 @@ def test_a_road_that_nobody_can_drive_along_is_refused_in_one_sentence(line: lis
 def test_a_network_of_the_users_has_its_line_already() -> None:
     with pytest.raises(InputError, match=r"`road\.line` of the file draws a road"):
         read(network="town.net.xml", edges=["a"], line=[{"length": 9.0}])
-
-
-def test_the_drawings_of_shipped_bends_are_up_to_date() -> None:
-    root = Path(__file__).parents[2]
-    done = subprocess.run(
-        [sys.executable, str(root / "tools" / "draw_bends.py"), "--check"], capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(root)},
-    )  # fmt: skip
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

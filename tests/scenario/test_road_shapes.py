@@ -169,12 +169,3 @@ def test_a_shape_that_cannot_be_is_one_sentence(changes: dict[str, Any], sentenc
     with pytest.raises(InputError) as caught:
         check_points(read(**changes), np.array([[20.0]]))
     assert sentence in str(caught.value)
-
-
-def test_the_drawings_of_shipped_scenarios_are_up_to_date() -> None:
-    root = Path(__file__).parents[2]
-    done = subprocess.run(
-        [sys.executable, str(root / "tools" / "draw_shapes.py"), "--check"], check=False,
-        capture_output=True, text=True, cwd=root,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (0, "")

@@ -25,8 +25,8 @@ def test_each_has_a_page_a_drawing_a_line_and_says_what_its_ranges_are(name: str
     for item in logical.parameters:
         assert f"| `{item.name}` | {item.low:g}" in page
         assert f"{item.high:g} | " in page
-    assert f"](../pictures/{name}.svg)" in page
-    assert (DOCS / "pictures" / f"{name}.svg").is_file()
+    assert f"](../pictures/moving/{name}.svg)" in page
+    assert (DOCS / "pictures" / "moving" / f"{name}.svg").is_file()
     listed = (DOCS / ("shapes.md" if logical.road.shaped else "traffic.md")).read_text(encoding="utf-8")
     assert f"](scenarios/{name}.md)" in listed
     assert logical.has_drivers == ("No drivers for it" not in page)

@@ -73,7 +73,7 @@ ONSET_TTC = LogNormal(2.345, 0.399, 4.5, 25.0)  # s, TTC at which they begin
 HEADWAY_LIMIT = LogNormal(0.680, 0.317, 0.98, 3.88)  # s
 TTC_LIMIT = LogNormal(2.366, 0.433, 4.27, 27.6)  # s
 """A driver begins to pass where he comes below the first of two limits, his headway or his TTC. These are the limits by
-which he then begins where people do, most likely of all (`tools/onsets.py`); the two above are where people begin, and
+which he then begins where people do, most likely of all; the two above are where people begin, and
 taken for limits they would make everybody begin too early.
 """
 LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of the offset
