@@ -15,19 +15,19 @@ from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.given import load_given
 from sumo_eval.drivers.recorded.importing import FORMATS, import_recordings
 from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.points import read_variation
+from sumo_eval.extras.openscenario.reading import read_openscenario, read_xml
+from sumo_eval.extras.wheel.tape import read_tape
 from sumo_eval.input_file import hash_of, read_input
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.joint import read_joint
-from sumo_eval.scenario.openscenario.reading import read_openscenario, read_xml
 from sumo_eval.scenario.sampling.listed_points import from_csv
-from sumo_eval.scenario.sampling.openscenario_points import read_variation
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sumo_network import read_road
 from sumo_eval.settings import FmuSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.settings.toml_file import read_toml
-from sumo_eval.wheel.tape import read_tape
 
 ROOMS = ("settings", "scenario", "drivers", "cosim/doors", "wheel/tape.py", "cli/tools.py")
 OPENS = re.compile(

@@ -10,8 +10,8 @@ import hashlib
 import numpy as np
 
 from sumo_eval.cosim import simulate_many
+from sumo_eval.extras.wheel.tape import digest
 from sumo_eval.scenario.catalogue import SCENARIOS
-from sumo_eval.wheel.tape import digest
 
 PAIRS = [
     ("cut_in", "idm"), ("front_vehicle_low_speed", "sumo:IDM"), ("front_vehicle_cut_out", "lane_changer"),

@@ -77,13 +77,18 @@ def mistakes(path: Path) -> Iterator[Mistake]:
             yield Mistake(file, node.lineno, node.col_offset, node.id, OTHER[node.id])
 
 
+def room_of(path: Path) -> str:
+    """The room of a file of the package, or the file's own name where it stands in none."""
+    return path.parts[2 if path.parts[1] == "extras" else 1].removesuffix(".py")
+
+
 def drawn(count: int, seed: int) -> list[Mistake]:
     """So many mistakes, the rooms in turn, each file of a room as likely as another."""
     chance = random.Random(seed)
     rooms: dict[str, list[Path]] = {}
     for path in sorted((ROOT / "sumo_eval").rglob("*.py")):
         if path.stem not in KEPT:
-            rooms.setdefault(path.relative_to(ROOT).parts[1], []).append(path)
+            rooms.setdefault(room_of(path.relative_to(ROOT)), []).append(path)
     found: list[Mistake] = []
     for room in itertools.cycle(sorted(rooms)):
         if len(found) == count:
@@ -114,7 +119,7 @@ def finder(mistake: Mistake, copy: Path, arguments: list[str], *, near: bool) ->
         rf"{re.escape(module)}\b|from {re.escape(module.rpartition('.')[0])} import .*{Path(mistake.file).stem}"
     )
     naming = [str(path) for path in sorted((copy / "tests").rglob("test_*.py")) if names.search(path.read_text())]
-    room = copy / "tests" / Path(mistake.file).parts[1].removesuffix(".py")
+    room = copy / "tests" / room_of(Path(mistake.file))
     for tests in (naming, [str(room)] if room.is_dir() else [], [] if near else ["tests"]):
         for name in failing(copy, [*arguments, *tests]) if tests else []:
             if failing(copy, [name]):  # else only the load of the machine had let it fail

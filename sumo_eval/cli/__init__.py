@@ -28,11 +28,10 @@ _CORE: Final = {
     "compare": ("compare", "nightly", "accept", "trend"),
     "space": ("scenarios", "partition", "sample"),
     "tools": ("check", "schema"),
-    "importing": ("import_",),
 }
 """The files of this folder, and the commands that each defines."""
 
-_FILES: Final = {name.rstrip("_"): (file, name) for file, names in _CORE.items() for name in names}
+_FILES: Final = {name: file for file, names in _CORE.items() for name in names}
 
 GROUP: Final = "sumo_eval.commands"
 """Entry points of packages that bring further commands: a name and a click command. Our `extras` use them, too."""
@@ -97,8 +96,7 @@ class _Group(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in _FILES:
-            file, function = _FILES[cmd_name]
-            command = getattr(import_module(f"sumo_eval.cli.{file}"), function)
+            command = getattr(import_module(f"sumo_eval.cli.{_FILES[cmd_name]}"), cmd_name)
         elif cmd_name in _plugins():
             command = _loaded(_plugins()[cmd_name])
         else:

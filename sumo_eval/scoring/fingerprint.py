@@ -21,6 +21,7 @@ from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 _PACKAGE = Path(__file__).parent.parent
 _ROOMS = ("drivers", "method", "record", "scenario", "scoring", "settings")
 _FILES = ("cases.py", "coded.py", "evaluation.py", "results.py", "trajectory.py")
+_READERS = "extras/openscenario"  # makes scenarios of files, as the room `scenario` does
 _COMPUTES = ("numpy", "scipy", "numba")
 _QUOTED = re.compile(r"""["']([^"'\n]{1,300})["']""")
 _WITH_NAMES = (".toml", ".xosc", ".py", ".json", ".xml")
@@ -33,7 +34,10 @@ def sources(*rooms: str) -> str:
     compute with.
     """
     files = [
-        file for room in rooms or _ROOMS for ending in ("*.py", "*.toml") for file in (_PACKAGE / room).rglob(ending)
+        file
+        for room in (*(rooms or _ROOMS), _READERS)
+        for ending in ("*.py", "*.toml")
+        for file in (_PACKAGE / room).rglob(ending)
     ]
     files += [] if rooms else [_PACKAGE / name for name in _FILES]
     found = hashlib.blake2b(repr([version(name) for name in _COMPUTES]).encode())

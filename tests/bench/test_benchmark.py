@@ -5,9 +5,9 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from sumo_eval.bench.costs import SETTINGS, TenLines, set_speed
 from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
+from sumo_eval.extras.bench.costs import SETTINGS, TenLines, set_speed
 from sumo_eval.scenario import catalogue
 
 CUT_IN = catalogue.load("cut_in").concrete(ego_speed=30.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9)

@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import CHROMIUM, Page
 
 import sumo_eval
-from sumo_eval.figures.drawn import draw
-from sumo_eval.wheel.again import again
+from sumo_eval.extras.figures.drawn import draw
+from sumo_eval.extras.wheel.again import again
 
 BOT = Path(__file__).parents[1] / "wheel" / "bot.js"
 RUN = """

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from sumo_eval.cli import main
-from sumo_eval.figures import style
+from sumo_eval.extras.figures import style
 from sumo_eval.record import cluster
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.terminal import gate_lines

@@ -13,7 +13,7 @@ DECISIONS = tuple(f"docs/decisions/{path.name}" for path in sorted((ROOT / "docs
 PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "GLOSSARY.md", *DECISIONS)
 PICTURE = ROOT / "docs" / "pictures" / "flow.svg"
 SVG = "{http://www.w3.org/2000/svg}"
-FOLDERS = ("", "sumo_eval", "sumo_eval/cosim")
+FOLDERS = ("", "sumo_eval", "sumo_eval/extras", "sumo_eval/cosim")
 """Where a path in a page may begin."""
 
 

@@ -32,16 +32,16 @@ from example_files import write_needs
 from sumo_eval.cli import commands, main
 from sumo_eval.cosim.doors.features import read_interface
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.rates.campaign import read_campaign
+from sumo_eval.extras.openscenario.points import read_mapping
+from sumo_eval.extras.rates.campaign import read_campaign
+from sumo_eval.extras.wheel.plan import read_study
 from sumo_eval.report.gate_settings import read_gate
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.formats import expanded
-from sumo_eval.scenario.sampling.openscenario_points import read_mapping
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.settings.config import settings_from
-from sumo_eval.wheel.plan import read_study
 
 MARKED = {
     "": "a drawing, or what a command printed",
@@ -83,6 +83,7 @@ ELSEWHERE = {
     "kind: Job": "needs Kubernetes; the shards are those of tests/record/test_resume.py",
     "[[feature]]": "needs a policy; tests/learning/test_onnx.py drives one through such a file",
     "learned/cut_in.toml": "needs what `learn` wrote; tests/rates has that",
+    "old path  ": "a table",
     "project.entry-points": "tests/scenario/test_formats.py installs such a package",
     "consent": "needs people who rate; tests/wheel/test_study.py has bots",
     "train_ppo.py": "trains for minutes; tests/learning/test_examples_of_learning.py trains a little",

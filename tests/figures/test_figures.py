@@ -13,8 +13,8 @@ from browser import CHROMIUM, Page
 import sumo_eval
 from sumo_eval.errors import InputError
 from sumo_eval.evaluation import zone_partitions
-from sumo_eval.figures.drawn import FIGURES, OF_RUNS, draw
-from sumo_eval.figures.style import MM, WIDTHS, save
+from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw
+from sumo_eval.extras.figures.style import MM, WIDTHS, save
 from sumo_eval.nightly.night import import_runs
 from sumo_eval.report.html import write_report
 from sumo_eval.results import Evaluation

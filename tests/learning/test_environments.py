@@ -14,8 +14,8 @@ from gymnasium.vector import AutoresetMode
 import sumo_eval.gym
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
+from sumo_eval.extras.gym.episodes import Transition
 from sumo_eval.gym import Action, Feature, Interface, usual_reward
-from sumo_eval.gym.episodes import Transition
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import ConditionSettings, SimulationSettings
@@ -277,6 +277,6 @@ def test_what_the_environment_cannot_do_is_refused() -> None:
 
 
 def test_every_scenario_is_registered_once() -> None:
-    sumo_eval.gym.register()
+    sumo_eval.extras.gym.register()
     for scenario in scenarios():
         assert f"sumo_eval/{scenario}-v0" in gymnasium.registry

@@ -9,8 +9,8 @@ from typing import Final, Literal
 import numpy as np
 from scipy.special import ndtri
 
-from sumo_eval.rates.campaign import MILLION, AdsRate, Space, part_of, summed
-from sumo_eval.rates.importance import DEFENSIVE, Met, estimated
+from sumo_eval.extras.rates.campaign import MILLION, AdsRate, Space, part_of, summed
+from sumo_eval.extras.rates.importance import DEFENSIVE, Met, estimated
 from sumo_eval.scenario.joint import Joint
 
 Known = Literal["given", "counted", "fitted"]

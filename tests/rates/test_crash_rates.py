@@ -12,9 +12,9 @@ from rates.rare import estimate, logical
 from scipy.special import ndtri
 
 from sumo_eval.cli import main
-from sumo_eval.rates.campaign import Space, part_of, summed
-from sumo_eval.rates.campaign_page import lost_words, unseen_words
-from sumo_eval.rates.importance import DEFENSIVE, estimated, how_met
+from sumo_eval.extras.rates.campaign import Space, part_of, summed
+from sumo_eval.extras.rates.campaign_page import lost_words, unseen_words
+from sumo_eval.extras.rates.importance import DEFENSIVE, estimated, how_met
 
 FILE = """
 name = "two drivers"

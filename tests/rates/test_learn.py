@@ -19,9 +19,9 @@ from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, shares_of
 from sumo_eval.cli import main
 from sumo_eval.drivers.recorded.importing import import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical
-from sumo_eval.rates.command import called
-from sumo_eval.rates.encounters import LEAD_MOVES, find_encounters
-from sumo_eval.rates.intervals import (
+from sumo_eval.extras.rates.command import called
+from sumo_eval.extras.rates.encounters import LEAD_MOVES, find_encounters
+from sumo_eval.extras.rates.intervals import (
     end_interval,
     kolmogorov,
     kolmogorov_by_chance,
@@ -29,8 +29,8 @@ from sumo_eval.rates.intervals import (
     rank_correlation,
     rate_interval,
 )
-from sumo_eval.rates.learned import learn, measure
-from sumo_eval.rates.scenes import content_of
+from sumo_eval.extras.rates.learned import learn, measure
+from sumo_eval.extras.rates.scenes import content_of
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import smooth_step
 from sumo_eval.scenario.file import scenario_from

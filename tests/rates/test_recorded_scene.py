@@ -15,8 +15,8 @@ from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
 from sumo_eval.errors import InputError
-from sumo_eval.rates.departures import Departure
-from sumo_eval.rates.recorded_scene import FAR, NEVER, ROAD_AS_WRITTEN, fit_speeds, thinned, write_scene
+from sumo_eval.extras.rates.departures import Departure
+from sumo_eval.extras.rates.recorded_scene import FAR, NEVER, ROAD_AS_WRITTEN, fit_speeds, thinned, write_scene
 from sumo_eval.scenario.concrete import departures, smooth_step
 from sumo_eval.scenario.file import read_scenario, scenario_from
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from sumo_eval.errors import InputError
+from sumo_eval.extras.studies.opinion import Opinion, RatedScore, opinion_json
 from sumo_eval.report.opinion_section import OPINION, opinion_content
-from sumo_eval.studies.opinion import Opinion, RatedScore, opinion_json
 
 
 def test_the_section_is_there_only_where_people_were_asked(tmp_path: Path) -> None:

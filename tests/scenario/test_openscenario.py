@@ -13,21 +13,21 @@ from lxml import etree
 from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import played
-from sumo_eval.scenario.catalogue import find
-from sumo_eval.scenario.concrete import ConcreteScenario, LaneChange
-from sumo_eval.scenario.openscenario import values
-from sumo_eval.scenario.openscenario.collections import COLLECTIONS, uses_of
-from sumo_eval.scenario.openscenario.conformity import ROWS, USED, table
-from sumo_eval.scenario.openscenario.describe import described
-from sumo_eval.scenario.openscenario.logical import (
+from sumo_eval.extras.openscenario import values
+from sumo_eval.extras.openscenario.collections import COLLECTIONS, uses_of
+from sumo_eval.extras.openscenario.conformity import ROWS, USED, table
+from sumo_eval.extras.openscenario.describe import described
+from sumo_eval.extras.openscenario.logical import (
     concrete,
     concrete_points,
     grid_size,
     read_file,
 )
-from sumo_eval.scenario.openscenario.scene import synchronized
-from sumo_eval.scenario.openscenario.written import scenario_content, write_scenario
+from sumo_eval.extras.openscenario.scene import synchronized
+from sumo_eval.extras.openscenario.written import scenario_content, write_scenario
+from sumo_eval.scenario import played
+from sumo_eval.scenario.catalogue import find
+from sumo_eval.scenario.concrete import ConcreteScenario, LaneChange
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.scenario.undisturbed import tracks
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.points import read_variation
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.sampling.openscenario_points import read_variation
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
 

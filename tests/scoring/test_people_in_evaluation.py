@@ -12,11 +12,11 @@ from drivers.test_reference import write_people
 
 from sumo_eval.cli import main
 from sumo_eval.evaluation import score
+from sumo_eval.extras.studies.calibration import calibrate
+from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
+from sumo_eval.extras.studies.sensitivity import NO_WHEEL, sensitivity, sensitivity_lines
 from sumo_eval.report.words import score_note
 from sumo_eval.results import PlausibleTo
-from sumo_eval.studies.calibration import calibrate
-from sumo_eval.studies.opinion import compare_opinion, read_ratings
-from sumo_eval.studies.sensitivity import NO_WHEEL, sensitivity, sensitivity_lines
 
 EVALUATION = """
 name = "people"

@@ -10,14 +10,14 @@ from click.testing import CliRunner
 
 from sumo_eval.cli import main
 from sumo_eval.errors import InputError
+from sumo_eval.extras.studies.boundary import find_boundary
+from sumo_eval.extras.studies.boundary_page import summary, write_boundary
+from sumo_eval.extras.studies.slices import slice_of
 from sumo_eval.method.criticality import required_gap
 from sumo_eval.record.cases import Setup
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import RunSettings, SimulationSettings
-from sumo_eval.studies.boundary import find_boundary
-from sumo_eval.studies.boundary_page import summary, write_boundary
-from sumo_eval.studies.slices import slice_of
 
 CUT_OUT = catalogue.load("front_vehicle_cut_out")
 SETUP = Setup(SimulationSettings(), RunSettings(workers=2), Path.cwd())

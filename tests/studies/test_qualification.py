@@ -11,9 +11,9 @@ from click.testing import CliRunner
 
 from sumo_eval.cli import main
 from sumo_eval.errors import SimulationError
-from sumo_eval.studies.qualification import table
-from sumo_eval.studies.qualification.qualified import made
-from sumo_eval.studies.qualification.table import Check
+from sumo_eval.extras.studies.qualification import table
+from sumo_eval.extras.studies.qualification.qualified import made
+from sumo_eval.extras.studies.qualification.table import Check
 
 FIRST = [next(group) for _, group in groupby(table.all_checks(), key=lambda check: check.kind)]
 

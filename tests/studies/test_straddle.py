@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sumo_eval.errors import InputError
+from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter, Road, Start
-from sumo_eval.studies.straddle import BoundarySearch
 
 
 def square(*names, **changes):

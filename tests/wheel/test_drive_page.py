@@ -22,13 +22,13 @@ from test_window import LOGICAL, SETTINGS
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.extras.wheel.hands import Given, Hands
+from sumo_eval.extras.wheel.page import drive_view, page, replay, sheet
+from sumo_eval.extras.wheel.quality import Quality, QualitySettings
+from sumo_eval.extras.wheel.tape import digest, read_tape
+from sumo_eval.extras.wheel.trip import concrete_of, one_drive
+from sumo_eval.extras.wheel.window import Window
 from sumo_eval.trajectory import Recording
-from sumo_eval.wheel.hands import Given, Hands
-from sumo_eval.wheel.page import drive_view, page, replay, sheet
-from sumo_eval.wheel.quality import Quality, QualitySettings
-from sumo_eval.wheel.tape import digest, read_tape
-from sumo_eval.wheel.trip import concrete_of, one_drive
-from sumo_eval.wheel.window import Window
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 FAR = concrete_of(LOGICAL, {"ego_speed": 20.0, "obstacle_speed": 15.0, "gap": 120.0})

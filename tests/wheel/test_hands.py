@@ -7,8 +7,8 @@ import math
 import pytest
 
 from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
+from sumo_eval.extras.wheel.hands import BRAKE, DRIVE, EVADE, HARD, LEFT, RIGHT, Given, Hands, HandSettings, angle_of
 from sumo_eval.settings import VehicleSettings
-from sumo_eval.wheel.hands import BRAKE, DRIVE, EVADE, HARD, LEFT, RIGHT, Given, Hands, HandSettings, angle_of
 
 CAR = VehicleSettings()
 STEP = 0.02

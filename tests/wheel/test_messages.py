@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from sumo_eval.wheel.hands import Given
-from sumo_eval.wheel.messages import MessageError, read
+from sumo_eval.extras.wheel.hands import Given
+from sumo_eval.extras.wheel.messages import MessageError, read
 
 
 def test_what_the_page_sends_is_understood() -> None:

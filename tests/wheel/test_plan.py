@@ -7,7 +7,7 @@ from collections import Counter
 
 import pytest
 
-from sumo_eval.wheel.plan import balanced_orders
+from sumo_eval.extras.wheel.plan import balanced_orders
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8])

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sumo_eval.extras.wheel.quality import Quality, QualitySettings, reaction
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.trajectory import Recording, Trajectory
-from sumo_eval.wheel.quality import Quality, QualitySettings, reaction
 
 CAR = VehicleSettings()
 TIME = np.arange(0.0, 5.0, 0.1)

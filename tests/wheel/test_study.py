@@ -17,14 +17,14 @@ from websockets.exceptions import ConnectionClosed
 
 import sumo_eval
 from sumo_eval.errors import InputError
+from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
+from sumo_eval.extras.wheel.messages import MOST_A_SECOND
+from sumo_eval.extras.wheel.outcome import collect
+from sumo_eval.extras.wheel.page import page
+from sumo_eval.extras.wheel.plan import Plan, read_study
+from sumo_eval.extras.wheel.study import participants, study
+from sumo_eval.extras.wheel.window import Window
 from sumo_eval.report.people import study_sentences
-from sumo_eval.studies.opinion import compare_opinion, read_ratings
-from sumo_eval.wheel.messages import MOST_A_SECOND
-from sumo_eval.wheel.outcome import collect
-from sumo_eval.wheel.page import page
-from sumo_eval.wheel.plan import Plan, read_study
-from sumo_eval.wheel.study import participants, study
-from sumo_eval.wheel.window import Window
 
 RUN = """
 name = "base"

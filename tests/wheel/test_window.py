@@ -21,14 +21,14 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 from sumo_eval.cosim.doors.observation import Observation  # noqa: E402
 from sumo_eval.cosim.simulation import simulate  # noqa: E402
 from sumo_eval.cosim.vehicle_model import Command  # noqa: E402
+from sumo_eval.extras.wheel.again import again  # noqa: E402
+from sumo_eval.extras.wheel.hands import LET_GO, Given, Hands  # noqa: E402
+from sumo_eval.extras.wheel.page import drive_view, page  # noqa: E402
+from sumo_eval.extras.wheel.quality import Quality, QualitySettings  # noqa: E402
+from sumo_eval.extras.wheel.tape import LeftTheWheelError, digest, read_tape, with_quit  # noqa: E402
+from sumo_eval.extras.wheel.trip import concrete_of, one_drive, settings_at  # noqa: E402
+from sumo_eval.extras.wheel.window import FLOODED, TAKEN, UNKNOWN, WRONG, Window  # noqa: E402
 from sumo_eval.scenario import catalogue  # noqa: E402
-from sumo_eval.wheel.again import again  # noqa: E402
-from sumo_eval.wheel.hands import LET_GO, Given, Hands  # noqa: E402
-from sumo_eval.wheel.page import drive_view, page  # noqa: E402
-from sumo_eval.wheel.quality import Quality, QualitySettings  # noqa: E402
-from sumo_eval.wheel.tape import LeftTheWheelError, digest, read_tape, with_quit  # noqa: E402
-from sumo_eval.wheel.trip import concrete_of, one_drive, settings_at  # noqa: E402
-from sumo_eval.wheel.window import FLOODED, TAKEN, UNKNOWN, WRONG, Window  # noqa: E402
 
 LOGICAL = catalogue.load("front_vehicle_cut_out")
 CONCRETE = concrete_of(LOGICAL, {"ego_speed": 20.0, "obstacle_speed": 5.0, "gap": 40.0})

@@ -1,0 +1,43 @@
+"""`sumo-eval plot`: a figure of a run for a paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import tell
+from sumo_eval.cli.trusting import trusting
+
+
+@click.command(epilog="Example: sumo-eval plot results/first zone_map --ads idm --out zones.pdf")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("figure")
+@click.option("--out", type=click.Path(path_type=Path), help="The file: .svg, .png or .pdf (default: RUN/FIGURE.svg).")
+@click.option("--scenario", help="The logical scenario (default: the first, or that of the case).")
+@click.option("--ads", help="One ADS (default: all, or the first where only one fits).")
+@click.option("--case", help="A case, for figures of drives (default: the least human-like one).")
+@click.option("--width", default="page", help="`column` (88 mm) or `page` (180 mm, the default).")
+@trusting
+def plot(
+    run: Path, figure: str, out: Path | None, scenario: str | None, ads: str | None, case: str | None, width: str
+) -> None:
+    """Draw FIGURE of RUN for a paper: zone_map, field, trajectories, time_history, collisions, boundary, intervals,
+    points; opinion; of a folder of nights, trend; of what `boundary` wrote, boundary.
+    """
+    from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw, is_edge
+    from sumo_eval.extras.figures.style import refuse_without_matplotlib, save, width_of
+
+    file = out or run / f"{figure}.svg"
+    if figure in FIGURES:  # else `draw` says so
+        width_of(width)
+        refuse_without_matplotlib()
+    if figure not in OF_RUNS or is_edge(run, figure):
+        tell(str(save(draw(run, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
+        return
+    from sumo_eval.evaluation import score
+
+    with Progress() as progress:
+        evaluation = score(run, progress=progress)
+    tell(str(save(draw(evaluation, figure, scenario=scenario, ads=ads, case=case, width=width), file)))

@@ -1,0 +1,62 @@
+"""Every figure by its name, drawn from a folder: the one door of the command and of a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeGuard
+
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.extras.figures import of_runs, of_studies
+from sumo_eval.results import Evaluation
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+OF_RUNS: Final[Mapping[str, Any]] = {
+    name: getattr(of_runs, name)
+    for name in (
+        "zone_map", "field", "trajectories", "time_history", "collisions", "boundary", "intervals", "points",
+    )
+}  # fmt: skip
+"""Figures of a scored run by name."""
+
+FIGURES: Final = (*OF_RUNS, "trend", "opinion")
+
+
+def is_edge(evaluation: Evaluation | Path, figure: str) -> TypeGuard[Path]:
+    """Whether it is a folder that `sumo-eval boundary` wrote, and its figure is asked for."""
+    return figure == "boundary" and isinstance(evaluation, Path) and (evaluation / "boundary.json").is_file()
+
+
+def draw(
+    evaluation: Evaluation | Path, figure: str, *, scenario: str | None = None, ads: str | None = None,
+    case: str | None = None, width: str = "page",
+) -> Figure:  # fmt: skip
+    """A figure by its name, of an evaluation or of a folder.
+
+    evaluation: for `trend` the folder of a history of nights, for `opinion` a run's folder, for all others a scored
+    run; for `boundary` also a folder that `sumo-eval boundary` wrote. Raises InputError for a name that is none, and
+    for a scenario, an ADS or a case that is not there.
+    """
+    if figure not in FIGURES:
+        raise unknown("figure", figure, list(FIGURES))
+    if is_edge(evaluation, figure):
+        if case is not None or scenario is not None or ads is not None:
+            raise InputError("Figure `boundary` of a search shows one ADS in one scenario; it takes none of them.")
+        return of_studies.edge(evaluation, width=width)
+    if figure in OF_RUNS:
+        if isinstance(evaluation, Path):
+            from sumo_eval.evaluation import score
+
+            evaluation = score(evaluation)
+        drawn: Figure = OF_RUNS[figure](evaluation, scenario=scenario, ads=ads, case=case, width=width)
+        return drawn
+    folder = evaluation.folder if isinstance(evaluation, Evaluation) else evaluation
+    if case is not None:
+        raise InputError(f"Figure `{figure}` shows no single case, got {case!r}.")
+    if figure == "trend":
+        return of_studies.trend(folder, scenario=scenario, ads=ads, width=width)
+    if scenario is not None or ads is not None:
+        raise InputError("Figure `opinion` shows every rated ADS in every rated scenario; it takes neither of them.")
+    return of_studies.opinion(folder, width=width)

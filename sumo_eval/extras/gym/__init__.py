@@ -1,0 +1,35 @@
+"""Gymnasium environments over the logical scenarios: `import sumo_eval.gym` registers `sumo_eval/<scenario>-v0`.
+
+`gymnasium.make("sumo_eval/cut_in-v0")` is one case after the other, `gymnasium.make_vec(..., num_envs=256)` so many
+beside each other in one process. `sumo_eval/scenario-v0` takes a scenario of your own: `use="my_scenario.toml"`.
+Needs the extra `gym`.
+"""
+
+from __future__ import annotations
+
+from sumo_eval.errors import needs_extra
+from sumo_eval.scenario.shipped_files import scenario_files
+
+try:
+    import gymnasium
+except ImportError as error:
+    raise needs_extra("`sumo_eval.gym`", "gym") from error
+
+from sumo_eval.cosim.doors.features import Action, Feature, Interface, read_interface, usual
+from sumo_eval.extras.gym.episodes import Transition, usual_reward
+
+__all__ = ["Action", "Feature", "Interface", "Transition", "read_interface", "register", "usual", "usual_reward"]
+
+ENV, VECTOR_ENV = "sumo_eval.extras.gym.env:ScenarioEnv", "sumo_eval.extras.gym.env:ScenarioVectorEnv"
+
+
+def register() -> None:
+    """Make the environments known to gymnasium; once is enough."""
+    for name in ("scenario", *scenario_files()):
+        made = f"sumo_eval/{name}-v0"
+        if made not in gymnasium.registry:
+            given = {} if name == "scenario" else {"use": name}
+            gymnasium.register(made, entry_point=ENV, vector_entry_point=VECTOR_ENV, kwargs=given)
+
+
+register()

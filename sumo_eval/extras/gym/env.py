@@ -1,0 +1,183 @@
+"""The environments that gymnasium makes: one episode after the other, or many beside each other in one process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from sumo_eval.cosim.doors.features import Interface
+from sumo_eval.errors import must_be
+from sumo_eval.extras.gym.episodes import TERMINAL, Episodes, Reward, Sampler, refuse_other_options
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.settings import SimulationSettings
+
+Floats = NDArray[Any]
+
+
+def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+    low, high = interface.bounds
+    ranges = [(-1.0, 1.0) if action.low is not None else (-np.inf, np.inf) for action in interface.actions]
+    least, most = (np.array(ends, dtype=np.float32) for ends in zip(*ranges, strict=True))
+    return (
+        gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32),
+        gymnasium.spaces.Box(least, most, dtype=np.float32),
+    )
+
+
+class ScenarioEnv(gymnasium.Env[Floats, Floats]):
+    """Cases of a logical scenario one after the other; arguments as of `Episodes`.
+
+    `reset(options={"gap": 20.0})` sets parameters and draws the others; `options={"sampler": f}` asks `f(generator)`
+    for a point. `info` has the point (`values`) and, at the end, `end_reason`.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - gymnasium's own form
+
+    def __init__(
+        self, use: str | LogicalScenario, *, interface: Interface | str | Path | None = None,
+        reward: Reward | None = None, sampler: Sampler | None = None, settings: SimulationSettings | None = None,
+        steering: bool = False, sumo: bool = True, render_mode: None = None,
+    ) -> None:  # fmt: skip
+        self.render_mode = render_mode
+        self.episodes = Episodes(
+            use,
+            1,
+            interface=interface,
+            reward=reward,
+            sampler=sampler,
+            settings=settings,
+            steering=steering,
+            sumo=sumo,
+        )
+        self.observation_space, self.action_space = _spaces(self.episodes.interface)
+
+    @property
+    def interface(self) -> Interface:
+        """What is seen and done; `to_toml()` is the table that `onnx:` wants beside the model."""
+        return self.episodes.interface
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
+        """Begin a case."""
+        super().reset(seed=seed)
+        refuse_other_options(options or {}, self.episodes.logical)
+        self.episodes.begin(np.array([0]), [self.np_random], options or {})
+        (concrete,) = self.episodes.pack.world.cases
+        return self.episodes.show()[0], {"values": dict(concrete.values)}
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """One step, or the steps of one `period`."""
+        if not self.episodes.pack.world.egos["live"][0]:
+            raise gymnasium.error.ResetNeeded("The episode is over; call reset before the next step.")
+        worth, (reason,) = self.episodes.step(np.asarray(action, dtype=np.float64).reshape(1, -1))
+        info = {"end_reason": str(reason)} if reason else {}
+        terminated = str(reason) in TERMINAL
+        return self.episodes.show()[0], float(worth[0]), terminated, bool(reason) and not terminated, info
+
+    def close(self) -> None:
+        """End the simulation."""
+        self.episodes.close()
+
+
+class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
+    """Cases of a logical scenario, `num_envs` beside each other; other arguments as of `Episodes`.
+
+    autoreset_mode: when an episode that is over begins anew: with the next step, which gives its first observation and
+    reward 0 (gymnasium's usual), with the same step, its last observation in `final_obs`, or never (`Disabled`).
+    """
+
+    def __init__(
+        self, use: str | LogicalScenario, num_envs: int = 1, *, interface: Interface | str | Path | None = None,
+        reward: Reward | None = None, sampler: Sampler | None = None, settings: SimulationSettings | None = None,
+        steering: bool = False, sumo: bool = True, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: None = None,
+    ) -> None:  # fmt: skip
+        self.render_mode = render_mode
+        self.num_envs = num_envs
+        self.episodes = Episodes(
+            use,
+            num_envs,
+            interface=interface,
+            reward=reward,
+            sampler=sampler,
+            settings=settings,
+            steering=steering,
+            sumo=sumo,
+        )
+        self._mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
+        self.single_observation_space, self.single_action_space = _spaces(self.episodes.interface)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._generators: list[np.random.Generator] = []
+        self._over = np.zeros(num_envs, dtype=np.bool_)
+
+    @property
+    def interface(self) -> Interface:
+        """What is seen and done; `to_toml()` is the table that `onnx:` wants beside the model."""
+        return self.episodes.interface
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
+        """Begin a case in each, or in those of `options["reset_mask"]`.
+
+        seed: of the first, each of the others has the next number; or one for each.
+        """
+        options = dict(options or {})
+        mask = options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_))
+        if not (isinstance(mask, np.ndarray) and mask.shape == (self.num_envs,) and mask.dtype == np.bool_):
+            raise must_be("`reset_mask`", "the options of reset", f"{self.num_envs} truth values in an array", mask)
+        refuse_other_options(options, self.episodes.logical)
+        self._seed(seed)
+        self.episodes.begin(np.flatnonzero(mask), self._generators, options)
+        self._over[mask] = False
+        return self.episodes.show(), {"values": np.array([dict(it.values) for it in self.episodes.pack.world.cases])}
+
+    def _seed(self, seed: int | list[int | None] | None) -> None:
+        if seed is None and self._generators:
+            return
+        if isinstance(seed, list):
+            if len(seed) != self.num_envs:
+                raise must_be("`seed`", "reset", f"one number, or {self.num_envs}", seed)
+            self._generators = [np.random.default_rng(one) for one in seed]
+            return
+        if seed is None:
+            seed = int(self.np_random.integers(2**31))
+        self._generators = [np.random.default_rng(seed + row) for row in range(self.num_envs)]
+
+    def step(self, actions: Floats) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """One step of all, or the steps of one `period`."""
+        actions = np.asarray(actions, dtype=np.float64).reshape(self.num_envs, -1)
+        begun = self._over.copy()
+        if begun.any():
+            if self._mode is AutoresetMode.DISABLED:
+                raise gymnasium.error.ResetNeeded("Some episodes are over; reset them with `reset_mask` first.")
+            actions = np.where(begun[:, None], 0.0, actions)
+        worth, reasons = self.episodes.step(actions)
+        over = reasons != ""
+        info: dict[str, Any] = {}
+        if over.any():
+            info = {"end_reason": reasons, "_end_reason": over.copy()}
+        rows = np.flatnonzero(begun)
+        if len(rows):  # they stood still in this step
+            self.episodes.begin(rows, self._generators, {})
+        seen = self.episodes.show()
+        if self._mode is AutoresetMode.SAME_STEP and over.any():
+            info["final_obs"], info["_final_obs"] = seen.copy(), over.copy()
+            self.episodes.begin(np.flatnonzero(over), self._generators, {})
+            seen = self.episodes.show()
+            self._over[:] = False
+        else:
+            self._over = over
+        terminated = np.isin(reasons, TERMINAL)
+        return seen, worth, terminated, over & ~terminated, info
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the simulation."""
+        self.episodes.close()

@@ -1,0 +1,100 @@
+"""Public catalogues of OpenSCENARIO files, played out of the user's own copy: which files they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.extras.openscenario.logical import Read, read_file
+from sumo_eval.settings import ScenarioSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Collection:
+    """A public catalogue. folders: where its files may be below the user's copy; pattern: their names.
+
+    besides: patterns of files that no other file of it varies, from the folder of the others on.
+    """
+
+    about: str
+    source: str
+    folders: tuple[str, ...]
+    pattern: str
+    besides: tuple[str, ...] = ()
+
+    def files(self, copy: Path) -> list[Path]:
+        """Its files. Raises InputError where none are there."""
+        for folder in self.folders:
+            found = sorted((copy / folder).glob(self.pattern))
+            if found:
+                for pattern in self.besides:
+                    found += sorted((copy / folder).glob(pattern))
+                return found
+        raise must_be(
+            "`folder`", f"the catalogue ({self.source})", f"one with {self.folders[0]}/{self.pattern}", str(copy)
+        )
+
+
+COLLECTIONS: Mapping[str, Collection] = MappingProxyType(
+    {
+        "osc_alks": Collection(
+            "the 15 scenarios of UN R157 and their variations", "asam-oss/OSC-ALKS-scenarios",
+            ("Scenarios/ALKS_Scenarios", "logical_scenarios", "."), "*_variation.xosc",
+            ("concrete_scenarios/*4_4_2*_template.xosc",),
+        ),
+        "ncap_2026": Collection(
+            "Euro NCAP 2026, crash avoidance, frontal collisions, standard range", "vectorgrp/OSC-NCAP-scenarios",
+            ("OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange", "CA-FC_2026/Variations/StandardRange",
+             "Variations/StandardRange", "."), "*.xosc",
+        ),
+    }
+)  # fmt: skip
+"""Catalogues by the name that `use` gives them."""
+
+
+def entries_of(entry: ScenarioSettings, folder: Path) -> tuple[ScenarioSettings, ...]:
+    """An entry for each file of a catalogue, or for each road of an OpenSCENARIO file of several.
+
+    What does not play is told by the first entry of its catalogue. folder: where relative paths start.
+    """
+    if entry.use in COLLECTIONS:
+        return tuple(_of_collection(entry, folder))
+    if "road=" in entry.use:
+        return (entry,)
+    uses = uses_of(folder / entry.use.partition("?")[0], entry.use)
+    return tuple(replace(entry, use=use) for use, _ in uses)
+
+
+def uses_of(path: Path, use: str) -> Iterator[tuple[str, Read]]:
+    """What names each of the roads of an OpenSCENARIO file in `use`, and what was read for it."""
+    plain, asks, options = use.partition("?")
+    given = dict(part.split("=", 1) for part in options.split("&") if "=" in part)
+    first = read_file(path, given)
+    if len(first.roads) == 1:
+        yield use, first
+        return
+    for number in range(1, len(first.roads) + 1):
+        road = {**given, "road": str(number)}
+        yield f"{plain}?{options + '&' if asks else ''}road={number}", read_file(path, road)
+
+
+def _of_collection(entry: ScenarioSettings, folder: Path) -> list[ScenarioSettings]:
+    if entry.folder is None:
+        source = COLLECTIONS[entry.use].source
+        raise InputError(f"Catalogue `{entry.use}` must have a `folder`: your copy of {source}.")
+    copy = (folder / entry.folder).resolve()
+    found: list[ScenarioSettings] = []
+    refused: dict[str, str] = {}
+    for file in COLLECTIONS[entry.use].files(copy):
+        try:
+            found += [replace(entry, use=use, folder=None) for use, _ in uses_of(file, str(file))]
+        except InputError as error:
+            refused[file.name] = str(error)
+    if not found:
+        raise InputError(
+            f"No file of catalogue `{entry.use}` in {copy} plays; the first: {next(iter(refused.values()))}"
+        )
+    return [replace(found[0], not_played=refused), *found[1:]]

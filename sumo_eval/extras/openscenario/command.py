@@ -1,0 +1,70 @@
+"""Scenarios of other tools: what is understood of a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli.named_values import named_values
+from sumo_eval.cli.sentences import say, tell
+
+
+@click.command("import", epilog="Example: sumo-eval import CCRm.xosc")
+@click.argument("file", required=False)
+@click.option("--folder", type=click.Path(), help="Of a catalogue (osc_alks, ncap_2026): where your copy is.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Write the scenario file (.toml) that was understood at one point.",
+)
+@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="With --out: a parameter of the point.")
+@click.option("--conformity", is_flag=True, help="List what of OpenSCENARIO plays, is ignored and is refused.")
+@click.option("--steps", is_flag=True, hidden=True)
+def import_(
+    file: str | None, folder: str | None, out: Path | None, values: tuple[str, ...], conformity: bool, steps: bool
+) -> None:
+    """Say what is understood of FILE, and what does not play.
+
+    FILE: an OpenSCENARIO scenario or variation (.xosc).
+
+    Of a catalogue (osc_alks, ncap_2026): its files, the points of each and how many play.
+
+    `use = "FILE.xosc"` in an evaluation plays it. Exit status 2 where nothing of it plays.
+    """
+    from sumo_eval.errors import InputError, did_you_mean
+    from sumo_eval.extras.openscenario.collections import COLLECTIONS
+    from sumo_eval.extras.openscenario.conformity import table
+    from sumo_eval.extras.openscenario.describe import described, listed
+    from sumo_eval.extras.openscenario.logical import read_file
+    from sumo_eval.extras.openscenario.written import scenario_content, write_scenario
+    from sumo_eval.gone import is_use_case, refuse_use_case
+    from sumo_eval.scenario.catalogue import options_of
+
+    if conformity:
+        click.echo(table())
+    if steps:
+        refuse_use_case("--steps")
+    if file is None:
+        if not conformity:
+            raise click.UsageError("Missing argument 'FILE'.")
+        return
+    plain, given = options_of(file)
+    read = None
+    if plain in COLLECTIONS:
+        lines = listed(plain, COLLECTIONS[plain].files(Path(folder or ".")))
+    elif is_use_case(plain):
+        refuse_use_case(plain)
+    elif plain.endswith(".xosc"):
+        read = read_file(Path(plain), given)
+        lines = described(read)
+    else:
+        near = did_you_mean(plain, COLLECTIONS)
+        raise InputError(f"`import` reads OpenSCENARIO files (.xosc) and catalogues, got {plain}.{near}")
+    say(lines)
+    if out is None:
+        return
+    if read is None:
+        raise InputError(f"`--out` is for one file, got the catalogue {plain}.")
+    write_scenario(scenario_content(read, named_values(values, "--set")), out)
+    tell(f"wrote {out}")

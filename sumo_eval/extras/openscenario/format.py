@@ -1,0 +1,15 @@
+"""What the entry point `xosc` of `sumo_eval.scenarios` brings: OpenSCENARIO files, catalogues and points."""
+
+from __future__ import annotations
+
+from sumo_eval.extras.openscenario.collections import COLLECTIONS, entries_of
+from sumo_eval.extras.openscenario.logical import read_logical
+from sumo_eval.extras.openscenario.points import from_openscenario
+from sumo_eval.scenario.formats import Format
+
+FORMAT = Format(
+    read=read_logical,
+    expand=entries_of,
+    catalogues=tuple(COLLECTIONS),
+    samplings={"openscenario": (from_openscenario, frozenset({"file", "count"}))},
+)

@@ -1,0 +1,169 @@
+"""The OpenDRIVE file of a scenario: where a place on a road, in a lane, lies on the map."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from sumo_eval.errors import InputError, did_you_mean
+from sumo_eval.extras.openscenario.reading import attribute, decimal, fault
+from sumo_eval.scenario.road.opendrive import lane_offset, reference_line
+from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.xml_file import Element, read_xml
+
+WIDEST = 6.0  # m: a wider lane is an area without marks
+MARKED = 3.5  # m: the lane that the ego is given in such an area
+
+
+class Pose(NamedTuple):
+    """A place on the map, m, and where it points, rad."""
+
+    x: float
+    y: float
+    heading: float
+
+    def moved(self, ahead: float, left: float = 0.0, turned: float = 0.0) -> Pose:
+        """The place so far ahead and to the left of it."""
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        return Pose(self.x + ahead * c - left * s, self.y + ahead * s + left * c, self.heading + turned)
+
+    def seen_from(self, origin: Pose) -> Pose:
+        """It in the axes of another: x ahead, y to the left."""
+        dx, dy = self.x - origin.x, self.y - origin.y
+        c, s = math.cos(origin.heading), math.sin(origin.heading)
+        turned = math.remainder(self.heading - origin.heading, math.tau)
+        return Pose(dx * c + dy * s, dy * c - dx * s, turned)
+
+
+class Lane(NamedTuple):
+    """A lane. centre: left of the road's reference line, m."""
+
+    number: int
+    kind: str
+    centre: float
+    width: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapRoad:
+    """A road of an OpenDRIVE file: where it begins, its reference line and its lanes by number."""
+
+    name: str
+    begin: Pose
+    line: tuple[Piece, ...]
+    lanes: dict[int, Lane]
+
+    @property
+    def length(self) -> float:
+        """Of its reference line, m."""
+        return sum(piece.length for piece in self.line)
+
+    @property
+    def bent(self) -> bool:
+        """Whether it is no straight line."""
+        return any(piece.begin != 0.0 or piece.end != 0.0 for piece in self.line)
+
+    def pose(self, s: float, t: float) -> Pose:
+        """The place s m along the reference line and t m to the left of it."""
+        if self.bent:
+            x, y, heading = (float(it) for it in map_places(self.line, s, t))
+            return self.begin.moved(x, y, heading)
+        return self.begin.moved(s, t)
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """The roads of a file by id. unread: why a road cannot be read, which nobody minds who is not on it."""
+
+    path: Path
+    roads: dict[str, MapRoad]
+    unread: dict[str, InputError]
+
+    def road(self, name: str, element: Element) -> MapRoad:
+        """A road by its id; refused where it is not there, or cannot be read. element: what asks for it."""
+        if name in self.unread:
+            raise self.unread[name]
+        if name not in self.roads:
+            known = [*self.roads, *self.unread]
+            raise fault(element, f"road `{name}` is not in {self.path.name}.{did_you_mean(name, known)}".rstrip("."))
+        return self.roads[name]
+
+    def lane(self, road: MapRoad, number: str, element: Element) -> Lane:
+        """A lane of a road; refused where it is not there."""
+        found = next((lane for lane in road.lanes.values() if _is(lane.number, number)), None)
+        if found is None:
+            known = ", ".join(str(it) for it in road.lanes)
+            raise fault(element, f"lane `{number}` is not on road `{road.name}` of {self.path.name}, which has {known}")
+        return found
+
+
+def _is(number: int, written: str) -> bool:
+    """Whether what is written is a number: `-1`, or `-1.0`."""
+    try:
+        return float(written) == number
+    except ValueError:
+        return False
+
+
+def read_network(path: Path, *, flat: bool = False) -> Network:
+    """The roads of an OpenDRIVE file. flat: slopes are left out. Raises InputError with what cannot be read."""
+    return _read(path, path.stat().st_mtime_ns, flat)
+
+
+@lru_cache(maxsize=32)
+def _read(path: Path, changed: int, flat: bool) -> Network:
+    root = read_xml(path, "OpenDRIVE file")
+    if root.tag != "OpenDRIVE":
+        raise fault(root, "the root of an OpenDRIVE file must be <OpenDRIVE>")
+    roads: dict[str, MapRoad] = {}
+    unread: dict[str, InputError] = {}
+    for element in root.iter("road"):
+        name = attribute(element, "id")
+        if name in roads or name in unread:
+            raise fault(element, f"there is another road with the `id` {name}")
+        try:
+            roads[name] = _road(element, name, flat)
+        except InputError as error:
+            unread[name] = error
+    if not roads and not unread:
+        raise fault(root, "it has no <road>")
+    return Network(path, roads, unread)
+
+
+def _road(element: Element, name: str, flat: bool) -> MapRoad:
+    owner = f"road `{name}` of OpenDRIVE file {Path(str(element.getroottree().docinfo.URL)).name}"
+    line, _ = reference_line(element, owner)
+    first = element.find("planView/geometry")
+    assert first is not None
+    begin = Pose(*(decimal(first, key) for key in ("x", "y", "hdg")))
+    sections = element.findall("lanes/laneSection")
+    if len(sections) != 1:
+        raise fault(element, f"it must have one <laneSection>, got {len(sections)}")
+    shift = lane_offset(element, owner, flat=flat)
+    lanes: dict[int, Lane] = {}
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        offset = 0.0
+        numbered = [(_lane_number(lane, sign), lane) for lane in sections[0].findall(f"{side}/lane")]
+        for number, lane in sorted(numbered, key=lambda it: abs(it[0])):
+            widths = lane.findall("width")
+            changes = len(widths) == 1 and any(decimal(widths[0], key) for key in "bcd" if key in widths[0].attrib)
+            if len(widths) != 1 or changes:
+                raise fault(lane, "its width must be one constant")
+            if number in lanes:
+                raise fault(lane, f"there is another lane with the `id` {number}")
+            width = decimal(widths[0], "a")
+            lanes[number] = Lane(number, str(lane.get("type")), shift + sign * (offset + 0.5 * width), width)
+            offset += width
+    return MapRoad(name, begin, line, lanes)
+
+
+def _lane_number(lane: Element, sign: float) -> int:
+    """The `id` of a lane: above 0 to the left of the reference line, below 0 to its right."""
+    number = decimal(lane, "id")
+    if not number.is_integer() or number * sign <= 0.0:
+        side = "above" if sign > 0.0 else "below"
+        raise fault(lane, f"its `id` must be a whole number {side} 0, got {lane.get('id')}")
+    return int(number)

@@ -1,0 +1,929 @@
+"""A scenario file of OpenSCENARIO at one point of its space: the road, the ego's start and what the others do.
+
+Readings, where the standard leaves one or the world here is narrower:
+
+- The ego belongs to the ADS from the start: its controllers and actions during the drive are ignored, its start is not.
+- A speed relative to the ego's is relative to the one with which the ego starts, a lane or an offset relative to the
+  ego's to where the ego starts: nobody knows before the drive where an ADS will be.
+- SynchronizeAction is planned once, when it begins, for a master that keeps the speed it has; when the master leaves
+  its approach speed afterwards, because the ADS brakes, the target keeps its plan (`synchronized`).
+- `sinusoidal` by `rate` has that peak lateral speed, by `maxLateralAcc` that peak lateral acceleration.
+- A `rate` is a size; the target says which way.
+- Who has come to the end of a trajectory goes on straight at its speed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.catalogs import Catalogs, named_file
+from sumo_eval.extras.openscenario.moments import NEVER, Conditions, Moment, Span
+from sumo_eval.extras.openscenario.network import MARKED, WIDEST, Lane, MapRoad, Pose, read_network
+from sumo_eval.extras.openscenario.places import Entity, Places, Spot, Trajectory, entity_of
+from sumo_eval.extras.openscenario.reading import (
+    attribute,
+    child,
+    children,
+    fault,
+    not_played,
+    one_of,
+    only,
+    read_openscenario,
+)  # fmt: skip
+from sumo_eval.extras.openscenario.values import (
+    RULES,
+    Scope,
+    Value,
+    compared,
+    declared,
+    flag,
+    number,
+    text,
+    whole,
+    within,
+)
+from sumo_eval.scenario import played
+from sumo_eval.scenario.concrete import Actor, Brake, EgoBody, LaneChange, Start
+from sumo_eval.scenario.road.opendrive import beside
+from sumo_eval.scenario.road.reference_line import Piece, curvatures, frame_places, tightest
+from sumo_eval.scenario.xml_file import Element
+
+EGO = "Ego"
+_AT_ONCE = 1e-6  # s that a speed takes which is told to change at once
+_SAME = 1e-9
+_ON = 1e-6  # m
+
+IGNORED_GLOBAL = (
+    "EnvironmentAction",
+    "VariableAction",
+    "ParameterAction",
+    "InfrastructureAction",
+    "CustomCommandAction",
+)
+"""Actions for all that change no motion here."""
+IGNORED_PRIVATE = ("ControllerAction", "ActivateControllerAction", "VisibilityAction", "AppearanceAction")  # fmt: skip
+"""Actions of one entity that change no motion here."""
+
+
+class Frame(NamedTuple):
+    """The road: where its frame begins on the map, its line (none: straight), its lanes and its length, m.
+
+    offset: of lane 0's centre left of the reference line of the road `name`, m.
+    """
+
+    origin: Pose
+    line: tuple[Piece, ...]
+    lanes: int
+    lane_width: float
+    length: float
+    name: str
+    offset: float
+    road: str
+
+
+@dataclass(slots=True)
+class Doing:
+    """What one of the others does, as it is put together. speed: the one it has by what stands above, from `steady` s
+    on; offset: to the left of where it starts, by what stands above, m.
+    """
+
+    acts: list[played.Act] = field(default_factory=list)
+    speed: float = 0.0
+    steady: float = 0.0
+    offset: float = 0.0
+    busy_until: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """The scenario at a point. broken: constraints of the file that do not hold there. ends: s, inf where no stop says.
+
+    ignored: kinds of elements that mean nothing here.
+    """
+
+    frame: Frame
+    ego: Start
+    ego_body: EgoBody
+    actors: tuple[Actor, ...]
+    ends: float
+    ignored: tuple[str, ...]
+
+
+def parameters(path: Path, given: Mapping[str, Value]) -> tuple[Scope, list[str]]:
+    """All declared parameters of a scenario file at given values, and the constraints that do not hold."""
+    return declared(read_openscenario(path).find("ParameterDeclarations"), given)
+
+
+def scene(
+    path: Path, given: Mapping[str, Value], ego: str = EGO, *, flat: bool = False, constrained: bool = True
+) -> Scene:
+    """A scenario file with given values of its parameters. ego: the entity that is judged. flat: slopes are left out.
+    constrained: the constraints of the file must hold.
+
+    Raises InputError with file, line and element.
+    """
+    return _Player(path, given, ego, flat=flat, constrained=constrained).scene()
+
+
+def synchronized(
+    distance: float, time: float, speed: float, final: float, steady: float
+) -> tuple[tuple[float, float], ...]:
+    """Knots (s, m/s) of the speed with which a target is at its place, `distance` m ahead, after `time` s.
+
+    It begins with `speed` and has `final` over the last `steady` m. Before that it changes its speed once, as gently as
+    it can: it keeps the first speed and then changes, or changes and then keeps the final one. Where neither gets it
+    there, it changes at an even rate to a speed in the middle of the time left, and on to the final one; and where that
+    speed would be below 0 it brakes, stands and starts.
+
+    Raises InputError where no motion forward does it.
+    """
+    if final <= 0.0:
+        raise InputError(f"a final speed above 0 m/s is needed, got {final:g}")
+    ahead, left = distance - steady, time - steady / final
+    if ahead < -_ON or left < -_SAME:
+        raise InputError(f"{distance:.2f} m in {time:.2f} s leave no room for {steady:g} m at {final:g} m/s")
+    if left <= _AT_ONCE or ahead <= _ON:
+        return (
+            ((max(left, _AT_ONCE), speed), (max(left, _AT_ONCE) + _AT_ONCE, final))
+            if left > 0
+            else ((_AT_ONCE, final),)
+        )
+    mean = ahead / left
+    low, high = min(speed, final), max(speed, final)
+    if high - low > _SAME and low + _SAME < mean < high - _SAME:
+        if (mean < 0.5 * (speed + final)) == (final > speed):  # nearer to the speed it has: that first
+            ramp = 2.0 * (ahead - speed * left) / (final - speed)
+            return _knots([(left - ramp, speed), (left, final)])
+        ramp = 2.0 * (final * left - ahead) / (final - speed)
+        return _knots([(ramp, final), (left, final)])
+    if abs(mean - final) <= _SAME and abs(mean - speed) <= _SAME:
+        return ((left, final),)
+    middle = 2.0 * mean - 0.5 * (speed + final)
+    if middle >= 0.0:
+        return _knots([(0.5 * left, middle), (left, final)])
+    rate = (speed * speed + final * final) / (2.0 * ahead)  # brakes and starts at one rate, and stands in between
+    if (speed + final) / rate > left + _SAME:
+        raise InputError(f"{distance:.2f} m in {time:.2f} s are too few for {speed:g} m/s at the start")
+    return _knots([(speed / rate, 0.0), (left - final / rate, 0.0), (left, final)])
+
+
+@lru_cache(maxsize=64)
+def _beside(line: tuple[Piece, ...], offset: float, owner: str) -> tuple[Piece, ...]:
+    return beside(line, offset, owner)
+
+
+def _knots(knots: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Those knots that lie behind the one before them."""
+    found: list[tuple[float, float]] = []
+    for time, speed in knots:
+        if time > (found[-1][0] if found else 0.0) + _AT_ONCE:
+            found.append((time, speed))
+        elif found:
+            found[-1] = (found[-1][0], speed)
+    return tuple(found)
+
+
+def _kinds(event: Element) -> set[str]:
+    """Whether an event tells somebody to move along the road, across it, or on a way of its own."""
+    return {str(only(action).tag) for action in event.iterfind("Action/PrivateAction")} - set(IGNORED_PRIVATE)
+
+
+class _Player:
+    """Walks through a file once."""
+
+    def __init__(self, path: Path, given: Mapping[str, Value], ego: str, *, flat: bool, constrained: bool) -> None:
+        self.ego = ego
+        self.root = read_openscenario(path)
+        if self.root.find("Storyboard") is None:
+            raise fault(self.root, "it must hold a <Storyboard>")
+        self.scope, broken = declared(self.root.find("ParameterDeclarations"), given)
+        if broken and constrained:
+            raise fault(child(self.root, "ParameterDeclarations"), f"a constraint does not hold: {broken[0]}")
+        self.catalogs = Catalogs(self.root.find("CatalogLocations"), self.scope)
+        network = child(self.root, "RoadNetwork")
+        self.network = read_network(named_file(child(network, "LogicFile"), self.scope), flat=flat)
+        entities = [entity_of(part, self.catalogs, self.scope)
+                    for part in child(self.root, "Entities").iterfind("ScenarioObject")]  # fmt: skip
+        self.entities = {entity.name: entity for entity in entities}
+        for earlier, entity in enumerate(entities):
+            if any(entity.name == it.name for it in entities[:earlier]):
+                raise fault(entity.element, f"there is another entity with the name `{entity.name}`")
+        if ego not in self.entities:
+            why = f"one entity must be named `{ego}`, the one that is judged; `?ego=NAME` behind the file's name names"
+            raise fault(child(self.root, "Entities"), f"{why} another of {', '.join(self.entities) or 'none'}")
+        self.places = Places(self.network, self.catalogs, self.entities)
+        self.ignored: dict[str, None] = {"elevation": None} if flat else {}
+        self.doing = {name: Doing() for name in self.entities if name != self.ego}
+        self.ends = math.inf
+        self.end_of_way: Pose | None = None
+        self.turning: Trajectory | None = None
+
+    def scene(self) -> Scene:
+        """All of it."""
+        story = child(self.root, "Storyboard")
+        self._init(child(child(story, "Init"), "Actions"))
+        for entity in self.entities.values():
+            entity.placed(entity.element)
+        self.frame = self._frame()
+        for entity in self.entities.values():
+            entity.on_map = self.turning is not None and entity.name != self.ego
+            entity.frame = self._framed(entity)
+        for distance, entity in self.distances:
+            self._keep_distance(distance, entity)
+        self._delete_at_once(story)
+        numbers = [name for name in self.entities if name != self.ego and not self.entities[name].deleted]
+        self.number_of = {name: number for number, name in enumerate(numbers)}
+        self.conditions = Conditions(self.entities, self.number_of)
+        for name in self.doing:
+            self.doing[name].speed = self.entities[name].speed
+        self._stop(story.find("StopTrigger"))
+        for act, scope in self._acts(story):
+            self._act(act, scope)
+        ego = self.entities[self.ego]
+        assert ego.frame is not None
+        if abs(ego.frame.heading) > 1e-6:
+            raise fault(ego.element, "the ego must start along its lane")
+        if self.turning is not None and ego.offset != 0.0:
+            raise fault(ego.element, "the body of an ego that turns must lie over its axle's middle")
+        start = Start(ego.frame.x, ego.frame.y, ego.speed)
+        actors = tuple(self._actor(self.entities[name]) for name in numbers)
+        return Scene(self.frame, start, EgoBody(ego.length, ego.width), actors, self.ends, tuple(self.ignored))
+
+    def _ignore(self, element: Element) -> None:
+        self.ignored[str(element.tag)] = None
+
+    # -- before the start ----------------------------------------------------------------------------------------------
+
+    def _init(self, actions: Element) -> None:
+        self.distances: list[tuple[Element, Entity]] = []
+        for part in children(actions):
+            if part.tag == "GlobalAction":
+                self._global(only(part), at_start=True)
+            elif part.tag == "UserDefinedAction":
+                self._ignore(part)
+            elif part.tag == "Private":
+                entity = self.places.entity(text(part, "entityRef", self.scope), part)
+                for action in part.iterfind("PrivateAction"):
+                    self._private_at_start(only(action), entity)
+            else:
+                raise not_played(part)
+
+    def _global(self, element: Element, *, at_start: bool) -> None:
+        if element.tag in IGNORED_GLOBAL:
+            self._ignore(element)
+        elif element.tag == "EntityAction" and element.find("DeleteEntityAction") is not None and at_start:
+            self.places.entity(text(element, "entityRef", self.scope), element).deleted = True
+        else:
+            raise not_played(element)
+
+    def _private_at_start(self, element: Element, entity: Entity) -> None:
+        scope = self.scope
+        if element.tag == "TeleportAction":
+            entity.spot = self.places.spot(child(element, "Position"), scope)
+        elif element.tag == "LongitudinalAction":
+            inner = only(element)
+            if inner.tag == "SpeedAction":
+                dynamics = child(inner, "SpeedActionDynamics")
+                shape = one_of(dynamics, "dynamicsShape", ("step", "linear", "cubic", "sinusoidal"))
+                at_once = dynamics.get("dynamicsDimension") == "time" and number(dynamics, "value", scope) == 0.0
+                if shape != "step" and not at_once:
+                    raise fault(dynamics, "before the start a speed must be a step, or be reached within 0 s")
+                entity.speed = self._target_speed(inner, scope)
+            elif inner.tag == "LongitudinalDistanceAction":
+                self.distances.append((inner, entity))
+            else:
+                raise not_played(inner)
+        elif element.tag == "RoutingAction":
+            self._route_at_start(only(element), entity)
+        elif element.tag in IGNORED_PRIVATE:
+            self._ignore(element)
+        else:
+            raise not_played(element)
+
+    def _route_at_start(self, element: Element, entity: Entity) -> None:
+        if element.tag == "AssignRouteAction":
+            _, end = self.places.route(element, self.scope)
+            if entity.name == self.ego:
+                self.end_of_way = end.pose
+        elif element.tag == "FollowTrajectoryAction":
+            trajectory = self._trajectory(element)
+            if trajectory.times:
+                raise fault(element, "a trajectory with times is not played before the start")
+            begin = number(element, "initialDistanceOffset", self.scope, 0.0)
+            first = trajectory.begin
+            pose = trajectory.at(begin, element)
+            entity.spot = Spot(pose, first.road, first.lane, first.s + begin, first.t, turned=entity.name != self.ego)
+            entity.way = ((pose.x, pose.y), *trajectory.rest(begin))
+            if entity.name == self.ego:
+                if trajectory.bends and begin != 0.0:
+                    raise fault(element, "`initialDistanceOffset` of a trajectory on which the ego turns must be 0")
+                self.turning = trajectory if trajectory.bends else None
+                self.end_of_way = Pose(*trajectory.points[-1], pose.heading)
+        else:
+            raise not_played(element)
+
+    def _trajectory(self, element: Element) -> Trajectory:
+        mode = element.find("TrajectoryFollowingMode")
+        if mode is not None:
+            one_of(mode, "followingMode", ("position", "follow"))
+        reference = element.find("TrajectoryRef")
+        return self.places.trajectory(element if reference is None else reference, self.scope)
+
+    def _target_speed(self, action: Element, scope: Scope) -> float:
+        target = only(child(action, "SpeedActionTarget"))
+        value = number(target, "value", scope)
+        if target.tag == "AbsoluteTargetSpeed":
+            speed = value
+        elif target.tag == "RelativeTargetSpeed":
+            if flag(target, "continuous", scope, default=False):
+                raise fault(target, "a speed that is kept relative to another's all the time is not played")
+            other = self.places.entity(text(target, "entityRef", scope), target)
+            base = (
+                other.speed if other.name == self.ego or other.name not in self.doing else self.doing[other.name].speed
+            )
+            kind = one_of(target, "speedTargetValueType", ("delta", "factor"))
+            speed = base + value if kind == "delta" else base * value
+        else:
+            raise not_played(target)
+        if speed < 0.0:
+            raise fault(target, f"the speed must be at least 0 m/s, got {speed:g}")
+        return speed
+
+    # -- the road ------------------------------------------------------------------------------------------------------
+
+    def _frame(self) -> Frame:
+        ego = self.entities[self.ego]
+        spot = ego.placed(ego.element)
+        road, lane = spot.road, spot.lane
+        if road is None or lane is None:
+            raise fault(ego.element, "the ego must be placed in a lane")
+        if self.turning is not None:
+            return self._turning_frame(road, lane, spot)
+        width, centre, lanes = lane.width, lane.centre, 2
+        if lane.width > WIDEST:
+            width = MARKED
+        else:
+            driving = [it for it in sorted(road.lanes.values(), key=lambda it: it.centre) if it.kind == "driving"]
+            own = next((k for k, it in enumerate(driving) if it.number == lane.number), None)
+            if own is None:
+                raise fault(ego.element, f"the ego's lane {lane.number} must be a driving lane, it is `{lane.kind}`")
+            first, last = own, own
+            while first > 0 and abs(driving[first].centre - driving[first - 1].centre - width) < _ON:
+                first -= 1
+            while last + 1 < len(driving) and abs(driving[last + 1].centre - driving[last].centre - width) < _ON:
+                last += 1
+            centre, lanes = driving[first].centre, last - first + 1
+        origin = road.pose(0.0, centre)
+        name = f"{self.network.path.stem}_{road.name}_{lanes}x{width:g}m_at_{centre:g}m"
+        if road.bent:
+            line = _beside(road.line, centre, f"road `{road.name}` of {self.network.path.name}")
+            return Frame(origin, line, lanes, width, sum(it.length for it in line), name, centre, road.name)
+        length = road.length
+        if self.end_of_way is not None:
+            length = max(length, self.end_of_way.seen_from(origin).x)
+        return Frame(origin, (), lanes, width, length, name, centre, road.name)
+
+    def _turning_frame(self, road: MapRoad, lane: Lane, spot: Spot) -> Frame:
+        """The road of an ego that turns: the way on which it turns, one lane wide, from its own road's beginning on.
+
+        At a junction there is no lane beside a way, and who comes across is told on the map.
+        """
+        assert self.turning is not None
+        origin = road.pose(0.0, spot.t)
+        there = spot.pose.seen_from(origin)
+        if road.bent or abs(there.y) > _ON or abs(there.heading) > _SAME:
+            raise fault(self.entities[self.ego].element, "an ego that turns must begin along a straight road")
+        first = self.turning.pieces[0]
+        run_up = (Piece(there.x),) if there.x > _ON else ()
+        if run_up and first.begin == first.end == 0.0:
+            run_up, pieces = (), (Piece(there.x + first.length), *self.turning.pieces[1:])
+        else:
+            pieces = self.turning.pieces
+        line = (*run_up, *pieces)
+        name = f"{self.network.path.stem}_{road.name}_turn_{tightest(line):g}m"
+        width = MARKED if lane.width > WIDEST else lane.width
+        return Frame(origin, line, 1, width, sum(it.length for it in line), name, spot.t, road.name)
+
+    def _on_map(self, entity: Entity) -> Pose:
+        """The centre of an entity's body on the map, in the axes of the road's beginning, and where it leads there."""
+        pose = entity.placed(entity.element).pose._replace(heading=self._heading(entity))
+        return pose.moved(entity.centre, entity.offset).seen_from(self.frame.origin)
+
+    def _found_in_frame(self, entity: Entity) -> Pose:
+        """The place of an entity in the frame of a road that bends, found from where it is on the map."""
+        at = self._on_map(entity)
+        return Pose(*(float(it) for it in frame_places(self.frame.line, at.x, at.y, at.heading)))
+
+    def _framed(self, entity: Entity) -> Pose:
+        """The centre of an entity's body along and across the road, and its heading there."""
+        spot, frame = entity.placed(entity.element), self.frame
+        if not frame.line:
+            return spot.pose.moved(entity.centre, entity.offset).seen_from(frame.origin)
+        if entity.on_map:
+            return self._found_in_frame(entity)
+        if self.turning is not None:
+            return spot.pose.moved(entity.centre, entity.offset).seen_from(frame.origin)._replace(y=0.0)
+        if spot.road is None or spot.road.name != frame.road:
+            raise fault(entity.element, "on a road that bends every place must be told along that road")
+        pose = spot.pose.moved(entity.centre, entity.offset)
+        if not spot.turned:
+            pose = spot.road.pose(spot.s + entity.centre, spot.t + entity.offset)
+        at = pose.seen_from(frame.origin)
+        x, y, heading = (
+            float(it) for it in frame_places(frame.line, at.x, at.y, at.heading, near=spot.s + entity.centre)
+        )
+        return Pose(x, 0.0 if abs(y) < _ON else y, 0.0 if not spot.turned else heading)
+
+    def _keep_distance(self, element: Element, entity: Entity) -> None:
+        """A LongitudinalDistanceAction that is done once at the start: the entity stands at the distance."""
+        scope = self.scope
+        if flag(element, "continuous", scope, default=False):
+            raise fault(element, "a distance that is kept all the time is not played")
+        if not flag(element, "freespace", scope, default=False):
+            raise fault(element, "distances that are played are free space, from bumper to bumper")
+        if element.find("DynamicConstraints") is not None:
+            raise fault(element, "a distance that is reached with limited dynamics is not played")
+        other = self.places.entity(text(element, "entityRef", scope), element)
+        where = one_of(element, "displacement", ("any", "leadingReferencedEntity", "trailingReferencedEntity"), "any")
+        assert other.frame is not None
+        assert entity.frame is not None
+        if entity.on_map or other.on_map:
+            raise fault(element, "a distance along the road is not played of who drives straight on the map")
+        ahead = entity.frame.x >= other.frame.x if where == "any" else where == "leadingReferencedEntity"
+        if element.get("timeGap") is not None:
+            gap = number(element, "timeGap", scope) * (other.speed if ahead else entity.speed)
+        else:
+            gap = number(element, "distance", scope)
+        apart = (gap + 0.5 * (entity.length + other.length)) / self._ground(other.frame)
+        entity.frame = entity.frame._replace(x=other.frame.x + (apart if ahead else -apart))
+
+    # -- the story -----------------------------------------------------------------------------------------------------
+
+    def _acts(self, story: Element) -> Iterator[tuple[Element, Scope]]:
+        """Every act of the stories, and what is known in it."""
+        for part in story.iterfind("Story"):
+            scope = within(self.scope, part)
+            for act in part.iterfind("Act"):
+                yield act, scope
+
+    def _delete_at_once(self, story: Element) -> None:
+        """Entities that are deleted at the start are not there."""
+        conditions = Conditions(self.entities, {})
+        for act, scope in self._acts(story):
+            for event in act.iterfind("ManeuverGroup/Maneuver/Event"):
+                deleted = event.findall("Action/GlobalAction/EntityAction")
+                if not any(part.find("DeleteEntityAction") is not None for part in deleted):
+                    continue
+                begin = conditions.moment(act.find("StartTrigger"), scope, Moment(0.0))
+                begin = conditions.moment(event.find("StartTrigger"), scope, begin)
+                if begin.time == NEVER:
+                    continue
+                if begin.time > 0.0 or not begin.known:
+                    raise fault(event, "an entity that is deleted during the drive is not played")
+                for part in deleted:
+                    self.places.entity(text(part, "entityRef", scope), part).deleted = True
+
+    def _act(self, act: Element, scope: Scope) -> None:
+        begin = self.conditions.moment(act.find("StartTrigger"), scope, Moment(0.0))
+        self.conditions.note(act, Span(begin, NEVER))  # for who is in it
+        before = sum(len(doing.acts) for doing in self.doing.values())
+        ends = [self._group(group, scope, begin) for group in act.iterfind("ManeuverGroup")]
+        end = max(ends, default=begin.time)
+        self.conditions.note(act, Span(begin, end), again=True)
+        stop = act.find("StopTrigger")
+        if stop is None or stop.find("ConditionGroup") is None:
+            return
+        if sum(len(doing.acts) for doing in self.doing.values()) == before:
+            self._ignore(stop)
+            return
+        by_time = stop.find(".//ByEntityCondition") is None and stop.find(".//VariableCondition") is None
+        if not by_time or self.conditions.moment(stop, scope, Moment(0.0)).time < min(end, self.ends):
+            raise fault(stop, "an act that is stopped while somebody moves in it is not played")
+
+    def _group(self, group: Element, around: Scope, begin: Moment) -> float:
+        if number(group, "maximumExecutionCount", around, 1.0) != 1.0:
+            raise fault(group, "a group of manoeuvres that runs more or less than once is not played")
+        actors = child(group, "Actors")
+        if flag(actors, "selectTriggeringEntities", around, default=False):
+            raise fault(actors, "actors that the trigger selects are not played")
+        names = [text(part, "entityRef", around) for part in actors.iterfind("EntityRef")]
+        ends = [begin.time]
+        for part in children(group):
+            if part.tag == "CatalogReference":
+                maneuver, scope = self.catalogs.entry(part, around)
+                ends.append(self._maneuver(maneuver, scope, names, begin))
+            elif part.tag == "Maneuver":
+                scope = within(around, part)
+                ends.append(self._maneuver(part, scope, names, begin))
+        return max(ends)
+
+    def _maneuver(self, maneuver: Element, scope: Scope, names: list[str], begin: Moment) -> float:
+        ends, moves = [begin.time], []
+        running: list[tuple[Element, Span]] = []
+        for event in maneuver.iterfind("Event"):
+            span = self._event(event, scope, names, begin)
+            if span is not None:
+                self._check_priority(event, span, running)
+                running.append((event, span))
+                ends.append(span.end)
+                moves.append(span.move)
+        end, move = max(ends), next((it for it in reversed(moves) if it is not None), None)
+        self.conditions.note(maneuver, Span(begin, end, move))
+        return end
+
+    def _check_priority(self, event: Element, span: Span, above: list[tuple[Element, Span]]) -> None:
+        """Refuse an event that ends another move of its manoeuvre half-way, or is left out while another one runs."""
+        for other, there in above:
+            for one, first, two, second in ((event, span, other, there), (other, there, event, span)):
+                ends_it = attribute(one, "priority") in ("overwrite", "override") and _kinds(one) != _kinds(two)
+                if not ends_it and attribute(one, "priority") != "skip":
+                    continue
+                if not first.begin.known or not second.begin.known:
+                    if attribute(one, "priority") == "skip":
+                        raise fault(one, "the priority `skip` is played between events that begin at times only")
+                    continue
+                if second.begin.time < first.begin.time < second.end - _SAME and _kinds(two):
+                    what = "is left out" if attribute(one, "priority") == "skip" else "ends"
+                    raise fault(one, f"with its priority `{attribute(one, 'priority')}` it {what} while event "
+                                     f"`{attribute(two, 'name')}` runs, which is not played")  # fmt: skip
+
+    def _event(self, event: Element, scope: Scope, names: list[str], begin: Moment) -> Span | None:
+        """When an event runs; None where nothing in it means anything here."""
+        one_of(event, "priority", ("overwrite", "override", "parallel", "skip"))
+        told = [only(action) for action in event.iterfind("Action")]
+        idle = [part for part in told if part.tag == "UserDefinedAction" or self._idle(part, names)]
+        if len(idle) == len(told):
+            for part in told:
+                self._ignore(part if part.tag == "UserDefinedAction" else only(part))
+            return None
+        begin = self.conditions.moment(event.find("StartTrigger"), scope, begin)
+        if number(event, "maximumExecutionCount", scope, 1.0) != 1.0:
+            raise fault(event, "an event that runs more than once is not played")
+        found = Span(begin, begin.time)
+        for action, inner in zip(event.iterfind("Action"), told, strict=True):
+            if inner in idle:
+                self._ignore(only(inner))
+                continue
+            span = Span(begin, NEVER)
+            for name in names:
+                if begin.time < NEVER and inner.tag == "PrivateAction":
+                    span = self._move(only(inner), scope, self.places.entity(name, event), begin)
+            self.conditions.note(action, span)
+            found = Span(begin, max(found.end, span.end), span.move or found.move)
+        self.conditions.note(event, found)
+        return found
+
+    def _idle(self, action: Element, names: list[str]) -> bool:
+        """Whether an action means nothing here, or belongs to the ego, which is the ADS's."""
+        inner = only(action)
+        if action.tag == "GlobalAction":
+            deletes = inner.tag == "EntityAction" and inner.find("DeleteEntityAction") is not None
+            if inner.tag not in IGNORED_GLOBAL and not deletes:
+                raise not_played(inner)
+            return True
+        if action.tag != "PrivateAction":
+            raise not_played(action)
+        if inner.tag in IGNORED_PRIVATE:
+            return True
+        if self.ego in names:
+            raise fault(inner, "the ego is driven by the ADS: what it does during the drive cannot be told")
+        return False
+
+    def _move(self, element: Element, scope: Scope, entity: Entity, begin: Moment) -> Span:
+        """An action of one of the others during the drive."""
+        if entity.deleted:
+            return Span(begin, begin.time)
+        doing = self.doing[entity.name]
+        if element.tag in ("LongitudinalAction", "LateralAction", "RoutingAction"):
+            element = only(element)
+        known = {
+            "SpeedAction": self._speed, "LaneChangeAction": self._lane_change, "LaneOffsetAction": self._lane_offset,
+            "LongitudinalDistanceAction": self._distance, "FollowTrajectoryAction": self._follow,
+            "SynchronizeAction": self._synchronize,
+        }  # fmt: skip
+        if element.tag not in known:
+            raise not_played(element, f"moves that are: {', '.join(known)}")
+        return known[element.tag](element, scope, entity, doing, begin)
+
+    def _add(self, entity: Entity, doing: Doing, begin: Moment, act: played.Act, lasts: float) -> Span:
+        doing.acts.append(act._replace(begin=begin.time, program=begin.program))
+        if begin.known:
+            return Span(begin, begin.time + lasts)
+        return Span(begin, NEVER, (self.number_of[entity.name], len(doing.acts) - 1))
+
+    def _speed(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        target = self._target_speed(element, scope)
+        dynamics = child(element, "SpeedActionDynamics")
+        shape = one_of(dynamics, "dynamicsShape", ("linear", "step", "cubic", "sinusoidal"))
+        change = abs(target - doing.speed)
+        if shape not in ("linear", "step"):
+            raise fault(dynamics, f"a change of speed of the shape `{shape}` is not played, `linear` and `step` are")
+        if change <= _SAME:
+            return Span(begin, begin.time)
+        if shape == "step":
+            rate = change / _AT_ONCE
+        else:
+            value = number(dynamics, "value", scope)
+            kind = one_of(dynamics, "dynamicsDimension", ("rate", "time", "distance"))
+            if kind == "rate":
+                rate = abs(value)
+            elif value <= 0.0:
+                raise fault(dynamics, f"`value` must be above 0, got {value:g}")
+            elif begin.known and begin.time < doing.steady - _SAME:
+                raise fault(dynamics, f"`{entity.name}` still changes its speed when this begins, at {begin.time:g} s: "
+                                      "by `rate` alone that is played")  # fmt: skip
+            elif kind == "time":
+                rate = change / value
+            else:
+                rate = abs(target * target - doing.speed * doing.speed) / (2.0 * value)
+            if rate == 0.0:  # it never gets there
+                return Span(begin, NEVER)
+        doing.speed = target
+        doing.steady = begin.time + change / rate if begin.known else 0.0
+        return self._add(entity, doing, begin, played.Act(played.SPEED, 0.0, 0.0, target, 0.0, rate), change / rate)
+
+    def _lateral(self, element: Element, entity: Entity, doing: Doing, begin: Moment, to: float, lasts: float,
+                 shape: str) -> Span:  # fmt: skip
+        """A move across the road to the offset `to` m from where it started, in `lasts` s."""
+        if entity.on_map:
+            raise fault(element, f"`{entity.name}` drives straight on the map, so it has no lane to move across")
+        offset = to - doing.offset
+        if abs(offset) <= _ON:
+            return Span(begin, begin.time)
+        if begin.known and begin.time < doing.busy_until - _SAME:
+            raise fault(element, f"`{entity.name}` still moves across when this begins, at {begin.time:.2f} s")
+        doing.offset = to
+        doing.busy_until = begin.time + lasts if begin.known else 0.0
+        if shape == "sinusoidal":
+            act = played.Act(played.COSINE, 0.0, lasts, 0.0, offset)
+        else:
+            act = played.Act(played.CONSTANT, 0.0, lasts, abs(offset) / lasts, offset)
+        return self._add(entity, doing, begin, act, lasts)
+
+    def _shape(self, dynamics: Element) -> str:
+        shape = one_of(dynamics, "dynamicsShape", ("linear", "step", "cubic", "sinusoidal"))
+        if shape not in ("linear", "sinusoidal"):
+            raise fault(dynamics, f"a move across of the shape `{shape}` is not played, `linear` and `sinusoidal` are")
+        return shape
+
+    def _lane_change(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        if number(element, "targetLaneOffset", scope, 0.0) != 0.0:
+            raise fault(element, "`targetLaneOffset` is not played")
+        target = only(child(element, "LaneChangeTarget"))
+        own = entity.placed(element)
+        if target.tag == "RelativeTargetLane":
+            other = self._now(self.places.entity(text(target, "entityRef", scope), target), entity, target)
+            lanes = whole(target, "value", scope)
+            assert other.lane is not None
+            lane = other.lane if lanes == 0 else self.places.lane_beside(other, lanes, target)
+        elif target.tag == "AbsoluteTargetLane":
+            if own.road is None:
+                raise fault(target, "the entity is on no road")
+            lane = self.network.lane(own.road, text(target, "value", scope), target)
+        else:
+            raise not_played(target)
+        assert entity.frame is not None
+        to = self._y(lane.centre, element, own) - entity.frame.y
+        dynamics = child(element, "LaneChangeActionDynamics")
+        shape, value = self._shape(dynamics), number(dynamics, "value", scope)
+        offset = abs(to - doing.offset)
+        if value <= 0.0:
+            raise fault(dynamics, f"`value` must be above 0, got {value:g}")
+        kind = one_of(dynamics, "dynamicsDimension", ("rate", "time", "distance"))
+        if kind == "time":
+            lasts = value
+        elif kind == "rate":
+            lasts = offset / value * (0.5 * math.pi if shape == "sinusoidal" else 1.0)
+        else:
+            raise fault(dynamics, "a move across by `distance` is not played")
+        return self._lateral(element, entity, doing, begin, to, lasts, shape)
+
+    def _now(self, other: Entity, mover: Entity, element: Element) -> Spot:
+        """Where somebody is in a lane when a move that is relative to it begins: the mover itself after its own moves
+        across, the ego where it starts. Another one must keep its lane.
+        """
+        spot = other.placed(element)
+        if spot.road is None or spot.lane is None:
+            raise fault(element, "the entity that it is relative to is in no lane")
+        if other.name == self.ego or self.doing[other.name].offset == 0.0:
+            return spot
+        if other is not mover:
+            raise fault(element, f"`{other.name}`, to which it is relative, moves across itself")
+        centre = spot.t + self.doing[other.name].offset
+        lanes = sorted(spot.road.lanes.values(), key=lambda it: abs(it.centre - centre))
+        if abs(lanes[0].centre - centre) > 0.5 * lanes[0].width:
+            raise fault(element, f"`{other.name}`, to which it is relative, is in no lane any more")
+        return replace(spot, lane=lanes[0])
+
+    def _y(self, t: float, element: Element, spot: Spot) -> float:
+        """y of a place t m left of the reference line of the ego's road."""
+        if spot.road is None or spot.road.name != self.frame.road:
+            raise fault(element, "a move across is played on the ego's road only")
+        return t - self.frame.offset
+
+    def _lane_offset(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        if flag(element, "continuous", scope, default=False):
+            raise fault(element, "an offset that is kept all the time is not played")
+        target = only(child(element, "LaneOffsetTarget"))
+        value = number(target, "value", scope)
+        assert entity.frame is not None
+        own = entity.placed(element)
+        if target.tag == "AbsoluteTargetLaneOffset":
+            lane = self._now(entity, entity, target).lane
+            assert lane is not None
+            to = self._y(lane.centre, element, own) + value
+        elif target.tag == "RelativeTargetLaneOffset":
+            other = self.places.entity(text(target, "entityRef", scope), target)
+            assert other.frame is not None
+            moved = 0.0 if other.name == self.ego else self.doing[other.name].offset
+            if moved and other is not entity:
+                raise fault(target, f"`{other.name}`, to which it is relative, moves across itself")
+            to = other.frame.y + moved + value
+        else:
+            raise not_played(target)
+        to -= entity.frame.y
+        dynamics = child(element, "LaneOffsetActionDynamics")
+        shape, strongest = self._shape(dynamics), number(dynamics, "maxLateralAcc", scope)
+        if strongest <= 0.0:
+            raise fault(dynamics, f"`maxLateralAcc` must be above 0 m/s2, got {strongest:g}")
+        if shape != "sinusoidal":
+            raise fault(dynamics, "an offset with `maxLateralAcc` is played in the shape `sinusoidal` only")
+        lasts = math.pi * math.sqrt(abs(to - doing.offset) / (2.0 * strongest))
+        return self._lateral(element, entity, doing, begin, to, lasts, shape)
+
+    def _distance(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        if not begin.known or begin.time > 0.0:
+            raise fault(element, "a distance is taken up at the start only")
+        self._keep_distance(element, entity)
+        return Span(begin, begin.time)
+
+    def _follow(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        trajectory = self._trajectory(element)
+        assert entity.frame is not None
+        pose = entity.placed(element).pose
+        first = trajectory.points[0]
+        if math.hypot(first[0] - pose.x, first[1] - pose.y) > 0.5:
+            raise fault(element, f"the trajectory must begin where `{entity.name}` is")
+        if trajectory.bends:
+            raise fault(element, "a trajectory that bends is not played")
+        entity.way = trajectory.points
+        if self.frame.line:
+            if entity.speed > 0.0 and not (begin.known and begin.time == 0.0):
+                raise fault(element, "on a road that bends a trajectory is played from the start, or of who stands")
+            entity.on_map = True
+            entity.frame = self._found_in_frame(entity)
+        else:
+            entity.frame = self._along(entity)
+        if number(element, "initialDistanceOffset", scope, 0.0) != 0.0:
+            raise fault(element, "`initialDistanceOffset` is played before the start only")
+        if not trajectory.times:
+            return self._add(entity, doing, begin, played.Act(played.KEEP), NEVER)
+        if trajectory.times[0] != 0.0:
+            raise fault(element, f"the first time of its trajectory must be 0 s, got {trajectory.times[0]:g}")
+        timing = element.find("TimeReference/Timing")
+        scale = 1.0 if timing is None else number(timing, "scale", scope, 1.0)
+        if timing is not None and number(timing, "offset", scope, 0.0) != 0.0:
+            raise fault(timing, "`offset` must be 0")
+        if timing is not None and attribute(timing, "domainAbsoluteRelative") != "relative":
+            raise fault(timing, "times of a trajectory are played relative to its begin only")
+        knots: list[tuple[float, float]] = []
+        speed = doing.speed
+        for k in range(1, len(trajectory.points)):
+            (x, y), (x2, y2) = trajectory.points[k - 1 : k + 1]
+            since, until = trajectory.times[k - 1] * scale, trajectory.times[k] * scale
+            if until <= since:
+                raise fault(element, "the times of its trajectory must ascend")
+            speed = math.hypot(x2 - x, y2 - y) / (until - since)
+            knots += [(since + _AT_ONCE, speed), (until, speed)]
+        doing.speed = speed
+        return self._add(entity, doing, begin, played.Act(played.BY_TIME, table=tuple(knots)), knots[-1][0])
+
+    def _synchronize(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        master = self.places.entity(text(element, "masterEntityRef", scope), element)
+        if not begin.known:
+            raise fault(element, "a SynchronizeAction that begins by a condition on the drive is not played")
+        if master.name != self.ego or master.speed <= 0.0:
+            raise fault(element, "it is played for a master that is the ego and moves at the start")
+        goal = self.places.spot(child(element, "TargetPositionMaster"), scope).pose
+        way = goal.seen_from(master.placed(element).pose).x
+        if self.turning is not None:  # along the way on which it turns
+            at, begins = (pose.seen_from(self.frame.origin) for pose in (goal, master.placed(element).pose))
+            way = float(frame_places(self.frame.line, at.x, at.y)[0]) - begins.x
+        target = self.places.spot(child(element, "TargetPosition"), scope).pose
+        arrives = way / master.speed - begin.time
+        steady, final = 0.0, doing.speed
+        wanted = element.find("FinalSpeed")
+        if wanted is not None:
+            kind = only(wanted)
+            if kind.tag != "AbsoluteSpeed":
+                raise not_played(kind)
+            final = number(kind, "value", scope)
+            rest = children(kind)
+            if rest:
+                by_time = rest[0].tag == "TargetTimeSteadyState"
+                steady = number(rest[0], "time" if by_time else "distance", scope) * (final if by_time else 1.0)
+        ahead = target.seen_from(entity.placed(element).pose._replace(heading=self._heading(entity))).x
+        ahead -= doing.speed * begin.time
+        try:
+            knots = synchronized(ahead, arrives, doing.speed, final, steady)
+        except InputError as error:
+            raise fault(element, f"`{entity.name}` cannot be there when the ego is: {error}") from None
+        doing.speed = final
+        return self._add(entity, doing, begin, played.Act(played.BY_TIME, table=knots), arrives)
+
+    def _heading(self, entity: Entity) -> float:
+        """Where an entity goes, on the map."""
+        assert entity.spot is not None
+        if len(entity.way) < 2:
+            return entity.spot.pose.heading
+        (x, y), (x2, y2) = entity.way[0], entity.way[-1]
+        return math.atan2(y2 - y, x2 - x)
+
+    # -- what comes out ------------------------------------------------------------------------------------------------
+
+    def _along(self, entity: Entity) -> Pose:
+        """The centre of an entity that points along its way, in the frame."""
+        x, y = entity.way[0]
+        pose = Pose(x, y, math.atan2(entity.way[1][1] - y, entity.way[1][0] - x))
+        return pose.moved(entity.centre, entity.offset).seen_from(self.frame.origin)
+
+    def _actor(self, entity: Entity) -> Actor:
+        frame, doing = entity.frame, self.doing[entity.name]
+        assert frame is not None
+        acts = list(doing.acts)
+        if len(entity.way) > 2:
+            raise fault(entity.element, "a trajectory of more than one straight line is not played")
+        heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
+        across = self._on_map(entity) if entity.on_map else None
+        ground = 1.0 if across is not None or any(act.table for act in acts) else self._ground(frame)
+        start = Start(frame.x, frame.y, entity.speed / ground)
+        acts = [
+            act._replace(speed=act.speed / ground, acceleration=act.acceleration / ground)
+            if act.kind == played.SPEED
+            else act
+            for act in acts
+        ]
+        plain = (
+            across is None and heading == 0.0 and not any(act.program for act in acts) and self._beside_nothing(frame.y)
+        )
+        changes, brake = [], None
+        for act in acts:
+            if act.kind == played.COSINE:
+                changes.append(LaneChange(act.begin, act.duration, act.offset, cosine=True))
+            elif act.kind == played.SPEED and act.speed == 0.0 and brake is None:
+                brake = Brake(act.begin, act.acceleration)
+            else:
+                plain = False
+        if plain:
+            return Actor(entity.name, start, tuple(changes), entity.length, entity.width, brake, body=entity.body)
+        if not acts:
+            acts = [played.Act(played.KEEP)]
+        return Actor(
+            entity.name,
+            start,
+            (),
+            entity.length,
+            entity.width,
+            None,
+            body=entity.body,
+            heading=heading,
+            acts=tuple(acts),
+            on_map=None if across is None else (across.x, across.y, across.heading),
+        )
+
+    def _ground(self, at: Pose) -> float:
+        """m over the ground for a metre along the road's line, at a place beside it: 1 on a straight road."""
+        if not self.frame.line or self.turning is not None:
+            return 1.0
+        return 1.0 - float(curvatures(self.frame.line, at.x)) * at.y
+
+    def _beside_nothing(self, y: float) -> bool:
+        """Whether a place across the road is on its lanes."""
+        width = self.frame.lane_width
+        return -0.5 * width <= y <= width * (self.frame.lanes - 0.5)
+
+    def _stop(self, trigger: Element | None) -> None:
+        """Stops by time end the case; what else may stop a file ends it here by contact, standstill or its decision."""
+        for group in () if trigger is None else trigger.findall("ConditionGroup"):
+            conditions = group.findall("Condition")
+            kinds = [
+                only(only(condition)).tag if condition.find("ByValueCondition") is not None else ""
+                for condition in conditions
+            ]
+            if kinds == ["SimulationTimeCondition"]:
+                time = only(only(conditions[0]))
+                rule, value = one_of(time, "rule", RULES), number(time, "value", self.scope)
+                stop = value + number(conditions[0], "delay", self.scope, 0.0)
+                if rule in ("lessThan", "lessOrEqual") and not compared(rule, 0.0, value, time):
+                    continue  # it never comes
+                if rule not in ("greaterThan", "greaterOrEqual", "equalTo") or stop <= 0.0:
+                    raise fault(time, f"a stop by time must come after the start, got {rule} {value:g} s")
+                self.ends = min(self.ends, stop)
+            else:
+                self._ignore(group)

@@ -1,0 +1,169 @@
+"""What was understood of an OpenSCENARIO file at one point, as a scenario file of this project that says the same."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.extras.openscenario.logical import Read, concrete
+from sumo_eval.scenario import played
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, LaneChange, Road
+from sumo_eval.scenario.road.table import bend_name
+
+_ONLY = "only"
+_OF_ONE = {played.X: "x", played.Y: "y", played.ALONG: "speed", played.ACROSS: "lateral_speed"}
+_OF_TWO = {played.GAP: "gap", played.DISTANCE: "distance", played.TTC: "ttc", played.THW: "thw"}
+_JOINED = {
+    played.ADD: "+", played.SUBTRACT: "-", played.MULTIPLY: "*", played.DIVIDE: "/",
+    played.BELOW: "<", played.AT_MOST: "<=", played.AND: "and", played.OR: "or",
+}  # fmt: skip
+_OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
+
+
+def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
+    """The scenario file, as a plain mapping, of what a file is understood to say at a point.
+
+    Raises InputError where the point is not one: the whole space plays from the file itself.
+    """
+    missing = [axis.name for axis in read.space.axes if axis.name not in point]
+    if missing:
+        raise InputError(
+            f"`import --out` writes one point, without `--set` for {', '.join(missing)}. The whole space plays from "
+            'the OpenSCENARIO file itself: `use = "FILE.xosc"`.'
+        )
+    there = concrete(read, point)
+    label = ", ".join(f"{name}={value:g}" for name, value in point.items())
+    names = _names(there.actors)
+    content: dict[str, Any] = {
+        "name": re.sub(r"\W", "_", read.logical.name),
+        "about": read.space.about,
+        "source": f"{read.space.file.name}, OpenSCENARIO {read.space.version}" + (f", at {label}" if label else ""),
+        "zone": "none",
+        **({} if read.logical.has_drivers else {"people": "none"}),
+        "parameter": [{"name": _ONLY, "unit": "1", "low": 0.0, "high": 1.0, "step": 1.0,
+                       "about": "nothing: this is one case"}],
+        "sample": [{"name": "the_case", "points": [[0.0]]}],
+        "default_sample": "the_case",
+        "road": _road(there.road),
+        "end": {"x": there.road.length, **({} if there.time_limit is None else {"time": there.time_limit})},
+        "ego": _ego(there),
+        "vehicle": [_vehicle(actor, name, names) for actor, name in zip(there.actors, names, strict=True)],
+    }  # fmt: skip
+    return content
+
+
+def write_scenario(content: Mapping[str, Any], path: Path) -> None:
+    """Write a scenario file. Raises InputError where that cannot be done."""
+    if path.suffix != ".toml":
+        raise must_be("`--out`", "import", "a file that ends with .toml", str(path))
+    try:
+        path.write_text(tomli_w.dumps(dict(content)), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The scenario file {path} cannot be written: {error}.") from error
+
+
+def _names(actors: Sequence[Actor]) -> list[str]:
+    """Names that conditions can say, in the order of the actors."""
+    found: list[str] = []
+    for actor in actors:
+        name = re.sub(r"\W", "_", actor.name)
+        name = name if name.isidentifier() and name != "ego" else f"other_{name}"
+        while name in found:
+            name += "_"
+        found.append(name)
+    return found
+
+
+def _road(road: Road) -> dict[str, Any]:
+    name = road.name.removesuffix(bend_name(road.line, named=False))  # which a scenario file's road has of its own
+    found: dict[str, Any] = {
+        "name": name, "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length + road.run_out,
+    }  # fmt: skip
+    if road.line:
+        pieces = []
+        for piece in road.line:
+            ends = {"begin_radius": piece.begin, "end_radius": piece.end}
+            bent = {"radius": piece.begin} if piece.begin == piece.end else ends
+            pieces.append({"length": piece.length, **{key: 1.0 / value for key, value in bent.items() if value}})
+        found["line"] = pieces
+    return found
+
+
+def _ego(there: ConcreteScenario) -> dict[str, Any]:
+    ego, body = there.ego, there.ego_body
+    found: dict[str, Any] = {"speed": f"{ego.speed!r} + 0 * {_ONLY}", "x": ego.x, "y": ego.y}
+    return found if body is None else {**found, "length": body.length, "width": body.width}
+
+
+def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
+    x, y, heading = (actor.start.x, actor.start.y, actor.heading) if actor.on_map is None else actor.on_map
+    found: dict[str, Any] = {
+        "name": name, "speed": actor.start.speed, "x": x, "y": y, "body": actor.body,
+        "length": actor.length, "width": actor.width, "slides": actor.slides,
+        **({} if actor.on_map is None else {"on_map": True}),
+    }  # fmt: skip
+    if actor.lively:
+        found["heading"] = math.degrees(heading)
+        found["manoeuvre"] = [_act(act, f"act{k}", names) for k, act in enumerate(actor.acts)]
+        return found
+    moves: list[dict[str, Any]] = []
+    for move in actor.lane_changes:
+        assert isinstance(move, LaneChange)
+        do = "change_lane_cosine" if move.cosine else "change_lane"
+        moves.append({"do": do, "begin": move.begin, "duration": move.duration, "offset": move.offset})
+    if actor.brake is not None:
+        moves.append({"do": "brake", "begin": actor.brake.begin, "deceleration": actor.brake.deceleration})
+    found["manoeuvre"] = moves
+    return found
+
+
+def _act(act: played.Act, name: str, names: Sequence[str]) -> dict[str, Any]:
+    found: dict[str, Any] = {"name": name, "begin": act.begin}
+    if act.program:
+        found["when"] = condition_text(act.program, names)
+    if act.kind == played.KEEP:
+        return {"do": "keep_speed", **found}
+    if act.kind == played.COSINE:
+        return {"do": "change_lane_cosine", **found, "duration": act.duration, "offset": act.offset}
+    if act.kind == played.SPEED and math.isfinite(act.acceleration):
+        return {"do": "accelerate", **found, "speed": act.speed, "acceleration": act.acceleration}
+    if act.kind == played.BY_TIME:
+        times, speeds = zip(*act.table, strict=True)
+        return {"do": "speed_profile", **found, "times": list(times), "speeds": list(speeds)}
+    raise InputError(f"A scenario file has no words for move {name}: kind {act.kind} of what was read.")
+
+
+def condition_text(program: Sequence[tuple[int, int, int, float]], names: Sequence[str]) -> str:
+    """The condition that a program of `scenario.played` works out, in the language of scenario files."""
+
+    def who(number: int) -> str:
+        return "ego" if number == played.EGO else names[number]
+
+    stack: list[str] = []
+    for op, one, two, value in program:
+        if op == played.VALUE:
+            stack.append(repr(float(value)))
+        elif op == played.TIME:
+            stack.append("time")
+        elif op in _OF_ONE:
+            stack.append(f"{_OF_ONE[op]}({who(one)})")
+        elif op in _OF_TWO:
+            stack.append(f"{_OF_TWO[op]}({who(one)}, {who(two)})")
+        elif op == played.ENDED:
+            stack.append(f"ended({who(one)}, act{two})")
+        elif op == played.NEGATE:
+            stack.append(f"(-{stack.pop()})")
+        elif op == played.ABSOLUTE:
+            stack.append(f"abs({stack.pop()})")
+        else:
+            right, left = stack.pop(), stack.pop()
+            named = _OF_NUMBERS.get(op)
+            stack.append(f"{named}({left}, {right})" if named else f"({left} {_JOINED[op]} {right})")
+    (text,) = stack
+    return text

@@ -1,0 +1,174 @@
+"""What a campaign came to: a page, JSON and sentences."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from sumo_eval.errors import InputError
+from sumo_eval.extras.rates.campaign import AdsRate, Campaign, Part, people
+from sumo_eval.extras.rates.importance import DEFENSIVE
+from sumo_eval.extras.rates.page import Fold, Piece, Table, Text, amount, interval, table, write_parts
+
+PAGE, PLAIN = "campaign.html", "campaign.json"
+OUTSIDE: Final = (
+    "What is outside: everything that is no encounter of these scenarios; other roads, weather and times of day than "
+    "those recorded; other bodies than the scenarios'; vehicles that react where the scenarios' follow their scripts; "
+    "sensors that fail; and what the distributions' tails make of encounters rarer than the recordings show. These are "
+    "rates in simulated encounters, not of accidents on the road."
+)
+
+
+def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
+    """Write `campaign.html` and `campaign.json` into a folder; return their paths."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / PLAIN).write_text(json.dumps(plain(campaign), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The campaign cannot be written into {folder}: {error}.") from error
+    title = f"{campaign.settings.name}: collisions per million km"
+    write_parts(folder / PAGE, kicker="Crash rates", title=title, sentences=[], parts=parts(campaign))
+    return folder / PAGE, folder / PLAIN
+
+
+def plain(campaign: Campaign) -> dict[str, Any]:
+    """Everything in plain values."""
+    return {
+        "name": campaign.settings.name,
+        "seed": campaign.settings.seed,
+        "budget": campaign.settings.budget,
+        "unit": "per million vehicle-km",
+        "scenarios": [
+            {
+                "use": space.use, "name": space.logical.name, "per_vehicle_km": space.per_km,
+                "per_vehicle_km_interval": list(space.interval), "events": space.events,
+                "vehicle_km": space.vehicle_km, "where": space.where, "exposure": space.logical.exposure_about,
+            }
+            for space in campaign.spaces
+        ],
+        "ads": [_plain_rate(rate) for rate in campaign.rates],
+        "people": [{"where": where, "vehicle_km": km, "collisions": 0, "upper_limit": limit}
+                   for where, km, limit in people(campaign.spaces)],
+    }  # fmt: skip
+
+
+def _plain_rate(rate: AdsRate) -> dict[str, Any]:
+    return {
+        "name": rate.ads,
+        "controller": rate.controller,
+        "collisions": rate.collisions[0],
+        "collisions_interval": list(rate.collisions[1:]),
+        "loss": rate.loss[0],
+        "loss_interval": list(rate.loss[1:]),
+        "upper_limit_whatever_collides": rate.limit,
+        "by_scenario": [_plain_part(part) for part in rate.parts],
+    }
+
+
+def _plain_part(part: Part) -> dict[str, Any]:
+    known = part.estimate
+    return {
+        "scenario": part.space.logical.name,
+        "collisions": part.collisions[0],
+        "collisions_interval": list(part.collisions[1:]),
+        "loss": part.loss[0],
+        "loss_interval": list(part.loss[1:]),
+        "collision_probability": known.probability,
+        "collision_probability_interval": list(known.interval),
+        "drives": known.drives,
+        "drives_with_a_collision": known.collisions,
+        "drawn_for_the_estimate": known.drawn,
+        "collisions_that_count": known.hits,
+        "stopped": part.stopped,
+        "not_evaluated": part.not_evaluated,
+    }
+
+
+def rate_words(rate: tuple[float, float, float]) -> str:
+    """A rate with its limits; without a collision the upper limit alone."""
+    if rate[0] == 0.0:
+        return f"none seen, at most {amount(rate[2])}"
+    return f"{amount(rate[0])} ({interval(rate[1], rate[2])})"
+
+
+def lost_words(lost: Mapping[str, int]) -> str:
+    """That drives could not be evaluated, and why."""
+    why = ", ".join(f"{status} {count}" for status, count in sorted(lost.items()))
+    return f"{sum(lost.values())} drives could not be evaluated ({why}) and count as without a collision."
+
+
+def unseen_words(rate: AdsRate) -> str:
+    """What a rate leaves out: scenarios in which no collision was seen, beside others that have some; else nothing."""
+    unseen = [part for part in rate.parts if part.collisions[0] == 0.0]
+    if not unseen or len(unseen) == len(rate.parts):
+        return ""
+    names = ", ".join(part.space.logical.name for part in unseen)
+    most = amount(max(part.limit for part in unseen))
+    return f"The rate and its interval hold nothing of {names}: no collision was seen there, at most {most} (95 %)."
+
+
+def sentences(campaign: Campaign) -> list[str]:
+    """The result, a line or two an ADS and one for the people."""
+    said = []
+    for rate in campaign.rates:
+        found = f"collisions per million km {rate_words(rate.collisions)}; expected loss {rate_words(rate.loss)}."
+        said.append(f"{rate.ads}: {found} {unseen_words(rate)}".rstrip())
+    for where, km, limit in people(campaign.spaces):
+        said.append(f"people ({where}): no collision in {km:.1f} vehicle-km, at most {amount(limit)} per million km.")
+    return said
+
+
+def parts(campaign: Campaign) -> list[Piece]:
+    """The page, piece by piece."""
+    spaces = table(
+        ("scenario", "met per vehicle-km", "95 %", "events", "vehicle-km", "where", "distribution"),
+        [(space.logical.name, f"{space.per_km:.3g}", interval(*space.interval),
+          "" if space.events is None else space.events,
+          "" if space.vehicle_km is None else f"{space.vehicle_km:.1f}", space.where,
+          space.logical.exposure_about) for space in campaign.spaces],
+    )  # fmt: skip
+    out: list[Piece] = [
+        table(("who", "collisions per million km (95 %)", "expected loss L per million km (95 %)"),
+              [*((rate.ads, rate_words(rate.collisions), rate_words(rate.loss)) for rate in campaign.rates),
+               *((f"people ({where})", f"none in {km:.1f} km, at most {amount(limit)}", "")
+                 for where, km, limit in people(campaign.spaces))]),
+        *(Text(f"{rate.ads}: {words}", "note") for rate in campaign.rates if (words := unseen_words(rate))),
+        Text(OUTSIDE, "note"),
+        Fold("What the rates rest on", "how often each scenario is met, and where that is known from",
+             (spaces, Text("Rates of ADSs hold the doubt of the drives, and where the recorded events are known that "
+                           "of how often the scenario is met and of the events' distribution, both by counting the "
+                           "events anew. Intervals hold what comes of a distribution that varies as much as its events "
+                           "do, and as much as its kernels make it; else its form is taken to be right."))),
+    ]  # fmt: skip
+    return [*out, *map(_of_one, campaign.rates)]
+
+
+def _of_one(rate: AdsRate) -> Fold:
+    """An ADS's rate by scenario, and what it rests on."""
+    inside: list[Text | Table] = [_split(rate)]
+    if rate.lost:
+        inside.append(Text(lost_words(rate.lost), "note"))
+    if rate.collisions[0] == 0.0:
+        inside.append(
+            Text(f"No drive that counted collided. The upper limit holds whatever the collisions may look like; it "
+                 f"rests on the {DEFENSIVE:.0%} of the drives that are drawn as points are met.")
+        )  # fmt: skip
+    return Fold(rate.ads, "the rate by scenario, and the drives it rests on", tuple(inside))
+
+
+def _split(rate: AdsRate) -> Table:
+    total = rate.collisions[0]
+    rows = []
+    for part in rate.parts:
+        known = part.estimate
+        share = f"{part.collisions[0] / total:.0%}" if total > 0.0 else ""
+        rows.append(
+            (part.space.logical.name, rate_words(part.collisions), share, rate_words(part.loss),
+             f"{known.probability:.3g}" if known.hits else f"at most {known.upper_limit:.3g}", known.drives,
+             known.collisions, f"{known.hits} of {known.drawn}", part.stopped)
+        )  # fmt: skip
+    header = ("scenario", "collisions per million km (95 %)", "share", "expected loss (95 %)",
+              "probability in an encounter", "drives", "collided", "of those that count", "stopped by")  # fmt: skip
+    return table(header, rows)

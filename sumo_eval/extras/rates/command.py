@@ -1,0 +1,89 @@
+"""From recordings to rates: `learn` logical scenarios from traffic, run a `campaign` over them."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli import out_folder
+from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
+from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import say, tell
+from sumo_eval.errors import InputError
+
+NAMED = 3  # files; what more are called is told by the first and the last
+
+
+def called(recordings: Sequence[Path]) -> str:
+    """What files are called in sentences, however many there are."""
+    names = [path.name for path in recordings]
+    return ", ".join(names) if len(names) <= NAMED else f"{len(names)} files, {names[0]} to {names[-1]}"
+
+
+@click.command(epilog="Example: sumo-eval learn people.csv.gz --out learned")
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Folder for the scenario files and the page (default: results/learned-TIME).")  # fmt: skip
+@click.option("--format", "form", default="csv", show_default=True,
+              help="csv: tables that `humans import` wrote; or a format that it reads.")  # fmt: skip
+def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
+    """Learn logical scenarios from RECORDINGS: files with ranges, joint distribution and events per vehicle-km.
+
+    Every class of encounters (cut-in, overtaken and cut off, merging, cut-out, braking, approach, lane change with a
+    vehicle behind) becomes a scenario file, its events as CSV and as OpenSCENARIO value sets; a page shows the data
+    against the model.
+    """
+    from sumo_eval.drivers.recorded.importing import each_of
+    from sumo_eval.extras.rates.learn_page import sentences, write_lesson
+    from sumo_eval.extras.rates.learned import learn as learned_from
+
+    for path in recordings:
+        if not path.exists():
+            raise InputError(f"Recordings {path} are not there.")
+    out = out or out_folder.default("learned")
+    out_folder.ready(out)
+    parts = each_of(form, recordings)
+    source = called(recordings)
+    with Progress() as progress:
+        lesson = learned_from(parts, out, source, lambda what, done: progress(what, done, max(done, 1)))
+    say(sentences(lesson))
+    for path in write_lesson(lesson, out):
+        tell(str(path))
+
+
+@click.command(epilog="Example: sumo-eval campaign learned/campaign.toml --out results/rates")
+@click.argument("file", metavar="CAMPAIGN.toml", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Folder for campaign.html and campaign.json (default: results/CAMPAIGN-TIME).")  # fmt: skip
+@click.option("--budget", type=click.IntRange(min=40), help="Drives of an ADS in a scenario, instead of the file's.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate, instead of the file's.")
+def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
+    """Say how many collisions per million km the ADSs of CAMPAIGN.toml have, and how sure that is.
+
+    Points of every scenario are drawn where collisions are likely and met, and weighted back to how often they are met;
+    a scenario file says how often that is per vehicle-km ([met], as `learn` writes it).
+    """
+    from sumo_eval.extras.rates.campaign import read_campaign, run_campaign
+    from sumo_eval.extras.rates.campaign_page import lost_words, sentences, write_campaign
+
+    settings = read_campaign(file)
+    if budget is not None:
+        settings = replace(settings, budget=budget)
+    if workers is not None:
+        settings = replace(settings, run=replace(settings.run, workers=workers))
+    out = out or out_folder.default(settings.name)
+    out_folder.ready(out)
+    with Progress() as progress:
+        found = run_campaign(settings, file.parent, lambda what, done, total: progress(what, done, total))
+    say(sentences(found))
+    lost = sum((rate.lost for rate in found.rates), Counter[str]())
+    if lost:
+        tell(lost_words(lost))
+    for path in write_campaign(found, out):
+        tell(str(path))
+    sys.exit(NOT_EVALUATED if lost else DONE)

@@ -1,0 +1,252 @@
+"""What was learnt from recordings, as one page, as JSON, in sentences and as the beginning of a campaign."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from sumo_eval.errors import InputError
+from sumo_eval.extras.rates.intervals import kolmogorov_by_chance
+from sumo_eval.extras.rates.learned import Learnt, Lesson
+from sumo_eval.extras.rates.page import Chart, Fold, Piece, Table, Text, interval, table, write_parts
+from sumo_eval.extras.rates.scenes import SCENES
+from sumo_eval.settings.random_streams import random_stream
+
+PAGE, PLAIN, CAMPAIGN = "learned.html", "learned.json", "campaign.toml"
+DRAWN: Final = 4096  # points of the model that its curves are drawn from
+BINS: Final = 40
+
+
+def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
+    """Write `learned.html`, `learned.json` and a `campaign.toml` over the learnt scenarios; return their paths.
+
+    Where no scenario was learnt there is no campaign, and none of an earlier time stays.
+    """
+    learnt = any(one.logical is not None for one in lesson.learnt.values())
+    try:
+        (folder / PLAIN).write_text(json.dumps(plain(lesson), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        (folder / CAMPAIGN).unlink(missing_ok=True)
+        if learnt:
+            (folder / CAMPAIGN).write_text(campaign_text(lesson), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"What was learnt cannot be written into {folder}: {error}.") from error
+    write_parts(
+        folder / PAGE, kicker=f"Learnt from {lesson.source}", title="Scenarios learnt from recordings",
+        sentences=[sentences(lesson)[0], f"Lanes are {lesson.found.lane_width:.2f} m apart."], parts=parts(lesson),
+    )  # fmt: skip
+    return (folder / PAGE, folder / PLAIN, *([folder / CAMPAIGN] if learnt else []))
+
+
+def campaign_text(lesson: Lesson) -> str:
+    """A campaign file over every learnt scenario, with a reference driver to begin with."""
+    lines = ['name = "learned"', "seed = 1", "budget = 400      # drives of an ADS in a scenario, at most", ""]
+    for name, learnt in lesson.learnt.items():
+        if learnt.logical is not None:
+            lines += ["[[scenario]]", f'use = "{name}.toml"', ""]
+    lines += ["[[ads]]", 'name = "idm"', 'controller = "idm"', ""]
+    return "\n".join(lines)
+
+
+def plain(lesson: Lesson) -> dict[str, Any]:
+    """Everything that was learnt, in plain values."""
+    found = lesson.found
+    return {
+        "source": lesson.source,
+        "recordings": list(found.recordings),
+        "vehicles": found.vehicles,
+        "vehicle_km": found.kilometres,
+        "vehicle_hours": found.hours,
+        "speed_quantiles": dict(zip(("5 %", "50 %", "95 %"), found.speeds, strict=True)),
+        "lane_width": found.lane_width,
+        "notes": list(lesson.notes),
+        "classes": {name: _plain_class(learnt) for name, learnt in lesson.learnt.items()},
+    }
+
+
+def _plain_class(learnt: Learnt) -> dict[str, Any]:
+    met = learnt.encounters
+    known: dict[str, Any] = {
+        "events": met.events,
+        "per_vehicle_km": learnt.rate[0],
+        "per_vehicle_km_interval": list(learnt.rate[1:]),
+        "ghosts": met.ghosts,
+        "without_parameters": dict(met.left_out),
+        "against_a_constraint": learnt.outside,
+        "constants": dict(learnt.constants),
+        "left_out_of_the_distribution_evenly": learnt.thinned,
+    }
+    if learnt.logical is None or learnt.joint is None:
+        return known | {"file": None, "events_needed": learnt.needed}
+    quantiles = np.quantile(np.array(learnt.joint.events), [0.0, 0.05, 0.5, 0.95, 1.0], axis=0)
+    replay = np.quantile(learnt.replay, [0.5, 0.9], axis=0)
+    return known | {
+        "file": f"{met.name}.toml",
+        "per_vehicle_km_interval_with_all_below": list(learnt.rate_together),
+        "model": learnt.models[0].model,
+        "bandwidth": learnt.joint.factor,
+        "parameters": {
+            item.name: {
+                "unit": item.unit,
+                "low": item.low,
+                "high": item.high,
+                "recorded_quantiles": quantiles[:, j].tolist(),
+                "lower_end_interval": list(learnt.ends[item.name][0]),
+                "upper_end_interval": list(learnt.ends[item.name][1]),
+                "kolmogorov_held_out": learnt.models[0].kolmogorov[item.name],
+                "kolmogorov_by_chance": kolmogorov_by_chance(len(learnt.replay)),
+            }
+            for j, item in enumerate(learnt.logical.parameters)
+        },
+        "rank_correlations": [
+            {"of": list(pair), "value": values[0], "interval": list(values[1:])}
+            for pair, values in learnt.correlations.items()
+        ],
+        "held_out_log_likelihood": {item.model: item.log_likelihood for item in learnt.models},
+        "replay_error": {
+            "along": {"median": replay[0, 0], "90 %": replay[1, 0]},
+            "across": {"median": replay[0, 1], "90 %": replay[1, 1]},
+            "together": {"median": replay[0, 2], "90 %": replay[1, 2]},
+        },
+    }
+
+
+def sentences(lesson: Lesson) -> list[str]:
+    """What was found, a line a class."""
+    found = lesson.found
+    said = [
+        f"{len(found.recordings)} recordings, {found.vehicles} motor vehicles, {found.kilometres:.1f} vehicle-km in "
+        f"{found.hours:.2f} h; 5 to 95 % of speeds {interval(found.speeds[0], found.speeds[2])} m/s."
+    ]
+    for name, learnt in lesson.learnt.items():
+        met = learnt.encounters
+        line = f"{name}: {met.events} events, {learnt.rate[0]:.3g} ({interval(*learnt.rate[1:])}) per vehicle-km"
+        if learnt.logical is None:
+            said.append(f"{line}; {len(met.who)} with all parameters, {learnt.needed} are needed: no scenario file.")
+            continue
+        best = learnt.models[0]
+        said.append(
+            f"{line}; {len(learnt.replay)} fitted ({best.model}), held out {best.log_likelihood:z.2f} nats an event, "
+            f"Kolmogorov distance at most {max(best.kolmogorov.values()):.3f} (by chance "
+            f"{kolmogorov_by_chance(len(learnt.replay)):.3f}), replay error "
+            f"{float(np.median(learnt.replay[:, 2])):.2f} m (median)."
+        )
+    return said
+
+
+def parts(lesson: Lesson) -> list[Piece]:
+    """The page, piece by piece."""
+    rows = []
+    for name, learnt in lesson.learnt.items():
+        met = learnt.encounters
+        replay = "" if not len(learnt.replay) else f"{float(np.median(learnt.replay[:, 2])):.2f}"
+        best = learnt.models[0] if learnt.models else None
+        rows.append(
+            (name, met.events, f"{learnt.rate[0]:.3g}", interval(*learnt.rate[1:]), len(learnt.replay),
+             "" if best is None else f"{best.log_likelihood:z.2f}",
+             "" if best is None else f"{max(best.kolmogorov.values()):.3f}",
+             "" if best is None else f"{kolmogorov_by_chance(len(learnt.replay)):.3f}", replay)
+        )  # fmt: skip
+    out: list[Piece] = [
+        *(Text(note, "note") for note in lesson.notes),
+        table(
+            ("class", "events", "per vehicle-km", "95 % interval", "fitted", "held-out log-likelihood, nats an event",
+             "Kolmogorov distance, held out, at most", "by chance", "replay error, m (median)"), rows,
+        ),
+        Text("By chance: what as many events exceed in one case of twenty though the distribution is their own. Below "
+             "it, the events do not tell whether the distribution is another."),
+        Text("Rates count every event that is no ghost of the tracker, with exact Poisson intervals: events are taken "
+             "to come independently. Who was on the road for only a part of an event is counted, but has no "
+             "parameters; the fitted ones are taken to stand for them."),
+        Text("What is outside: other roads, weather and times of day than those recorded; encounters of no class here; "
+             "crossing traffic and people on foot; the sizes of bodies, which are those of a car in the files; and "
+             "whatever is rarer than these kilometres show: tails are the model's, not the data's.", "note"),
+    ]  # fmt: skip
+    for name, learnt in lesson.learnt.items():
+        charts = [] if learnt.joint is None else [Chart(f"{name}: recorded and modelled", _marginals(learnt))]
+        out.append(Fold(name, SCENES[name].about, (*charts, *_class_parts(learnt))))
+    return out
+
+
+def _class_parts(learnt: Learnt) -> list[Text | Table]:
+    """What is known of a class, without its chart."""
+    met = learnt.encounters
+    out: list[Text | Table] = [
+        Text(f"{met.events} events ({met.ghosts} ghosts dropped); {len(met.who)} with all parameters, "
+             f"{learnt.outside} of them against a constraint of the scenario.")
+    ]  # fmt: skip
+    if met.left_out:
+        out.append(table(("without parameters because", "events"), met.left_out.items()))
+    if learnt.logical is None:
+        return [*out, Text(f"{learnt.needed} events with all parameters are needed: no scenario file.", "note")]
+    best = learnt.models[0]
+    rows = np.array(learnt.joint.events) if learnt.joint is not None else np.zeros((0, 0))
+    parameters = [
+        (item.name, item.unit, f"{item.low:g} to {item.high:g}", f"{np.median(rows[:, j]):z.3g}",
+         interval(*learnt.ends[item.name][0]), interval(*learnt.ends[item.name][1]),
+         f"{best.kolmogorov[item.name]:.3f}")
+        for j, item in enumerate(learnt.logical.parameters)
+    ]  # fmt: skip
+    out.append(
+        table(("parameter", "unit", "range in the file", "median", "lower end (all at once, 95 %)",
+               "upper end (all at once, 95 %)", "Kolmogorov distance, held out"), parameters)
+    )  # fmt: skip
+    out.append(
+        Text(
+            "All intervals of these ends and correlations, and one of the rate, "
+            f"{interval(*learnt.rate_together)} per vehicle-km, hold at once with 95 %, where events do not grow rare "
+            "towards the ends. By itself the rate has the narrower one above."
+        )
+    )
+    if learnt.thinned:
+        out.append(Text(f"{learnt.thinned} events are left out of the distribution, evenly: it holds {len(rows)}."))
+    out += [Text(f"{name} does not vary: {value:g} in the file.") for name, value in learnt.constants.items()]
+    if learnt.correlations:
+        out.append(
+            table(("rank correlation of", "and", "value", "interval (all at once, 95 %)"),
+                  [(*pair, f"{values[0]:z.2f}", interval(values[1], values[2], 2))
+                   for pair, values in learnt.correlations.items()])
+        )  # fmt: skip
+    out.append(
+        table(("model", "held-out log-likelihood, nats an event", "largest Kolmogorov distance"),
+              [(item.model, f"{item.log_likelihood:z.3f}",
+                f"{max(item.kolmogorov.values()):.3f}" if item.kolmogorov else "") for item in learnt.models])
+    )  # fmt: skip
+    middle, high = np.quantile(learnt.replay, [0.5, 0.9], axis=0)
+    out.append(
+        table(("replay error, m", "median", "90 %"),
+              [(what, f"{middle[j]:.2f}", f"{high[j]:.2f}")
+               for j, what in enumerate(("along", "across", "together"))])
+    )  # fmt: skip
+    return out
+
+
+def _marginals(learnt: Learnt) -> Any:
+    """Each parameter as recorded, and as the model has it."""
+    joint = learnt.joint
+    assert joint is not None
+    names = joint.names
+    across = min(len(names), 4)
+    down = -(-len(names) // across)
+    drawn = make_subplots(rows=down, cols=across, subplot_titles=names)
+    points = joint.draw(DRAWN, random_stream(0, "drawn", len(names)))
+    events = np.array(joint.events)
+    for j in range(len(names)):
+        place = {"row": j // across + 1, "col": j % across + 1}
+        edges = np.linspace(joint.low[j], joint.high[j], BINS + 1)
+        middle = (edges[1:] + edges[:-1]) / 2.0
+        for values, kind in ((events, "data"), (points, "model")):
+            height, _ = np.histogram(values[:, j], edges, density=True)
+            trace = (
+                go.Bar(x=middle, y=height, name=kind, marker={"color": "#0072b2"}, opacity=0.55, showlegend=j == 0)
+                if kind == "data"
+                else go.Scatter(x=middle, y=height, name=kind, line={"color": "#b23c00"}, showlegend=j == 0)
+            )
+            drawn.add_trace(trace, **place)
+    drawn.update_layout(height=240 * down + 60, bargap=0.0, margin={"t": 40, "b": 60, "l": 50, "r": 10})
+    drawn.update_layout(legend={"orientation": "h", "x": 0.0, "y": -0.08, "yanchor": "top"})
+    return drawn

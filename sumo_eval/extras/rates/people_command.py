@@ -1,0 +1,192 @@
+"""People and open constants: recorded `humans`, `calibrate` k5 and k6, the `sensitivity` of the ranking."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import WHOLE, say, tell
+
+
+class _WholeLines(click.Group):
+    """A group of commands whose help cuts no line, as the help of all commands does not."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Each command with its whole first sentence."""
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, command.get_short_help_str(limit=WHOLE)) for name, command in sorted(self.commands.items())]
+            )
+
+
+@click.group(cls=_WholeLines, epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
+def humans() -> None:
+    """Recorded human driving: import it, look for events, weigh scenarios."""
+
+
+@humans.command("import", epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
+@click.argument("form", metavar="FORMAT")
+@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .csv.gz.")
+def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
+    """Import files or folders of FORMAT into one canonical table.
+
+    FORMAT: highd, ind, exid, round, unid, ngsim, commonroad, sumo_fcd, openacc, dlr_highway, osi, map, csv.
+    """
+    from sumo_eval.drivers.recorded.importing import import_recordings
+    from sumo_eval.drivers.recorded.recordings import write_csv
+
+    recordings = import_recordings(form, paths)
+    write_csv(recordings, out)
+    for note in recordings.notes:
+        tell(note)
+    tell(f"{recordings.vehicles} vehicles, {len(recordings.table)} samples: {out}")
+
+
+@humans.command(epilog="Example: sumo-eval humans events people.csv.gz --out events")
+@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the event tables.")
+def events(tables: tuple[Path, ...], out: Path | None) -> None:
+    """Find approaches, cut-outs, cut-ins and braking leaders in imported TABLES."""
+    from sumo_eval.drivers.recorded.events import extract_events, write_events
+    from sumo_eval.drivers.recorded.importing import OWN, import_recordings
+
+    found = extract_events(import_recordings(OWN, tables))
+    if out is not None:
+        write_events(found, out)
+    say(found.sentences())
+
+
+@humans.command(epilog="Example: sumo-eval humans exposure cut_in people.csv.gz")
+@click.argument("scenario")
+@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--bandwidth", type=click.Choice(["scott", "cross_validated"]), default="scott", show_default=True)
+def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
+    """How often the concrete scenarios of SCENARIO are met in imported TABLES."""
+    from sumo_eval.drivers.recorded.exposure import exposure_of
+    from sumo_eval.scenario import catalogue
+    from sumo_eval.settings import DriverSettings, ExposureSettings
+
+    settings = ExposureSettings("recorded", tuple(map(str, tables)), bandwidth)  # type: ignore[arg-type]
+    found = exposure_of(catalogue.find(scenario, Path.cwd()), settings, DriverSettings(), Path.cwd())
+    tell(f"{scenario}: {found.about}.")
+
+
+@humans.command(epilog="Example: sumo-eval humans scene people.csv.gz --ego 17 --react IDM --out scene.toml")
+@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--ego", required=True, metavar="VEHICLE", help="In whose place an ADS is to drive.")
+@click.option("--recording", metavar="NAME", help="Which one, where the tables hold several.")
+@click.option("--begin", type=float, help="Begin of the scene, s of the recording (default: the vehicle's own).")
+@click.option("--end", type=float, help="End of the scene, s (default: 30 s after its begin).")
+@click.option("--react", type=click.Choice(["IDM", "EIDM", "Krauss"]), help="SUMO's model by which the others react.")
+@click.option("--beyond", type=float, default=2.0, show_default=True, metavar="M", help="Departure that they react to.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Scenario file to write: .toml.")
+def scene(
+    tables: tuple[Path, ...],
+    ego: str,
+    recording: str | None,
+    begin: float | None,
+    end: float | None,
+    react: str | None,
+    beyond: float,
+    out: Path,
+) -> None:
+    """A scene of imported TABLES as a scenario file: an ADS in the place of VEHICLE, the others as they drove."""
+    from sumo_eval.drivers.recorded.importing import OWN, import_recordings
+    from sumo_eval.extras.rates.recorded_scene import ROAD_AS_WRITTEN, write_scene
+
+    found = write_scene(
+        import_recordings(OWN, tables), out, ego, recording=recording, begin=begin, end=end, model=react, beyond=beyond
+    )
+    tell(
+        f"{found.others} vehicles around {ego} for {found.seconds:z.1f} s; in the file they are "
+        f"{found.error[0]:z.3f} m (root mean square; at most {found.error[1]:z.2f} m) from where they were recorded."
+    )
+    if found.continued:
+        tell(f"{found.continued} of them were not recorded throughout: before and after, they keep speed and lane.")
+    for reason, number in found.left_out.items():
+        tell(f"Left out: {number} vehicles, {reason}.")
+    tell(ROAD_AS_WRITTEN)
+    tell(f"Scene: {found.path}")
+
+
+@humans.command(epilog="Example: sumo-eval humans departure results/scene")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="HTML file for the page (default: RUN/departure.html).")
+def departure(run: Path, out: Path | None) -> None:
+    """How far the ADSs of RUN departed from the vehicle that was recorded in their place."""
+    from sumo_eval.extras.rates.departures import PAGE, write_departures
+
+    path = run / PAGE if out is None else out
+    for one in write_departures(run, path):
+        tell(f"{one.sentence()}.")
+    tell(f"Page: {path}")
+
+
+@humans.command(epilog="Example: sumo-eval humans opinion results/first ratings.csv")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("ratings", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="HTML file for the plot (default: RUN/opinion.html).")
+def opinion(run: Path, ratings: Path, out: Path | None) -> None:
+    """Compare the scores of RUN with what people said: RATINGS, a CSV file with rater, ads, scenario, score (1-10)."""
+    from sumo_eval.evaluation import score
+    from sumo_eval.extras.studies.opinion import (
+        compare_opinion,
+        opinion_json,
+        opinion_lines,
+        read_ratings,
+        write_opinion_plot,
+    )
+    from sumo_eval.report.opinion_section import OPINION
+
+    given = read_ratings(ratings)
+    with Progress() as progress:
+        evaluation = score(run, progress=progress)
+    result = compare_opinion(evaluation, given)
+    say(opinion_lines(result))
+    place = run / "opinion.html" if out is None else out
+    write_opinion_plot(result, place)
+    tell(f"Plot: {place}")
+    (run / OPINION).write_text(json.dumps(opinion_json(result), indent=2) + "\n", encoding="utf-8")
+    tell(f"`sumo-eval report {run}` shows it in the report from now on.")
+
+
+@click.command(epilog="Example: sumo-eval calibrate results/first results/second --by median")
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--by", type=click.Choice(["median", "mean"]), default="median", show_default=True, help="Middle ADS.")
+def calibrate(runs: tuple[Path, ...], by: str) -> None:
+    """Choose k5 and k6 so that the middle one of the ADSs in RUNS gets half of the points."""
+    from sumo_eval.evaluation import score
+    from sumo_eval.extras.studies.calibration import calibrate as calibrated
+    from sumo_eval.extras.studies.calibration import calibration_lines
+
+    with Progress() as progress:
+        evaluations = [score(run, progress=progress) for run in runs]
+    say(calibration_lines(calibrated(evaluations, by=by)))
+
+
+@click.command(epilog="Example: sumo-eval sensitivity results/first --constant k2")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--constant",
+    "constants",
+    multiple=True,
+    help="k1, k2, k3, k4, centre floor, field floor, a; default: all that can move a score.",
+)
+def sensitivity(run: Path, constants: tuple[str, ...]) -> None:
+    """Score RUN again with k1..k4, the deviation floors and a (b = 100 - a) changed; a table and a plot in RUN."""
+    from sumo_eval.extras.studies.sensitivity import sensitivity as respond
+    from sumo_eval.extras.studies.sensitivity import sensitivity_lines, without_the_wheel, write_sensitivity_plot
+    from sumo_eval.extras.studies.tables import write_rows
+    from sumo_eval.record.run_folder import read_settings
+
+    with Progress() as progress:
+        rows = respond(run, progress, constants=constants) if constants else respond(run, progress)
+    by_wheel = not without_the_wheel(read_settings(run))
+    say(sensitivity_lines(rows, by_wheel=by_wheel))
+    write_rows(rows, run / "sensitivity.csv")
+    write_sensitivity_plot(rows, run / "sensitivity.html")
+    tell(f"Table and plot: {run / 'sensitivity.csv'}, {run / 'sensitivity.html'}")

@@ -1,0 +1,129 @@
+"""Run an ADS through SUMO where the search asks, until the boundary of its collisions no longer moves."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sumo_eval.cases import EVALUATED
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.extras.studies.straddle import BoundarySearch
+from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.record.engines import identify, run_cases
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+FIRST = 16  # trials of the first round, for each parameter
+ROUND = 16  # trials of the others
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """Where the search stood after a round of trials."""
+
+    trials: int
+    collisions: int
+    expected_change: float
+    doubt: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FailureBoundary:
+    """What the search found out. points (n, k) and collided (n,): the trials that count. not_evaluated: how many could
+    not be evaluated, by status. stopped: why the search ended.
+    """
+
+    logical: LogicalScenario
+    ads: str
+    search: BoundarySearch
+    rounds: tuple[Round, ...]
+    not_evaluated: dict[str, int]
+    stopped: Literal["settled", "budget", "no point left"]
+
+    @property
+    def points(self) -> FloatArray:
+        """The trials (n, k) that count."""
+        return self.search.points
+
+    @property
+    def collided(self) -> BoolArray:
+        """Their outcomes (n,)."""
+        return self.search.outcomes
+
+    def collides(self, points: FloatArray) -> BoolArray:
+        """Where the ADS is expected to collide, (n,)."""
+        return self.search.classify(points)
+
+
+Watch = Callable[[int, int], None]
+
+
+def find_boundary(
+    logical: LogicalScenario,
+    controller: str,
+    setup: Setup,
+    *,
+    budget: int = 500,
+    tolerance: float = 0.001,
+    seed: int = 1,
+    watch: Watch = lambda done, total: None,
+) -> FailureBoundary:
+    """Search the space (or a slice of it) for where an ADS collides, with at most `budget` simulations.
+
+    It stops sooner when a round is expected to move less than `tolerance` of the space from one side to the other.
+    watch: told the number of simulations done and the budget. Raises InputError for an ADS that does not exist.
+    """
+    if budget < FIRST:
+        raise must_be("`budget`", "the search", f"at least {FIRST} simulations", budget)
+    if not 0.0 <= tolerance < 1.0:
+        raise must_be("`tolerance`", "the search", "a share of the space within 0..1", tolerance)
+    identify([("ADS", controller)], setup)
+    search = BoundarySearch(logical, seed)
+    rounds: list[Round] = []
+    lost: Counter[str] = Counter()
+    done, stopped = 0, "budget"
+    while done < budget:
+        points = search.ask(min(ROUND if rounds else FIRST * len(logical.names), budget - done))
+        if not len(points):
+            stopped = "no point left"
+            break
+        statuses = []
+        for outcome in _simulated(logical, controller, points, done, setup, lambda ended: watch(ended, budget)):
+            statuses.append(outcome.status)
+        done += len(points)
+        counts = np.array([status in EVALUATED for status in statuses])
+        lost.update(status for status in statuses if status not in EVALUATED)
+        search.skip(points[~counts])
+        search.tell(points[counts], np.array([status == "collision" for status in statuses])[counts])
+        rounds.append(Round(done, int(search.outcomes.sum()), search.expected_change, search.doubt))
+        if search.expected_change < tolerance:
+            stopped = "settled"
+            break
+    if not len(search.points):
+        what = ", ".join(f"{number} {status}" for status, number in sorted(lost.items()))
+        raise InputError(f"None of {done} cases of ADS `{controller}` could be evaluated ({what}).")
+    return FailureBoundary(logical, controller, search, tuple(rounds), dict(sorted(lost.items())), stopped)  # type: ignore[arg-type]
+
+
+def _simulated(
+    logical: LogicalScenario,
+    controller: str,
+    points: FloatArray,
+    first: int,
+    setup: Setup,
+    ended: Callable[[int], None],
+) -> list[Outcome]:
+    """The outcomes at points (n, k), in their order. ended: told how many simulations have ended."""
+    cases = [
+        Case(first + number, concrete, "ads", "ads", controller)
+        for number, concrete in enumerate(logical.concretes(points))
+    ]
+    outcomes = []
+    for outcome in run_cases(cases, setup):
+        outcomes.append(outcome)
+        ended(first + len(outcomes))
+    return sorted(outcomes, key=lambda outcome: outcome.case.point)

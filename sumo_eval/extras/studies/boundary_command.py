@@ -1,0 +1,82 @@
+"""`sumo-eval boundary`: where an ADS collides in a space."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli import out_folder
+from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
+from sumo_eval.cli.named_values import named_values
+from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import tell
+
+
+@click.command(epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --budget 64 --out boundary")
+@click.argument("scenario")
+@click.argument("ads")
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Folder for trials, summary and picture (default: results/SCENARIO-ADS-TIME).")  # fmt: skip
+@click.option("--fix", multiple=True, metavar="NAME=VALUE", help="Hold a parameter fixed; may be repeated.")
+@click.option("--budget", type=click.IntRange(min=16), default=500, show_default=True, help="Most simulations.")
+@click.option("--tolerance", type=float, default=0.001, show_default=True,
+              help="Stop when a round is expected to move less than this share of the space.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness.")
+@click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Processes that simulate.")
+def boundary(
+    scenario: str,
+    ads: str,
+    out: Path | None,
+    fix: tuple[str, ...],
+    budget: int,
+    tolerance: float,
+    seed: int,
+    workers: int,
+) -> None:
+    """Find where ADS collides in SCENARIO, with few simulations, whatever the shape of that set.
+
+    SCENARIO is a shipped name, a scenario file (.toml) or module:name; ADS a controller as in an evaluation file.
+    """
+    from sumo_eval.extras.studies.boundary import find_boundary
+    from sumo_eval.extras.studies.boundary_page import summary, write_boundary
+    from sumo_eval.extras.studies.slices import slice_of
+    from sumo_eval.record.cases import Setup
+    from sumo_eval.scenario.catalogue import find
+    from sumo_eval.settings import RunSettings, SimulationSettings
+
+    held = named_values(fix, "--fix")
+    logical = slice_of(find(scenario, Path.cwd()), held)
+    setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
+    out = out or out_folder.default(scenario, ads)
+    out_folder.ready(out)
+    with Progress(at_most=True) as progress:
+        found = find_boundary(
+            logical, ads, setup, budget=budget, tolerance=tolerance, seed=seed,
+            watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),
+        )  # fmt: skip
+    told = summary(found)
+    tell(
+        f"{logical.name}: {ads} collides in {told['collision_share_of_space']:z.1%} of the space "
+        f"({told['collision_share_of_exposure']:z.1%} of the exposure), from {told['simulations']} simulations."
+    )
+    change = found.rounds[-1].expected_change
+    if found.stopped == "settled":
+        tell(f"  The next round is expected to move {change:z.2%} of the space: settled.")
+    elif change < 1.0:
+        ended = f"The search ended with its {found.stopped}"
+        tell(f"  {ended}; a further round may move {change:z.2%} of the space.")
+    else:
+        tell(
+            f"  The search ended with its {found.stopped}. How far a further round would move the boundary cannot be "
+            "told: too few rounds saw both outcomes, or the boundary still contradicts some trials."
+        )
+    if not found.collided.any() or found.collided.all():
+        tell("  Every trial ended alike: there is no boundary that these simulations could find.")
+    for status, number in found.not_evaluated.items():
+        drives = "1 simulation" if number == 1 else f"{number} simulations"
+        tell(f"  {drives} could not be evaluated ({status}); the search went on without them.")
+    for path in write_boundary(found, out, held):
+        tell(str(path))
+    sys.exit(NOT_EVALUATED if found.not_evaluated else DONE)

@@ -1,0 +1,188 @@
+"""What a search for an ADS's failure boundary found, as files: every trial, a summary, and a picture."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from sumo_eval.errors import InputError
+from sumo_eval.extras.studies.boundary import FailureBoundary
+from sumo_eval.report.study_page import write_study
+from sumo_eval.scenario.sampling.drawn_points import evenly
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.text import cell
+from sumo_eval.trajectory import FloatArray
+
+CELLS = 80  # on each axis of a map
+PANELS = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the third parameter's range, one map each
+COUNTED = 8_192  # evenly spread points by which shares of the space are counted
+
+
+def summary(found: FailureBoundary) -> dict[str, Any]:
+    """The result in plain values."""
+    logical = found.logical
+    points = evenly(logical, COUNTED, random_stream(0, "counted", logical.name))
+    points = points[logical.feasible(points)]
+    exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
+    collides = found.collides(points)
+    return {
+        "scenario": logical.name,
+        "ads": found.ads,
+        "parameters": [{"name": p.name, "low": p.low, "high": p.high, "unit": p.unit} for p in logical.parameters],
+        "simulations": found.rounds[-1].trials,
+        "collisions": int(found.collided.sum()),
+        "not_evaluated": found.not_evaluated,
+        "stopped": found.stopped,
+        "expected_change": found.rounds[-1].expected_change,
+        "doubt": found.rounds[-1].doubt,
+        "collision_share_of_space": float(np.mean(collides)),
+        "collision_share_of_exposure": float(exposure[collides].sum() / exposure.sum()),
+        "rounds": [
+            {
+                "simulations": r.trials,
+                "collisions": r.collisions,
+                "expected_change": r.expected_change,
+                "doubt": r.doubt,
+            }
+            for r in found.rounds
+        ],
+    }
+
+
+def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, float] | None = None) -> tuple[Path, ...]:
+    """Write `trials.csv`, `boundary.json` and `boundary.html` into a folder and return their paths.
+
+    held: the parameters that the search held fixed, by name.
+    """
+    held = dict(held or {})
+    table, plain, page = folder / "trials.csv", folder / "boundary.json", folder / "boundary.html"
+    chances = folder / "chances.csv"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with table.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(map(cell, [*found.logical.names, "collided"]))
+            for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True):
+                writer.writerow([*(repr(value) for value in row), int(hit)])
+        with chances.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(map(cell, [*found.logical.names, "chance"]))
+            for share in shares(found):
+                for row, chance in zip(*chances_on(found, share), strict=True):
+                    writer.writerow([*(f"{value:z.9g}" for value in row), "" if np.isnan(chance) else f"{chance:z.4g}"])
+        told = {**summary(found), "held": held}
+        plain.write_text(json.dumps(told, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The boundary cannot be written into {folder}: {error}.") from error
+    names = found.logical.names
+    title = f"{found.logical.name}: where {found.ads} collides"
+    write_study(
+        page,
+        kicker="The boundary of failure",
+        title=title,
+        sentences=_sentences(found, held),
+        figures={title: picture(found)},
+        rows=[
+            [*names, "collided"],
+            *(
+                [*(f"{value:g}" for value in row), "yes" if hit else "no"]
+                for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True)
+            ),
+        ],
+        least_width=340 * len(PANELS) if len(names) > 2 else 300,
+    )
+    return table, plain, page, chances
+
+
+def shares(found: FailureBoundary) -> tuple[float, ...]:
+    """Where in the third parameter's range a map lies, one share a map; one map where there is no third."""
+    return PANELS if len(found.logical.parameters) > 2 else (0.5,)
+
+
+def chances_on(found: FailureBoundary, share: float) -> tuple[FloatArray, FloatArray]:
+    """The points of a map, row by row, (n, k), and the chance of a collision there, (n,), nan where nothing can be.
+
+    A map has CELLS values of the first parameter by as many of the second, where there is one; parameters behind the
+    third are in the middle of their ranges.
+    """
+    logical = found.logical
+    k = len(logical.parameters)
+    ticks = np.linspace(0.0, 1.0, CELLS)
+    across = ticks if k > 1 else np.array([0.5])
+    unit = np.full((len(across), CELLS, k), 0.5)
+    unit[..., 0] = ticks
+    if k > 1:
+        unit[..., 1] = across[:, None]
+    if k > 2:
+        unit[..., 2] = share
+    rows = logical.from_unit(unit.reshape(-1, k))
+    return rows, np.where(logical.feasible(rows), found.search.probability(rows), np.nan)
+
+
+def _sentences(found: FailureBoundary, held: Mapping[str, float]) -> list[str]:
+    """What the page says above the chart."""
+    told = summary(found)
+    share = f"{found.ads} collides in {told['collision_share_of_space']:z.1%} of the space"
+    said = [f"{share}, from {told['simulations']} simulations. The line is where both outcomes are equally likely."]
+    if held:
+        said.append(f"Held fixed: {', '.join(f'{name} = {value:g}' for name, value in held.items())}.")
+    if found.not_evaluated:
+        lost = sum(found.not_evaluated.values())
+        said.append(f"{lost} of them could not be evaluated; the search went on without these.")
+    return said
+
+
+def picture(found: FailureBoundary) -> go.Figure:
+    """Trials over the likelier outcome: one map for two parameters, one for each of some values of a third.
+
+    With more parameters the maps are slices at the middle of the others' ranges; a trial is drawn on its nearest map.
+    """
+    logical = found.logical
+    k = len(logical.parameters)
+    maps = shares(found)
+    unit_trials = logical.to_unit(found.points)
+    nearest = np.argmin(np.abs(unit_trials[:, 2:3] - np.array(maps)), axis=1) if k > 2 else np.zeros(len(unit_trials))
+    titles = []
+    for share in maps:
+        at = logical.low + (logical.high - logical.low) * np.array([0.5, 0.5, share, *[0.5] * k])[:k]
+        held = [f"{p.name} = {value:z.3g}{p.behind}" for p, value in zip(logical.parameters[2:], at[2:], strict=True)]
+        titles.append(", ".join(held))
+    figure = make_subplots(rows=1, cols=len(maps), subplot_titles=titles, shared_yaxes=True)
+    ticks = np.linspace(0.0, 1.0, CELLS)
+    for number, share in enumerate(maps, start=1):
+        chance = chances_on(found, share)[1].reshape(-1, CELLS)
+        x = logical.from_unit(np.full((CELLS, k), 0.5) * 0 + ticks[:, None])
+        y = x[:, 1] if k > 1 else np.array([0.0])
+        if k > 1:
+            contour = go.Contour(
+                x=x[:, 0], y=y, z=chance, contours={"start": 0.5, "end": 0.5, "size": 1, "coloring": "heatmap"},
+                colorscale=[[0.0, "#e6f1f8"], [1.0, "#fbd9b5"]], zmin=0.0, zmax=1.0, showscale=False,
+                line={"color": "#1b1f24", "width": 2}, hoverinfo="skip", name="chance of a collision",
+            )  # fmt: skip
+            figure.add_trace(contour, row=1, col=number)
+        for name, kind, colour, symbol in (
+            ("no collision", False, "#0072b2", "circle"),
+            ("collision", True, "#b23c00", "x"),
+        ):
+            here = (found.collided == kind) & (nearest == number - 1)
+            figure.add_trace(
+                go.Scatter(
+                    x=found.points[here, 0], y=found.points[here, 1] if k > 1 else np.zeros(int(here.sum())),
+                    mode="markers", name=name, legendgroup=name, showlegend=number == 1,
+                    marker={"color": colour, "symbol": symbol, "size": 6},
+                ), row=1, col=number,
+            )  # fmt: skip
+        first = logical.parameters[0]
+        figure.update_xaxes(title_text=first.title, row=1, col=number)
+    if k > 1:
+        second = logical.parameters[1]
+        figure.update_yaxes(title_text=second.title, row=1, col=1)
+    figure.update_layout(height=560)
+    return figure

@@ -1,0 +1,35 @@
+"""The tool itself on trial: `qualify`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli import out_folder
+from sumo_eval.cli.exit_status import DONE, GATE_FAILED
+from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import say, tell
+
+
+@click.command(epilog="Example: sumo-eval qualify --out qualification")
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), default=Path("qualification"), show_default=True,
+    help="Folder for qualification.html and qualification.json.",
+)  # fmt: skip
+def qualify(out: Path) -> None:
+    """Check that this installation may be believed: known answers, found again on this machine, in some minutes.
+
+    Exit status: 0 every check passed, 1 one failed.
+    """
+    from sumo_eval.extras.studies.qualification import pages, qualified, table
+
+    out_folder.ready(out)
+    with Progress() as progress:
+        found = qualified.qualify(table.all_checks(), progress)
+    written = pages.write_qualification(found, out)
+    say(pages.lines(found))
+    for path in written:
+        tell(str(path))
+    sys.exit(GATE_FAILED if found.failed else DONE)

@@ -1,0 +1,101 @@
+"""At the wheel: `drive` opens the browser for one drive or a whole study, and drives tapes again."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli.exit_status import DONE, GATE_FAILED
+from sumo_eval.cli.named_values import named_values
+from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import open_in_browser, say, tell
+
+
+@click.command(epilog="Example: sumo-eval drive front_vehicle_cut_out --set ego_speed=25 --set gap=60")
+@click.argument("what", metavar="SCENARIO|STUDY.toml|TAPE.jsonl")
+@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter (default: mid-range).")
+@click.option("--rate", type=int, default=50, show_default=True, help="Steps a second: 20, 50 or 100.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("drives"), show_default=True, help="Folder.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="Of 127.0.0.1; 0: any.")
+@click.option("--collect", is_flag=True, help="Of a study: write its folder anew from what was recorded; no browser.")
+@click.option("--no-browser", is_flag=True, help="Print the address and open nothing.")
+def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, collect: bool, no_browser: bool) -> None:
+    """Drive SCENARIO yourself, in 3-D, in the browser; or run a STUDY with participants (extra `drive`).
+
+    A study writes the folder that `[drivers] cases` takes, ratings for `humans opinion`, and an evaluation that takes
+    the people in place of the drivers. A TAPE, the record of a drive, is driven again and compared with what came of
+    it, byte by byte: exit status 1 where they differ.
+    """
+    from sumo_eval.scenario.catalogue import find, is_file
+    from sumo_eval.settings.toml_file import read_toml
+
+    if what.endswith(".jsonl"):
+        sys.exit(_again(Path(what)))
+    from sumo_eval.extras.wheel.trip import concrete_of, opened, settings_at, trips
+
+    is_study = what.endswith(".toml") and "consent" in read_toml(Path(what), "file")
+    if collect:
+        if not is_study:
+            raise click.UsageError("`--collect` is for a study file, one with a `consent`.")
+        _collect(Path(what))
+        return
+
+    from sumo_eval.record.loops import PLAYED, WORLD, ready
+
+    with Progress() as progress:
+        ready((WORLD, PLAYED), progress)  # in a thread of the window's, Ctrl-C would wait for it
+
+    def told(address: str) -> None:
+        tell(f"Drive here, on this machine only: {address}")
+        if not no_browser:
+            open_in_browser(address)
+
+    if is_study:
+        from sumo_eval.extras.wheel.plan import read_study
+        from sumo_eval.extras.wheel.study import study
+
+        plan = read_study(Path(what))
+        settings_at(plan.settings.rate)
+        try:
+            asyncio.run(opened("Drive", port, lambda window: study(window, plan, click.echo), told))
+        finally:
+            _collect(Path(what))
+        return
+    logical = find(what, Path.cwd())
+    concrete, settings = concrete_of(logical, named_values(values, "--set")), settings_at(rate)
+    where = (Path.cwd() / what).resolve() if is_file(what) else what
+    asyncio.run(
+        opened(
+            f"Drive {logical.name}",
+            port,
+            lambda window: trips(window, logical, concrete, settings, out, str(where)),
+            told,
+        )
+    )
+
+
+def _collect(path: Path) -> None:
+    """Write what a study has come to, and say it."""
+    from sumo_eval.extras.wheel.outcome import collect
+    from sumo_eval.extras.wheel.plan import read_study
+
+    found = collect(read_study(path))
+    say(found.sentences())
+    for file in found.files:
+        tell(str(file))
+    tell(
+        f"Score with these people: sumo-eval run {found.files[-1]} --out RUN; "
+        f"sumo-eval humans opinion RUN {found.files[1]}"
+    )
+
+
+def _again(path: Path) -> int:
+    """Drive a tape again and say whether the bytes are the same."""
+    from sumo_eval.extras.wheel.again import again
+
+    found = again(path)
+    tell(found.sentence)
+    return DONE if found.same is not False else GATE_FAILED

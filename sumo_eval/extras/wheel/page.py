@@ -1,0 +1,84 @@
+"""What the browser is shown: the one page, and the views that the server sends into it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any, Final
+
+import jinja2
+
+from sumo_eval.record.store import EGO
+from sumo_eval.report.page import asset
+from sumo_eval.report.page_data import drawn_bodies, drawn_line, drawn_shape
+from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
+from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import Collision, Trajectory
+
+VIEW: Final = 600.0  # m of road that are drawn before its beginning and behind its end
+_TEMPLATES: Final = files("sumo_eval.extras.wheel") / "templates"
+
+
+def _own(name: str) -> str:
+    return (_TEMPLATES / name).read_text(encoding="utf-8")
+
+
+def page(title: str) -> str:
+    """The page, with `{nonce}` where the server puts that of its policy."""
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+    return environment.from_string(_own("drive.html.j2")).render(
+        title=title, css=_plain(_own("drive.css") + str(asset("replay.css"))), field_js=asset("field.js"),
+        scene_js=asset("scene3d.js"), replay_js=asset("replay.js"), drive_js=_plain(_own("drive.js")),
+    )  # fmt: skip
+
+
+def _plain(text: str) -> Any:
+    from markupsafe import Markup
+
+    return Markup(text)  # noqa: S704 - a file of this package
+
+
+def drawn_road(road: Road) -> dict[str, Any]:
+    """A road as the page draws it."""
+    return {
+        "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes, "laneWidth": road.lane_width,
+        "line": drawn_line(road), **drawn_shape(road),
+    }  # fmt: skip
+
+
+def drive_view(
+    concrete: ConcreteScenario, settings: SimulationSettings, title: str, lines: tuple[str, ...]
+) -> dict[str, Any]:
+    """The view in which a concrete scenario is driven: the road, and everybody's body; where they are comes with every
+    step.
+    """
+    vehicle = concrete.ego_vehicle(settings.vehicle)
+    return {
+        "title": title, "lines": list(lines), "step": settings.step, "wanted": concrete.ego.speed,
+        "scene": {
+            "road": drawn_road(concrete.road),
+            "extent": [concrete.ego.x - VIEW, concrete.road.length + VIEW],
+            "ego": {"kind": "car", "length": vehicle.length, "width": vehicle.width},
+            "others": [{"kind": it.body, "length": it.length, "width": it.width} for it in concrete.actors],
+        },
+    }  # fmt: skip
+
+
+def replay(
+    concrete: ConcreteScenario, name: str, vehicles: Mapping[str, Trajectory], collision: Collision | None
+) -> dict[str, Any]:
+    """What the page's player shows of a drive. name: what it is called there. vehicles: by name, the ego's `ego`."""
+    hit = contact(collision, vehicles.get(EGO))
+    if hit is not None and collision is not None:
+        hit["speed"] = round(collision.relative_speed, 3)
+    return {
+        "channels": CHANNEL_STEPS, "road": drawn_road(concrete.road), "bodies": drawn_bodies(concrete),
+        "views": [{"name": name, "vehicles": {it: k for k, it in enumerate(vehicles)}, "contact": hit}],
+        "trajectories": encode_trajectories(list(vehicles.values())),
+    }  # fmt: skip
+
+
+def sheet(title: str, *lines: str, **more: Any) -> dict[str, Any]:
+    """A view of text, questions and buttons."""
+    return {"show": "sheet", "title": title, "lines": list(lines), **more}

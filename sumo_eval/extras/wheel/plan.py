@@ -1,0 +1,177 @@
+"""What a study asks for, from STUDY.toml, and what it comes to: which cases, in which order, which replays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+from annotated_types import Ge, Le, MinLen
+from pydantic import TypeAdapter, ValidationError
+
+from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.extras.wheel.quality import QualitySettings
+from sumo_eval.record.run_folder import FACTS, read_manifest, read_settings
+from sumo_eval.record.store import Fact, open_store
+from sumo_eval.scenario.catalogue import find
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings.checked import About, Checked, Positive
+from sumo_eval.settings.config import mistakes
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.settings.toml_file import read_toml
+
+LOW, HIGH = 1, 10
+
+
+@dataclass(frozen=True, slots=True)
+class PracticeSettings(Checked):
+    """Practice: a road with nobody near, until the criterion is met."""
+
+    speed: Annotated[float, Positive, About("speed to keep", "m/s")] = 20.0
+    seconds: Annotated[float, Positive, Le(120.0), About("length of a trial", "s")] = 15.0
+    offset: Annotated[float, Positive, About("from a lane's centre, within which a driver keeps the lane", "m")] = 0.6
+    within: Annotated[float, Positive, About("of the speed, within which a driver keeps it", "m/s")] = 3.0
+    share: Annotated[float, Positive, Le(1.0), About("share of the trial in which both must hold")] = 0.8
+    passes: Annotated[int, Ge(0), About("trials that must be passed; 0: no practice")] = 1
+    most: Annotated[int, Ge(1), About("trials after which a participant goes home")] = 6
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionSettings(Checked):
+    """A question on a scale of 1 to 10."""
+
+    key: Annotated[str, MinLen(1), About("its column in answers.csv")]
+    text: Annotated[str, MinLen(1), About("what is asked")]
+    after: Annotated[Literal["drive", "replay"], About("asked after one's own drive, or after a replay")] = "drive"
+    least: Annotated[str, About("what 1 means")] = ""
+    most: Annotated[str, About("what 10 means")] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StudySettings(Checked):
+    """A study: participants drive concrete scenarios of a run and rate how its ADSs drive there."""
+
+    name: Annotated[str, MinLen(1), About("name of the study, shown to nobody but the team")]
+    run: Annotated[str, MinLen(1), About("folder of the run, relative to this file")]
+    consent: Annotated[str, MinLen(1), About("what a participant agrees to, the team's own text")]
+    seed: Annotated[int, Ge(0), About("source of randomness: the order of replays, which cases are shown")] = 1
+    out: Annotated[str, About("folder of the study, relative to this file; empty: beside it, under its name")] = ""
+    cases: Annotated[
+        tuple[str, ...], About("what is driven: SCENARIO-POINT of the run; empty: `count` of its safe points")
+    ] = ()
+    count: Annotated[int, Ge(1), Le(100), About("safe points that are driven where `cases` names none")] = 8
+    ads: Annotated[tuple[str, ...], About("whose drives are rated; empty: all of the run")] = ()
+    replays: Annotated[int, Ge(0), Le(20), About("drives rated of each ADS in each scenario")] = 1
+    rate: Annotated[int, About("steps a second: 20, 50 or 100")] = 50
+    break_after: Annotated[int, Ge(1), About("drives after which a break is offered")] = 8
+    practice: PracticeSettings = field(default_factory=PracticeSettings)
+    question: Annotated[tuple[QuestionSettings, ...], About("further questions")] = ()
+    quality: QualitySettings = field(default_factory=QualitySettings)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudyCase:
+    """A concrete scenario of a study. key: `SCENARIO-POINT`. use: what its scenario is found by. ads: the recorded
+    drives of the ADSs in it, by name.
+    """
+
+    key: str
+    use: str
+    concrete: ConcreteScenario
+    ads: dict[str, Fact]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """A study that can begin. cases: in the order of the run. ads: whose drives are rated."""
+
+    settings: StudySettings
+    run: Path
+    folder: Path
+    cases: tuple[StudyCase, ...]
+    ads: tuple[str, ...]
+
+    @property
+    def scenarios(self) -> tuple[str, ...]:
+        """The logical scenarios of the cases."""
+        return tuple(dict.fromkeys(case.concrete.scenario for case in self.cases))
+
+    def order(self, number: int) -> list[StudyCase]:
+        """The cases in the order in which participant `number` (0, 1, ...) drives them."""
+        rows = balanced_orders(len(self.cases))
+        return [self.cases[place] for place in rows[number % len(rows)]]
+
+    def ratings(self, code: str) -> list[tuple[StudyCase, str]]:
+        """The replays that a participant rates, in a random order of their own: case and ADS."""
+        draw = random_stream(self.settings.seed, "replays", code)
+        shown = []
+        for scenario in self.scenarios:
+            here = [case for case in self.cases if case.concrete.scenario == scenario]
+            for ads in self.ads:
+                able = [case for case in here if ads in case.ads]
+                chosen = draw.permutation(len(able))[: self.settings.replays]
+                shown += [(able[place], ads) for place in sorted(chosen.tolist())]
+        return [shown[place] for place in draw.permutation(len(shown))]
+
+
+def balanced_orders(n: int) -> list[list[int]]:
+    """Orders of n things in which each stands equally often in each place and follows each other equally often.
+
+    Williams's design (Aust. J. Sci. Res. A 2, 149 (1949)): n rows for an even n, 2 n for an odd one.
+    """
+    first = [0]
+    for step in range(1, n):
+        first.append(step // 2 + 1 if step % 2 else n - step // 2)
+    rows = [[(place + shift) % n for place in first] for shift in range(n)]
+    return rows if n % 2 == 0 else rows + [list(reversed(row)) for row in rows]
+
+
+_ADAPTER: Final = TypeAdapter(StudySettings)
+
+
+def read_study(path: Path) -> Plan:
+    """The plan of a study file. Raises InputError with a sentence for each mistake."""
+    content = read_toml(path, "study file")
+    try:
+        settings = _ADAPTER.validate_python(content)
+    except ValidationError as error:
+        raise InputError(mistakes(error, f"study file {path}", StudySettings, path)) from None
+    run = (path.parent / settings.run).resolve()
+    source, evaluation = Path(read_manifest(run)["source_folder"]), read_settings(run)
+    uses = {find(entry.use, source).name: entry.use for entry in evaluation.scenario}
+    with open_store(run / FACTS) as store:
+        driven = {(fact.scenario, fact.point) for fact in store.facts("human")}
+        facts = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
+    known = list(dict.fromkeys(fact.driver for fact in facts))
+    for name in settings.ads:
+        if name not in known:
+            raise unknown("ADS of the run", name, known)
+    points: dict[str, list[Fact]] = {}
+    for fact in facts:
+        points.setdefault(f"{fact.scenario}-{fact.point:04d}", []).append(fact)
+    safe = [key for key, here in points.items() if (here[0].scenario, here[0].point) in driven]
+    keys = settings.cases or _spread(safe, settings.count)
+    for key in keys:
+        if key not in points:
+            raise unknown("case of the run", key, points)
+    if len(set(keys)) < len(keys):
+        raise must_be("`cases`", f"study `{settings.name}`", "distinct", ", ".join(keys))
+    if not keys:
+        raise InputError(f"The run {run} has no safe point with drivers, so a study of it has nothing to drive.")
+    cases = []
+    for key in keys:
+        one = points[key][0]
+        found = uses[one.scenario]
+        concrete = find(found, source).concrete(**one.values)
+        use = str(source / found) if (source / found).is_file() else found
+        cases.append(StudyCase(key, use, concrete, {fact.driver: fact for fact in points[key]}))
+    folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).resolve()
+    return Plan(settings, run, folder, tuple(cases), settings.ads or tuple(known))
+
+
+def _spread(keys: Sequence[str], count: int) -> list[str]:
+    """As many as wanted, evenly over the list: of every scenario some."""
+    if len(keys) <= count:
+        return list(keys)
+    return [keys[place * len(keys) // count] for place in range(count)]

@@ -1,0 +1,196 @@
+"""The driver's seat: a controller that keeps real time, shows the person every state, and takes what hands and feet do.
+
+The harness's own loop asks it as it asks any ADS. It answers when the step is due by the clock, so a step lasts as long
+as it does outside; a step that is late changes how the drive feels, never what comes of it: that is decided by the
+commands alone, and they are on the tape.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+from sumo_eval.cosim.doors.observation import Observation
+from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.extras.wheel.hands import LET_GO, Given, Hands, HandSettings
+from sumo_eval.extras.wheel.tape import LeftTheWheelError, Writer, with_quit
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import Recording
+
+STALL: Final = 0.1  # s that a step may be late before the clock is set anew: time must not jump
+GLANCE: Final = 0.005  # s between two looks whether a drive that is held may go on
+ASLEEP: Final = 2.0  # s without a step, or without an answer of the window, from which a drive is held
+PATIENCE: Final = 900.0  # s for which a drive waits for somebody who has gone away
+
+
+class Input(NamedTuple):
+    """What the page sent last: its number, the state that was seen when it was made, and what hands and feet do."""
+
+    number: int
+    seen: int
+    given: Given
+
+
+NOTHING: Final = Input(0, -1, LET_GO)
+
+
+def awake() -> float:
+    """Time by a clock that goes on while the machine sleeps, and that nobody can set, s."""
+    which = getattr(clock, "CLOCK_BOOTTIME", getattr(clock, "CLOCK_MONOTONIC", None))
+    return clock.perf_counter() if which is None else clock.clock_gettime(which)
+
+
+class Desk:
+    """What seat and browser share. Single assignments only, which two threads may make without a lock."""
+
+    def __init__(self) -> None:
+        self.newest = NOTHING
+        self.holds = "start"  # why the drive waits; empty: it goes on
+        self.held = ""  # why it was held since the seat last looked, also where it goes on already
+        self.leaves = ""  # why the drive is to end; empty: it is not
+        self.due = 0.0  # by the clock, when a drive that was held goes on
+
+
+class Seat:
+    """A person at the wheel. show: takes every state, from another thread; held: why the seat itself holds the drive,
+    `asleep` (the machine stood still) or `silent` (the window does not answer). paced: by the clock; else each step
+    waits until somebody has answered the state that it begins with.
+    """
+
+    def __init__(
+        self, desk: Desk, hands: Hands, step: float, writer: Writer, show: Callable[[list[Any]], None],
+        held: Callable[[str], None], *, paced: bool = True, patience: float = PATIENCE,
+    ) -> None:  # fmt: skip
+        self._desk, self._hands, self._step, self._writer, self._show = desk, hands, step, writer, show
+        self._held, self._paced, self._patience = held, paced, patience
+        self._tick, self._start = 0, 0.0
+        self._since, self._awake = 0, 0.0  # step and time (`awake`) at which the drive last went on; of the last step
+        self.left = ""
+        self.late: list[float] = []
+        self.behind: list[int] = []  # steps between the state that was answered and the one the answer moved
+
+    def act(self, seen: Observation) -> Command:
+        """Show the state, wait until the step is due, and take what is newest then."""
+        it = self._desk.newest
+        self._show(state_of(self._tick, it.number, self._hands.angle, seen))
+        late = self._wait()
+        if self._desk.leaves:
+            self.left = self._desk.leaves
+            raise LeftTheWheelError(self.left)
+        it = self._desk.newest
+        command = self._hands.command(it.given, seen.ego.speed)
+        self._writer.row((command.acceleration, command.steering, it.seen, *it.given, round(late, 6)))
+        self.late.append(late)
+        self.behind.append(self._tick - it.seen)
+        self._tick += 1
+        return command
+
+    def _wait(self) -> float:
+        """Until the step is due; how late it is then, s."""
+        desk = self._desk
+        if not self._paced:
+            begun = clock.perf_counter()
+            while (self._waits() or desk.newest.seen < self._tick) and not desk.leaves:
+                if self._waits():
+                    self._hold()
+                    begun = clock.perf_counter()
+                if clock.perf_counter() - begun > self._patience:
+                    desk.leaves = f"Nobody answered for {self._patience:g} s."
+                clock.sleep(0.0005)
+            return 0.0
+        while True:
+            if self._waits():
+                self._hold()
+            due = self._start + self._tick * self._step
+            now = clock.perf_counter()
+            if now < due:
+                clock.sleep(due - now)
+            if awake() - self._awake > ASLEEP:
+                self._fall("asleep")
+            elif (self._tick - max(desk.newest.seen, self._since)) * self._step > ASLEEP:
+                self._fall("silent")
+            else:
+                break
+            if desk.leaves:
+                break
+        self._awake = awake()
+        late = max(clock.perf_counter() - due, 0.0)
+        if late > STALL:
+            self._writer.note(self._tick, "stall", seconds=round(late, 4))
+            self._start += late
+        return late
+
+    def _waits(self) -> bool:
+        """Whether the drive is held, is counted down, or has not begun."""
+        desk = self._desk
+        return bool(desk.holds or desk.held) or not self._awake or clock.perf_counter() < desk.due
+
+    def _fall(self, why: str) -> None:
+        """Hold the drive, because nobody can be at the wheel: whoever is back says when it goes on."""
+        desk = self._desk
+        desk.newest = desk.newest._replace(given=LET_GO)
+        desk.holds = desk.holds or why
+        self._held(why)
+
+    def _hold(self) -> None:
+        """Until the drive may go on; nothing moves meanwhile."""
+        desk, begun = self._desk, clock.perf_counter()
+        why = desk.held or desk.holds or ("key" if self._tick else "start")
+        self._awake = awake()
+        while (desk.holds or clock.perf_counter() < desk.due) and not desk.leaves:
+            if clock.perf_counter() - begun > self._patience:
+                desk.leaves = f"Nobody came back for {self._patience:g} s."
+            clock.sleep(GLANCE)
+            if awake() - self._awake > ASLEEP and not desk.holds:  # in the countdown
+                self._fall("asleep")
+            self._awake = awake()
+        desk.held = ""
+        if why != "start":
+            self._writer.note(self._tick, "pause", why=why, seconds=round(clock.perf_counter() - begun, 3))
+        self._start = clock.perf_counter() - self._tick * self._step
+        self._since = self._tick
+
+
+def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[Any]:
+    """A state as the page is sent it: step, time, the input that it holds, the ego, and the others by number."""
+    me = seen.ego
+    others = sorted(seen.vehicles, key=lambda it: it.number)
+    return [
+        tick, round(seen.time, 6), answered, [me.x, me.y, me.heading, me.speed, me.acceleration, angle],
+        [[it.number, it.x, it.y, it.heading, it.speed, it.acceleration] for it in others],
+    ]  # fmt: skip
+
+
+def drive_person(
+    concrete: ConcreteScenario, settings: SimulationSettings, desk: Desk, writer: Writer,
+    show: Callable[[list[Any]], None], held: Callable[[str], None], *, law: HandSettings | None = None,
+    paced: bool = True, patience: float = PATIENCE,
+) -> tuple[Recording, Seat]:  # fmt: skip
+    """Let a person drive a concrete scenario; the recording has what any ADS's has."""
+    vehicle = concrete.ego_vehicle(settings.vehicle)
+    hands = Hands(vehicle, settings.step, law)
+    seat = Seat(desk, hands, settings.step, writer, show, held, paced=paced, patience=patience)
+    recording = simulate(concrete, seat, settings)
+    return with_quit(recording, seat.left), seat
+
+
+class _Few:
+    """A driver who is gone after two steps: what comes before the first one is compiled then."""
+
+    def __init__(self) -> None:
+        self._steps = 0
+
+    def act(self, seen: object) -> Command:
+        """Nothing, twice."""
+        self._steps += 1
+        if self._steps > 2:
+            raise LeftTheWheelError("warm")
+        return Command(0.0, 1e-6)
+
+
+def warm_up(concrete: ConcreteScenario, settings: SimulationSettings) -> None:
+    """Load, and where needed compile, what a drive needs, so that its first step is not late."""
+    simulate(concrete, _Few(), settings)

@@ -1,0 +1,122 @@
+"""`sumo-eval drive SCENARIO`: one person, one concrete scenario, as often as they like."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.extras.wheel.page import drive_view, page, replay, sheet
+from sumo_eval.extras.wheel.quality import Quality, quality_of
+from sumo_eval.extras.wheel.tape import Writer, digest, head_of, read_tape
+from sumo_eval.extras.wheel.window import Window
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import Recording
+
+RATES: Final = (20, 50, 100)  # Hz
+PORT: Final = 8765  # always the same, so that the browser remembers a wheel's calibration
+TASK: Final = "Drive as you would drive your own car. The road ahead ends by itself."
+ENDS: Final = {
+    "contact": "You touched another vehicle.", "standstill": "You stood still.",
+    "road_end": "You have reached the end of the road.", "off_road": "You have left the road.",
+    "time_limit": "The time is over.", "quit": "The drive was ended before its end.",
+    "sim_error": "The simulation stopped by a fault of its own.",
+}  # fmt: skip
+
+
+def settings_at(rate: int, basis: SimulationSettings | None = None) -> SimulationSettings:
+    """The settings of a drive at a rate, Hz: its step is the rate's, everything else as for any ADS."""
+    if rate not in RATES:
+        raise must_be("The rate", "a drive", f"one of {', '.join(map(str, RATES))} Hz", rate)
+    return replace(basis or SimulationSettings(), step=1.0 / rate)
+
+
+def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> ConcreteScenario:
+    """The concrete scenario at the given values; each other parameter in the middle of its range."""
+    for name in values:
+        if name not in logical.names:
+            raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
+    middle = {it.name: (it.low + it.high) / 2.0 for it in logical.parameters}
+    return logical.concrete(**{**middle, **values})
+
+
+def new_tape(folder: Path, name: str) -> Path:
+    """Where the next drive of a name is kept: a file that is not there yet."""
+    number = 1
+    while (path := folder / f"{name}-{number:03d}.jsonl").exists():
+        number += 1
+    return path
+
+
+def head(concrete: ConcreteScenario, settings: SimulationSettings, **more: Any) -> dict[str, Any]:
+    """The head of a tape."""
+    return {
+        **head_of(concrete, settings), **more, "begun": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": {
+            "sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"), "python": sys.version.split()[0],
+        },
+    }  # fmt: skip
+
+
+async def one_drive(
+    window: Window, concrete: ConcreteScenario, settings: SimulationSettings, path: Path, view: Mapping[str, Any],
+    **more: Any,
+) -> tuple[Recording, Quality]:  # fmt: skip
+    """Let the person drive, and keep the tape with what came of it."""
+    settings = concrete.simulation(settings)
+    writer = Writer(path, head(concrete, settings, **more))
+    try:
+        recording, time = await window.drive(concrete, settings, writer, dict(view))
+    except BaseException:
+        writer.close()  # the tape has broken off
+        raise
+    quality = quality_of(recording, read_tape(path), concrete, time)
+    writer.end(
+        {"reason": recording.end_reason, "error": recording.error or time["left"] or None, "digest": digest(recording),
+         "time": time, "quality": quality.plain()}
+    )  # fmt: skip
+    return recording, quality
+
+
+async def trips(
+    window: Window, logical: LogicalScenario, concrete: ConcreteScenario, settings: SimulationSettings, out: Path,
+    use: str,
+) -> None:  # fmt: skip
+    """Drive, see what came of it, drive again, until the person has had enough. use: what the scenario is found by."""
+    view = drive_view(concrete, settings, logical.name, (logical.about, TASK, concrete.label))
+    while True:
+        path = new_tape(out, logical.name)
+        recording, quality = await one_drive(window, concrete, settings, path, view, use=use)
+        lines = [ENDS.get(recording.end_reason, recording.end_reason), recording.error or "", *quality.sentences()]
+        answer = await window.ask(
+            sheet("Your drive", "\n".join(filter(None, lines)), f"It is kept in {path}.",
+                  replay=replay(concrete, "you", {"ego": recording.ego, **recording.actors}, recording.collision),
+                  buttons=[["again", "Drive again"], ["end", "That is all"]])
+        )  # fmt: skip
+        if answer.get("button") != "again":
+            await window.show({**sheet("Thank you", "You can close this window."), "show": "over"})
+            return
+
+
+async def opened(
+    title: str, port: int, work: Callable[[Window], Any], told: Callable[[str], None], **more: Any
+) -> None:  # fmt: skip
+    """A window for as long as `work` is at it. told: is given the address."""
+    try:
+        window = Window(page(title), port=port, **more)
+    except InputError:
+        if port != PORT:
+            raise
+        window = Window(page(title), port=0, **more)  # the usual port is somebody else's: any other does
+    async with window:
+        told(window.address)
+        await work(window)
+        await asyncio.sleep(0.3)  # the last view is still under way
