@@ -83,14 +83,14 @@ class Events:
 class Traffic:
     """A recording indexed for questions: each vehicle's arrays, and who leads and follows whom at each instant."""
 
-    def __init__(self, table: pd.DataFrame, rules: EventRules = RULES) -> None:
+    def __init__(self, table: pd.DataFrame) -> None:
         rows = table[table["class"].isin(MOTOR_CLASSES)].sort_values(["vehicle", "t"], kind="stable", ignore_index=True)
         rows["frame"] = np.round(rows["t"] / INTERVAL).astype(np.int64)
         settled, across = [], []
         self.slices: dict[str, slice] = {}
         for name, index in rows.groupby("vehicle", sort=False).indices.items():
             self.slices[str(name)] = slice(int(index[0]), int(index[-1]) + 1)
-            settled.append(_settled(rows["lane"].to_numpy()[index], round(rules.lane_kept / INTERVAL)))
+            settled.append(_settled(rows["lane"].to_numpy()[index], round(RULES.lane_kept / INTERVAL)))
             across.append(np.gradient(smooth(rows["y"].to_numpy()[index], 11), INTERVAL))
         rows["lane"] = np.concatenate(settled) if settled else rows["lane"]
         rows["across"] = np.concatenate(across) if across else 0.0
@@ -117,7 +117,7 @@ class Traffic:
         return row if part.start <= row < part.stop else None
 
 
-def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
+def extract_events(recordings: Recordings) -> Events:
     """Every event of the recordings. The columns of an event table begin with event, recording, ego, t (s, its t =
     0).
     """
@@ -125,10 +125,10 @@ def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
     changes: list[pd.DataFrame] = []
     vehicles, involved = 0, set()
     for recording, table in recordings.table.groupby("recording", sort=False):
-        traffic = Traffic(table, rules)
+        traffic = Traffic(table)
         vehicles += len(traffic.slices)
-        lane_changes = find_lane_changes(traffic, rules)
-        found = encounters(traffic, lane_changes, rules)
+        lane_changes = find_lane_changes(traffic)
+        found = encounters(traffic, lane_changes)
         changes.append(
             pd.DataFrame([asdict(change) for change in lane_changes], columns=_CHANGE_COLUMNS).assign(
                 recording=recording
@@ -155,15 +155,13 @@ def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
     return Events(kept, all_changes, vehicles, len(involved), ghosts)
 
 
-def encounters(
-    traffic: Traffic, changes: Sequence[RecordedLaneChange], rules: EventRules = RULES
-) -> dict[str, list[dict[str, Any]]]:
+def encounters(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> dict[str, list[dict[str, Any]]]:
     """The events of one recording by kind, ghosts among them (`ghost`). changes: its lane changes."""
     return {
-        "approach": _approaches(traffic, rules, changes),
-        "cut_out": _cut_outs(traffic, rules, changes),
-        "cut_in": _cut_ins(traffic, rules, changes),
-        "lead_braking": _braking_leaders(traffic, rules),
+        "approach": _approaches(traffic, changes),
+        "cut_out": _cut_outs(traffic, changes),
+        "cut_in": _cut_ins(traffic, changes),
+        "lead_braking": _braking_leaders(traffic),
     }
 
 
@@ -208,7 +206,7 @@ class RecordedLaneChange:
 _CHANGE_COLUMNS: Final = [item.name for item in fields(RecordedLaneChange)]
 
 
-def find_lane_changes(traffic: Traffic, rules: EventRules = RULES) -> list[RecordedLaneChange]:
+def find_lane_changes(traffic: Traffic) -> list[RecordedLaneChange]:
     """Every lane change of a recording that is kept, by vehicle."""
     rows = traffic.rows
     found: list[RecordedLaneChange] = []
@@ -216,7 +214,7 @@ def find_lane_changes(traffic: Traffic, rules: EventRules = RULES) -> list[Recor
     for vehicle, part in traffic.slices.items():
         for crossing in part.start + 1 + np.flatnonzero(np.diff(lane[part])):
             side = float(np.sign(lane[crossing] - lane[crossing - 1]))
-            moving = side * across > rules.lateral_speed
+            moving = side * across > RULES.lateral_speed
             first = int(crossing)
             while first > part.start and moving[first - 1]:
                 first -= 1
@@ -258,27 +256,27 @@ def _stretches(traffic: Traffic) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if has[a]]
 
 
-def _approaches(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
+def _approaches(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
     rows, gap, closing = traffic.rows, traffic.gap, traffic.closing
     speed, acceleration, time, lane = (rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane"))
     names, frames = rows["vehicle"].to_numpy(), rows["frame"].to_numpy()
     ttc = np.where(closing > 0, gap / np.maximum(closing, 1e-9), np.inf)
     begun = (
-        (closing >= rules.closing_speed)
-        & (gap <= np.maximum(rules.approach_headway * speed, rules.approach_gap))
-        & (gap > rules.least_gap)
+        (closing >= RULES.closing_speed)
+        & (gap <= np.maximum(RULES.approach_headway * speed, RULES.approach_gap))
+        & (gap > RULES.least_gap)
     )
     onsets = {(change.vehicle, change.row): change for change in changes}
     found = []
     for start, end in _stretches(traffic):
         hits = np.flatnonzero(begun[start:end])
-        if hits.size == 0 or ttc[start:end].min() > rules.largest_ttc:
+        if hits.size == 0 or ttc[start:end].min() > RULES.largest_ttc:
             continue
         row = start + int(hits[0])
         ego, lead = str(names[row]), str(names[traffic.leader[row]])
         part, ahead = traffic.slices[ego], traffic.slices[lead]
         first_of_either = start == part.start or traffic.leader[start] == ahead.start
-        followed = np.flatnonzero(closing[row:end] < rules.follows_below)
+        followed = np.flatnonzero(closing[row:end] < RULES.follows_below)
         leaves = end < part.stop and lane[end] != lane[end - 1]
         change = onsets.get((ego, end)) if leaves else None
         if followed.size:
@@ -292,8 +290,8 @@ def _approaches(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedL
             outcome, until = "censored", float(time[end - 1] - time[row])
         if (
             row > start
-            and gap[row - 1] > rules.approach_headway * speed[row - 1]
-            and closing[row - 1] >= rules.closing_speed
+            and gap[row - 1] > RULES.approach_headway * speed[row - 1]
+            and closing[row - 1] >= RULES.closing_speed
         ):
             kind = "range_crossing"
         elif row == start:
@@ -322,16 +320,16 @@ def _approaches(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedL
                 "headway_at_onset": None if at is None else float(gap[at] / max(speed[at], 0.1)),
                 "ttc_at_onset": None if at is None or closing[at] <= 0 else float(ttc[at]),
                 "ghost": bool(
-                    ttc[start:end].min() < rules.ghost_ttc
-                    or gap[start:end].min() < rules.ghost_gap
-                    or np.abs(acceleration[row:end]).max() > rules.ghost_acceleration
+                    ttc[start:end].min() < RULES.ghost_ttc
+                    or gap[start:end].min() < RULES.ghost_gap
+                    or np.abs(acceleration[row:end]).max() > RULES.ghost_acceleration
                 ),
             }
         )
     return found
 
 
-def _cut_outs(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
+def _cut_outs(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
     rows, gap = traffic.rows, traffic.gap
     speed, acceleration, time, x, length = (
         rows[name].to_numpy() for name in ("speed", "acceleration", "t", "x", "length")
@@ -345,10 +343,10 @@ def _cut_outs(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLan
             continue
         ego = str(names[behind])
         now = traffic.row_of(ego, int(frames[change.row]))
-        if now is None or gap[behind] > max(rules.cut_out_headway * speed[behind], rules.cut_out_gap):
+        if now is None or gap[behind] > max(RULES.cut_out_headway * speed[behind], RULES.cut_out_gap):
             continue
         revealed = int(traffic.leader[now])
-        if revealed < 0 or gap[now] > rules.revealed_within or names[revealed] == change.vehicle:
+        if revealed < 0 or gap[now] > RULES.revealed_within or names[revealed] == change.vehicle:
             revealed = -1
         begin = traffic.row_of(ego, round(change.onset / INTERVAL))
         begin = now if begin is None else begin
@@ -376,21 +374,21 @@ def _cut_outs(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLan
                 **start,
                 "min_acceleration": float(acceleration[window].min()),
                 "ghost": bool(
-                    gap[behind] < rules.ghost_gap or np.abs(acceleration[window]).max() > rules.ghost_acceleration
+                    gap[behind] < RULES.ghost_gap or np.abs(acceleration[window]).max() > RULES.ghost_acceleration
                 ),
             }
         )
     return found
 
 
-def _cut_ins(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
+def _cut_ins(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
     rows, gap = traffic.rows, traffic.gap
     speed, acceleration, time, lane = (rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane"))
     names = rows["vehicle"].to_numpy()
     found = []
     for change in changes:
         ego_row = int(traffic.follower[int(change.row)])
-        if ego_row < 0 or gap[ego_row] > max(rules.cut_in_headway * speed[ego_row], rules.cut_in_gap):
+        if ego_row < 0 or gap[ego_row] > max(RULES.cut_in_headway * speed[ego_row], RULES.cut_in_gap):
             continue
         ego = str(names[ego_row])
         part = traffic.slices[ego]
@@ -411,29 +409,29 @@ def _cut_ins(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLane
                 "lateral_speed": change.lateral_speed,
                 "min_acceleration": float(acceleration[window].min()),
                 "ghost": bool(
-                    gap[ego_row] < rules.ghost_gap
-                    or change.lateral_speed > rules.ghost_lateral_speed
-                    or np.abs(acceleration[window]).max() > rules.ghost_acceleration
+                    gap[ego_row] < RULES.ghost_gap
+                    or change.lateral_speed > RULES.ghost_lateral_speed
+                    or np.abs(acceleration[window]).max() > RULES.ghost_acceleration
                 ),
             }
         )
     return found
 
 
-def _braking_leaders(traffic: Traffic, rules: EventRules) -> list[dict[str, Any]]:
+def _braking_leaders(traffic: Traffic) -> list[dict[str, Any]]:
     rows, gap, closing = traffic.rows, traffic.gap, traffic.closing
     speed, acceleration, time = (rows[name].to_numpy() for name in ("speed", "acceleration", "t"))
     names = rows["vehicle"].to_numpy()
     found = []
     for start, end in _stretches(traffic):
         lead = traffic.leader[start:end]
-        braking = acceleration[lead] <= -rules.braking_below
+        braking = acceleration[lead] <= -RULES.braking_below
         edges = np.flatnonzero(np.diff(np.concatenate(([False], braking, [False])).astype(int)))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             part = slice(start + int(first), start + int(last))
             strongest = float(acceleration[lead[first:last]].min())
             drop = float(speed[lead[first]] - speed[lead[last - 1]])
-            if strongest > -rules.lead_deceleration or drop < rules.lead_speed_drop:
+            if strongest > -RULES.lead_deceleration or drop < RULES.lead_speed_drop:
                 continue
             row = part.start
             least = gap[part].min()
@@ -452,10 +450,10 @@ def _braking_leaders(traffic: Traffic, rules: EventRules) -> list[dict[str, Any]
                     "lead_speed_drop": drop,
                     "min_acceleration": float(acceleration[part].min()),
                     "ghost": bool(
-                        least < rules.ghost_gap
-                        or ttc < rules.ghost_ttc
-                        or strongest < -rules.ghost_acceleration
-                        or np.abs(acceleration[part]).max() > rules.ghost_acceleration
+                        least < RULES.ghost_gap
+                        or ttc < RULES.ghost_ttc
+                        or strongest < -RULES.ghost_acceleration
+                        or np.abs(acceleration[part]).max() > RULES.ghost_acceleration
                     ),
                 }
             )

@@ -20,26 +20,29 @@ from sumo_eval.drivers.recorded.importers import (
     osi,
     sumo_fcd,
 )
-from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.found import Found, files_in
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, read_csv
 from sumo_eval.drivers.recorded.straighten import straighten
 from sumo_eval.errors import InputError, unknown
 
-READERS: Final[dict[str, Callable[[Path], Iterator[Found]]]] = {
-    "highd": highd.read,
-    "ind": levelx.read,
-    "exid": levelx.read,
-    "round": levelx.read,
-    "unid": levelx.read,
-    "ngsim": ngsim.read,
-    "commonroad": commonroad.read,
-    "sumo_fcd": sumo_fcd.read,
-    "openacc": openacc.read,
-    "dlr_highway": dlr_highway.read,
-    "osi": osi.read,
-    "map": map_table.read,
+Reader = tuple[Callable[[Path], Iterator[Found]], Sequence[str]]
+_LEVELX: Final[Reader] = levelx.read, ("*_tracks.csv",)
+
+READERS: Final[dict[str, Reader]] = {
+    "highd": (highd.read, ("*_tracks.csv",)),
+    "ind": _LEVELX,
+    "exid": _LEVELX,
+    "round": _LEVELX,
+    "unid": _LEVELX,
+    "ngsim": (ngsim.read, ("*.[ct][sx][vt]",)),
+    "commonroad": (commonroad.read, ("*.xml",)),
+    "sumo_fcd": (sumo_fcd.read, ("*.[xc][ms][lv]",)),
+    "openacc": (openacc.read, ("*.csv",)),
+    "dlr_highway": (dlr_highway.read, ("trajectories_*.csv",)),
+    "osi": (osi.read, [f"*{ending}" for ending in osi.ENDINGS]),
+    "map": (map_table.read, ("*.csv*",)),
 }
-"""Formats that other people write, by the name they have on the command line."""
+"""Formats that other people write, by the name they have on the command line: reader of a file, files of a folder."""
 
 OWN: Final = "csv"  # the canonical table itself
 FORMATS: Final = (*READERS, OWN)
@@ -73,7 +76,9 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
                     f"wrote; other formats are {', '.join(READERS)}."
                 )
         return (read_csv(path) for path in paths)
-    return (_canonical(found) for path in paths for found in READERS[form](path))
+    read, patterns = READERS[form]
+    files = (file for path in paths for file in files_in(path, *patterns))
+    return (_canonical(found) for file in files for found in read(file))
 
 
 def _canonical(found: Found) -> Recordings:

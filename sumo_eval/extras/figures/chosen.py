@@ -11,7 +11,7 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.points import scenarios_of
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
-from sumo_eval.results import Evaluation
+from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.trajectory import Trajectory
 
@@ -32,42 +32,74 @@ class Scene:
     line: tuple[Piece, ...]
 
 
-def scenario_of(evaluation: Evaluation, scenario: str | None) -> str:
-    """The scenario asked for, else the first. Raises InputError for one that the run does not have."""
-    names = [zone.scenario for zone in evaluation.zones]
-    if scenario is not None and scenario not in names:
-        raise unknown("scenario", scenario, names)
-    return scenario or names[0]
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What a figure is asked for, of a scored run; None: telling ones. width: its name, as in `style.WIDTHS`.
 
-
-def ads_of(evaluation: Evaluation, ads: str | None) -> list[str]:
-    """The ADS asked for, else all. Raises InputError for one that the run does not have."""
-    names = [entry.name for entry in evaluation.settings.ads]
-    if ads is not None and ads not in names:
-        raise unknown("ADS", ads, names)
-    return names if ads is None else [ads]
-
-
-def case_of(evaluation: Evaluation, case: str | None, scenario: str | None) -> CaseResult:
-    """The case asked for, else a telling one of the scenario: the least human-like of those that have an index D_i.
-
-    Raises InputError for a case that the run does not have, or where none was evaluated.
+    What is read off it raises InputError for a scenario, an ADS or a case that the run does not have.
     """
-    if case is not None:
-        found = next((row for row in evaluation.cases if row.case == case), None)
-        if found is None:
-            raise unknown("case", case, [row.case for row in evaluation.cases])
-        return found
-    name = scenario_of(evaluation, scenario)
-    rows = [row for row in evaluation.cases if row.scenario == name and row.evaluated]
-    if not rows:
-        raise InputError(f"No case of scenario `{name}` was evaluated, so there is no drive to draw.")
-    judged = [row for row in rows if row.index is not None]
-    return min(judged or rows, key=lambda row: (row.index if row.index is not None else 0.0, row.case))
+
+    evaluation: Evaluation
+    scenario: str | None
+    ads: str | None
+    case: str | None
+    width: str
+
+    @property
+    def names(self) -> list[str]:
+        """The ADS asked for, else all."""
+        names = [entry.name for entry in self.evaluation.settings.ads]
+        if self.ads is not None and self.ads not in names:
+            raise unknown("ADS", self.ads, names)
+        return names if self.ads is None else [self.ads]
+
+    @property
+    def place(self) -> str | None:
+        """The scenario asked for, or that of the case asked for; None: any."""
+        if self.case is not None:
+            return self.row.scenario
+        names = [zone.scenario for zone in self.evaluation.zones]
+        if self.scenario is not None and self.scenario not in names:
+            raise unknown("scenario", self.scenario, names)
+        return self.scenario
+
+    @property
+    def one_place(self) -> str:
+        """The scenario asked for, else the first."""
+        return self.place or self.evaluation.zones[0].scenario
+
+    @property
+    def scores(self) -> list[ScenarioResult]:
+        """The scores of the ADSs and scenarios asked for."""
+        names, place = self.names, self.place
+        return [one for one in self.evaluation.scores if one.ads in names and place in (None, one.scenario)]
+
+    @property
+    def row(self) -> CaseResult:
+        """The case asked for, else a telling one: the least human-like of the scenario's that have an index D_i."""
+        cases = self.evaluation.cases
+        if self.case is not None:
+            found = next((row for row in cases if row.case == self.case), None)
+            if found is None:
+                raise unknown("case", self.case, [row.case for row in cases])
+            return found
+        rows = self.evaluated
+        judged = [row for row in rows if row.index is not None]
+        return min(judged or rows, key=lambda row: (row.index if row.index is not None else 0.0, row.case))
+
+    @property
+    def evaluated(self) -> list[CaseResult]:
+        """The cases of the scenario that were evaluated, at least one."""
+        name = self.one_place
+        rows = [row for row in self.evaluation.cases if row.scenario == name and row.evaluated]
+        if not rows:
+            raise InputError(f"No case of scenario `{name}` was evaluated, so there is nothing to draw.")
+        return rows
 
 
-def scene_of(evaluation: Evaluation, case: CaseResult, ads: Sequence[str]) -> Scene:
+def scene_of(asked: Asked, ads: Sequence[str]) -> Scene:
     """Everybody who drove through a case's concrete scenario."""
+    evaluation, case = asked.evaluation, asked.row
     with open_store(evaluation.folder / FACTS) as store:
         named = {name: (point, who) for name, point, who in store.names("ads", case.scenario)}
         point = named[case.case][0]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeGuard
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.extras.figures import of_runs, of_studies
+from sumo_eval.extras.figures.chosen import Asked
 from sumo_eval.results import Evaluation
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def draw(
             from sumo_eval.evaluation import score
 
             evaluation = score(evaluation)
-        drawn: Figure = OF_RUNS[figure](evaluation, scenario=scenario, ads=ads, case=case, width=width)
+        drawn: Figure = OF_RUNS[figure](Asked(evaluation, scenario, ads, case, width))
         return drawn
     folder = evaluation.folder if isinstance(evaluation, Evaluation) else evaluation
     if case is not None:

@@ -12,9 +12,8 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 
 from sumo_eval.cases import CaseResult, CaseTable
-from sumo_eval.errors import InputError
 from sumo_eval.evaluation import zone_partitions
-from sumo_eval.extras.figures.chosen import Scene, ads_of, case_of, scenario_of, scene_of
+from sumo_eval.extras.figures.chosen import Asked, Scene, scene_of
 from sumo_eval.extras.figures.style import (
     FAINT,
     HAZARDOUS,
@@ -32,7 +31,7 @@ from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.page_data import View, choose_view, slice_points, telling_slice
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
-from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.results import ScenarioResult
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.trajectory import FloatArray, Trajectory
 
@@ -57,24 +56,21 @@ INDEXES = {
 """Scores of the intervals' figure by their symbol; the last two are of 100."""
 
 
-def zone_map(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
+def zone_map(asked: Asked) -> Figure:
     """The paper's Fig. 8 or 9: the zones of a space, the boundary that was learnt and the exact one, and every case's
     outcome in it; one map for each value of a third parameter. `case` says the ADS and scenario, where it is given.
     """
-    if case is not None:
-        row = case_of(evaluation, case, None)
-        scenario, ads = row.scenario, row.ads
-    name = scenario_of(evaluation, scenario)
-    who = ads_of(evaluation, ads)[0]
+    evaluation, name = asked.evaluation, asked.one_place
+    who = asked.names[0] if asked.case is None else asked.row.ads
     zones = zone_partitions(evaluation)[name]
     cases = evaluation.cases_of(who, name)
     view = _telling(choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name)), zones, cases)
     judged = dict(zip((case.case for case in cases), verdicts(evaluation, evaluation.score(who, name)), strict=True))
     panels = range(len(view.panels))
-    columns = min(len(panels), MOST_COLUMNS if width == "page" else 2)
+    columns = min(len(panels), MOST_COLUMNS if asked.width == "page" else 2)
     rows = math.ceil(len(panels) / columns)
     with styled():
-        figure, axes = new_figure(width, 0.12 + 0.9 * rows / columns, rows, columns)
+        figure, axes = new_figure(asked.width, 0.12 + 0.9 * rows / columns, rows, columns)
         for panel, ax in zip(panels, axes, strict=False):
             _zones(ax, zones, view, panel)
             shown = [one for one in cases if view.shows(one)]
@@ -170,12 +166,12 @@ def _legend_of_map(figure: Figure, present: Sequence[Verdict]) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=_columns(figure))
 
 
-def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
+def field(asked: Asked) -> Figure:
     """The paper's Fig. 6: the field of a driven trajectory over the road, Eqs. 9-10; below it a human driver's."""
-    row = case_of(evaluation, case, scenario)
-    who = row.ads if ads is None else ads_of(evaluation, ads)[0]
-    scene = scene_of(evaluation, row, [who])
-    settings = evaluation.settings.method.anthropomorphic.field
+    row = asked.row
+    who = row.ads if asked.ads is None else asked.names[0]
+    scene = scene_of(asked, [who])
+    settings = asked.evaluation.settings.method.anthropomorphic.field
     drives = {who: scene.runs[who], **dict(list(scene.people.items())[:1])}
     ego = scene.runs[who]
     reach = 1.5 * max(float(np.abs(drive.y).max()) for drive in drives.values()) + 3.0
@@ -190,7 +186,7 @@ def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case
     lowest = float(values.min())
     tallest = float(np.quantile(values, 0.998))  # next to a vehicle that stands the field has no bound worth a colour
     with styled():
-        figure, axes = new_figure(width, 0.16 + 0.3 * len(drives), len(drives))
+        figure, axes = new_figure(asked.width, 0.16 + 0.3 * len(drives), len(drives))
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
             image = ax.pcolormesh(
                 east,
@@ -214,19 +210,16 @@ def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case
     return figure
 
 
-def trajectories(
-    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str
-) -> Figure:
+def trajectories(asked: Asked) -> Figure:
     """Everybody's way over the road in one concrete scenario: every ADS, the human drivers, the other vehicles."""
-    row = case_of(evaluation, case, scenario)
-    names = ads_of(evaluation, ads)
-    scene = scene_of(evaluation, row, names)
+    names = asked.names
+    scene = scene_of(asked, names)
 
     def way(drive: Trajectory) -> tuple[FloatArray, FloatArray]:
         return map_places(scene.line, drive.x, drive.y)[:2]
 
     with styled():
-        figure, (ax,) = new_figure(width, 0.55)
+        figure, (ax,) = new_figure(asked.width, 0.55)
         for drive in scene.people.values():
             ax.plot(*way(drive), color=FAINT, linewidth=0.7, zorder=1)
         for other in scene.others.values():
@@ -253,16 +246,13 @@ def _name_the_grey(ax: Axes, people: bool, others: bool) -> None:
         ax.plot([], [], color=MUTED, linewidth=0.8, linestyle=":", label="other vehicles")
 
 
-def time_history(
-    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str
-) -> Figure:
+def time_history(asked: Asked) -> Figure:
     """Speed, acceleration and lateral place over time in one concrete scenario: every ADS and the human drivers."""
-    row = case_of(evaluation, case, scenario)
-    names = ads_of(evaluation, ads)
-    scene = scene_of(evaluation, row, names)
+    names = asked.names
+    scene = scene_of(asked, names)
     channels = (("speed", "m/s"), ("acceleration", "m/s²"), ("y", "m"))
     with styled():
-        figure, axes = new_figure(width, 1.05 if width == "column" else 0.62, len(channels))
+        figure, axes = new_figure(asked.width, 1.05 if asked.width == "column" else 0.62, len(channels))
         for ax, (channel, unit) in zip(axes, channels, strict=True):
             for drive in scene.people.values():
                 ax.plot(drive.time, getattr(drive, channel), color=FAINT, linewidth=0.7, zorder=1)
@@ -279,21 +269,17 @@ def time_history(
     return figure
 
 
-def collisions(
-    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str
-) -> Figure:
+def collisions(asked: Asked) -> Figure:
     """Severity U of every collision, Eq. 15, beside that of the ideal vehicle in the same concrete scenario: on the
     line no better could have been done. One panel a scenario.
     """
-    names = ads_of(evaluation, ads)
+    names, evaluation = asked.names, asked.evaluation
     hits = [row for row in evaluation.cases if row.ads in names and row.collided and row.severity is not None]
-    places = [zone.scenario for zone in evaluation.zones] if scenario is None else [scenario_of(evaluation, scenario)]
-    if case is not None:
-        places = [case_of(evaluation, case, None).scenario]
-    columns = min(len(places), 2 if width == "column" else 3)
+    places = [asked.place] if asked.place else [zone.scenario for zone in evaluation.zones]
+    columns = min(len(places), 2 if asked.width == "column" else 3)
     rows = math.ceil(len(places) / columns)
     with styled():
-        figure, axes = new_figure(width, 0.18 + 0.85 * rows / columns, rows, columns)
+        figure, axes = new_figure(asked.width, 0.18 + 0.85 * rows / columns, rows, columns)
         for ax, place in zip(axes, places, strict=False):
             here = [row for row in hits if row.scenario == place and row.ideal_severity is not None]
             most = max((max(row.severity or 0.0, row.ideal_severity or 0.0) for row in here), default=1.0)
@@ -320,30 +306,31 @@ def collisions(
     return figure
 
 
-def intervals(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
+def intervals(asked: Asked) -> Figure:
     """Every score with its 95 % interval: one panel a score, one line for each ADS in each scenario."""
-    names = ads_of(evaluation, ads)
-    if case is not None:
-        scenario = case_of(evaluation, case, None).scenario
-    wanted = None if scenario is None else scenario_of(evaluation, scenario)
-    scores = [one for one in evaluation.scores if one.ads in names and wanted in (None, one.scenario)]
+    names, scores = asked.names, asked.scores
     with styled():
-        columns = 2 if width == "column" else 4
+        columns = 2 if asked.width == "column" else 4
         rows = math.ceil(len(INDEXES) / columns)
-        tall = max(0.5, 0.09 * len(scores) + 0.3) * rows / 2.0 * (4.0 / 3.0 if width == "column" else 1.0)
-        figure, axes = new_figure(width, tall, rows, columns)
+        tall = max(0.5, 0.09 * len(scores) + 0.3) * rows / 2.0 * (4.0 / 3.0 if asked.width == "column" else 1.0)
+        figure, axes = new_figure(asked.width, tall, rows, columns)
         for ax, (symbol, name) in zip(axes, INDEXES.items(), strict=True):
             for place, one in enumerate(scores):
                 _interval(ax, one, name, place, names)
             ax.set_title(symbol)
-            ax.set_ylim(len(scores) - 0.5, -0.5)
-            ax.set_yticks(range(len(scores)))
-            ax.tick_params(axis="y", length=0)
-            ax.set_yticklabels([f"{one.ads}, {one.scenario.replace('_', ' ')}" for one in scores], fontsize=5.5)
+            _name_the_scores(ax, scores)
             if (axes.index(ax) % columns) > 0:
                 ax.tick_params(labelleft=False)
             ax.grid(axis="x", color=FAINT, linewidth=0.4)
     return figure
+
+
+def _name_the_scores(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
+    """A line of the y axis for each."""
+    ax.set_ylim(len(scores) - 0.5, -0.5)
+    ax.set_yticks(range(len(scores)))
+    ax.tick_params(axis="y", length=0)
+    ax.set_yticklabels([f"{one.ads}, {one.scenario.replace('_', ' ')}" for one in scores], fontsize=5.5)
 
 
 def _interval(ax: Axes, one: ScenarioResult, name: str, place: int, names: list[str]) -> None:
@@ -358,33 +345,26 @@ def _interval(ax: Axes, one: ScenarioResult, name: str, place: int, names: list[
                     color=MUTED)  # fmt: skip
 
 
-def points(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
+def points(asked: Asked) -> Figure:
     """Where the points of S+ and S went: what each ADS kept of its hundred and what each term cost, scenario by
     scenario.
     """
-    names = ads_of(evaluation, ads)
-    if case is not None:
-        scenario = case_of(evaluation, case, None).scenario
-    wanted = None if scenario is None else scenario_of(evaluation, scenario)
-    scores = [one for one in evaluation.scores if one.ads in names and wanted in (None, one.scenario)]
+    scores = asked.scores
     with styled():
-        tall = 0.16 * len(scores) + 0.45 if width == "column" else 0.07 * len(scores) + 0.2
-        figure, axes = new_figure(width, tall, 1, 2)
+        tall = 0.16 * len(scores) + 0.45 if asked.width == "column" else 0.07 * len(scores) + 0.2
+        figure, axes = new_figure(asked.width, tall, 1, 2)
         drawn: dict[str, str] = {}
         for ax, make in zip(axes, (ledger_plus, ledger), strict=True):
             for place, one in enumerate(scores):
-                _ledger_bar(ax, make(evaluation, one), place, drawn)
+                _ledger_bar(ax, make(asked.evaluation, one), place, drawn)
             ax.set_title("S+" if make is ledger_plus else "S")
-            ax.set_ylim(len(scores) - 0.5, -0.5)
-            ax.set_yticks(range(len(scores)))
-            ax.set_yticklabels([f"{one.ads}, {one.scenario.replace('_', ' ')}" for one in scores], fontsize=5.5)
-            ax.tick_params(axis="y", length=0)
+            _name_the_scores(ax, scores)
             ax.set_xlabel("points")
             ax.set_xlim(0.0, 100.0)
         axes[1].tick_params(labelleft=False)
         for words, colour in drawn.items():
             axes[0].barh([0], [0.0], color=colour, label=words)
-        figure.legend(loc="outside lower center", ncols=2 if width == "column" else 4, fontsize=6.0)
+        figure.legend(loc="outside lower center", ncols=2 if asked.width == "column" else 4, fontsize=6.0)
     return figure
 
 
@@ -410,20 +390,14 @@ def _ledger_bar(ax: Axes, found: Ledger, place: int, drawn: dict[str, str]) -> N
             at += lost
 
 
-def boundary(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
+def boundary(asked: Asked) -> Figure:
     """How the share of collisions grows with nearness to the exact boundary of the zones: every ADS, by the signed
     criticality of the concrete scenario, on the scale in which the zones are learnt.
     """
-    if case is not None:
-        scenario = case_of(evaluation, case, None).scenario
-    name = scenario_of(evaluation, scenario)
-    names = ads_of(evaluation, ads)
-    zones = zone_partitions(evaluation)[name]
-    rows = [row for row in evaluation.cases if row.scenario == name and row.ads in names and row.evaluated]
-    if not rows:
-        raise InputError(f"No case of scenario `{name}` was evaluated, so there is nothing to draw.")
+    name, names, rows = asked.one_place, asked.names, asked.evaluated
+    zones = zone_partitions(asked.evaluation)[name]
     with styled():
-        figure, (ax,) = new_figure(width, 0.62)
+        figure, (ax,) = new_figure(asked.width, 0.62)
         ax.axvspan(-1.0, 0.0, color=HAZARDOUS, linewidth=0)
         ax.axvspan(0.0, 1.0, color=SAFE, linewidth=0)
         ax.axvline(0.0, color=INK, linewidth=0.9)
@@ -443,6 +417,6 @@ def boundary(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
         ax.set_ylim(-0.03, 1.03)
         ax.set_xlabel("criticality y of the concrete scenario (0: the boundary, above: safe)")
         ax.set_ylabel("share of its collisions so far")
-        figure.legend(loc="outside lower center", ncols=1 if width == "column" else 2)
+        figure.legend(loc="outside lower center", ncols=1 if asked.width == "column" else 2)
         figure.suptitle(name.replace("_", " "))
     return figure

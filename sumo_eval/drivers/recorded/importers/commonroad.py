@@ -16,7 +16,7 @@ import pandas as pd
 from lxml import etree
 from scipy.spatial import cKDTree
 
-from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import FloatArray
@@ -27,11 +27,7 @@ _SETS = ("time/intervalStart", "position/rectangle", "position/circle", "positio
 
 
 def read(path: Path) -> Iterator[Found]:
-    """The recording of a file, or of every .xml file of a folder."""
-    return (_read_one(file) for file in files_in(path, "*.xml"))
-
-
-def _read_one(path: Path) -> Found:
+    """The recordings of a file."""
     if path.suffix == ".pb":
         raise InputError(
             f"{path} is a CommonRoad scenario in its binary format (.pb), which is not read: write it as XML with "
@@ -83,7 +79,7 @@ def _read_one(path: Path) -> Found:
     if len(centres):
         table["offset"] = _offsets(table, centres)
     notes = tuple(f"{path.name}: {number} obstacles are left out, {why}." for why, number in left_out.items())
-    return Found(table, planar=True, notes=notes)
+    yield Found(table, planar=True, notes=notes)
 
 
 def _why_left_out(obstacle: Any, shape: Any, states: list[Any]) -> str | None:

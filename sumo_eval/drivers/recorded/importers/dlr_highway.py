@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError
 
@@ -23,11 +23,7 @@ _NUMBERS = (
 
 
 def read(path: Path) -> Iterator[Found]:
-    """The recording of a file, or of every trajectories_*.csv of a folder."""
-    return (_read_one(file) for file in files_in(path, "trajectories_*.csv"))
-
-
-def _read_one(path: Path) -> Found:
+    """The recordings of a file."""
     rows = read_table(path, ("timestamp", *_NUMBERS), usecols=lambda name: name == "timestamp" or name in _NUMBERS)
     checked_numbers(rows, _NUMBERS, path)
     time = pd.to_datetime(rows["timestamp"], utc=True, errors="coerce", format="ISO8601")
@@ -56,4 +52,4 @@ def _read_one(path: Path) -> Found:
         }
     )
     sizes = table.groupby("vehicle")[["length", "width"]].transform("median")
-    return Found(table.assign(length=sizes["length"], width=sizes["width"]), planar=True)
+    yield Found(table.assign(length=sizes["length"], width=sizes["width"]), planar=True)

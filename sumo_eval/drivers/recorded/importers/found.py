@@ -23,13 +23,13 @@ class Found:
     notes: tuple[str, ...] = ()
 
 
-def files_in(path: Path, pattern: str) -> list[Path]:
+def files_in(path: Path, *patterns: str) -> list[Path]:
     """The file itself, or the files of a folder that match, by name; a sentence where there is none."""
     if not path.exists():
         raise InputError(f"There is no file or folder {path}.")
     if not path.is_dir():
         return [path]
-    files = sorted(path.glob(pattern))
+    files = sorted({file for pattern in patterns for file in path.glob(pattern)})
     if not files:
-        raise InputError(f"Folder {path} must hold files called {pattern}, got none.")
+        raise InputError(f"Folder {path} must hold files called {', '.join(patterns)}, got none.")
     return files

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require
 
 _TRACKS = ("frame", "id", "x", "y", "width", "height", "xVelocity", "yVelocity", "xAcceleration", "yAcceleration")
@@ -22,11 +22,7 @@ _UPPER = 1  # drivingDirection of the vehicles that drive to the left
 
 
 def read(path: Path) -> Iterator[Found]:
-    """The recordings of a tracks file, or of every `*_tracks.csv` of a folder."""
-    return (found for file in files_in(path, "*_tracks.csv") for found in _read_one(file))
-
-
-def _read_one(path: Path) -> list[Found]:
+    """The recordings of a file."""
     require(path.name.endswith("_tracks.csv"), path, "must be called NN_tracks.csv, beside its NN_tracksMeta.csv")
     stem = path.name.removesuffix("_tracks.csv")
     tracks = read_table(path, _TRACKS)
@@ -41,7 +37,6 @@ def _read_one(path: Path) -> list[Found]:
         not unknown.any(), path, f"must hold vehicles of {meta_path.name} only, got id {tracks['id'][unknown].min()}"
     )
     direction = tracks["id"].map(meta.set_index("id")["drivingDirection"])
-    found = []
     for name, upper in (("upper", True), ("lower", False)):
         rows = tracks[(direction == _UPPER) == upper]
         if rows.empty:
@@ -69,8 +64,7 @@ def _read_one(path: Path) -> list[Found]:
                 "lane": np.clip(np.searchsorted(edges, y) - 1, 0, len(edges) - 2),
             }
         )
-        found.append(Found(table))
-    return found
+        yield Found(table)
 
 
 def _edges(text: object, path: Path) -> np.ndarray:

@@ -13,18 +13,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require
 
 _TRACKS = ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length", "xVelocity", "yVelocity")
 
 
 def read(path: Path) -> Iterator[Found]:
-    """The recordings of a tracks file, or of every `*_tracks.csv` of a folder."""
-    return (_read_one(file) for file in files_in(path, "*_tracks.csv"))
-
-
-def _read_one(path: Path) -> Found:
+    """The recordings of a file."""
     require(path.name.endswith("_tracks.csv"), path, "must be called NN_tracks.csv, beside its NN_tracksMeta.csv")
     stem = path.name.removesuffix("_tracks.csv")
     tracks = read_table(path, _TRACKS)
@@ -58,4 +54,4 @@ def _read_one(path: Path) -> Found:
         if left_out
         else ()
     )
-    return Found(table[bodies], planar=True, notes=notes)
+    yield Found(table[bodies], planar=True, notes=notes)

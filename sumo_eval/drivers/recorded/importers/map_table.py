@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError
 from sumo_eval.trajectory import Trajectory
@@ -22,11 +22,7 @@ _KNOWN = ("heading", "heading_deg", "speed", "acceleration", "length", "width")
 
 
 def read(path: Path) -> Iterator[Found]:
-    """The recordings of a file, or of every .csv file of a folder."""
-    return (_read_one(file) for file in files_in(path, "*.csv*"))
-
-
-def _read_one(path: Path) -> Found:
+    """The recordings of a file."""
     rows = read_table(path, ("vehicle", "t", "x", "y"))
     checked_numbers(rows, ["t", "x", "y", *(name for name in _KNOWN if name in rows)], path)
     notes = []
@@ -57,4 +53,4 @@ def _read_one(path: Path) -> Found:
                 rows.loc[track.index, name] = getattr(motion, name)
     columns = ["recording", "vehicle", "t", "x", "y", "heading", "speed", "length", "width", "class"]
     known = [name for name in ("acceleration", "driver") if name in rows]
-    return Found(pd.DataFrame(rows[[*columns, *known]]), planar=True, notes=tuple(notes))
+    yield Found(pd.DataFrame(rows[[*columns, *known]]), planar=True, notes=tuple(notes))

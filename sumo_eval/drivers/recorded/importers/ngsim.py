@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require_columns
 from sumo_eval.input_file import input_file
 
@@ -40,11 +40,7 @@ _CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
 
 
 def read(path: Path) -> Iterator[Found]:
-    """The recordings of a file of either layout, or of every .csv and .txt file of a folder."""
-    return (_read_one(file) for file in files_in(path, "*.[ct][sx][vt]"))
-
-
-def _read_one(path: Path) -> Found:
+    """The recordings of a file."""
     has_heading = _begins_with_letters(path)
     if has_heading:
         rows = read_table(path, ())
@@ -86,7 +82,7 @@ def _read_one(path: Path) -> Found:
     ]
     if reused:
         notes.append(f"{reused} times {path.name} uses a vehicle id again; each use is a vehicle of its own.")
-    return Found(table, notes=tuple(notes))
+    yield Found(table, notes=tuple(notes))
 
 
 def _begins_with_letters(path: Path) -> bool:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
@@ -25,11 +25,7 @@ _HEAD_ROWS = 5
 
 
 def read(path: Path) -> Iterator[Found]:
-    """The recordings of a file, or of every .csv file of a folder."""
-    return (_read_one(file) for file in files_in(path, "*.csv"))
-
-
-def _read_one(path: Path) -> Found:
+    """The recordings of a file."""
     try:
         with input_file(path, "file").open(newline="", encoding="utf-8") as file:
             head = {row[0]: row[1:] for row, _ in zip(csv.reader(file), range(_HEAD_ROWS), strict=False) if row}
@@ -82,7 +78,7 @@ def _read_one(path: Path) -> Found:
     engaged = next((value for value in head["ACC"] if value), "0")
     if engaged not in ("0", "0.0"):
         notes.append(f"{path.name} was driven with ACC engaged in {engaged} cars: these are not people.")
-    return Found(pd.concat(parts, ignore_index=True), notes=tuple(notes))
+    yield Found(pd.concat(parts, ignore_index=True), notes=tuple(notes))
 
 
 def _steps(speed: pd.Series, time: pd.Series) -> np.ndarray:

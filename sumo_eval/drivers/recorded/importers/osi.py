@@ -44,17 +44,7 @@ _COLUMNS: Final = ("t", "vehicle", "x", "y", "length", "width", "heading", "spee
 
 
 def read(path: Path) -> Iterator[Found]:
-    """The recording of a file, or of every one in a folder."""
-    if not path.exists():
-        raise InputError(f"There is no file or folder {path}.")
-    inside = path.iterdir() if path.is_dir() else ()
-    files = sorted(each for each in inside if each.name.endswith(ENDINGS)) if path.is_dir() else [path]
-    if not files:
-        raise InputError(f"Folder {path} must hold files that end in {', '.join(ENDINGS)}, got none.")
-    return (_read_one(file) for file in files)
-
-
-def _read_one(path: Path) -> Found:
+    """The recordings of a file."""
     if not path.name.endswith(ENDINGS):
         raise InputError(f"{path} must end in {', '.join(ENDINGS)}.")
     input_file(path, "file")
@@ -99,7 +89,7 @@ def _read_one(path: Path) -> Found:
             "class": classes.where(~walks, "pedestrian").to_numpy(),
         }
     )
-    return Found(table, planar=True, notes=tuple(notes))
+    yield Found(table, planar=True, notes=tuple(notes))
 
 
 # --- files of messages ------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from lxml import etree
 
-from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
@@ -25,11 +25,7 @@ _NEEDED = ("x", "y", "angle", "speed")
 
 
 def read(path: Path) -> Iterator[Found]:
-    """The recording of an .xml or .csv file, or of every one in a folder."""
-    return (_read_one(file) for file in files_in(path, "*.[xc][ms][lv]"))
-
-
-def _read_one(path: Path) -> Found:
+    """The recordings of a file."""
     rows = _from_xml(path) if path.suffix == ".xml" else _from_csv(path)
     known = rows["type"].astype(str).str.lower() if "type" in rows else pd.Series("car", index=rows.index)
     bodies = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in known])
@@ -55,7 +51,7 @@ def _read_one(path: Path) -> Found:
     note = (
         f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x {WIDTH:g} m for a car)."
     )
-    return Found(table, planar=True, notes=(note,))
+    yield Found(table, planar=True, notes=(note,))
 
 
 def _from_csv(path: Path) -> pd.DataFrame:
