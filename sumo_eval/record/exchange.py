@@ -158,6 +158,11 @@ def _write_drives(run: Run, folder: Path, fit: Callable[[pd.DataFrame], pd.DataF
 
 
 _ROWS_AT_ONCE = 1000
+_OF_A_DRIVE = (
+    "case", "scenario", "point", "role", "driver", "controller", "values", "exposure", "status", "end_reason", "error",
+    "error_place",
+)  # fmt: skip
+_TIMES = ("wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99", "latency_reference")
 
 
 def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
@@ -165,32 +170,15 @@ def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
     for role in roles:
         for fact in store.each_fact(role):
             hit = fact.collision
-            yield {
-                "case": fact.case,
-                "scenario": fact.scenario,
-                "point": fact.point,
-                "role": fact.role,
-                "driver": fact.driver,
-                "controller": fact.controller,
-                "values": dict(fact.values),
-                "exposure": fact.exposure,
-                "status": fact.status,
-                "end_reason": fact.end_reason,
-                "error": fact.error,
-                "error_place": fact.error_place,
-                "simulated_time": fact.simulated_time,
+            told = {name: getattr(fact, name) for name in (*_OF_A_DRIVE, "simulated_time")}
+            contact = {
                 "collision_time": hit.time if hit else None,
                 "collision_with": hit.other if hit else None,
                 "impact_speed": hit.relative_speed if hit else None,
                 "overlap": hit.overlap if hit else None,
                 "side": hit.side if hit else None,
-                "wall_time": fact.wall_time,
-                "latency_mean": fact.latency_mean,
-                "latency_max": fact.latency_max,
-                "latency_median": fact.latency_median,
-                "latency_p99": fact.latency_p99,
-                "latency_reference": fact.latency_reference,
             }
+            yield {**told, **contact, **{name: getattr(fact, name) for name in _TIMES}}
 
 
 def _trajectory_table(case: str, trajectories: dict[str, Trajectory]) -> pd.DataFrame:

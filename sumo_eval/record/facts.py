@@ -27,7 +27,6 @@ from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.claims import OURS, home
 from sumo_eval.record.engines import refuse_engine, run_cases
 from sumo_eval.record.given import entry_of
-from sumo_eval.record.human_reference import prepared_meanwhile
 from sumo_eval.record.only import narrowed, points_only
 from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
@@ -232,8 +231,7 @@ def record_facts(
             store.unseal()
             store.note(run_folder.SHARD, f"{shard[0]}/{shard[1]}")
             try:
-                with prepared_meanwhile():
-                    _record_beside(meanwhile, spaces, plan, store, progress, stopping)
+                _record_beside(meanwhile, spaces, plan, store, progress, stopping)
             except (StoppedError, KeyboardInterrupt):
                 raise StoppedError(
                     f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "

@@ -14,14 +14,13 @@ import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from statistics import fmean
 
 import sumo_eval.method
 from sumo_eval.coded import decoded, encoded
-from sumo_eval.kernels import INTERPRETED
 from sumo_eval.method.anthropomorphic import (
     AnthropomorphicIndex,
     IndexNote,
@@ -35,7 +34,7 @@ from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.shared_fields import prepare
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.kept_results import Part as KeptPart
-from sumo_eval.record.spread import Part, Result, Spread, beside, spread_over
+from sumo_eval.record.spread import Part, Result, Spread, spread_over
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
@@ -120,18 +119,6 @@ class PointResult:
 
 
 _RECORDS = {one.__name__: one for one in (CaseIndex, IndexNote, Ingredients, Likeness, LeftOut, HumanBand)}
-
-
-@contextmanager
-def prepared_meanwhile() -> Iterator[None]:
-    """On a machine's first time a process of its own compiles what scoring needs; later there is nothing to do."""
-    from sumo_eval.record import loops  # which knows all that drives; what is kept is looked at without
-
-    if INTERPRETED or loops.FIELDS in loops.compiled():
-        yield
-        return
-    with beside(partial(loops.load, [loops.FIELDS])):
-        yield
 
 
 @contextmanager

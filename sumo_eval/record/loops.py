@@ -36,7 +36,7 @@ from sumo_eval.settings import SimulationSettings, ZoneSettings
 from sumo_eval.settings.evaluation import EvaluationSettings
 
 WORLD, PLAYED, PEOPLE = "~world", "~world that reacts", "~people"
-AHEAD, FIELDS = "~what comes before a drive", "~fields"  # a run compiles them where it meets them
+AHEAD, FIELDS = "~what comes before a drive", "~fields"  # a run compiles the first where it meets it
 OF_EVERY_RUN = (WORLD, PEOPLE, "ideal_braking", "no_reaction", "idm")
 _LONG = {
     WORLD: 14, PLAYED: 12, AHEAD: 8, FIELDS: 6, "careful_driver": 5, PEOPLE: 4, "lane_changer": 4, "fsm": 3, "rss": 2,
@@ -143,12 +143,12 @@ def compiled() -> list[str]:
 
 
 def of_evaluation(settings: EvaluationSettings) -> set[str]:
-    """What every case of an evaluation needs: who drives, and the world."""
+    """What every evaluation needs: who drives, the world, and fields."""
     drivers = settings.drivers
     fills = drivers.too_thin == "fill" and ":" not in drivers.source  # recorded people, where they are too few
     people = {PEOPLE} if drivers.source == "synthetic" or fills else set()
     driven = (settings.method.task.task_reference, *(ads.locator for ads in settings.ads))
-    return {WORLD, "ideal_braking", "no_reaction"} | people | _rules(driven)
+    return {WORLD, FIELDS, "ideal_braking", "no_reaction"} | people | _rules(driven)
 
 
 def of_cases(cases: Iterable[Case]) -> set[str]:

@@ -556,27 +556,23 @@ class Store:
 
     def case_digest(self, case: str, *, drives: bool = True) -> str | None:
         """A hash of one case's facts, and of its trajectories if `drives`; None when it is not recorded."""
-        self._check_one(case)
-        row = next(self._read('SELECT * FROM facts WHERE "case" = ?', (case,)), None)
-        if row is None:
-            return None
-        query = 'SELECT * FROM trajectories WHERE "case" = ? ORDER BY vehicle'
-        found = list(self._read(query, (case,))) if drives else []
-        return hashlib.sha256(repr((row, found)).encode()).hexdigest()
+        return self._digest_of(case, "*", drives)
 
     def drive(self, case: str, *, whole: bool = True) -> str | None:
         """A hash of what happened in a case, whatever drove it under whatever key; None when it is not recorded.
 
         whole: with its trajectories.
         """
+        return self._digest_of(case, "status, end_reason, error, simulated_time, collision, clips", whole)
+
+    def _digest_of(self, case: str, columns: str, drives: bool) -> str | None:
         self._check_one(case)
-        happened = 'SELECT status, end_reason, error, simulated_time, collision, clips FROM facts WHERE "case" = ?'
-        row = next(self._read(happened, (case,)), None)
+        row = next(self._read(f'SELECT {columns} FROM facts WHERE "case" = ?', (case,)), None)  # noqa: S608
         if row is None:
             return None
         query = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
-        drives = list(self._read(query, (case,))) if whole else []
-        return hashlib.sha256(repr((row, drives)).encode()).hexdigest()
+        found = list(self._read(query, (case,))) if drives else []
+        return hashlib.sha256(repr((row, found)).encode()).hexdigest()
 
     def trajectory(self, case: str, vehicle: str = EGO) -> Trajectory:
         """A recorded trajectory of a case."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import functools
+from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, said
 
 if TYPE_CHECKING:
     import jinja2
@@ -49,3 +51,16 @@ def _environment() -> jinja2.Environment:
 def asset(name: str) -> Markup:
     """A file of this package that goes into the page as it is."""
     return Markup((files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8"))  # noqa: S704
+
+
+def write_csv(path: Path, columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> Path:
+    """Write a table and return its path. Raises InputError where it cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows(rows)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {said(error)}.") from error
+    return path

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from sumo_eval.errors import InputError
+from sumo_eval.report.page import write_csv
 from sumo_eval.report.study_page import write_study
 from sumo_eval.report.words import count
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
-from sumo_eval.text import cell
 
 CHOSEN, REFUSED = "#0072b2", "#9aa1aa"
 
@@ -22,15 +20,8 @@ CHOSEN, REFUSED = "#0072b2", "#9aa1aa"
 def write_points(logical: LogicalScenario, points: Sample, folder: Path, title: str) -> tuple[Path, Path]:
     """Write `points.csv` and `points.html` into a folder and return their paths."""
     table, page = folder / "points.csv", folder / "points.html"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with table.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(map(cell, [*logical.names, "exposure"]))
-            for row, exposure in zip(points.points.tolist(), points.exposure.tolist(), strict=True):
-                writer.writerow([repr(value) for value in (*row, exposure)])
-    except OSError as error:
-        raise InputError(f"The points cannot be written into {folder}: {error}.") from error
+    rows = zip(points.points.tolist(), points.exposure.tolist(), strict=True)
+    write_csv(table, [*logical.names, "exposure"], ([*row, exposure] for row, exposure in rows))
     write_study(
         page,
         kicker=f"Points of the logical scenario {logical.name}",

@@ -22,9 +22,10 @@ from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.importance import Estimate, Met, RareEvents, degrees_of_freedom, how_met, resampled
 from sumo_eval.extras.rates.intervals import rate_interval
+from sumo_eval.extras.studies.boundary import outcomes_at
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
-from sumo_eval.record.cases import Case, Outcome, Setup
-from sumo_eval.record.engines import identify, run_cases
+from sumo_eval.record.cases import Outcome, Setup
+from sumo_eval.record.engines import identify
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import About, AdsSettings, Checked, Positive, RunSettings, SimulationSettings
@@ -188,8 +189,10 @@ def _driven(space: Space, item: AdsSettings, settings: CampaignSettings, setup: 
     stopped = "budget"
     while len((batch := search.ask()).points):
         first = search.drives - len(batch.points)
-        outcomes = drive(space.logical, item.locator, batch.points, first, setup,
-                         lambda done: watch(f"{space.logical.name}: {item.name}", done, settings.budget))  # fmt: skip
+        outcomes = outcomes_at(
+            batch.points, space.logical, item.locator, setup, first=first,
+            ended=lambda done: watch(f"{space.logical.name}: {item.name}", done, settings.budget),
+        )  # fmt: skip
         collided = np.array([outcome.status == "collision" for outcome in outcomes])
         lost.update(outcome.status for outcome in outcomes if outcome.status not in EVALUATED)
         search.tell(batch, collided, np.array([loss_of(outcome) for outcome in outcomes]))
@@ -199,22 +202,6 @@ def _driven(space: Space, item: AdsSettings, settings: CampaignSettings, setup: 
             stopped = "width"
             break
     return part_of(space, search, settings.seed, stopped, dict(sorted(lost.items())))
-
-
-def drive(
-    logical: LogicalScenario, controller: str, points: FloatArray, first: int, setup: Setup,
-    ended: Callable[[int], None] = lambda done: None,
-) -> list[Outcome]:  # fmt: skip
-    """The outcomes at points (n, k), in their order. first: number of the first of them."""
-    cases = [
-        Case(first + number, concrete, "ads", "ads", controller)
-        for number, concrete in enumerate(logical.concretes(points))
-    ]
-    outcomes: list[Outcome] = []
-    for outcome in run_cases(cases, setup):
-        outcomes.append(outcome)
-        ended(first + len(outcomes))
-    return sorted(outcomes, key=lambda outcome: outcome.case.point)
 
 
 def loss_of(outcome: Outcome) -> float:

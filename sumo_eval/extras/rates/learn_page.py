@@ -72,21 +72,21 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
     met = learnt.encounters
     known: dict[str, Any] = {
         "events": met.events,
-        "per_vehicle_km": learnt.rate[0],
-        "per_vehicle_km_interval": list(learnt.rate[1:]),
+        "per_vehicle_km": learnt.measured.rate[0],
+        "per_vehicle_km_interval": list(learnt.measured.rate[1:]),
         "ghosts": met.ghosts,
         "without_parameters": dict(met.left_out),
-        "against_a_constraint": learnt.outside,
-        "constants": dict(learnt.constants),
+        "against_a_constraint": int((~learnt.measured.kept).sum()),
+        "constants": dict(learnt.measured.constants),
         "left_out_of_the_distribution_evenly": learnt.thinned,
     }
     if learnt.logical is None or learnt.joint is None:
-        return known | {"file": None, "events_needed": learnt.needed}
+        return known | {"file": None, "events_needed": learnt.measured.needed}
     quantiles = np.quantile(np.array(learnt.joint.events), [0.0, 0.05, 0.5, 0.95, 1.0], axis=0)
     replay = np.quantile(learnt.replay, [0.5, 0.9], axis=0)
     return known | {
         "file": f"{met.name}.toml",
-        "per_vehicle_km_interval_with_all_below": list(learnt.rate_together),
+        "per_vehicle_km_interval_with_all_below": list(learnt.measured.rate_together),
         "model": learnt.models[0].model,
         "bandwidth": learnt.joint.factor,
         "parameters": {
@@ -95,8 +95,8 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
                 "low": item.low,
                 "high": item.high,
                 "recorded_quantiles": quantiles[:, j].tolist(),
-                "lower_end_interval": list(learnt.ends[item.name][0]),
-                "upper_end_interval": list(learnt.ends[item.name][1]),
+                "lower_end_interval": list(learnt.measured.ends[item.name][0]),
+                "upper_end_interval": list(learnt.measured.ends[item.name][1]),
                 "kolmogorov_held_out": learnt.models[0].kolmogorov[item.name],
                 "kolmogorov_by_chance": kolmogorov_by_chance(len(learnt.replay)),
             }
@@ -104,7 +104,7 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
         },
         "rank_correlations": [
             {"of": list(pair), "value": values[0], "interval": list(values[1:])}
-            for pair, values in learnt.correlations.items()
+            for pair, values in learnt.measured.correlations.items()
         ],
         "held_out_log_likelihood": {item.model: item.log_likelihood for item in learnt.models},
         "replay_error": {
@@ -124,9 +124,12 @@ def sentences(lesson: Lesson) -> list[str]:
     ]
     for name, learnt in lesson.learnt.items():
         met = learnt.encounters
-        line = f"{name}: {met.events} events, {learnt.rate[0]:.3g} ({interval(*learnt.rate[1:])}) per vehicle-km"
+        rate, low, high = learnt.measured.rate
+        line = f"{name}: {met.events} events, {rate:.3g} ({interval(low, high)}) per vehicle-km"
         if learnt.logical is None:
-            said.append(f"{line}; {len(met.who)} with all parameters, {learnt.needed} are needed: no scenario file.")
+            said.append(
+                f"{line}; {len(met.who)} with all parameters, {learnt.measured.needed} are needed: no scenario file."
+            )
             continue
         best = learnt.models[0]
         said.append(
@@ -145,8 +148,9 @@ def parts(lesson: Lesson) -> list[Piece]:
         met = learnt.encounters
         replay = "" if not len(learnt.replay) else f"{float(np.median(learnt.replay[:, 2])):.2f}"
         best = learnt.models[0] if learnt.models else None
+        rate, low, high = learnt.measured.rate
         rows.append(
-            (name, met.events, f"{learnt.rate[0]:.3g}", interval(*learnt.rate[1:]), len(learnt.replay),
+            (name, met.events, f"{rate:.3g}", interval(low, high), len(learnt.replay),
              "" if best is None else f"{best.log_likelihood:z.2f}",
              "" if best is None else f"{max(best.kolmogorov.values()):.3f}",
              "" if best is None else f"{kolmogorov_by_chance(len(learnt.replay)):.3f}", replay)
@@ -177,17 +181,20 @@ def _class_parts(learnt: Learnt) -> list[Text | Table]:
     met = learnt.encounters
     out: list[Text | Table] = [
         Text(f"{met.events} events ({met.ghosts} ghosts dropped); {len(met.who)} with all parameters, "
-             f"{learnt.outside} of them against a constraint of the scenario.")
+             f"{int((~learnt.measured.kept).sum())} of them against a constraint of the scenario.")
     ]  # fmt: skip
     if met.left_out:
         out.append(table(("without parameters because", "events"), met.left_out.items()))
     if learnt.logical is None:
-        return [*out, Text(f"{learnt.needed} events with all parameters are needed: no scenario file.", "note")]
+        return [
+            *out,
+            Text(f"{learnt.measured.needed} events with all parameters are needed: no scenario file.", "note"),
+        ]
     best = learnt.models[0]
     rows = np.array(learnt.joint.events) if learnt.joint is not None else np.zeros((0, 0))
     parameters = [
         (item.name, item.unit, f"{item.low:g} to {item.high:g}", f"{np.median(rows[:, j]):z.3g}",
-         interval(*learnt.ends[item.name][0]), interval(*learnt.ends[item.name][1]),
+         interval(*learnt.measured.ends[item.name][0]), interval(*learnt.measured.ends[item.name][1]),
          f"{best.kolmogorov[item.name]:.3f}")
         for j, item in enumerate(learnt.logical.parameters)
     ]  # fmt: skip
@@ -198,18 +205,18 @@ def _class_parts(learnt: Learnt) -> list[Text | Table]:
     out.append(
         Text(
             "All intervals of these ends and correlations, and one of the rate, "
-            f"{interval(*learnt.rate_together)} per vehicle-km, hold at once with 95 %, where events do not grow rare "
-            "towards the ends. By itself the rate has the narrower one above."
+            f"{interval(*learnt.measured.rate_together)} per vehicle-km, hold at once with 95 %, where events do not "
+            "grow rare towards the ends. By itself the rate has the narrower one above."
         )
     )
     if learnt.thinned:
         out.append(Text(f"{learnt.thinned} events are left out of the distribution, evenly: it holds {len(rows)}."))
-    out += [Text(f"{name} does not vary: {value:g} in the file.") for name, value in learnt.constants.items()]
-    if learnt.correlations:
+    out += [Text(f"{name} does not vary: {value:g} in the file.") for name, value in learnt.measured.constants.items()]
+    if learnt.measured.correlations:
         out.append(
             table(("rank correlation of", "and", "value", "interval (all at once, 95 %)"),
                   [(*pair, f"{values[0]:z.2f}", interval(values[1], values[2], 2))
-                   for pair, values in learnt.correlations.items()])
+                   for pair, values in learnt.measured.correlations.items()])
         )  # fmt: skip
     out.append(
         table(("model", "held-out log-likelihood, nats an event", "largest Kolmogorov distance"),

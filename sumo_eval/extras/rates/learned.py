@@ -4,7 +4,6 @@ and a rate, and what is known of how well it describes what was recorded.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 import zlib
@@ -22,6 +21,7 @@ from sumo_eval.extras.rates.encounters import CLASSES, Encounters, Found, Moved,
 from sumo_eval.extras.rates.intervals import end_interval, kolmogorov, of_each, rank_correlation, rate_interval
 from sumo_eval.extras.rates.scenes import CAR_LENGTH, SCENES, Quantity, content_of
 from sumo_eval.extras.rates.value_sets import value_sets
+from sumo_eval.report.page import write_csv
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.joint import Joint, JointKind
 from sumo_eval.scenario.logical import LogicalScenario
@@ -59,30 +59,21 @@ class Held:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Learnt:
-    """What was learnt of a class. logical: the scenario as its file says it; None: too few events.
+    """What was learnt of a class.
 
-    kept: which of the encounters' rows the distribution is fitted to, (n,) True or False; outside: how many are not,
-    for a constraint. constants: parameters that do not vary. rate: 1/km, and its 95 % limits by themselves. ends:
-    parameter -> intervals of the range's lower and upper end. correlations: pairs -> Spearman's rank correlation and
-    its interval. rate_together: limits of the rate that, with all `ends` and `correlations`, hold at once with 95 %.
-    models: held out, the best first. replay: root mean square distance, m, of the other's scripted motion to its
-    recorded one, along and across the road and together, (n, 3). needed: events for a distribution. thinned: events
-    that it leaves out, evenly, where there are more than `MOST_FITTED`; ends and correlations are those of all.
+    measured: what was read off its events. logical: the scenario as its file says it; None: too few events. models:
+    held out, the best first. replay: root mean square distance, m, of the other's scripted motion to its recorded one,
+    along and across the road and together, (n, 3). thinned: events that the distribution leaves out, evenly, where
+    there are more than `MOST_FITTED`.
     """
 
     encounters: Encounters
-    rate: tuple[float, float, float]
-    logical: LogicalScenario | None
-    joint: Joint | None
-    constants: Mapping[str, float]
-    outside: int
-    ends: Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
-    correlations: Mapping[tuple[str, str], tuple[float, float, float]]
-    rate_together: tuple[float, float]
-    models: tuple[Held, ...]
-    replay: FloatArray
-    needed: int
-    thinned: int
+    measured: Measured
+    logical: LogicalScenario | None = None
+    joint: Joint | None = None
+    models: tuple[Held, ...] = ()
+    replay: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    thinned: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,9 +113,13 @@ def learn(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """What is read off a class's events before anything is fitted to them. content: of the scenario file, which is
-    written without a distribution. rows: the parameters (n, k) of the events that are kept; the other fields are
-    `Learnt`'s.
+    """What is read off a class's events before anything is fitted to them.
+
+    rate: 1/km, and its 95 % limits by themselves. needed: events for a distribution. constants: parameters that do not
+    vary. content: of the scenario file, which is written without a distribution. kept: which of the encounters' rows
+    the distribution is fitted to, (n,) True or False; rows: their parameters (n, k). ends: parameter -> intervals of
+    the range's lower and upper end. correlations: pairs -> Spearman's rank correlation and its interval. rate_together:
+    limits of the rate that, with all `ends` and `correlations`, hold at once with 95 %.
     """
 
     rate: tuple[float, float, float]
@@ -188,10 +183,7 @@ def measure(encounters: Encounters, found: Found, folder: Path, source: str) -> 
 def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> Learnt:
     met = measure(encounters, found, folder, source)
     if met.logical is None:
-        return Learnt(
-            encounters, met.rate, None, None, met.constants, 0, {}, {}, met.rate_together, (), np.zeros((0, 3)),
-            met.needed, 0,
-        )  # fmt: skip
+        return Learnt(encounters, met)
     free = list(met.logical.names)
     low, high = tuple(met.logical.low.tolist()), tuple(met.logical.high.tolist())
     rows, places = met.rows, np.flatnonzero(met.kept)
@@ -204,17 +196,16 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     kind, factor = best.named
     path = folder / f"{encounters.name}.toml"
     table = folder / f"{encounters.name}.events.csv"
-    _write_events(table, who, free, rows)
+    told = zip(rows.tolist(), who.to_numpy(), strict=True)
+    columns = [*free, *who.columns]
+    write_csv(table, columns, ([*row, *(cell(str(value)) for value in one)] for row, one in told))
     distribution = {"events": table.name, "kind": kind} | ({} if factor is None else {"bandwidth": factor})
     _write(path, {**met.content, "joint": distribution})
     value_sets(PREFIX + encounters.name, free, rows, path.name, met.rate, folder / f"{encounters.name}.xosc")
     logical = read_scenario(path)
     joint = Joint(kind, tuple(free), tuple(map(tuple, rows.tolist())), low, high, factor, table.name)
     replay = replay_errors(logical, encounters.name, rows, [encounters.motions[place] for place in places])
-    return Learnt(
-        encounters, met.rate, logical, joint, met.constants, int((~met.kept).sum()), met.ends, met.correlations,
-        met.rate_together, models, replay, met.needed, len(met.rows) - len(rows),
-    )  # fmt: skip
+    return Learnt(encounters, met, logical, joint, models, replay, len(met.rows) - len(rows))
 
 
 def _source(source: str, found: Found) -> str:
@@ -321,11 +312,3 @@ def replay_errors(logical: LogicalScenario, class_: str, rows: FloatArray, motio
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:
     path.write_text(tomli_w.dumps(dict(content)), encoding="utf-8")
-
-
-def _write_events(path: Path, who: Any, names: Sequence[str], rows: FloatArray) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*names, *who.columns])
-        for row, one in zip(rows.tolist(), who.itertuples(index=False), strict=True):
-            writer.writerow([*map(repr, row), *(cell(str(value)) for value in one)])

@@ -25,7 +25,7 @@ ROUND = 16  # trials of the others
 class Round:
     """Where the search stood after a round of trials."""
 
-    trials: int
+    simulations: int
     collisions: int
     expected_change: float
     doubt: float
@@ -91,9 +91,8 @@ def find_boundary(
         if not len(points):
             stopped = "no point left"
             break
-        statuses = []
-        for outcome in _simulated(logical, controller, points, done, setup, lambda ended: watch(ended, budget)):
-            statuses.append(outcome.status)
+        found = outcomes_at(points, logical, controller, setup, first=done, ended=lambda ended: watch(ended, budget))
+        statuses = [outcome.status for outcome in found]
         done += len(points)
         counts = np.array([status in EVALUATED for status in statuses])
         lost.update(status for status in statuses if status not in EVALUATED)
@@ -109,20 +108,21 @@ def find_boundary(
     return FailureBoundary(logical, controller, search, tuple(rounds), dict(sorted(lost.items())), stopped)  # type: ignore[arg-type]
 
 
-def _simulated(
+def outcomes_at(
+    points: FloatArray,
     logical: LogicalScenario,
     controller: str,
-    points: FloatArray,
-    first: int,
     setup: Setup,
-    ended: Callable[[int], None],
+    *,
+    first: int = 0,
+    ended: Callable[[int], None] = lambda done: None,
 ) -> list[Outcome]:
-    """The outcomes at points (n, k), in their order. ended: told how many simulations have ended."""
+    """The outcomes at points (n, k), in their order. first: number of the first. ended: told how many have ended."""
     cases = [
         Case(first + number, concrete, "ads", "ads", controller)
         for number, concrete in enumerate(logical.concretes(points))
     ]
-    outcomes = []
+    outcomes: list[Outcome] = []
     for outcome in run_cases(cases, setup):
         outcomes.append(outcome)
         ended(first + len(outcomes))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,10 @@ from plotly.subplots import make_subplots
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.boundary import FailureBoundary
+from sumo_eval.report.page import write_csv
 from sumo_eval.report.study_page import write_study
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.text import cell
 from sumo_eval.trajectory import FloatArray
 
 CELLS = 80  # on each axis of a map
@@ -36,7 +36,7 @@ def summary(found: FailureBoundary) -> dict[str, Any]:
         "scenario": logical.name,
         "ads": found.ads,
         "parameters": [{"name": p.name, "low": p.low, "high": p.high, "unit": p.unit} for p in logical.parameters],
-        "simulations": found.rounds[-1].trials,
+        "simulations": found.rounds[-1].simulations,
         "collisions": int(found.collided.sum()),
         "not_evaluated": found.not_evaluated,
         "stopped": found.stopped,
@@ -44,15 +44,7 @@ def summary(found: FailureBoundary) -> dict[str, Any]:
         "doubt": found.rounds[-1].doubt,
         "collision_share_of_space": float(np.mean(collides)),
         "collision_share_of_exposure": float(exposure[collides].sum() / exposure.sum()),
-        "rounds": [
-            {
-                "simulations": r.trials,
-                "collisions": r.collisions,
-                "expected_change": r.expected_change,
-                "doubt": r.doubt,
-            }
-            for r in found.rounds
-        ],
+        "rounds": [asdict(one) for one in found.rounds],
     }
 
 
@@ -64,20 +56,19 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
     held = dict(held or {})
     table, plain, page = folder / "trials.csv", folder / "boundary.json", folder / "boundary.html"
     chances = folder / "chances.csv"
+    names, points = found.logical.names, found.points.tolist()
+    write_csv(table, [*names, "collided"], ([*row, int(hit)] for row, hit in zip(points, found.collided, strict=True)))
+    write_csv(
+        chances,
+        [*names, "chance"],
+        (
+            [*(f"{value:z.9g}" for value in row), "" if np.isnan(chance) else f"{chance:z.4g}"]
+            for share in shares(found)
+            for row, chance in zip(*chances_on(found, share), strict=True)
+        ),
+    )
+    told = {**summary(found), "held": held}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with table.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(map(cell, [*found.logical.names, "collided"]))
-            for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True):
-                writer.writerow([*(repr(value) for value in row), int(hit)])
-        with chances.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(map(cell, [*found.logical.names, "chance"]))
-            for share in shares(found):
-                for row, chance in zip(*chances_on(found, share), strict=True):
-                    writer.writerow([*(f"{value:z.9g}" for value in row), "" if np.isnan(chance) else f"{chance:z.4g}"])
-        told = {**summary(found), "held": held}
         plain.write_text(json.dumps(told, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(f"The boundary cannot be written into {folder}: {error}.") from error
@@ -93,7 +84,7 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
             [*names, "collided"],
             *(
                 [*(f"{value:g}" for value in row), "yes" if hit else "no"]
-                for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True)
+                for row, hit in zip(points, found.collided, strict=True)
             ),
         ],
         least_width=340 * len(PANELS) if len(names) > 2 else 300,

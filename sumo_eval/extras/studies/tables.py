@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.report.page import write_csv
 from sumo_eval.text import cell
 
 if TYPE_CHECKING:
@@ -20,13 +20,7 @@ def write_rows(rows: Sequence[DataclassInstance], path: Path) -> None:
     if not rows:
         raise InputError(f"The table {path} must have at least one row, got none.")
     plain = [{name: _cell(value) for name, value in asdict(row).items()} for row in rows]
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(plain[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(plain)
-    except OSError as error:
-        raise InputError(f"The table {path} cannot be written: {error}.") from error
+    write_csv(path, plain[0], (row.values() for row in plain))
 
 
 def _cell(value: Any) -> Any:

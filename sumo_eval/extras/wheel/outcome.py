@@ -7,7 +7,6 @@ the bytes that it was recorded with is left out, and said.
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections import Counter
@@ -23,6 +22,7 @@ from sumo_eval.extras.wheel.quality import Quality
 from sumo_eval.extras.wheel.study import Participant, participants
 from sumo_eval.extras.wheel.tape import digest, drive_again, read_tape
 from sumo_eval.record.run_folder import read_manifest, read_settings
+from sumo_eval.report.page import write_csv
 from sumo_eval.report.people import STUDY, drawn_words
 from sumo_eval.settings import SamplingSettings
 from sumo_eval.settings.config import to_toml
@@ -87,7 +87,7 @@ def collect(plan: Plan) -> Outcome:
                 left.append(kept)
                 continue
             file = f"{person.code}/{case.key}.csv"
-            _write(place / file, COLUMNS, _samples(person.code, kept))
+            write_csv(place / file, COLUMNS, _samples(person.code, kept))
             drawn.update(filter(None, [person.done[f"drive:{case.key}"]["quality"].get("drawn")]))
             rows.append({"scenario": case.concrete.scenario, "file": file, **case.concrete.values})
         left += _broken_off(person)
@@ -97,20 +97,20 @@ def collect(plan: Plan) -> Outcome:
         if not any(file == stale.relative_to(place).as_posix() for _, file in counted):
             stale.unlink()
     head = ("scenario", "file", *names)
-    _write(place / NAMED, head, [[row.get(it, "") for it in head] for row in rows])
+    write_csv(place / NAMED, head, [[row.get(it, "") for it in head] for row in rows])
     each = [entry | {"rater": person.code} for person in people for entry in person.done.values()
             if entry["step"].startswith("rate:") and "score" in entry["answers"]]  # fmt: skip
     ratings = _ratings(each)
-    _write(plan.folder / "ratings.csv", ("rater", "ads", "scenario", "score"), ratings)
-    _write(plan.folder / "answers.csv", ("rater", "step", "question", "answer"), [
+    write_csv(plan.folder / "ratings.csv", ("rater", "ads", "scenario", "score"), ratings)
+    write_csv(plan.folder / "answers.csv", ("rater", "step", "question", "answer"), [
         [person.code, entry["step"], key, value]
         for person in people for entry in person.done.values() for key, value in entry.get("answers", {}).items()
     ])  # fmt: skip
-    _write(plan.folder / "left_out.csv", ("participant", "case", "tape", "why"),
+    write_csv(plan.folder / "left_out.csv", ("participant", "case", "tape", "why"),
            [[it.participant, it.case, it.tape, it.why] for it in left])  # fmt: skip
     names_of = [it.name for it in fields(Quality)]
     out = {(it.participant, it.case): it.why for it in left if it.why not in _AGAIN}
-    _write(plan.folder / "quality.csv", ("participant", "case", *names_of, "left_out"), [
+    write_csv(plan.folder / "quality.csv", ("participant", "case", *names_of, "left_out"), [
         [person.code, key, *(entry["quality"].get(name) for name in names_of), out.get((person.code, key), "")]
         for person in people for step, entry in person.done.items()
         if (key := step.removeprefix("drive:")) != step
@@ -206,14 +206,3 @@ def _placed(use: str, source: Path) -> str:
 
 def _sampled(sampling: SamplingSettings, source: Path) -> SamplingSettings:
     return sampling if sampling.file is None else replace(sampling, file=str(source / sampling.file))
-
-
-def _write(path: Path, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(rows)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {said(error)}.") from error

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Le, MinLen
-from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.extras.wheel.quality import QualitySettings
@@ -17,9 +16,8 @@ from sumo_eval.record.store import Fact, open_store
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings.checked import About, Checked, Positive
-from sumo_eval.settings.config import mistakes
+from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.settings.toml_file import read_toml
 
 LOW, HIGH = 1, 10
 
@@ -127,16 +125,9 @@ def balanced_orders(n: int) -> list[list[int]]:
     return rows if n % 2 == 0 else rows + [list(reversed(row)) for row in rows]
 
 
-_ADAPTER: Final = TypeAdapter(StudySettings)
-
-
 def read_study(path: Path) -> Plan:
     """The plan of a study file. Raises InputError with a sentence for each mistake."""
-    content = read_toml(path, "study file")
-    try:
-        settings = _ADAPTER.validate_python(content)
-    except ValidationError as error:
-        raise InputError(mistakes(error, f"study file {path}", StudySettings, path)) from None
+    settings = read_checked(path, StudySettings, "study file")
     run = (path.parent / settings.run).resolve()
     source, evaluation = Path(read_manifest(run)["source_folder"]), read_settings(run)
     uses = {find(entry.use, source).name: entry.use for entry in evaluation.scenario}

@@ -32,11 +32,11 @@ ENDS: Final = {
 }  # fmt: skip
 
 
-def settings_at(rate: int, basis: SimulationSettings | None = None) -> SimulationSettings:
+def settings_at(rate: int) -> SimulationSettings:
     """The settings of a drive at a rate, Hz: its step is the rate's, everything else as for any ADS."""
     if rate not in RATES:
         raise must_be("The rate", "a drive", f"one of {', '.join(map(str, RATES))} Hz", rate)
-    return replace(basis or SimulationSettings(), step=1.0 / rate)
+    return replace(SimulationSettings(), step=1.0 / rate)
 
 
 def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> ConcreteScenario:
