@@ -84,7 +84,7 @@ def test_children_take_no_module_from_the_folder_in_which_a_run_is_started(tmp_p
 def test_a_run_compiles_what_it_needs() -> None:
     settings = read_evaluation(PAPER_EVALUATION)
     assert loops.of_evaluation(settings) == {
-        loops.WORLD, loops.PEOPLE, "ideal_braking", "no_reaction", "idm", "lane_changer"
+        loops.WORLD, loops.FIELDS, loops.PEOPLE, "ideal_braking", "no_reaction", "idm", "lane_changer"
     }  # fmt: skip
     assert loops.of_cases([Case(0, CONCRETE, "ads", "mine", "my_ads.py:Mine")]) == {loops.WORLD}
     assert loops.of_cases([Case(0, CONCRETE, "human", "driver_00", "synthetic")]) == {loops.WORLD, loops.PEOPLE}
