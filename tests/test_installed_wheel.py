@@ -84,7 +84,9 @@ except InputError as error:
     assert "none.xosc" in str(error), error
 evaluation = {
     "name": "wheel", "scenario": [{"use": "front_vehicle_low_speed", "sampling": {"method": "sobol", "count": 1}}],
-    "ads": [{"name": "none", "controller": "no_reaction"}], "drivers": {"count": 2}, "run": {"engine": "serial"},
+    "ads": [{"name": "none", "controller": "no_reaction"}], "drivers": {"count": 2},
+    "run": {"engine": "serial"}, "simulation": {"step": 0.1, "time_limit": 8.0},
+    "method": {"zones": {"grid_points": 1000, "restarts": 0, "refinements": 0}},
 }
 done = sumo_eval.evaluate(evaluation, out="run")
 assert sumo_eval.score("run").scores == done.scores and sumo_eval.open_run("run")
