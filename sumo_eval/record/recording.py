@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -134,13 +135,9 @@ class Planner:
                 Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, count, seed, population)
             )
 
-    def recorded_person(self, number: int, concrete: ConcreteScenario, index: int) -> Case:
-        """Somebody whose drive was recorded in events like the concrete scenario."""
-        return self._finished(Case(number, concrete, "human", f"recorded_{index:02d}", RECORDED))
-
-    def recorded_human(self, number: int, concrete: ConcreteScenario, index: int) -> Case:
-        """A driver whose trajectory the user's own reference has."""
-        return self._finished(Case(number, concrete, "human", f"driver_{index:02d}", self.settings.drivers.source))
+    def human(self, number: int, concrete: ConcreteScenario, name: str) -> Case:
+        """The drive of a person that is not simulated: a recorded one, or of the user's own reference."""
+        return self._finished(Case(number, concrete, "human", name, self.settings.drivers.source))
 
     def _finished(self, case: Case) -> Case:
         identity = self.identities.get(case.controller, "")
@@ -189,21 +186,15 @@ def record(
     """
     settings = plan.settings
     work = _Work(store, plan.setup, progress, stopping)
-    stages = [_ads_stage(space, plan) for space in spaces]
-    stages += [_reference_stage(space, plan, role) for space in spaces for role in REFERENCES]
-    if settings.drivers.source == "synthetic":
-        stages += [_drivers_stage(space, plan) for space in spaces]
-    work.do(stages)
+    work.do([stage for stages in zip(*(_stages(space, plan) for space in spaces), strict=True) for stage in stages])
     for space in spaces:
         if settings.drivers.source == "synthetic":
             drivers = {f"driver_{index:02d}" for index in range(settings.drivers.count)}
             safe = set(space.safe) if space.logical.has_drivers else set()
             found = store.names("human", space.logical.name)
             _forget(store, (case for case, point, who in found if point not in safe or who not in drivers))
-        elif settings.drivers.source == RECORDED:
-            _record_people(space, plan, store, work, progress)
         else:
-            _record_own_reference(space, plan, store, work, progress)
+            _record_people(space, plan, store, work, progress)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,64 +208,62 @@ class _Stage:
     total: int
 
 
-def _ads_stage(space: Space, plan: Planner) -> _Stage:
-    name = space.logical.name
-    return _Stage(f"{name}: ADSs", name, "ads", plan.ads(space), len(space.numbers) * len(plan.settings.ads))
-
-
-def _reference_stage(space: Space, plan: Planner, role: Role) -> _Stage:
-    name = space.logical.name
-    return _Stage(f"{name}: {REFERENCES[role]}", name, role, plan.reference(space, role), len(space.numbers))
-
-
-def _drivers_stage(space: Space, plan: Planner) -> _Stage:
-    name = space.logical.name
-    total = len(space.safe) * plan.settings.drivers.count * space.logical.has_drivers
-    return _Stage(f"{name}: drivers", name, "human", plan.humans(space), total)
-
-
-def _record_own_reference(space: Space, plan: Planner, store: Store, work: _Work, progress: Progress) -> None:
-    """The drives that the user's own function has for every safe point."""
-    name, safe = space.logical.name, space.safe
-    known: set[str] = set()
-    for done, number in enumerate(safe, start=1):
-        for outcome in _recorded_drivers(plan, number, space.concrete(number)):
-            known.add(outcome.case.key)
-            if not store.holds(outcome.case):
-                store.add(outcome)
-        work.check()
-        progress(f"{name}: drivers", done, len(safe))
-    _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
+def _stages(space: Space, plan: Planner) -> list[_Stage]:
+    """What is simulated in one logical scenario: ADSs, references, synthetic drivers."""
+    name, points, drivers = space.logical.name, len(space.numbers), plan.settings.drivers
+    found = [_Stage(f"{name}: ADSs", name, "ads", plan.ads(space), points * len(plan.settings.ads))]
+    for role, words in REFERENCES.items():
+        found.append(_Stage(f"{name}: {words}", name, role, plan.reference(space, role), points))
+    if drivers.source == "synthetic":
+        total = len(space.safe) * drivers.count * space.logical.has_drivers
+        found.append(_Stage(f"{name}: drivers", name, "human", plan.humans(space), total))
+    return found
 
 
 def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progress: Progress) -> None:
-    """Recorded drives at every safe point, and synthetic drivers where they are too few and shall be filled up."""
+    """The drives that the source of drivers has for every safe point, and synthetic drivers where recorded ones are too
+    few and shall be filled up.
+    """
+    name, settings, safe = space.logical.name, plan.settings.drivers, space.safe
+    recorded = settings.source == RECORDED
+    fills = recorded and settings.too_thin == "fill" and space.logical.has_drivers
+    drives = _recorded_drives(plan, space) if recorded else partial(_own_drives, plan)
+    known: set[str] = set()
+    fill: list[Case] = []
+    for done, number in enumerate(safe, start=1):
+        concrete = space.concrete(number)
+        found = list(drives(number, concrete))
+        for outcome in found:
+            known.add(outcome.case.key)
+            if not store.holds(outcome.case):
+                store.add(outcome)
+        if fills and len(found) < settings.least:
+            fill += plan.synthetic(number, concrete, settings.least - len(found))
+        work.check()
+        progress(f"{name}: {'recorded ' * recorded}drivers", done, len(safe))
+    if fill:
+        work.do([_Stage(f"{name}: drivers where too few are recorded", name, "human", fill, len(fill))])
+    known |= {case.key for case in fill}
+    _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
+
+
+def _recorded_drives(plan: Planner, space: Space) -> Callable[[int, ConcreteScenario], Iterator[Outcome]]:
+    """What gives the drives of people who were recorded in events like a concrete scenario."""
     from sumo_eval.drivers.recorded.reference import (  # pandas, which synthetic drivers do not need
         open_people,
         reference,
     )
 
-    name, settings = space.logical.name, plan.settings.drivers
+    settings = plan.settings.drivers
     people = open_people(settings, plan.source)
-    known: set[str] = set()
-    fill: list[Case] = []
-    safe = space.safe
-    for done, number in enumerate(safe, start=1):
-        concrete = space.concrete(number)
+
+    def drives(number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
         found = reference(concrete, people, settings, space.logical.recorded)
         for index, (drive, who) in enumerate(zip(found.drives, found.names, strict=True)):
-            case = plan.recorded_person(number, concrete, index)
-            known.add(case.key)
-            if not store.holds(case):
-                store.add(Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=who))
-        if settings.too_thin == "fill" and len(found.drives) < settings.least and space.logical.has_drivers:
-            fill += plan.synthetic(number, concrete, settings.least - len(found.drives))
-        work.check()
-        progress(f"{name}: recorded drivers", done, len(safe))
-    if fill:
-        work.do([_Stage(f"{name}: drivers where too few are recorded", name, "human", fill, len(fill))])
-    known |= {case.key for case in fill}
-    _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
+            case = plan.human(number, concrete, f"recorded_{index:02d}")
+            yield Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=who)
+
+    return drives
 
 
 def find_stale(store: Store, source: Path) -> tuple[str, ...]:
@@ -376,7 +365,7 @@ def _forget(store: Store, cases: Iterable[str]) -> None:
         store.remove(found)
 
 
-def _recorded_drivers(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
+def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
     """The trajectories that the user's function has for a concrete scenario, as cases beside the simulated ones."""
     locator = plan.settings.drivers.source
     reference: Callable[[ConcreteScenario], Iterable[object]] = load_object(locator, plan.source, "Human reference")
@@ -394,5 +383,5 @@ def _recorded_drivers(plan: Planner, number: int, concrete: ConcreteScenario) ->
                 f"The human reference `{locator}` must return Trajectory objects, got {type(trajectory).__name__} "
                 f"for {concrete.scenario} at {concrete.label}."
             )
-        case = plan.recorded_human(number, concrete, index)
+        case = plan.human(number, concrete, f"driver_{index:02d}")
         yield Outcome(case, "ok", Recording(trajectory, {}, None, "recorded"))
