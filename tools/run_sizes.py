@@ -1,13 +1,7 @@
 """What is made of all rows of a run costs: processor time and peak memory, by size.
 
-    python tools/run_sizes.py prepare FOLDER CASES             so many made-up rows
-    python tools/run_sizes.py rows FOLDER CASES ROUNDS [PART ...]
-                                                               what comes of these rows, each part in a process of its
-                                                               own: scores, intervals, confidence, tables, JUnit,
-                                                               ledgers, page, evidence; without PART all but the
-                                                               intervals with all their replicates
-
-Seconds are of processor time, children included.
+python tools/run_sizes.py FOLDER CASES PART     one part (scores, intervals, confidence, tables, JUnit, ledgers,
+page, evidence), after `prepare(FOLDER, CASES)`
 """
 
 from __future__ import annotations
@@ -19,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import fields, replace
 from pathlib import Path
@@ -262,17 +256,9 @@ def held(what: str) -> float:
 
 def measured(folder: Path, cases: int, name: str) -> dict[str, float]:
     """What `part` says, in a process of its own."""
-    words = [sys.executable, __file__, "part", str(folder), str(cases), name]
+    words = [sys.executable, __file__, str(folder), str(cases), name]
     found: dict[str, float] = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
     return found
-
-
-def from_rows(folder: Path, cases: int, names: Sequence[str], rounds: int) -> None:
-    """A line for each part: the least processor time of some rounds, the most memory."""
-    for name in names:
-        found = [measured(folder, cases, name) for _ in range(rounds)]
-        took, most = min(one["seconds"] for one in found), max(one["most"] for one in found)
-        print(f"{cases} cases, {name}: {took:.2f} s, {1e6 * took / cases:.2f} us a case, {most:.0f} MB", flush=True)
 
 
 def made_up_row() -> CaseResult:
@@ -320,12 +306,5 @@ def another(row: CaseResult, number: int) -> CaseResult:
 
 
 if __name__ == "__main__":
-    task, place, *rest = sys.argv[1:]
-    if task == "prepare":
-        prepare(Path(place), int(rest[0]))
-    elif task == "rows":
-        from_rows(Path(place), int(rest[0]), rest[2:] or [name for name in PARTS if name != "intervals"], int(rest[1]))
-    elif task == "part":
-        part(Path(place), int(rest[0]), rest[1])
-    else:
-        raise SystemExit(__doc__)
+    _, where, count, what = sys.argv
+    part(Path(where), int(count), what)
