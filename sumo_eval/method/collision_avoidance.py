@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -116,10 +116,10 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     to_face = np.divide(towards, np.abs(direction), out=np.full(start.shape, np.inf), where=moves)
     to_box = np.maximum(to_face.min(axis=1), 1.0)  # t = 1 is x_i itself, which is in the box
 
-    def inside(rays: IntArray, t: FloatArray, hazardous: Callable[[ArrayLike], BoolArray]) -> BoolArray:
+    def inside(rays: IntArray, t: FloatArray) -> BoolArray:
         unit = np.clip(start[rays] + t[:, None] * direction[rays], 0.0, 1.0)
         points = partition.logical.from_unit(unit)
-        return np.asarray(hazardous(points) & partition.exists(points))
+        return np.asarray(partition.hazardous(points) & partition.exists(points))
 
     low: FloatArray = np.zeros(len(start))
     high: FloatArray = to_box.copy()
@@ -129,7 +129,7 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
         shares = np.arange(first, min(first + AT_ONCE, steps + 1)) / steps
         t = np.column_stack([low[marching], to_box[marching, None] * shares])
         samples = np.repeat(marching, len(shares)), t[:, 1:].ravel()
-        stays = inside(*samples, partition.hazardous_among_many).reshape(-1, len(shares))
+        stays = inside(*samples).reshape(-1, len(shares))
         stayed = np.argmin(np.column_stack([stays, np.zeros(len(t), dtype=bool)]), axis=1)  # steps before the first out
         rows, leaves = np.arange(len(t)), stayed < len(shares)
         low[marching] = t[rows, stayed]
@@ -140,7 +140,7 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     every = np.arange(len(start))
     for _ in range(BISECTIONS):
         middle = (low + high) / 2.0
-        stays = inside(every, middle, partition.hazardous)
+        stays = inside(every, middle)
         low, high = np.where(stays, middle, low), np.where(stays, high, middle)
     return high
 

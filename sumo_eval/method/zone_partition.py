@@ -51,7 +51,6 @@ SEARCHED_AT_ONCE = 4_000  # points whose criticality is searched over time in on
 ADDED_AT_ONCE = 500  # training points added in one refinement, at most
 SEARCHED_WINDOW = 1e-3  # of the box, where the search for a most dangerous point ends if criticality is searched
 FEW_POINTS = 8  # asked for at once, whose distances are taken without scipy
-SMALLEST = 1e-25  # error of a sum in single precision, besides its share: what is below the least number it knows
 NUDGE = 1e-6  # unit-box lengths, for derivatives of a scenario's own coordinates
 EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
 ERROR_WORTH_A_NOTE = 0.01  # share of the space
@@ -103,37 +102,6 @@ class Surface:
         for rows in self._blocks(len(x)):
             y[rows] += self._covariance(x[rows]) @ self.weights
         return y
-
-    def at_most_zero(self, unit_points: FloatArray) -> BoolArray:
-        """Where y <= 0 at points (n, k) of the parameters' unit box, (n,): `value` where single precision cannot tell.
-
-        One product of matrices gives the exponents of a block. Its rounding and that of the sums stay below a share of
-        sum_i |weight_i| cov_i; where |y| is larger than that, its sign is that of `value`. That is a third of the time.
-        """
-        if len(self.points) == 0:
-            return np.asarray(self.value(unit_points) <= 0.0)
-        middle = self.points.mean(axis=0)  # distances from the middle: the smaller the numbers, the smaller their error
-        x, points = ((rows - middle) / self.length_scales for rows in (self.coordinates(unit_points), self.points))
-        own = -0.5 * np.sum(points**2, axis=1)
-        right = np.column_stack([points, np.ones(len(points)), own]).T.astype(np.float32)
-        sums = (self.signal_deviation**2 * np.column_stack([self.weights, np.abs(self.weights)])).astype(np.float32)
-        unit, terms = 0.5 * float(np.finfo(np.float32).eps), x.shape[1] + 2
-        longest = float(np.sqrt(-2.0 * own.min()))
-        below: BoolArray = np.zeros(len(x), dtype=np.bool_)
-        unknown: BoolArray = np.ones(len(x), dtype=np.bool_)
-        for rows in self._blocks(len(x)):
-            some = x[rows]
-            length = np.linalg.norm(some, axis=1)
-            left = np.column_stack([some, -0.5 * length**2, np.ones(len(some))]).astype(np.float32)
-            covariance = left @ right
-            np.exp(covariance, out=covariance)
-            y, most = (covariance @ sums).T.astype(np.float64)
-            exponent = (terms + 2) * unit * (length * longest + 0.5 * length**2 + 0.5 * longest**2)
-            error = (np.expm1(exponent) + (len(points) + 8) * unit) * most + SMALLEST
-            unknown[rows] = ~(np.abs(y) > 1.1 * error)
-            below[rows] = y <= 0.0
-        below[unknown] = self.value(unit_points[unknown]) <= 0.0
-        return below
 
     def gradient(self, unit_points: FloatArray) -> FloatArray:
         """Derivative of Eq. 8 by each unit parameter, (n, k)."""
@@ -210,11 +178,6 @@ class ZonePartition:
     def hazardous(self, points: ArrayLike) -> BoolArray:
         """Where y <= 0: the zones' form, for maps and for the weights of Eq. 16."""
         return np.asarray(self.predicted(points) <= 0.0)
-
-    def hazardous_among_many(self, points: ArrayLike) -> BoolArray:
-        """Where y <= 0, quicker for many points: single precision says it of all that do not lie near the boundary."""
-        unit = _checked_unit(self.logical, points)
-        return self.surface.at_most_zero(unit.reshape(-1, unit.shape[-1])).reshape(unit.shape[:-1])
 
     def exactly_hazardous(self, points: ArrayLike) -> BoolArray:
         """Where max ITTC itself, in closed form or searched over time, reaches its threshold.
@@ -480,7 +443,7 @@ def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
     if n < 1:
         raise must_be("`n`", "`boundary_error`", "at least 1", n)
     points = zones.logical.from_unit(steadily(len(zones.logical.parameters), n))
-    wrong = zones.hazardous_among_many(points) != exactly_hazardous(zones.logical, points, zones.settings)
+    wrong = zones.hazardous(points) != exactly_hazardous(zones.logical, points, zones.settings)
     feasible = zones.logical.feasible(points)
     return BoundaryError(float(wrong.mean()), float(wrong[feasible].mean()) if feasible.any() else math.nan)
 
@@ -926,7 +889,7 @@ class _DangerSearch:
         points = points[self.logical.feasible(points)]
         unit = self.logical.to_unit(points)
         nearest = self.zone_index[self.zone_tree.query(unit)[1]]
-        return np.asarray(points[self.surface.at_most_zero(unit) & (nearest == zone)])
+        return np.asarray(points[(self.surface.value(unit) <= 0.0) & (nearest == zone)])
 
     def _worst(self, points: FloatArray) -> FloatArray:
         inverse, impact, gap = _criticality(self.logical, points, self.settings)

@@ -145,34 +145,6 @@ class Changes(Sequence[ChangedCase]):
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class InTurn(Sequence[ChangedCase]):
-    """Changed cases of several ADSs and scenarios, one after the other."""
-
-    parts: tuple[Changes, ...]
-
-    def __len__(self) -> int:
-        return sum(map(len, self.parts))
-
-    @overload
-    def __getitem__(self, place: int) -> ChangedCase: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> Sequence[ChangedCase]: ...
-
-    def __getitem__(self, place: int | slice) -> ChangedCase | Sequence[ChangedCase]:
-        if isinstance(place, slice):
-            return [self[one] for one in range(*place.indices(len(self)))]
-        left = place + len(self) if place < 0 else place
-        if left < 0:
-            raise IndexError(place)
-        for part in self.parts:
-            if left < len(part):
-                return part[left]
-            left -= len(part)
-        raise IndexError(place)
-
-
 @dataclass(frozen=True, slots=True)
 class QuantityChange:
     """A quantity in both runs. low, high: interval of the DIFFERENCE; None where the quantity is missing in a run."""
@@ -250,14 +222,14 @@ class Comparison:
         return not lost and all(one.identical == one.pairs for one in self.ads)
 
     @property
-    def worse(self) -> Sequence[ChangedCase]:
-        """Every case in which the new run did worse."""
-        return InTurn(tuple(one.changed.worse for one in self.ads))
+    def worse(self) -> int:
+        """Number of cases in which the new run did worse."""
+        return sum(len(one.changed.worse) for one in self.ads)
 
     @property
-    def better(self) -> Sequence[ChangedCase]:
-        """Every case in which the new run did better."""
-        return InTurn(tuple(one.changed.better for one in self.ads))
+    def better(self) -> int:
+        """Number of cases in which the new run did better."""
+        return sum(len(one.changed.better) for one in self.ads)
 
 
 def builds_besides(builds: Mapping[str, str], comparison: Comparison | None) -> list[str]:

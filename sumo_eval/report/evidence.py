@@ -179,7 +179,7 @@ def _preventable(
 ) -> Claim:
     """In the words of assessors: unpreventable for a skilled driver, preventable for the ADS."""
     row = next(it for it in preventability(evaluation) if (it.ads, it.scenario) == (score.ads, score.scenario))
-    against = cases[verdicts(evaluation, score).among("preventable", "undecided")]
+    against = cases[np.isin(verdicts(evaluation, score), ["preventable", "undecided"])]
     skilled = reference_ads(evaluation.settings) or "the ideal vehicle"
     undecided = row.undecided + row.not_evaluated
     verdict: Verdict = "not supported" if row.preventable else "open" if undecided else "supported"

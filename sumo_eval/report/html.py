@@ -221,7 +221,7 @@ def _group(
     cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     scores = [score for score in evaluation.scores if score.scenario == logical.name]
-    found = {verdict for score in scores for verdict, number in verdicts(evaluation, score).numbers().items() if number}
+    found = {verdict for score in scores for verdict in np.unique(verdicts(evaluation, score)).tolist()}
     collided, evaluated, off_road = cases.collided, cases.evaluated, cases.off_road | cases.departed
     became = {
         "collision": collided,

@@ -111,7 +111,7 @@ def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[Told]:
         for place, case in shown.among(cases):
             avoided, c_lost, a_lost = (None if math.isnan(value) else value for value in numbers[:, place].tolist())
             why = why_missing(case) if missing[place] else None
-            found.append(Told(case, why, avoided, c_lost, a_lost, judged[place]))
+            found.append(Told(case, why, avoided, c_lost, a_lost, str(judged[place])))
     return found
 
 

@@ -7,9 +7,10 @@ the same run, `[report] reference`, or the ideal vehicle where the run has none.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args, overload
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,39 +86,8 @@ def reference_sentence(settings: EvaluationSettings) -> str:
     )
 
 
-_CODES: Mapping[Verdict, int] = {verdict: code for code, verdict in enumerate(get_args(Verdict))}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Verdicts(Sequence[Verdict]):
-    """The verdicts on many cases, in their order. codes: the place of each among all that there are, (n,)."""
-
-    codes: NDArray[np.uint8]
-
-    def __len__(self) -> int:
-        return len(self.codes)
-
-    @overload
-    def __getitem__(self, place: int) -> Verdict: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> Verdicts: ...
-
-    def __getitem__(self, place: int | slice) -> Verdict | Verdicts:
-        return Verdicts(self.codes[place]) if isinstance(place, slice) else tuple(_CODES)[self.codes[place]]
-
-    def numbers(self) -> dict[Verdict, int]:
-        """How many cases have each verdict."""
-        found = np.bincount(self.codes, minlength=len(_CODES)).tolist()
-        return dict(zip(_CODES, found, strict=True))
-
-    def among(self, *wanted: Verdict) -> BoolArray:
-        """Which cases have one of these, (n,)."""
-        return np.isin(self.codes, [_CODES[one] for one in wanted])
-
-
-def verdicts(evaluation: Evaluation, score: ScenarioResult) -> Verdicts:
-    """The verdict on every case of one ADS in one scenario."""
+def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
+    """The verdict on every case of one ADS in one scenario, (n,)."""
     cases, reference = evaluation.cases_of(score.ads, score.scenario), reference_ads(evaluation.settings)
     if reference is None:
         # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it is not known. Its
@@ -125,7 +95,7 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> Verdicts:
         beside = cases.ideal_collided
     else:
         beside = _incidents_at(cases, evaluation.cases_of(reference, score.scenario))
-    found = np.full(len(cases), _CODES["avoided"], dtype=np.uint8)
+    found = np.full(len(cases), "avoided", dtype=f"U{max(map(len, get_args(Verdict)))}")
     rules: tuple[tuple[Verdict, BoolArray], ...] = (
         ("better", beside == 1.0),
         ("preventable", _incident(cases)),
@@ -134,8 +104,8 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> Verdicts:
         ("not evaluated", ~cases.counted),
     )
     for verdict, holds in rules:  # of several that hold it is the last
-        found[holds] = _CODES[verdict]
-    return Verdicts(found)
+        found[holds] = verdict
+    return found
 
 
 def _incident(cases: CaseTable) -> BoolArray:
@@ -158,7 +128,7 @@ def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
     rows = []
     for score in evaluation.scores:
         here, there = verdicts(evaluation, score), evaluation.cases_of(score.ads, score.scenario)
-        count = here.numbers()
+        count = Counter(here.tolist())
         rows.append(
             Preventability(
                 ads=score.ads,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -79,8 +80,12 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
     comparison = beside.comparison
     if comparison is None and not beside.gates and not beside.notes:
         return None
-    changed = [*comparison.worse[:MOST_CHANGED], *comparison.better[:MOST_CHANGED]] if comparison else []
-    of = len(comparison.worse) + len(comparison.better) if comparison else 0
+    found = [one.changed for one in comparison.ads] if comparison else []
+    changed = [
+        *islice((case for one in found for case in one.worse), MOST_CHANGED),
+        *islice((case for one in found for case in one.better), MOST_CHANGED),
+    ]
+    of = sum(map(len, found))
     return {
         "verdict": verdict_of(comparison, beside.gates, evaluation),
         "failed": any(gate.passed is False for gate in beside.gates),

@@ -46,7 +46,7 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
     if bad and all(gate.quantity == "pairs" for gate in bad):
         return "incomplete", f"INCOMPLETE beside {base}: {bad[0].sentence}"
     if bad:
-        moved = f"{count(len(comparison.worse), 'case')} got worse, {len(comparison.better)} better"
+        moved = f"{count(comparison.worse, 'case')} got worse, {comparison.better} better"
         return "worse", f"WORSE than {base}: {count(len(bad), 'limit')} failed; {moved}"
     if comparison.identical:
         return "same", f"THE SAME as {base}: {count(comparison.pairs, 'case')} equal to the last bit"
@@ -55,7 +55,7 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
 
 def _changes(comparison: Comparison) -> str:
     """`2 cases got worse, 1 better, 5 changed by less than the tolerances`, or how many are equal to the last bit."""
-    worse, better = len(comparison.worse), len(comparison.better)
+    worse, better = comparison.worse, comparison.better
     equal = sum(one.identical for one in comparison.ads)
     less, lost = comparison.pairs - equal - worse - better, sum(one.lost for one in comparison.unpaired)
     words = [f"{count(worse, 'case')} got worse, {better} better"] if worse or better else []

@@ -322,27 +322,27 @@ def combine(
     terms = case_terms(cases, method)
     values = point_values(terms, method)
     c, d = values["c"], values["d"]
-    tally = _Tally.of(cases)
-    voiding = tally.voiding
-    missing = Counter(tally.missing)
-    if not voiding and people and tally.without_index:
-        missing["safe"] += tally.without_index
+    safe, collided, lacks, indexed = cases.safe, cases.collided, cases.missing, np.isfinite(cases.index)
+    safe_cases, safe_hits, voiding = _number(safe), _number(safe & collided), _number(cases.voids_index)
+    if not voiding and people:
+        lacks = lacks | (cases.counts_for_index & ~indexed)
+    missing = +Counter[Zone]({"safe": _number(lacks & safe), "hazardous": _number(lacks & ~safe)})
     c_interval = _c_interval(cases, method)
-    d_interval = _d_interval(cases) if tally.safe and not voiding and people else None
-    s_interval = _s_interval(c, d, c_interval, d_interval, tally.safe_not_evaluated, method)
-    others = missing_bounds(terms, cases.safe, method, people=people) if missing else {}
+    d_interval = _d_interval(cases) if safe_cases and not voiding and people else None
+    s_interval = _s_interval(c, d, c_interval, d_interval, _number(safe & ~cases.evaluated), method)
+    others = missing_bounds(terms, safe, method, people=people) if missing else {}
     if missing:
         notes.append(CasesMissing(tuple(sorted(missing.items()))))
         notes += _references_missing(cases)
     if s_interval:
         notes.append(WorstAndBest(c_interval, d_interval, s_interval))
-    if tally.struck:
-        notes.append(StruckFromBehind(tally.struck))
-    if tally.beaten:
-        notes.append(GentlerThanIdeal(tally.beaten))
-    if tally.safe_hits > voiding:
-        notes.append(IdealCollidesToo(tally.safe_hits - voiding, tally.safe_hits))
-    human = values["human_likeness"]
+    if struck := _number(cases.struck_from_behind):
+        notes.append(StruckFromBehind(struck))
+    if beaten := _number(collided & cases.beats_ideal):
+        notes.append(GentlerThanIdeal(beaten))
+    if safe_hits > voiding:
+        notes.append(IdealCollidesToo(safe_hits - voiding, safe_hits))
+    human, likened = values["human_likeness"], _number(safe & np.isfinite(cases.human_likeness))
     total = score_of(c, d, method.score)
     plus = plus_of(values["task_share"], values["avoidance_grade"], human, method.score)
     return ScenarioResult(
@@ -350,21 +350,21 @@ def combine(
         scenario=scenario,
         c=c,
         d=d,
-        d_reason=None if d is not None else _without_mean(tally.safe, voiding, tally.indexes, people=people),
+        d_reason=None if d is not None else _without_mean(safe_cases, voiding, _number(safe & indexed), people=people),
         s=total.total,
         c_points=total.c_points,
         d_points=total.d_points,
         cases=len(cases),
-        safe_cases=tally.safe,
-        hazardous_cases=len(cases) - tally.safe,
-        collisions=tally.hits,
-        safe_collisions=tally.safe_hits,
-        avoidable_collisions=tally.avoidable,
-        unavoidable_collisions=tally.unavoidable,
-        caused_collisions=tally.caused,
+        safe_cases=safe_cases,
+        hazardous_cases=len(cases) - safe_cases,
+        collisions=_number(collided),
+        safe_collisions=safe_hits,
+        avoidable_collisions=_number(cases.avoidable),
+        unavoidable_collisions=_number(cases.unavoidable),
+        caused_collisions=_number(cases.caused),
         collision_probability=_or_nan(values["collision_probability"]),
-        struck_from_behind=tally.struck,
-        off_road=tally.off_road,
+        struck_from_behind=struck,
+        off_road=_number(cases.off_road),
         not_evaluated=missing.total(),
         notes=tuple(notes),
         c_interval=c_interval,
@@ -372,75 +372,23 @@ def combine(
         s_interval=s_interval,
         task_share=values["task_share"],
         avoidance_grade=values["avoidance_grade"],
-        departures=int(np.count_nonzero(cases.departed)),
-        gave_up=int(np.count_nonzero(cases.gave_up)),
+        departures=_number(cases.departed),
+        gave_up=_number(cases.gave_up),
         task_reference=task_reference,
         avoided_share=values["avoided_share"],
         avoided_share_exposure=values["avoided_share_exposure"],
         regret=values["regret"],
         human_likeness=human,
-        h_reason=None if human is not None else _without_mean(tally.safe, 0, tally.likenesses, people=people),
+        h_reason=None if human is not None else _without_mean(safe_cases, 0, likened, people=people),
         s_plus=values["s_plus"],
         a_points=plus.a_points,
         h_points=plus.h_points,
-        avoided_share_interval=others.get("avoided_share"),
-        avoided_share_exposure_interval=others.get("avoided_share_exposure"),
-        regret_interval=others.get("regret"),
-        human_likeness_interval=others.get("human_likeness"),
-        s_plus_interval=others.get("s_plus"),
-        task_share_interval=others.get("task_share"),
-        avoidance_grade_interval=others.get("avoidance_grade"),
+        **{f"{name}_interval": ends for name, ends in others.items()},  # type: ignore[arg-type]
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Tally:
-    """Cases counted. voiding: collisions after which there is no D. missing: cases without an outcome or a reference,
-    by zone; without_index: others that should have a D_i. indexes, likenesses: safe cases that have D_i, and
-    human-likeness.
-    """
-
-    safe: int
-    hits: int
-    safe_hits: int
-    voiding: int
-    avoidable: int
-    unavoidable: int
-    caused: int
-    struck: int
-    beaten: int
-    off_road: int
-    missing: Mapping[Zone, int]
-    without_index: int
-    safe_not_evaluated: int
-    indexes: int
-    likenesses: int
-
-    @classmethod
-    def of(cls, cases: CaseTable) -> _Tally:
-        safe, collided, missing, indexed = cases.safe, cases.collided, cases.missing, np.isfinite(cases.index)
-        zones: tuple[tuple[Zone, BoolArray], ...] = (("safe", safe), ("hazardous", ~safe))
-
-        def number(flags: BoolArray) -> int:
-            return int(np.count_nonzero(flags))
-
-        return cls(
-            safe=number(safe),
-            hits=number(collided),
-            safe_hits=number(safe & collided),
-            voiding=number(cases.voids_index),
-            avoidable=number(cases.avoidable),
-            unavoidable=number(cases.unavoidable),
-            caused=number(cases.caused),
-            struck=number(cases.struck_from_behind),
-            beaten=number(collided & cases.beats_ideal),
-            off_road=number(cases.off_road),
-            missing={zone: number(missing & inside) for zone, inside in zones if (missing & inside).any()},
-            without_index=number(~missing & cases.counts_for_index & ~indexed),
-            safe_not_evaluated=number(safe & ~cases.evaluated),
-            indexes=number(safe & indexed),
-            likenesses=number(safe & np.isfinite(cases.human_likeness)),
-        )
+def _number(flags: BoolArray) -> int:
+    return int(np.count_nonzero(flags))
 
 
 def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:

@@ -13,7 +13,7 @@ from report_cases import hit, pick, with_case
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.report.comparison import Comparison, InTurn, compare
+from sumo_eval.report.comparison import Comparison, compare
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.terminal import moved_words
 from sumo_eval.results import Evaluation
@@ -63,7 +63,7 @@ def test_every_kind_of_change_is_found_and_named(evaluation: Evaluation) -> None
         forth, back = compare(evaluation, other, GATE), compare(other, evaluation, GATE)
         assert changes(forth) == [(worse, case.case)]
         assert changes(back) == [(better, case.case)]
-        assert len(forth.worse) == len(back.better) == 1
+        assert forth.worse == back.better == 1
         assert not forth.better
         assert not back.worse
 
@@ -74,7 +74,7 @@ def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(evaluat
     )
     less = (likened.human_likeness or 0.0) - 0.2
     other = with_case(evaluation, likened.case, lambda case: replace(case, human_likeness=less))
-    (item,) = compare(evaluation, other, GATE).worse
+    (item,) = (item for one in compare(evaluation, other, GATE).ads for item in one.changed.worse)
     assert (item.change, item.by) == ("less human", pytest.approx(-0.2))
     assert item.moved == {"H_i": pytest.approx(-0.2)}
     assert moved_words(item) == ["H_i -0.2"]
@@ -84,7 +84,7 @@ def test_a_new_collision_says_by_how_much_the_regret_grew(evaluation: Evaluation
     """The ideal vehicle avoids, so the regret of the case grows by U = 5 m/s, and A falls."""
     safe = pick(evaluation, collided=False)
     comparison = compare(evaluation, with_case(evaluation, safe.case, hit), GATE)
-    (item,) = comparison.worse
+    (item,) = (item for one in comparison.ads for item in one.changed.worse)
     assert item.moved["regret"] == pytest.approx(5.0)
     (change,) = [one.quantities["A"] for one in comparison.ads if (one.ads, one.scenario) == (safe.ads, safe.scenario)]
     assert change.difference is not None
@@ -209,12 +209,3 @@ def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused
     words = [item.words for item in compare(evaluation, other, GATE).differences]
     assert "version of numpy: not set in the base, 3.0 in the new run" in words
     assert "controller of calm: idm in the base, lane_changer in the new run" in words
-
-
-def test_changed_cases_of_several_parts_are_one_sequence() -> None:
-    both = InTurn((["a", "b"], [], ["c"]))  # type: ignore[arg-type]  # any sequences will do
-    assert [both[place] for place in (0, 1, 2, -1, -3)] == ["a", "b", "c", "c", "a"]
-    assert list(both) == both[:] == ["a", "b", "c"]
-    for outside in (3, -4):
-        with pytest.raises(IndexError):
-            both[outside]

@@ -65,7 +65,7 @@ def zone_map(asked: Asked) -> Figure:
     zones = zone_partitions(evaluation)[name]
     cases = evaluation.cases_of(who, name)
     view = _telling(choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name)), zones, cases)
-    judged = dict(zip((case.case for case in cases), verdicts(evaluation, evaluation.score(who, name)), strict=True))
+    judged = dict(zip(cases.case, verdicts(evaluation, evaluation.score(who, name)), strict=True))
     panels = range(len(view.panels))
     columns = min(len(panels), MOST_COLUMNS if asked.width == "page" else 2)
     rows = math.ceil(len(panels) / columns)
