@@ -19,12 +19,12 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.score_terms import excess
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Store, open_store
-from sumo_eval.report.bootstrap import paired_differences, quantities
+from sumo_eval.report.bootstrap import COMPARED, paired_differences
 from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.report.gate_settings import TIMED, GateSettings
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.case_terms import CaseTerms, case_terms
+from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
@@ -466,15 +466,14 @@ def _changes(paired: Paired, terms: tuple[CaseTerms, CaseTerms], settings: GateS
 def _quantity_changes(
     before: CaseTerms, after: CaseTerms, base: Evaluation, new: Evaluation, settings: GateSettings
 ) -> dict[str, QuantityChange]:
-    once = np.ones((1, len(before.collided)))
-    values = quantities(before, once, base.settings.method), quantities(after, once, new.settings.method)
+    values = point_values(before, base.settings.method), point_values(after, new.settings.method)
     drawn = paired_differences(
-        before, after, base.settings.method, new.settings.method, resamples=settings.resamples, seed=settings.seed
+        before, after, base.settings.method, new.settings.method, replicates=settings.resamples, seed=settings.seed
     )
     tail = (1.0 - settings.confidence) / 2.0
     changes = {}
-    for name in values[0]:
-        then, here = (None if (value := one[name]) is None else float(value[0]) for one in values)
+    for name, score in COMPARED.items():
+        then, here = (one[score] for one in values)
         spread = drawn.get(name)
         low = high = None
         if spread is not None and spread.size:

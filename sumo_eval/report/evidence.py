@@ -26,7 +26,6 @@ from sumo_eval.report.words import count, people_sentence
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scoring.confidence.intervals import LEVEL
 from sumo_eval.scoring.confidence.risk import risk
-from sumo_eval.settings.random_streams import random_stream
 
 FORMAT_VERSION = 1
 PAGE, PLAIN = "evidence.html", "evidence.json"
@@ -157,7 +156,7 @@ def _collisions(
             assumptions=assumptions,
         )  # fmt: skip
     loss = np.nan_to_num(judged.loss)
-    found = risk(exposure, loss, random_stream(evaluation.settings.seed, "risk", score.scenario, score.ads))
+    found = risk(exposure, loss, evaluation.settings.seed, (score.scenario, score.ads))
     it = found.collision_probability
     return _claim(
         score, "collisions",

@@ -17,7 +17,6 @@ from sumo_eval.scoring.confidence.further_cases import FurtherCases, further_cas
 from sumo_eval.scoring.confidence.intervals import LEVEL, SCORED, Interval
 from sumo_eval.scoring.confidence.risk import Risk, risk
 from sumo_eval.settings import MethodSettings
-from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
 FURTHER = 20  # cases that are proposed
@@ -89,7 +88,7 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition)
         score.scenario,
         intervals_of(score),
         score.half_widths_by_source,
-        risk(terms.exposure, loss, random_stream(settings.seed, "risk", score.scenario, score.ads)),
+        risk(terms.exposure, loss, settings.seed, (score.scenario, score.ads)),
         further_cases(zones.logical, points, influence(terms, settings.method), FURTHER),
     )
 

@@ -113,6 +113,11 @@ def of_one_number(stratum: IntArray) -> Strata:
     return Strata(order, np.append(np.flatnonzero(np.diff(stratum[order])) + 1, len(order)))
 
 
+def one_list(points: int) -> Strata:
+    """So many points, all of which may stand for each other."""
+    return Strata(np.arange(points), np.array([points]))
+
+
 def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> None:
     """Put the places of each list that will be halved in their order across its widest side. order: list behind list.
 

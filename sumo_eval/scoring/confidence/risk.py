@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sumo_eval.errors import must_be
 from sumo_eval.scoring.confidence.intervals import REPLICATES, Interval
-from sumo_eval.scoring.confidence.resamples import AT_ONCE
+from sumo_eval.scoring.confidence.resamples import one_list, resamples
 from sumo_eval.trajectory import FloatArray
 
 
@@ -26,12 +27,13 @@ class Risk:
 def risk(
     exposure: FloatArray,
     loss: FloatArray,
-    stream: np.random.Generator,
+    seed: int,
+    name: Sequence[str] = (),
     *,
     level: float = 0.95,
     replicates: int = REPLICATES,
 ) -> Risk:
-    """exposure: p (n,) of the evaluated cases. loss: L (n,), 0 without a collision.
+    """exposure: p (n,) of the evaluated cases. loss: L (n,), 0 without a collision. name: of the random stream.
 
     A bootstrap over the cases. Where no case, or every case, collided, a bootstrap knows no doubt: there the upper
     (lower) limit is the exact binomial one for the effective number of cases, 1 - (1 - level)/2 to the power 1/n.
@@ -40,12 +42,10 @@ def risk(
     if n < 2 or not exposure.sum() > 0.0:
         raise must_be("The cases", "a risk", "at least 2, with exposure above 0", n)
     hit = (loss > 0.0).astype(np.float64)
-    at_once = max(AT_ONCE // n, 1)
-    parts = []
-    for done in range(0, replicates, at_once):
-        counts = stream.multinomial(n, np.full(n, 1.0 / n), min(at_once, replicates - done))
-        parts.append([counts @ exposure, counts @ (exposure * hit), counts @ (exposure * loss)])
-    over, hits, losses = np.concatenate(parts, axis=1)
+    terms, sums = np.column_stack([exposure, exposure * hit, exposure * loss]), np.zeros((replicates, 3))
+    for part in resamples(one_list(n), replicates, seed, ("risk", *name)):
+        sums += part.counts @ terms[part.places]
+    over, hits, losses = sums.T
     drawn = over > 0.0
     effective = float(exposure.sum() ** 2 / np.sum(exposure**2))
     tail = (1.0 - level) / 2.0
