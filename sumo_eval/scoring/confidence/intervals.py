@@ -104,7 +104,7 @@ class ScoreIntervals:
 
 def score_intervals(
     judged: Sequence[Judged],
-    groups: Sequence[IntArray],
+    groups: Strata,
     method: MethodSettings,
     seed: int,
     scenario: str,
@@ -117,19 +117,18 @@ def score_intervals(
     """The intervals of all ADSs in one scenario. groups: of all its points (`strata`). even: its points in the unit
     box, (n, k), where they are balanced over it (`Balance`).
     """
-    lists = Strata.of(groups)
-    sums = [_Sums.of(one, lists.points, replicates, method) for one in judged]
+    sums = [_Sums.of(one, groups.points, replicates, method) for one in judged]
 
     def told(points: int, of: int) -> None:
         progress(f"{scenario}: resamples for the intervals", points * replicates // of, replicates)
 
-    for part in resamples(lists, replicates, seed, ("intervals", scenario), even=even, done=told):
+    for part in resamples(groups, replicates, seed, ("intervals", scenario), even=even, done=told):
         for of_one in sums:
             of_one.add(part)
     found = []
     for one, of_one in zip(judged, sums, strict=True):
         drawn = _Draws.of(one, seed, scenario, replicates)
-        found.append(_intervals(one, of_one.replicates(drawn), drawn, lists, method, level))
+        found.append(_intervals(one, of_one.replicates(drawn), drawn, groups, method, level))
     return found
 
 
@@ -364,7 +363,7 @@ def _intervals(
     one: Judged,
     found: _Replicates,
     drawn: _Draws,
-    groups: Sequence[IntArray],
+    groups: Strata,
     method: MethodSettings,
     level: float,
 ) -> ScoreIntervals:
@@ -401,9 +400,9 @@ def _intervals(
     return ScoreIntervals(limits, sources, found.worse["s_plus"], found.better["s_plus"])
 
 
-def _freedom(one: Judged, groups: Sequence[IntArray]) -> dict[str, int]:
+def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
     """Degrees of freedom of each score's error: points that have a part in it, less one in each group."""
-    group = Strata.of(groups).numbers()
+    group = groups.numbers()
 
     def free(part: BoolArray) -> int:
         places = group[one.points[part]]

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,23 +30,15 @@ _FLAT = 1e-9  # of the box: points that differ by less along a direction have no
 IntArray = NDArray[np.intp]
 
 
-class Strata(Sequence[IntArray]):
+@dataclass(frozen=True, slots=True, eq=False)
+class Strata:
     """Points that a replicate exchanges for each other, by their places: lists that lie one behind the other.
 
-    A list is made when it is asked for: half a million arrays of two places each are ten times what they hold. order:
-    all places, (n,). ends: where each list ends in it, (g,).
+    order: all places, (n,). ends: where each list ends in it, (g,).
     """
 
-    def __init__(self, order: IntArray, ends: IntArray) -> None:
-        self.order, self.ends = order, ends
-
-    @classmethod
-    def of(cls, groups: Sequence[IntArray]) -> Strata:
-        """These lists, which may be strata already."""
-        if isinstance(groups, Strata):
-            return groups
-        order = np.concatenate([np.empty(0, dtype=np.intp), *groups])
-        return cls(order, np.cumsum([len(group) for group in groups], dtype=np.intp))
+    order: IntArray
+    ends: IntArray
 
     @property
     def sizes(self) -> IntArray:
@@ -70,27 +61,6 @@ class Strata(Sequence[IntArray]):
     def points(self) -> int:
         """How many points they have together."""
         return len(self.order)
-
-    def __len__(self) -> int:
-        return len(self.ends)
-
-    def __iter__(self) -> Iterator[IntArray]:
-        first = 0
-        for end in map(int, self.ends):
-            yield self.order[first:end]
-            first = end
-
-    @overload
-    def __getitem__(self, place: int) -> IntArray: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> Sequence[IntArray]: ...
-
-    def __getitem__(self, place: int | slice) -> IntArray | Sequence[IntArray]:
-        if isinstance(place, slice):
-            return [self[one] for one in range(*place.indices(len(self)))]
-        one = range(len(self))[place]
-        return self.order[int(self.ends[one - 1]) if one else 0 : int(self.ends[one])]
 
 
 def strata(unit: FloatArray, method: str) -> Strata:
@@ -141,19 +111,18 @@ def _some_at_a_time(lists: IntArray, size: int) -> Iterator[IntArray]:
         yield lists[first : first + some]
 
 
-def same_sizes(groups: Sequence[IntArray]) -> list[tuple[int, IntArray]]:
+def same_sizes(groups: Strata) -> list[tuple[int, IntArray]]:
     """Groups of more than one point by their size: (size, places (g, size))."""
-    found = Strata.of(groups)
-    return [(size, found.of_size(size)) for size in np.unique(found.sizes).tolist() if size > 1]
+    return [(size, groups.of_size(size)) for size in np.unique(groups.sizes).tolist() if size > 1]
 
 
-def draw_counts(groups: Sequence[IntArray], replicates: int, stream: np.random.Generator) -> FloatArray:
+def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) -> FloatArray:
     """How often each point stands in each replicate, (m, n).
 
     From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and Wu 1988): so the
     variance of a mean is right for groups of two as well. A group of one stands in every replicate.
     """
-    counts = np.ones((replicates, Strata.of(groups).points))
+    counts = np.ones((replicates, groups.points))
     for size, same in same_sizes(groups):
         for rows in _rows_at_a_time(replicates, same.size):
             number = rows.stop - rows.start
@@ -196,12 +165,12 @@ class Balance:
     scale: float
 
     @classmethod
-    def of(cls, groups: Sequence[IntArray], unit: FloatArray) -> Balance | None:
+    def of(cls, groups: Strata, unit: FloatArray) -> Balance | None:
         """Of groups of points, (n, k) in the unit box; None with fewer than 2 k degrees of freedom in the groups, where
         a trend cannot be told from chance.
         """
         n, k = unit.shape
-        sizes = Strata.of(groups).sizes
+        sizes = groups.sizes
         if n - len(sizes) < 2 * k:
             return None
         about = unit - unit.mean(axis=0)  # 1 is orthogonal to every draw: each group has as many points as it has
@@ -251,7 +220,7 @@ class Resampled:
 
 
 def resamples(
-    groups: Sequence[IntArray],
+    groups: Strata,
     replicates: int,
     seed: int,
     name: Sequence[str],
@@ -265,11 +234,10 @@ def resamples(
     over it. name: of the random stream. done: told how many points have been drawn, and of how many; those of a
     balanced sample are drawn twice, because what balances them hangs on all of them.
     """
-    lists = Strata.of(groups)
     most = AT_ONCE // replicates
-    most = most if lists.points <= most else max(most // OF_MORE, 1)
-    blocks = list(_blocks(lists, most, replicates, seed, name))
-    balance = None if even is None else Balance.of(lists, even)
+    most = most if groups.points <= most else max(most // OF_MORE, 1)
+    blocks = list(_blocks(groups, most, replicates, seed, name))
+    balance = None if even is None else Balance.of(groups, even)
     passes = 1 if balance is None or len(blocks) == 1 else 2
     drawn_points = 0
 
@@ -277,7 +245,7 @@ def resamples(
         nonlocal drawn_points
         counts = block.draw()
         drawn_points += len(block.places)
-        done(drawn_points, passes * lists.points)
+        done(drawn_points, passes * groups.points)
         return counts
 
     if balance is None:

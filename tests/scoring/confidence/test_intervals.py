@@ -12,7 +12,7 @@ from sumo_eval.scoring.case_terms import CaseTerms, scores_of
 from sumo_eval.scoring.confidence import resamples as drawing
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, exchanges, stratified_deviations
 from sumo_eval.scoring.confidence.intervals import ONE_MORE, Judged, _with_one_more, score_intervals
-from sumo_eval.scoring.confidence.resamples import of_one_number, resamples, strata
+from sumo_eval.scoring.confidence.resamples import of_one_number, one_list, resamples, strata
 from sumo_eval.settings import DriverSettings, MethodSettings, PopulationSettings
 from sumo_eval.settings.random_streams import random_stream
 
@@ -40,12 +40,8 @@ def judged(n=60, *, ads="one", hazardous=None, drivers=NO_DEVIATIONS, **changes)
     return Judged(ads, CaseTerms(**terms), np.arange(n), marked, drivers)
 
 
-def by_chance(n):
-    return [np.arange(n)]
-
-
 def intervals(one, groups=None, *, seed=3, replicates=2_000):
-    (found,) = score_intervals([one], groups or by_chance(len(one.points)), METHOD, seed, "s", replicates=replicates)
+    (found,) = score_intervals([one], groups or one_list(len(one.points)), METHOD, seed, "s", replicates=replicates)
     return found
 
 
@@ -322,8 +318,8 @@ def test_no_digit_depends_on_who_else_is_judged_or_in_what_order():
     one = judged(drivers=drivers(0.05))
     other = judged(ads="other", severity=10.0 * hit, collided=hit, ratio=np.where(hit, 0.0, np.nan))
     alone = intervals(one)
-    first, _ = score_intervals([one, other], by_chance(60), METHOD, 3, "s")
-    _, last = score_intervals([other, one], by_chance(60), METHOD, 3, "s")
+    first, _ = score_intervals([one, other], one_list(60), METHOD, 3, "s")
+    _, last = score_intervals([other, one], one_list(60), METHOD, 3, "s")
     for found in (first, last):
         assert found.limits == alone.limits
         assert found.sources == alone.sources
@@ -342,9 +338,7 @@ def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, mon
     monkeypatch.setattr(drawing, "AT_ONCE", 3_000)  # 30 points with 100 replicates
     random = np.random.default_rng(5)
     unit = random.random((200, 2))
-    groups = {"even": strata(unit, "sobol"), "chance": by_chance(200), "numbered": of_one_number(unit[:, 0] // 0.3)}[
-        how
-    ]
+    groups = {"even": strata(unit, "sobol"), "chance": one_list(200), "numbered": of_one_number(unit[:, 0] // 0.3)}[how]
     even = unit if how == "even" else None
     at = random.permutation(200)[:170]  # the others could not be driven
     hit, safe = random.random(170) < 0.2, random.random(170) < 0.4

@@ -9,13 +9,20 @@ import pytest
 from sumo_eval.scoring.confidence import resamples as drawing
 from sumo_eval.scoring.confidence.resamples import (
     Balance,
+    Strata,
     draw_counts,
     of_one_number,
+    one_list,
     resamples,
     same_sizes,
     strata,
 )
 from sumo_eval.settings.random_streams import random_stream
+
+
+def lists(groups):
+    """The lists of strata."""
+    return np.split(groups.order, groups.ends[:-1])
 
 
 def halves(rows, unit):
@@ -31,13 +38,11 @@ def halves(rows, unit):
 def test_law_strata_are_the_halves_of_halves_in_their_order(n):
     unit = np.round(np.random.default_rng(n).random((n, 3)), 1)  # with equal places
     groups, plain = strata(unit, "sobol"), halves(np.arange(n), unit)
-    assert [group.tolist() for group in groups] == plain
-    assert [group.tolist() for group in groups[-2:]] == plain[-2:]
-    assert groups[-1].tolist() == plain[-1]
+    assert [group.tolist() for group in lists(groups)] == plain
     for size, same in same_sizes(groups):
         assert same.tolist() == [group for group in plain if len(group) == size]
     numbers = np.floor(unit[:, 0] * 3)
-    assert [group.tolist() for group in of_one_number(numbers)] == [
+    assert [group.tolist() for group in lists(of_one_number(numbers))] == [
         np.flatnonzero(numbers == one).tolist() for one in np.unique(numbers)
     ]
 
@@ -51,23 +56,23 @@ def test_law_strata_hold_two_numbers_a_point():
         held = tracemalloc.get_traced_memory()[0]
     finally:
         tracemalloc.stop()
-    assert len(groups) > n / 3
+    assert len(groups.ends) > n / 3
     assert held < 16 * n + 10_000, "bytes"
 
 
 def test_points_of_an_even_sample_stand_only_for_their_neighbours():
     unit = np.column_stack([np.repeat(np.arange(8) / 8, 4), np.tile(np.arange(4) / 4, 8)])
     groups = strata(unit, "grid")
-    assert sorted(np.concatenate(groups).tolist()) == list(range(32))
-    assert {len(group) for group in groups} == {2}
-    assert max(float(np.ptp(unit[group], axis=0).max()) for group in groups) <= 0.25
-    assert [group.tolist() for group in strata(unit, "latin_hypercube")] == [list(range(32))]
+    assert sorted(groups.order.tolist()) == list(range(32))
+    assert set(groups.sizes.tolist()) == {2}
+    assert max(float(np.ptp(unit[group], axis=0).max()) for group in lists(groups)) <= 0.25
+    assert [group.tolist() for group in lists(strata(unit, "latin_hypercube"))] == [list(range(32))]
 
 
 def test_each_replicate_holds_as_many_points_of_every_group_as_the_group_has():
-    groups = [np.array([0, 3]), np.array([1, 2, 4]), np.array([5])]
+    groups = Strata(np.array([0, 3, 1, 2, 4, 5]), np.array([2, 5, 6]))
     counts = draw_counts(groups, 4_000, np.random.default_rng(1))
-    for group in groups:
+    for group in lists(groups):
         assert counts[:, group].sum(axis=1) == pytest.approx(np.full(4_000, len(group)))
     # Of two, one is drawn and counts twice: the mean (a + b)/2 becomes a or b, with the variance (a - b)^2 / 4, which
     # is s^2 / 2 = ((a - b)^2 / 2) / 2
@@ -98,12 +103,12 @@ def test_replicates_of_an_even_sample_have_the_mean_place_of_its_points():
 
 @pytest.mark.parametrize("n", [40, 333, 1001])
 def test_law_what_balances_draws_is_summed_group_by_group_in_their_order(n):
-    """To the bit, for groups of two and three, of tens, and lists of them."""
+    """To the bit, for groups of two and three, and of tens."""
     unit = np.random.default_rng(n).random((n, 3))
-    for groups in (strata(unit, "sobol"), of_one_number(np.arange(n) % 7), list(strata(unit, "sobol"))):
+    for groups in (strata(unit, "sobol"), of_one_number(np.arange(n) % 7)):
         balance = Balance.of(groups, unit)
         free, lost = 0.0, 0.0
-        for rows in (group for group in groups if len(group) > 1):
+        for rows in (group for group in lists(groups) if len(group) > 1):
             free += len(rows)
             about = balance.trend[rows] - balance.trend[rows].mean(axis=0)
             lost += len(rows) / (len(rows) - 1) * float(np.sum(np.square(about)))
@@ -147,7 +152,7 @@ def test_law_parts_keep_lists_together_and_every_list_as_large_as_it_is(most, mo
     counts, drawn, parts = whole(groups, 500)
     assert np.array_equal(counts, drawn)
     assert (parts == 1) == (most >= 100)
-    for group in groups:
+    for group in lists(groups):
         assert counts[:, group].sum(axis=1) == pytest.approx(np.full(500, len(group)))
     if parts == 1:  # the numbers of the stream of that name, list by list
         plain = draw_counts(groups, 500, random_stream(3, "intervals", "s"))
@@ -160,7 +165,7 @@ def test_a_long_list_in_pieces_is_drawn_as_the_whole_list_is(most, monkeypatch):
     # replicates in which a point never stands (1 - 1/40)^39 = 0.3725. Two points of two pieces: covariance
     # -39 (40/39)^2 / 40^2 = -0.02564.
     monkeypatch.setattr(drawing, "AT_ONCE", most * 20_000)
-    counts, _, parts = whole([np.arange(40)], 20_000)
+    counts, _, parts = whole(one_list(40), 20_000)
     assert (parts == 1) == (most >= 40)
     values = np.linspace(-1.0, 2.0, 40)
     assert np.var(counts @ values) == pytest.approx(39 * (40 / 39) ** 2 * np.var(values), rel=0.03)
