@@ -18,7 +18,7 @@ Readings of the paper (docs/method.md) that this file is built on:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -267,109 +267,72 @@ def _indexes(
     }
     fields = _fields(comparisons, sets, shared)
 
-    def judged(one: _Comparison) -> _Judged:
+    def found(one: _Comparison) -> AnthropomorphicIndex:
         places = (one.pairing.ads, *one.pairing.drivers)
-        return _judge(
-            one,
-            drives,
-            slices[one.where],
-            np.array([lateral[place][number[one.where]] for place in places]),
-            fields[one.points].own,
-            fields[one.points].of(one.pairing.drivers),
-            road,
-            settings,
-        )
+        y = np.array([lateral[place][number[one.where]] for place in places])
+        return _index(one, drives, slices[one.where], y, fields[one.points], road, settings)
 
     indexes = []
     for pairing in pairings:
-        one = by_mode[settings.mode][pairing]
-        found = judged(one)
-        likeness = None
+        index = found(by_mode[settings.mode][pairing])
         if pairing.likeness:
-            mixture = found if settings.mode == MIXTURE else judged(by_mode[MIXTURE][pairing])
-            likeness = _likeness(drives, pairing, mixture.similarity)
-        indexes.append(_index(one, found, drives, slices[one.where], likeness, settings))
+            mixture = index if settings.mode == MIXTURE else found(by_mode[MIXTURE][pairing])
+            index = replace(index, likeness=_likeness(drives, pairing, mixture.similarity))
+        indexes.append(index)
     return indexes
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Judged:
-    """What comes of one comparison. terms: centre term times field term, (m, 7)."""
-
-    similarity: float
-    centre_similarity: float
-    field_similarity: float
-    terms: FloatArray
-    notes: tuple[IndexNote, ...]
-
-
-def _judge(
-    one: _Comparison,
-    drives: Sequence[_Drive],
-    slices: FloatArray,
-    centres: FloatArray,
-    own: FloatArray,
-    humans: FloatArray,
-    road: Road,
-    settings: AnthropomorphicSettings,
-) -> _Judged:
-    """Eq. 11 of one comparison. centres: y at the slices, the ADS's first, (1 + k, m). own, humans: the ADS's field at
-    their points, (m, 7), and the drivers', (k, m, 7).
-    """
-    drivers = [drives[place] for place in one.pairing.drivers]
-    ends = np.array([driver.whole.x[0] + driver.reach for driver in drivers])
-    centre_term, centre_notes = _centre_term(
-        slices, centres, slices <= ends[:, None] + SAME_PLACE, road, settings, one.choice
-    )
-    field_term, field_notes = _field_term(own, humans, settings, one.choice)
-    terms = centre_term[:, None] * field_term
-    usual = 1.0 if one.choice is None else one.choice.usual
-    return _Judged(
-        similarity=usual * float(terms.mean()),
-        centre_similarity=float(centre_term.mean()),
-        field_similarity=float(field_term.mean()),
-        terms=terms,
-        notes=(*centre_notes, *field_notes),
-    )
 
 
 def _index(
     one: _Comparison,
-    judged: _Judged,
     drives: Sequence[_Drive],
-    slices: FloatArray,
-    likeness: Likeness | None,
+    x: FloatArray,
+    y: FloatArray,
+    fields: _Fields,
+    road: Road,
     settings: AnthropomorphicSettings,
 ) -> AnthropomorphicIndex:
-    """D_i of one pairing."""
+    """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)) of one comparison.
+
+    f_L = min(1, L / mean of the drivers' L); f_n = min(1, mean of the drivers' n / n).
+    x: slices, (m,), m.
+    y: centres at the slices, the ADS's first, (1 + k, m), m.
+    fields: Eq. 9 at the points of the slices.
+    """
     ads, drivers = drives[one.pairing.ads], [drives[place] for place in one.pairing.drivers]
     choice = one.choice
-    operation_factor = _capped_ratio(
-        np.mean(np.array([driver.operations for driver in drivers])[one.compared]), ads.operations
-    )
+
+    ends = np.array([driver.whole.x[0] + driver.reach for driver in drivers])
+    centre_term, centre_notes = _centre_term(x, y, x <= ends[:, None] + SAME_PLACE, road, settings, choice)
+    field_term, field_notes = _field_term(fields.own, fields.of(one.pairing.drivers), settings, choice)
+    terms = centre_term[:, None] * field_term
+
+    similarity = (1.0 if choice is None else choice.usual) * float(terms.mean())
+    operations = np.array([driver.operations for driver in drivers])[one.compared]
+    operation_factor = _capped_ratio(np.mean(operations), ads.operations)
+
     return AnthropomorphicIndex(
-        value=one.length_factor * operation_factor * judged.similarity,
+        value=one.length_factor * operation_factor * similarity,
         length_factor=one.length_factor,
         operation_factor=operation_factor,
-        similarity=judged.similarity,
-        centre_similarity=judged.centre_similarity,
-        field_similarity=judged.field_similarity,
-        slices=slices,
-        slice_similarity=judged.terms.mean(axis=1),
+        similarity=similarity,
+        centre_similarity=float(centre_term.mean()),
+        field_similarity=float(field_term.mean()),
+        slices=x,
+        slice_similarity=terms.mean(axis=1),
         ads_length=ads.length,
         driver_lengths=tuple(driver.length for driver in drivers),
         ads_operations=ads.operations,
         driver_operations=tuple(driver.operations for driver in drivers),
         notes=(
             *_choice_notes(choice),
-            *judged.notes,
+            *centre_notes,
+            *field_notes,
             *_trajectory_notes(ads, drivers, settings),
             *_note(operation_factor == 0.0, "drivers_without_operation"),
         ),
         manoeuvre=() if choice is None else choice.manoeuvre,
         share=1.0 if choice is None else choice.share,
         usual=1.0 if choice is None else choice.usual,
-        likeness=likeness,
     )
 
 
