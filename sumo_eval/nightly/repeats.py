@@ -27,6 +27,7 @@ from sumo_eval.report.rule import (
     Repeats,
     floor_of,
     newly_bad,
+    severity_floor,
     severity_limit,
     worse_ends,
 )
@@ -100,8 +101,7 @@ def _floors(done: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings
     names = [measure.quantity for measure in (*settings.near_miss.measure, *settings.shift.measure)]
     once, twice = CaseTable.of(first), CaseTable.of(second)
     floors = {name: floor_of(getattr(twice, name) - getattr(once, name), settings.noise) for name in names}
-    severity = [Ends.of(part).severity for part in (once, twice)]
-    return floors | {"severity": floor_of(severity[1] - severity[0], settings.noise)}
+    return floors | {"severity": severity_floor(Ends.of(once), Ends.of(twice), settings.noise)}
 
 
 def bad_again(

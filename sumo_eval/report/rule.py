@@ -173,6 +173,12 @@ def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray
     return found | {"severity": (new.severity - base.severity > severity_by * (1.0 + LAST_DIGIT)) & ~fresh}
 
 
+def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
+    """Floor of U, m/s, of two drives of one build: among cases with a U. All others would hide how much it varies."""
+    contact = (once.severity > 0.0) | (twice.severity > 0.0)
+    return floor_of((twice.severity - once.severity)[contact], settings)
+
+
 def severity_limit(settings: GateSettings, repeats: Repeats) -> float:
     """max(0.5 m/s, 2 floors of U)."""
     return max(settings.outcome.severity_by, settings.outcome.floors * repeats.floors.get("severity", 0.0))

@@ -21,7 +21,7 @@ from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.report.comparison import Comparison, side_by_side
 from sumo_eval.report.gate_settings import GateSettings, MeasureSettings
 from sumo_eval.report.gates import failed, judge
-from sumo_eval.report.rule import Ends, Noise, Repeats, floor_of, severity_limit, worse_ends
+from sumo_eval.report.rule import Ends, Noise, Repeats, floor_of, severity_floor, severity_limit, worse_ends
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.scenario.sampling.request import Request
@@ -140,8 +140,8 @@ def repeats(run: Evaluation, first: str, second: str) -> Repeats:
     names = [measure.quantity for measure in watched()]
     before, after = CaseTable.of(once), CaseTable.of(twice)
     floors = {name: floor_of(getattr(after, name) - getattr(before, name), SETTINGS.noise) for name in names}
-    severity = [Ends.of(part).severity for part in (before, after)]
-    return Repeats(len(once), 0, floors | {"severity": floor_of(severity[1] - severity[0], SETTINGS.noise)})
+    severity = severity_floor(Ends.of(before), Ends.of(after), SETTINGS.noise)
+    return Repeats(len(once), 0, floors | {"severity": severity})
 
 
 Rows = Mapping[tuple[str, tuple[float, ...]], CaseResult]

@@ -15,12 +15,14 @@ from sumo_eval.report.comparison import compare
 from sumo_eval.report.gate_settings import GateSettings, MeasureSettings, NearMissSettings, NoiseSettings
 from sumo_eval.report.gates import GateResult, failed, judge
 from sumo_eval.report.rule import (
+    Ends,
     Noise,
     Repeats,
     floor_of,
     holm,
     kept_margin,
     only_improved,
+    severity_floor,
     sign_test,
     tolerance,
     worsening,
@@ -65,6 +67,14 @@ def test_floor_is_half_again_the_95th_percentile() -> None:
     differences = np.arange(21.0) * np.tile([1.0, -1.0, 1.0], 7)
     assert floor_of(differences, NoiseSettings()) == pytest.approx(28.5)
     assert floor_of(np.full(3, np.nan), NoiseSettings()) == 0.0
+
+
+def test_floor_of_u_is_that_of_cases_with_a_contact() -> None:
+    """19 of 20 cases end without contact; the other has U = 4, then 3 m/s: |d| = 1, the floor 1.5 m/s, not 0."""
+    never = np.zeros(20, dtype=bool)
+    once, twice = (Ends(never, never, never, never, never, np.where(np.arange(20) == 0, u, 0.0)) for u in (4.0, 3.0))
+    assert severity_floor(once, twice, NoiseSettings()) == pytest.approx(1.5)
+    assert severity_floor(once, once, NoiseSettings()) == 0.0
 
 
 def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail() -> None:
