@@ -11,6 +11,8 @@ MODULES = {
     "sumo_eval.adapters": "copy the adapter from docs/examples/adapters: `carla_agent.py:CarlaAgent?options.agent=...`",
 }
 """Modules that locators named, and what to do instead."""
+NAMES = {"Brake": "brake_to_stop", "ConstantLateral": "constant_lateral", "LaneChange": "lane_change"}
+"""Classes of `sumo_eval.scenario`, and the functions that make the same act for `Actor(acts=...)`."""
 COMMANDS = {
     "bench --whole": "`time sumo-eval run --out DIR` measures a whole evaluation, and `run` says when each stage ends",
     "humans coverage": "a run counts the recorded people behind each D_i: `recorded_drivers` in cases.csv",

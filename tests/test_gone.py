@@ -36,3 +36,8 @@ def test_removed_scenario_of_an_evaluation_says_where(tmp_path: Path, use: str) 
     result = CliRunner().invoke(main, ["run", str(evaluation), "--out", str(tmp_path / "run"), "--dry-run"])
     assert result.exit_code == 2
     assert "`[[require]]` of a scenario file" in " ".join(result.output.split())
+
+
+def test_removed_class_says_which_function_makes_its_act() -> None:
+    with pytest.raises(ImportError, match=r"`Brake` was removed: .*brake_to_stop"):
+        exec("from sumo_eval.scenario import Brake")

@@ -221,14 +221,14 @@ def test_machine_code_of_other_sources_lies_elsewhere(tmp_path, monkeypatch):
 def test_records_are_written_back_when_a_loop_is_interpreted():
     def loop(rows, times):
         for i in range(len(rows)):
-            rows[i].start.x += times[i]
+            rows[i].before.x += times[i]
             rows[i].told = i
 
     world = World(points("cut_in", 997), SETTINGS)
     rows = world.others[:, 0].copy()
-    expected = rows["start"]["x"] + 1.0
+    expected = rows["before"]["x"] + 1.0
     kernels._interpreted(loop)(rows, np.ones(len(rows)))
-    assert rows["start"]["x"].tolist() == expected.tolist()
+    assert rows["before"]["x"].tolist() == expected.tolist()
     assert rows["told"].tolist() == list(range(len(rows)))
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from sumo_eval.ads.perception import covers, safe_gap
 from sumo_eval.cosim.contact import Body, first_touch
 from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.method.criticality import ideal_impact_speed
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, LaneChange, Start
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -28,7 +27,6 @@ from sumo_eval.trajectory import FloatArray
 FOLLOWING_GAP = 1.6  # s to a vehicle ahead in the lane that is entered: the least of UN R157 from 60 km/h on
 _LOOK = 0.05  # s between two looks for the first sight of a hidden vehicle, whose instant is then bisected
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
-_PEAK_RATE = 1.875  # of `smooth_step_rate`
 _AHEAD = 0.01  # m on which the direction of a way is taken
 _STEERED = 0.005  # m by which a way may be driven otherwise than it lies (0.002 in every scenario that ships)
 _BEND = 1.0  # m by which bodies on a bent road may be nearer to each other than their places along and across it tell
@@ -57,22 +55,27 @@ class Foresight(NamedTuple):
 
 
 def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[Foresight, ...]:
-    """One `Foresight` for each of the other vehicles. settings: those of the case, its ego's body among them."""
-    ego, actors = concrete.ego, concrete.actors
+    """One `Foresight` for each of the other vehicles. settings: those of the case, its ego's body among them.
+
+    They do what they do while the ego keeps its speed; whoever reacts is taken to keep its speed, too.
+    """
+    ego, vehicle, step, told = concrete.ego, settings.vehicle, settings.step, []
     on_the_road = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
     until = min(settings.time_limit, on_the_road)
-    if concrete.lively:
-        return _foresee_lively(concrete, settings, until)
-    found = []
-    for actor in actors:
-        meets = first_meeting(ego, settings.vehicle, actor, settings.step, until, concrete.road.line) is not None
-        in_path = abs(actor.start.y - ego.y) < 0.5 * (actor.width + settings.vehicle.width)
-        changes = first_change(actor, caught_up=in_path and actor.start.speed < ego.speed)
-        nearer = [partial(_shape, other) for other in actors if other is not actor]
-        noticed = first_sight(ego, settings, partial(_shape, actor), nearer, changes, until)
-        slowest = actor.start.speed if actor.brake is None else 0.0
-        found.append(Foresight(noticed, meets, slowest, noticed > changes))
-    return tuple(found)
+    found = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
+    theirs = [_Track(actor, step, found.others[0, j]) for j, actor in enumerate(concrete.actors)]
+    for actor, track, begins in zip(concrete.actors, theirs, found.begins[0].tolist(), strict=True):
+        ahead = actor.start.x > ego.x
+        slower = actor.start.speed * math.cos(actor.heading) < ego.speed
+        caught_up = ahead and slower and _on_the_way(ego, actor, vehicle)
+        changes = 0.0 if caught_up or math.isinf(begins) else begins
+        nearer = [other.shape for other in theirs if other is not track]
+        noticed = first_sight(ego, settings, track.shape, nearer, changes, until)
+        reacts = actor.model is not None and not ahead  # it will not drive into whoever keeps its speed
+        meets = not reacts and _meets(ego, vehicle, track, until, concrete.road.line)
+        passes = ego.way is not None and not ahead  # it is let past: only who stands leads no one into it
+        told.append(Foresight(noticed, meets, 0.0 if passes else track.slowest, noticed > changes))
+    return tuple(told)
 
 
 def evasion(
@@ -91,7 +94,7 @@ def evasion(
     others = list(zip(concrete.actors, known, strict=True))
     round_whom = [
         actor for actor, told in others
-        if told.meets and told.hidden and math.isfinite(told.noticed) and not (actor.brake or actor.lane_changes)
+        if told.meets and told.hidden and math.isfinite(told.noticed) and not actor.acts
     ]  # fmt: skip
     if not settings.ideal_steers or concrete.lively or lane + 1 == road.lanes or not round_whom:
         return straight
@@ -134,70 +137,44 @@ def _on_the_way(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
 
 
 class _Track:
-    """Another vehicle as it moves while the ego keeps its speed, at any time between two looks."""
+    """Another vehicle as it moves while the ego keeps its speed. rows: at every step, as in `Tracks`."""
 
     def __init__(self, actor: Actor, step: float, rows: FloatArray) -> None:
-        self.length, self.width, self.slides, self.start = actor.length, actor.width, True, actor.start
-        self._step, self._rows = step, rows
+        self.actor, self.step, self.rows = actor, step, rows
 
-    def state(self, time: float) -> tuple[float, ...]:
-        """x, y, heading, speed and speed to the left of the heading."""
-        at = min(max(time / self._step, 0.0), len(self._rows) - 1.0)
-        k = min(int(at), len(self._rows) - 2)
-        return tuple((self._rows[k] + (at - k) * (self._rows[k + 1] - self._rows[k])).tolist())
-
-    def x(self, time: float) -> float:
-        """Place along the road, m."""
-        return self.state(time)[0]
-
-    def y(self, time: float) -> float:
-        """Place across the road, m."""
-        return self.state(time)[1]
-
-    def body(self, time: float) -> Body:
-        """The body at a time."""
-        x, y, heading, speed, across = self.state(time)
-        return Body(x, y, heading, speed, self.length, self.width, across)
+    def body(self, k: int) -> Body:
+        """The body after so many steps."""
+        x, y, heading, speed, across = self.rows[k].tolist()
+        return Body(x, y, heading, speed, self.actor.length, self.actor.width, across)
 
     def shape(self, time: float) -> _Shape:
-        """Where it is and how far it reaches."""
-        x, y, heading, _, _ = self.state(time)
+        """Where it is and how far it reaches, at any time: between two steps, if its script says no more."""
+        actor = self.actor
+        if actor.lively:
+            at = min(max(time / self.step, 0.0), len(self.rows) - 1.0)
+            k = min(int(at), len(self.rows) - 2)
+            x, y, heading, _, _ = (self.rows[k] + (at - k) * (self.rows[k + 1] - self.rows[k])).tolist()
+        else:
+            across = 0.0 if actor.slides else actor.lateral_speed(time)
+            x, y, heading = actor.x(time), actor.y(time), math.atan2(across, actor.speed(time)) if across else 0.0
         c, s = abs(math.cos(heading)), abs(math.sin(heading))
-        return _Shape(x, y, 0.5 * (self.length * c + self.width * s), 0.5 * (self.length * s + self.width * c))
+        half_length, half_width = 0.5 * actor.length, 0.5 * actor.width
+        return _Shape(x, y, half_length * c + half_width * s, half_length * s + half_width * c)
+
+    @property
+    def slowest(self) -> float:
+        """Its lowest speed along the road to come, m/s."""
+        if not self.actor.lively:
+            return self.actor.start.speed if self.actor.braking is None else 0.0
+        along = self.rows[:, 3] * np.cos(self.rows[:, 2]) - self.rows[:, 4] * np.sin(self.rows[:, 2])
+        return max(float(along.min()), 0.0)
 
 
-def _foresee_lively(concrete: ConcreteScenario, settings: SimulationSettings, until: float) -> tuple[Foresight, ...]:
-    """What is known of others whose scripts depend on what happens: what they do while the ego keeps its speed.
-
-    Whoever reacts is taken to keep its speed, too.
-    """
-    vehicle, step = settings.vehicle, settings.step
-    found = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
-    theirs = [_Track(actor, step, found.others[0, j]) for j, actor in enumerate(concrete.actors)]
-    ego, told = concrete.ego, []
-    for j, (actor, track) in enumerate(zip(concrete.actors, theirs, strict=True)):
-        rows = found.others[0, j]
-        in_path = _on_the_way(ego, actor, vehicle)
-        begins = float(found.begins[0, j])
-        caught_up = in_path and actor.start.x > ego.x and actor.start.speed * math.cos(actor.heading) < ego.speed
-        changes = 0.0 if caught_up or math.isinf(begins) else begins
-        nearer = [other.shape for other in theirs if other is not track]
-        noticed = first_sight(ego, settings, track.shape, nearer, changes, until)
-        along = rows[:, 3] * np.cos(rows[:, 2]) - rows[:, 4] * np.sin(rows[:, 2])
-        reacts = actor.model is not None and actor.start.x < ego.x  # it will not drive into whoever keeps its speed
-        meets = not reacts and _meets(ego, vehicle, track, found.others[0, j], step, until, concrete.road.line)
-        passes = ego.way is not None and actor.start.x < ego.x  # it is let past: only who stands leads no one into it
-        slowest = 0.0 if passes else max(float(along.min()), 0.0)
-        told.append(Foresight(noticed, meets, slowest, noticed > changes))
-    return tuple(told)
-
-
-def _meets(
-    ego: Start, vehicle: VehicleSettings, track: _Track, rows: FloatArray, step: float, until: float, line: Line
-) -> bool:
+def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, until: float, line: Line) -> bool:
     """Whether an ego that keeps its speed and its lane touches another vehicle. line: of the road, none: straight."""
+    rows, step = track.rows, track.step
     times = np.arange(len(rows)) * step
-    reach = 0.5 * (vehicle.length + vehicle.width + track.length + track.width) + FASTEST * step * 0.1
+    reach = 0.5 * (vehicle.length + vehicle.width + track.actor.length + track.actor.width) + FASTEST * step * 0.1
     reach += _BEND if line else 0.0
     places = ego.x_after(ego.speed * times)
     near = np.abs(rows[:, 0] - places) < reach
@@ -206,18 +183,10 @@ def _meets(
         time, later = k * step, (k + 1) * step
         if time < until and first_touch(
             _ego_body(ego, vehicle, time, line), _ego_body(ego, vehicle, later, line),
-            _on_the_map(track.body(time), line), _on_the_map(track.body(later), line),
+            _on_the_map(track.body(k), line), _on_the_map(track.body(k + 1), line),
         ) is not None:  # fmt: skip
             return True
     return False
-
-
-def first_change(actor: Actor, *, caught_up: bool) -> float:
-    """When the state of another vehicle first changes, s; 0 for one that the ego catches up with as it is."""
-    moves = [move.begin for move in actor.lane_changes]
-    if actor.brake is not None:
-        moves.append(actor.brake.begin)
-    return 0.0 if caught_up else min(moves, default=0.0)
 
 
 def first_sight(
@@ -268,71 +237,6 @@ class _Shape(NamedTuple):
     half_width: float
 
 
-def _shape(actor: Actor, time: float) -> _Shape:
-    heading = _heading(actor, time)
-    c, s = math.cos(heading), abs(math.sin(heading))
-    along, across = 0.5 * (actor.length * c + actor.width * s), 0.5 * (actor.length * s + actor.width * c)
-    return _Shape(actor.x(time), actor.y(time), along, across)
-
-
-def _heading(actor: Actor, time: float) -> float:
-    across = 0.0 if actor.slides else actor.lateral_speed(time)
-    return math.atan2(across, actor.speed(time)) if across else 0.0
-
-
-def first_meeting(
-    ego: Start, vehicle: VehicleSettings, actor: Actor, step: float, until: float, line: Line = ()
-) -> float | None:
-    """When an ego that keeps its speed and its lane first touches another vehicle, s; None if not before `until`.
-
-    Steps in which the bodies cannot come together, whatever the script holds, are passed over; in the others contact
-    is what the harness would find. line: of the road, none: straight.
-    """
-    until = step * math.ceil(until / step)  # the step in which the case ends is driven to its end
-    speed, along = ego.speed, actor.start.speed
-    fastest_x = max(abs(speed - along), speed if actor.brake is not None else 0.0)
-    fastest_y = sum(_fastest(move) for move in actor.lane_changes)
-    turns = fastest_y > 0.0 and not actor.slides
-    reach_x = 0.5 * (vehicle.length + actor.length + (actor.width if turns else 0.0))
-    reach_y = 0.5 * (vehicle.width + actor.width + (actor.length if turns else 0.0))
-    if line:
-        reach_x, reach_y = reach_x + _BEND, reach_y + _BEND
-    count = 0
-    while count * step < until:
-        time = count * step
-        apart_x = abs(actor.x(time) - ego.x - speed * time) - reach_x
-        apart_y = abs(actor.y(time) - ego.y) - reach_y
-        clear = max(_time_over(apart_x, fastest_x), _time_over(apart_y, fastest_y))
-        if clear >= until:
-            return None
-        if clear >= step:
-            count += int(clear / step)
-            continue
-        later = time + step
-        share = first_touch(
-            _ego_body(ego, vehicle, time, line), _ego_body(ego, vehicle, later, line),
-            _on_the_map(_body(actor, time), line), _on_the_map(_body(actor, later), line),
-        )  # fmt: skip
-        if share is not None:
-            return time + share * step
-        count += 1
-    return None
-
-
-def _fastest(move: object) -> float:
-    """Largest speed of a lateral move, m/s."""
-    if isinstance(move, LaneChange):
-        return _PEAK_RATE * abs(move.offset) / move.duration
-    return float(move.speed)  # type: ignore[attr-defined]
-
-
-def _time_over(apart: float, speed: float) -> float:
-    """Time that a distance holds at most at a speed, s; 0 where there is none."""
-    if apart <= 0.0:
-        return 0.0
-    return apart / speed if speed > 0.0 else math.inf
-
-
 def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> Body:
     """The ego's body on the map.
 
@@ -356,8 +260,3 @@ def _on_the_map(body: Body, line: Line) -> Body:
         return body
     x, y, heading = map_places(line, body.x, body.y, body.heading)
     return body._replace(x=float(x), y=float(y), heading=float(heading))
-
-
-def _body(actor: Actor, time: float) -> Body:
-    heading = _heading(actor, time)
-    return Body(actor.x(time), actor.y(time), heading, actor.speed(time), actor.length, actor.width)

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sumo_eval.cosim.records import EGO, MOVER, Records
-from sumo_eval.cosim.step_rules import show, show_bend
+from sumo_eval.cosim.step_rules import show
 from sumo_eval.cosim.sumo.session import vehicles
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import described, write_way
@@ -24,8 +24,8 @@ from sumo_eval.scenario.road.reference_line import frame_places, knots_of
 def _show_rows(movers: Records, bodies: Any, line: Records, rear: float) -> None:
     for i in range(len(movers)):
         body = bodies[i]
-        show(movers[i], body[0], body[1], body[2], body[3], body[4], body[5])
-        show_bend(movers[i], body[4], body[5], line, rear if i == 0 else 0.0)
+        own = rear if i == 0 else 0.0
+        show(movers[i], body[0], body[1], body[2], body[3], body[4], body[5], line, own)
 
 
 def records(objects: Sequence[Any], layout: list[tuple[str, Any]]) -> Records:

@@ -83,7 +83,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
         driver.begin(world, stage)
         if world.errors:
             _end_rows(world, driver, stage)
-        egos, others, moves, clips, seen, shown, move, see = _arrays_and_code(world)
+        egos, others, clips, seen, shown, move, see = _arrays_and_code(world)
         tell, scenario, line = world.tell, world.scenario, world.line
         while world.going:
             after = world.steps + 1
@@ -95,9 +95,8 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             sampling = after % every == 0
             if sampling:
                 world.room_for_samples()
-            count = move(egos, others, moves, clips, tell, scenario, line, after, int(closely))
-            if world.players is not None:
-                count = world.play(now, count, closely)
+            count = move(egos, others, clips, tell, scenario, line, after, int(closely))
+            count = world.play(count, closely=closely, as_read=stage.as_read)
             moved = 1
             if world.may_leave(now):
                 count, gone = world.let_leave(now, count, as_read)
@@ -113,23 +112,21 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             stage.step()
             driver.after(world, now)
             stage.read(world)
-            if not as_read and stage.compares(world.steps):
+            if stage.compares(world.steps):
                 stage.compare(world)
             moved = 0
-            if world.players is not None:
+            if world.waits:
                 world.wake(now)
-            ended = see(
-                egos, others, moves, clips, seen, world.samples, shown, scenario, line, after, int(sampling), as_read
-            )
+            ended = see(egos, others, clips, seen, world.samples, shown, scenario, line, after, int(sampling), as_read)
             world.steps = after
             if ended:
                 _end_rows(world, driver, stage)
                 if egos is not world.egos:
-                    egos, others, moves, clips, seen, shown, move, see = _arrays_and_code(world)
+                    egos, others, clips, seen, shown, move, see = _arrays_and_code(world)
     except LeftTheRoadError:
         world.egos["reason"][0] = REASONS.index("off_road")
         world.room_for_samples()
-        stop_rows(world.egos, world.others, world.moves, world.samples, 0, moved)
+        stop_rows(world.egos, world.others, world.samples, 0, moved)
     except (ControllerError, SimulationError) as error:
         if len(world.cases) > 1:
             raise
@@ -147,14 +144,10 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
 
 def _arrays_and_code(world: World) -> tuple[Any, ...]:
     """The arrays of the rows that are held, until some are given up, and the two rules of a step for such arrays."""
-    egos, others, moves, clips, seen, shown = (
-        world.egos, world.others, world.moves, world.clips, world.seen, world.shown,
-    )  # fmt: skip
-    move = bound(move_rows, egos, others, moves, clips, world.tell, world.scenario, world.line, 1, 0)
-    see = bound(
-        see_rows, egos, others, moves, clips, seen, world.samples, shown, world.scenario, world.line, 1, 0, 0
-    )  # fmt: skip
-    return egos, others, moves, clips, seen, shown, move, see
+    egos, others, clips, seen, shown = world.egos, world.others, world.clips, world.seen, world.shown
+    move = bound(move_rows, egos, others, clips, world.tell, world.scenario, world.line, 1, 0)
+    see = bound(see_rows, egos, others, clips, seen, world.samples, shown, world.scenario, world.line, 1, 0, 0)
+    return egos, others, clips, seen, shown, move, see
 
 
 def _let_go(world: World, driver: Driver, row: int) -> None:
@@ -169,7 +162,7 @@ def break_off(world: World, error: ControllerError | SimulationError, moved: int
     """A single case cannot go on. moved: within a step, of which nothing counts."""
     world.fail(0, _fault(error), words_of(error, SENTENCE))
     world.room_for_samples()
-    stop_rows(world.egos, world.others, world.moves, world.samples, 0, moved)
+    stop_rows(world.egos, world.others, world.samples, 0, moved)
 
 
 def _end_rows(world: World, driver: Driver, stage: Stage) -> None:
@@ -240,8 +233,7 @@ class _Delayed:
 def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     """Ask the plant for the next state of the single ego, which the coming step then has."""
     ego = world.egos[0]
-    at = ego["map"] if len(world.line) else ego
-    place = (float(at[name]) for name in ("x", "y", "heading"))
+    place = (float(ego["map"][name]) for name in ("x", "y", "heading"))
     state = EgoState(*place, *(float(ego[name]) for name in ("speed", "acceleration", "steering")))
     before = state
     state, clips = plant.advance(state, command, world.settings.step)

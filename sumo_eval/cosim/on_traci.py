@@ -257,10 +257,8 @@ class OnTraci:
         calls, state = self._calls, self._state
         front_x, front_y = calls.getPosition(EGO)
         angle, speed = calls.getAngle(EGO), calls.getSpeed(EGO)
-        last_x, last_y, last_heading, last_speed = state[0], state[1], state[2], state[3]
-        last_s = last_x
-        if self._bent:
-            last_x, last_y, last_heading = self._world.egos["map"][0].tolist()
+        last_s, last_speed = state[0], state[3]
+        last_x, last_y, last_heading = self._world.egos["map"][0].tolist()
         if not (
             -LOST < front_x < LOST and -LOST < front_y < LOST and BACKWARDS < speed < FASTEST and 0.0 <= angle <= 360.0
         ):
@@ -282,8 +280,12 @@ class OnTraci:
             moved_x = front_x - last_x - self._half * math.cos(last_heading)
             moved_y = front_y - last_y - self._half * math.sin(last_heading)
         stretch = 1.0
+        self._world.egos["map"][0] = (x, y, heading)
         if self._bent:  # SUMO counts along the line, and on the map a vehicle beside it drives less or more
-            place, stretch = self._on_the_map(x, y, heading, last_s)
+            line = self._road.line
+            place = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
+            self._bend = float(curvatures(line, place[0]))
+            stretch = 1.0 - self._bend * place[1]
             moved_x, moved_y = math.hypot(moved_x, moved_y) / stretch, 0.0
         self._check_native_motion(moved_x, moved_y, speed, now)
         acceleration = (speed - self._lane_speed) / self._step
@@ -302,16 +304,6 @@ class OnTraci:
         if across:
             speed = math.hypot(speed, across)
         state[0], state[1], state[2], state[3], state[7] = x, y, heading, speed, acceleration
-
-    def _on_the_map(
-        self, x: float, y: float, heading: float, last_s: float
-    ) -> tuple[tuple[float, float, float], float]:
-        """Keep the ego's place on the map; its place in the frame, and metres there for a metre of the line."""
-        self._world.egos["map"][0] = (x, y, heading)
-        line = self._road.line
-        (s,), (d,), (turned,) = frame_places(line, [x], [y], [heading], near=last_s)
-        self._bend = float(curvatures(line, s))
-        return (float(s), float(d), float(turned)), 1.0 - self._bend * float(d)
 
     def _check_native_motion(self, ahead: float, across: float, speed: float, now: float) -> None:
         """TraCI calls can move the ego in ways no vehicle can. ahead, across: of the front bumper in the step, m.

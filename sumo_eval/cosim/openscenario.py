@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from lxml import etree
 
 from sumo_eval.cosim.sumo.sumo_files import EGO
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
+from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missing_at
 from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Trajectory
 
@@ -152,11 +153,12 @@ def openscenario_xml(
     act = etree.SubElement(story, "Act", name="others")
     known = {name: path for name, path in (driven or {}).items() if len(path) > 1}
     ego = known.get(EGO)
-    scripted = [actor for actor in concrete.actors if actor.lane_changes or actor.brake]
+    scripted = [actor for actor in concrete.actors if actor.acts and not actor.lively]
     recorded = [actor.name for actor in concrete.actors if actor.lively and actor.name in known]
-    for actor in scripted:
-        if actor.name not in recorded:
-            _manoeuvre(act, actor, settings.time_limit, concrete.road)
+    moved = tracks([concrete], [(vehicle.length, vehicle.width)], VERTEX_INTERVAL, settings.time_limit).others[0]
+    for actor, rows in zip(concrete.actors, moved.tolist(), strict=True):
+        if actor in scripted and actor.name not in recorded:
+            _follow(act, actor.name, _on_the_road(rows, concrete.road), concrete.road)
     for name in [*([] if ego is None else [EGO]), *recorded]:
         columns = (getattr(known[name], column).tolist() for column in ("time", "x", "y", "heading"))
         _follow(act, name, zip(*columns, strict=True), concrete.road)
@@ -198,18 +200,12 @@ def _box(parent: etree._Element, length: float, width: float) -> None:
     etree.SubElement(box, "Dimensions", width=_text(width), length=_text(length), height=_text(HEIGHT))
 
 
-def _manoeuvre(act: etree._Element, actor: Actor, time_limit: float, road: Road) -> None:
-    """Everything a scripted vehicle does, as one timed trajectory, until it leaves the road."""
-    vertices = []
-    for number in range(round(time_limit / VERTEX_INTERVAL) + 1):
-        time = round(number * VERTEX_INTERVAL, 6)
-        x = actor.x(time)
+def _on_the_road(rows: Sequence[Sequence[float]], road: Road) -> Iterator[tuple[float, float, float, float]]:
+    """Time, x, y and heading of a vehicle at every vertex, until it leaves the road. rows: as in `Tracks`."""
+    for number, (x, y, heading, *_) in enumerate(rows):
         if x > road.length + road.run_out:
-            break
-        along, across = actor.speed(time), actor.lateral_speed(time)
-        heading = 0.0 if actor.slides or across == 0.0 else math.atan2(across, along)
-        vertices.append((time, x, actor.y(time), heading))
-    _follow(act, actor.name, vertices, road)
+            return
+        yield round(number * VERTEX_INTERVAL, 6), x, y, heading
 
 
 def _follow(act: etree._Element, name: str, vertices: Iterable[tuple[float, float, float, float]], road: Road) -> None:

@@ -18,7 +18,7 @@ from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.cosim.records import REASONS
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.step_rules import move_rows, see_rows
-from sumo_eval.cosim.sumo.session import NOWHERE, libsumo, running
+from sumo_eval.cosim.sumo.session import libsumo, running
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import InputError, SimulationError, must_be
@@ -42,7 +42,6 @@ class Pack:
         self._context = ExitStack()
         self._stage: Stage | None = None
         if not sumo:
-            world.shown[...] = 2.0 * NOWHERE  # which says that SUMO shows nobody: the scripts say where they are
             return
         if cases[0].road.bent:
             raise InputError("Learning on a road that bends needs `sumo=False`.")
@@ -51,8 +50,7 @@ class Pack:
                 "libsumo holds one simulation in a process, and there is one already: close the other environment "
                 "first, or make this one with `sumo=False`."
             )
-        network = shared_network_xml(cases, own_lanes=True)  # a row's next case may not fit one lane
-        texts = network, shared_routes_xml(cases, self._settings.vehicle, own_lanes=True)
+        texts = shared_network_xml(cases), shared_routes_xml(cases, self._settings.vehicle)
         traci = self._context.enter_context(running(*texts, self._settings, collisions="none"))
         self._stage = Stage(traci, world)
         self._stage.take_charge(world)
@@ -76,12 +74,7 @@ class Pack:
         world.cases = [*world.cases[:row], concrete, *world.cases[row + 1 :]]
         for name in ("egos", "others", "clips", "seen"):
             getattr(world, name)[row] = getattr(fresh, name)[0]
-        moves = fresh.moves.shape[2]
-        if moves > world.moves.shape[2]:
-            grown = np.zeros((*world.moves.shape[:2], moves), world.moves.dtype)
-            grown[:, :, : world.moves.shape[2]] = world.moves
-            world.moves = grown
-        world.moves[row, :, :moves] = fresh.moves[0]
+        world.players = world.players.with_row(row, fresh.players)
         world.egos["begun"][row], world.none_leaves_before = world.steps, 0.0
 
     def step(self, commands: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -94,10 +87,11 @@ class Pack:
         world.egos["command"]["steering"] = commands[:, 1]
         after = world.steps + 1
         stage, begun = self._stage, world.steps
-        closely = int(stage is not None and stage.closely(begun))
+        closely = stage is not None and stage.closely(begun)
         told = move_rows(
-            world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line, after, closely
+            world.egos, world.others, world.clips, world.tell, world.scenario, world.line, after, int(closely)
         )
+        told = world.play(told, closely=closely)
         if world.may_leave(after * self.step_length):
             told, gone = world.let_leave(after * self.step_length, told)
             if stage is not None:
@@ -107,11 +101,10 @@ class Pack:
             for row in np.flatnonzero(world.egos["begun"] == begun).tolist() if begun else ():
                 stage.begin_anew(world, row)
             stage.step()
-            stage.read(world)
             if stage.compares(begun):
                 stage.compare(world)
         ended = see_rows(
-            world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown, world.scenario,
+            world.egos, world.others, world.clips, world.seen, world.samples, world.shown, world.scenario,
             world.line, after, 0, 0,
         )  # fmt: skip
         world.steps = after

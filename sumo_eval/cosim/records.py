@@ -60,20 +60,15 @@ way: as in `_WAY`."""
 
 OTHER = np.dtype(
     [
-        *_BODY, *fields("acceleration"), ("before", _BEFORE), *fields("front_x", "front_y"),
-        *flags("present", "told", "samples"),
-        ("start", fields("x", "y", "speed")),
-        ("brake", fields("begin", "deceleration", "jerk", "end")),
-        *fields("script_begin", "script_end", "leaves"), *flags("slides", "brakes", "moves", "played"),
+        *_BODY, *fields("rate", "acceleration"), ("before", _BEFORE), *fields("front_x", "front_y"),
+        *flags("present", "told", "samples", "strays"),
         ("map", _MAP),
     ]
 )  # fmt: skip
-"""Another vehicle and its script. acceleration: the rate of its speed over the last step, m/s2, of a played one that of
-its move. told: the harness has moved it in this step. script_begin, script_end: s. leaves: when its script takes it
-beside the lanes for good, s: SUMO does not move a vehicle that is on no lane. played: 1 if `scenario.played` or SUMO
-moves it."""
+"""Another vehicle. acceleration: along its heading, m/s2; rate: of its speed over the last step, m/s2. told: 1 where it
+was moved in this step, 2 where SUMO has heard of it. strays: 1 once it has been beside the lanes, from where SUMO moves
+no vehicle."""
 
-MOVE = np.dtype([*fields("begin", "duration", "speed", "offset", "acceleration"), *flags("kind")])
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
 
 _ROAD = [
@@ -109,7 +104,6 @@ WHATS = (*LIMITED, "actor_off_its_script")
 OFF_SCRIPT = len(LIMITED)
 SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
 STRAIGHT = 90.0  # deg clockwise from north, SUMO's angle along the road
-ROUNDING = 1e-9  # m
 ALONG = 1e-9  # rad, a heading smaller than this is none
 ALONG_A_BEND = 0.01  # rad, an ego on a bend that keeps its lane turns less than that against the road
 DEGREES = 180.0 / math.pi

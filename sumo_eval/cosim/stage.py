@@ -1,49 +1,37 @@
 """SUMO's side of the cases that are driven: what it is told before a step, what it shows after it, whether both agree.
 
-SUMO steps the ego and every other vehicle of every case. Where nobody asks it for the ego, it hears of the egos that
-have turned or changed their speed at every tenth step, must then show every ego there, and every vehicle as its script
-has it; what follows a script in between is told when it begins to, then, and when SUMO takes over.
+SUMO steps the ego and every other vehicle of every case. Where nobody asks it, it hears of all of them at every tenth
+step, and must then show each where it was told.
 """
 
 from __future__ import annotations
 
 import math
-from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
-from sumo_eval.cosim.records import MODEL, STRAIGHT
-from sumo_eval.cosim.sumo.session import NOWHERE, bend_tolerance, check_start, simulation_step, vehicles
+from sumo_eval.cosim.records import STRAIGHT, SUMO
+from sumo_eval.cosim.sumo.session import bend_tolerance, check_start, simulation_step, vehicles
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
-from sumo_eval.scenario.concrete import Actor, Road
-from sumo_eval.scenario.road.reference_line import map_places
+from sumo_eval.trajectory import FloatArray
 
 EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
 EXACT_SPEED_MODE = 32  # setSpeed is taken as it is: the harness's own vehicle model has applied the limits
 CHECKED_EVERY = 10  # steps
-_PLACE_TOLERANCE = 1e-3  # m, between the vehicle model and SUMO
-_MOTION_TOLERANCE = 1e-6  # m/s and deg
 ASIDE = -500.0  # m, y of a vehicle that nothing is to see
 _NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)  # place, angle and speed of a vehicle that SUMO has no longer
 _KEEPS_ROUTE = 2  # moveToXY: anywhere, off the road too
 _KEEPS_ROUTE_OFF_ROAD = 3  # moveToXY: onto the vehicle's own road and no other, and as far off it as told
 
 
-def _front(actor: Actor, road: Road) -> tuple[float, float]:
-    """Where a vehicle's front bumper is on the map at the start."""
-    half = 0.5 * actor.length
-    if actor.on_map is not None:
-        x, y, heading = actor.on_map
-        return x + half * math.cos(heading), y + half * math.sin(heading)
-    if not road.bent:
-        return actor.start.x + half, actor.y(0.0)
-    east, north, _ = map_places(road.line, actor.start.x + half, actor.y(0.0))
-    return float(east), float(north)
+def joined(egos: Any, others: Any, name: str) -> FloatArray:
+    """One field of the vehicles of rows, (n, 1 + m), the egos first."""
+    return np.column_stack([egos[name], others[name]])
 
 
 class Stage:
@@ -52,6 +40,8 @@ class Stage:
     asked: somebody else may ask SUMO, which is told everything at every step. as_read: the other vehicles are as SUMO
     shows them in every respect, whatever their scripts say.
     """
+
+    tolerance = 1e-3  # m, between the vehicle model and SUMO
 
     def __init__(self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False) -> None:
         self.traci, self.asked, self.as_read = traci, asked, as_read
@@ -71,14 +61,13 @@ class Stage:
         self._middle = 0.5 * (road.left_edge + road.right_edge)
         self._half = 0.5 * (road.left_edge - road.right_edge)
         self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
-        self._fronts = [_front(it, road) for it in world.cases[0].actors]
+        self._fronts = world.others[["front_x", "front_y"]][0].tolist()
         self._on_map = frozenset(
             name
             for names, it in zip(self.names, world.cases, strict=True)
             for name, actor in zip(names[1:], it.actors, strict=True)
             if actor.on_map is not None
         )
-        self._tolerance = _PLACE_TOLERANCE
         self.keep(world)
 
     def keep(self, world: World) -> None:
@@ -86,7 +75,6 @@ class Stage:
         self._width = 1 + world.others.shape[1]
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist()]
-        self._places = world.shown[0, :, :2]
         if self._alone:  # whose numbers are read one by one: an array takes ten times as long for each
             self._cells: Any = world.shown.reshape(-1).data
             self._present: Any = world.others["present"][0].data
@@ -150,19 +138,13 @@ class Stage:
 
     def begin_anew(self, world: World, row: int) -> None:
         """Put the vehicles of a row that has begun a case anew where they are at the end of this, its first step."""
-        step, ego, concrete = world.settings.step, world.egos[row], world.cases[int(world.rows[row])]
-        half, heading = 0.5 * float(ego["length"]), float(ego["heading"])
-        front = float(ego["x"]) + half * math.cos(heading), float(ego["y"]) + half * math.sin(heading)
-        places = [(*front, STRAIGHT - math.degrees(heading), float(ego["speed"]))]
-        for other, actor in zip(world.others[row], concrete.actors, strict=True):
-            if other["told"]:
-                angle = STRAIGHT - math.degrees(float(other["heading"]))
-                places.append((float(other["front_x"]), float(other["front_y"]), angle, float(other["speed"])))
-            else:
-                places.append((actor.x(step) + 0.5 * actor.length, actor.y(step), STRAIGHT, actor.speed(step)))
-        for name, (x, y, angle, speed) in zip(self.names[int(world.rows[row])], places, strict=True):
-            self.calls.setSpeed(name, speed)
-            self.calls.moveToXY(name, self._edge[row], self._lane, x, y, angle, self._keep)
+        bodies = (world.egos[row], *world.others[row])
+        for name, body in zip(self.names[int(world.rows[row])], bodies, strict=True):
+            angle = STRAIGHT - math.degrees(float(body["map"]["heading"]))
+            self.calls.setSpeed(name, float(body["speed"]))
+            self.calls.moveToXY(
+                name, self._edge[row], self._lane, float(body["front_x"]), float(body["front_y"]), angle, self._keep
+            )
 
     def _tell_lanes(self, world: World, count: int) -> None:
         """On a bend: to go on from where the mean of its old and its new speed takes it to its place in this step.
@@ -186,24 +168,9 @@ class Stage:
             self._told[name] = along
 
     def read(self, world: World) -> None:
-        """Where SUMO shows the other vehicles."""
-        if self.as_read:
-            self._read_closely(world)
-        elif self._bent:
-            return  # everybody is where his script has him; `compare` looks whether SUMO shows him there
-        elif self._alone:
-            for j, name in enumerate(self._others):
-                self._places[j] = self.calls.getPosition(name)
-        elif self._others:
-            places = chain.from_iterable(map(self.calls.getPosition, self._others))
-            found = np.fromiter(places, np.float64, 2 * len(self._others)).reshape(len(self._live), -1, 2)
-            if self._all:
-                world.shown[:, :, :2] = found
-            else:
-                world.shown[self._live, :, :2] = found
-
-    def _read_closely(self, world: World) -> None:
-        """Every respect of the other vehicles of a single case."""
+        """Every respect of the other vehicles of a single case, where they are as SUMO shows them."""
+        if not self.as_read:
+            return
         calls, cells, present, far = self.calls, self._cells, self._present, self._far
         for j, name in enumerate(self._others):
             x, y, angle, speed = _NOT_THERE
@@ -214,7 +181,7 @@ class Stage:
                     last_x, last_y = self._fronts[j]
                     there = -far < x - last_x < far and -far < y - last_y < far and 0.0 <= angle <= 360.0
                     if not (there and BACKWARDS < speed < FASTEST):
-                        if not self._is_past_the_road(world, j, world.time + self._step):
+                        if not self._is_past_the_road(world, j):
                             raise impossible(calls, name, self._fronts[j], world.time + self._step, self._step)
                         raise self.traci.TraCIException(name)
                     self._fronts[j] = x, y
@@ -226,80 +193,35 @@ class Stage:
             at = 4 * j
             cells[at], cells[at + 1], cells[at + 2], cells[at + 3] = x, y, angle, speed
 
-    def _is_past_the_road(self, world: World, other: int, now: float) -> bool:
+    def _is_past_the_road(self, world: World, other: int) -> bool:
         """Whether a script has its vehicle's front bumper beyond the last lane."""
-        actor, road = world.cases[0].actors[other], world.cases[0].road
-        return actor.x(now) + 0.5 * actor.length > road.length + road.run_out - BESIDE
+        body, road = world.others[0, other], self._road
+        return bool(body["x"] + 0.5 * body["length"] > road.length + road.run_out - BESIDE)
 
     def compare(self, world: World) -> None:
-        """A case in which SUMO shows something else than it was told has come to its end."""
-        if self._bent:
-            self._compare_on_a_bend(world)
-            return
-        calls, live, egos = self.calls, self._live, world.egos
-        names = [self._flat[row * self._width] for row in live.tolist()]
-        half = 0.5 * world.settings.vehicle.length
-        shown = np.array(list(map(calls.getPosition, names))).reshape(-1, 2)
-        heading = egos["heading"][live]
-        x, y = egos["x"][live] + half * np.cos(heading), egos["y"][live] + half * np.sin(heading)
-        off = ~((np.abs(shown[:, 0] - x) <= self._tolerance) & (np.abs(shown[:, 1] - y) <= _PLACE_TOLERANCE))
-        off &= (egos["placed"][live] == MODEL) & (egos["reason"][live] == 0)  # which also finds a nan
-        off &= np.abs(y - self._middle) < self._half + 0.5 * world.settings.vehicle.width - BESIDE
-        for k in np.flatnonzero(off).tolist():
-            world.fail(
-                int(live[k]), "sim_error",
-                f"SUMO put the ego's front bumper at ({shown[k, 0]:.3f}, {shown[k, 1]:.3f}) m "
-                f"instead of ({x[k]:.3f}, {y[k]:.3f}) m.",
-            )  # fmt: skip
-        if self._others:
-            self._compare_others(world)
-
-    def _compare_on_a_bend(self, world: World) -> None:
-        """Everybody was told his place along and across the line in this step."""
-        end = self._road.length + self._road.run_out - BESIDE
-        for row in self._live.tolist():
-            if world.egos["reason"][row] != 0:
-                continue
-            for j in range(self._width):
-                body = world.egos[row] if j == 0 else world.others[row, j - 1]
-                if j and not (body["present"] and body["told"] == 2):
-                    continue
-                name = self._flat[row * self._width + j]
-                if not (body["x"] - 0.5 * body["length"] >= 0.0 and body["x"] + 0.5 * body["length"] < end):
-                    continue
-                x, y = self.calls.getPosition(name)
-                off = math.hypot(x - float(body["front_x"]), y - float(body["front_y"]))
-                if not off <= bend_tolerance(self._road, float(body["y"])):  # which also finds a nan
-                    who = "the ego" if j == 0 else f"vehicle `{world.cases[int(world.rows[row])].actors[j - 1].name}`"
-                    world.fail(
-                        row, "sim_error",
-                        f"SUMO put the front bumper of {who} at ({x:.3f}, {y:.3f}) m instead of "
-                        f"({float(body['front_x']):.3f}, {float(body['front_y']):.3f}) m.",
-                    )  # fmt: skip
-
-    def _compare_others(self, world: World) -> None:
-        live, others = self._live, world.others[self._live]
-        shape = others.shape
-        shown = world.shown[live]
-        told, half = others["told"], 0.5 * others["width"]
-        off = ~(np.abs(shown[:, :, 0] - others["front_x"]) <= self._tolerance)  # which also finds a nan
-        off |= ~(np.abs(shown[:, :, 1] - others["front_y"]) <= _PLACE_TOLERANCE)
-        speed, angle = others["speed"], np.full(shape, STRAIGHT)
-        if (told == 0).any():
-            speed = np.array(list(map(self.calls.getSpeed, self._others))).reshape(shape)
-            angle = np.array(list(map(self.calls.getAngle, self._others))).reshape(shape)
-        moves_otherwise = ~(np.abs(speed - others["speed"]) <= _MOTION_TOLERANCE)
-        moves_otherwise |= ~(np.abs(angle - STRAIGHT) <= _MOTION_TOLERANCE) | ~(shown[:, :, 0] > NOWHERE)
-        off = np.where(told == 2, off, moves_otherwise & (told == 0)) & (others["present"] == 1)
-        off &= np.abs(others["y"] - self._middle) < self._half + half - BESIDE  # beside every lane SUMO shows others
-        off &= (world.egos["reason"][live] == 0)[:, None]
-        for k, j in np.argwhere(off).tolist():
-            actor = world.cases[int(world.rows[live[k]])].actors[j]
-            world.fail(
-                int(live[k]), "sim_error",
-                f"SUMO showed vehicle `{actor.name}` at ({shown[k, j, 0]:.3f}, {shown[k, j, 1]:.3f}) m with "
-                f"{speed[k, j]:.3f} m/s and {angle[k, j]:.3f} deg, which its script does not say.",
-            )  # fmt: skip
+        """A case in which SUMO shows somebody elsewhere than it was told in this step has come to its end."""
+        road, live = self._road, self._live
+        egos, others = world.egos[live], world.others[live]
+        x, y, length, width, front_x, front_y = (
+            joined(egos, others, name) for name in ("x", "y", "length", "width", "front_x", "front_y")
+        )
+        told = np.column_stack([egos["placed"] != SUMO, (others["told"] == 2) & (others["present"] == 1)])
+        told &= (egos["reason"] == 0)[:, None]
+        end = road.length + road.run_out - BESIDE
+        told &= (x - 0.5 * length >= 0.0) & (x + 0.5 * length < end)  # there are lanes
+        beside = np.abs(front_y - self._middle) >= self._half + 0.5 * width - BESIDE
+        told &= self._bent | ~beside  # beside every lane of a straight road SUMO shows others
+        for row, j in np.argwhere(told).tolist():
+            at_x, at_y = self.calls.getPosition(self._flat[int(live[row]) * self._width + j])
+            off = math.hypot(at_x - front_x[row, j], at_y - front_y[row, j])
+            if not off <= (bend_tolerance(road, y[row, j]) if self._bent else self.tolerance):  # which also finds a nan
+                case = int(world.rows[live[row]])
+                who = "the ego" if j == 0 else f"vehicle `{world.cases[case].actors[j - 1].name}`"
+                world.fail(
+                    int(live[row]), "sim_error",
+                    f"SUMO put the front bumper of {who} at ({at_x:.3f}, {at_y:.3f}) m "
+                    f"instead of ({front_x[row, j]:.3f}, {front_y[row, j]:.3f}) m.",
+                )  # fmt: skip
 
     def remove(self, world: World, row: int) -> None:
         """Take the vehicles of a case that has ended off their road, while others go on."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST
 from sumo_eval.cosim.records import STRAIGHT
-from sumo_eval.cosim.stage import ASIDE, EXACT_SPEED_MODE, Stage
+from sumo_eval.cosim.stage import ASIDE, EXACT_SPEED_MODE, Stage, joined
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
 from sumo_eval.cosim.world import World
@@ -25,27 +25,20 @@ from sumo_eval.scenario.played import HANDED_OVER
 from sumo_eval.scenario.road.reference_line import curvatures
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-_AS_TOLD = 0.05  # m, that SUMO's own step may differ from ours within a step: it takes the mean of both speeds
 _AS_TOLD_ON_A_BEND = 0.1  # m: on top of that, lanes are polygons of 1 m
 _DEGREES = 180.0 / math.pi
 _ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
 
 
-def _of_all(world: World, number: NDArray[np.intp], name: str) -> Any:
+def _of_all(world: World, number: NDArray[np.intp], name: str) -> FloatArray:
     """One field of vehicles by their number: the ego of a row, then its others, then the next row."""
-    if name == "before":
-        return {
-            key: _joined(world.egos["before"], world.others["before"], key)[number] for key in ("x", "heading", "speed")
-        }
-    return _joined(world.egos, world.others, name)[number]
-
-
-def _joined(egos: Any, others: Any, key: str) -> FloatArray:
-    return np.concatenate([egos[key][:, None], others[key]], axis=1).ravel()
+    return joined(world.egos, world.others, name).ravel()[number]
 
 
 class Traffic(Stage):
     """The running simulation of the cases of a world in which vehicles react."""
+
+    tolerance = 0.05  # m, that SUMO's own step may differ from ours within a step: it takes the mean of both speeds
 
     def __init__(self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False) -> None:
         self._on_foot = [[False, *(actor.body in VULNERABLE for actor in case.actors)] for case in world.cases]
@@ -53,7 +46,6 @@ class Traffic(Stage):
         self._handed: set[str] = set()  # those that SUMO drives from within the case on
         self._shadows = not as_read and self._road.lanes > 1
         super().__init__(traci, world, asked=asked, as_read=as_read)
-        self._tolerance = _AS_TOLD
 
     def keep(self, world: World) -> None:
         """From now on these rows, in this order."""
@@ -71,7 +63,6 @@ class Traffic(Stage):
 
     def _count_reacting(self, world: World) -> None:
         """Whom SUMO drives by now."""
-        assert world.players is not None
         rows, columns = np.nonzero(world.players.plays["model"])
         self._reacting = rows, columns
         names = [self.names[case][1 + j] for case, j in zip(world.rows[rows].tolist(), columns.tolist(), strict=True)]
@@ -79,7 +70,6 @@ class Traffic(Stage):
 
     def _hand_over(self, world: World) -> None:
         """Let SUMO drive those from here on that have begun to follow in the last step."""
-        assert world.players is not None
         others = world.others
         there = (others["present"] == 1) & (world.egos["live"] == 1)[:, None]
         late = np.argwhere((world.players.plays["model"] == HANDED_OVER) & there).tolist()
@@ -142,7 +132,10 @@ class Traffic(Stage):
             return
         told = world.tell[:count]
         number = told[:, 0].astype(np.intp)
-        was = _of_all(world, number, "before")
+        was = {
+            key: joined(world.egos["before"], world.others["before"], key).ravel()[number]
+            for key in ("x", "heading", "speed")
+        }
         half = 0.5 * _of_all(world, number, "length")
         if self._bent:
             y, along = told[:, 6], told[:, 7]
@@ -230,11 +223,6 @@ class Traffic(Stage):
         if self.as_read:
             super().read(world)
         others = world.others
-        if self.compares(world.steps) and not self._bent:
-            for row in self._live.tolist():
-                for j in np.flatnonzero(others["present"][row]).tolist():
-                    if others["told"][row, j] == 2:
-                        world.shown[row, j, :2] = self.calls.getPosition(self._flat[row * self._width + 1 + j])
         rows, columns = self._reacting
         there = (world.egos["live"][rows] == 1) & (others["present"][rows, columns] == 1)
         rows, columns, names = rows[there], columns[there], self._reacting_names[there].tolist()
@@ -252,6 +240,7 @@ class Traffic(Stage):
             now = world.time + world.settings.step
             world.note(int(world.rows[rows[k]]), "actor_left_the_network", now, now)
         self._take(world, rows[~gone], columns[~gone], shown[~gone])
+        world.put_on_map()
 
     def _shown(self, names: list[str]) -> FloatArray:
         """x, y, angle and speed of vehicles; on a bend the place along its lane, as SUMO's drivers know it, (n, 4)."""

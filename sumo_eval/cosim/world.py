@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body, describe, within_a_turn
 from sumo_eval.cosim.doors.fault_place import fault_place
-from sumo_eval.cosim.impossible import BESIDE, FASTEST
+from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.cosim.latency import Latencies
 from sumo_eval.cosim.records import (
     CLIP,
     EGO,
     LIMITS,
     MODEL,
-    MOVE,
     MOVER,
     OTHER,
     REASONS,
@@ -35,7 +34,7 @@ from sumo_eval.cosim.records import (
     WHATS,
     Records,
 )
-from sumo_eval.cosim.step_rules import begin_rows, map_played_rows, tell_played_rows
+from sumo_eval.cosim.step_rules import begin_rows, map_rows, tell_others_rows
 from sumo_eval.cosim.vehicle_model import count_clip
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
 from sumo_eval.scenario.played import (
@@ -43,7 +42,6 @@ from sumo_eval.scenario.played import (
     DEEPEST,
     FOLLOW,
     WAITS,
-    Players,
     begin_play_rows,
     play_rows,
     players,
@@ -107,11 +105,11 @@ class World:
         self.scenario = described(cases[0].road, settings.vehicle, settings.step, settings)
         self.line = knots_of(cases[0].road.line)
         self.egos = _egos(cases, settings.vehicle, placed)
-        self.others, self.moves = _scripts(cases, settings)
+        self.others = _others(cases)
+        self.players = players([case.actors for case in cases])
+        self.egos["scripted_until"] = [case.script_end + settings.step for case in cases]
         self._end_of_lanes = cases[0].road.length + cases[0].road.run_out - _ARRIVED
         self.none_leaves_before = 0.0 if m else math.inf  # s
-        if m:
-            self.egos["scripted_until"] = self.others["script_end"].max(axis=1)
         self.clips = np.zeros((n, len(WHATS)), CLIP)
         self.seen = np.zeros((n, m), MOVER)
         self.shown = np.zeros((n, m, 4))
@@ -119,30 +117,29 @@ class World:
         self._sampled, self._room = 1, 64
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
         self.reacts = any(case.reacts for case in cases)
-        self.players: Players | None = None
         self._stack = np.zeros((DEEPEST, 3))
-        if any(case.lively for case in cases):
-            self.players = players([case.actors for case in cases])
-            self.others["played"], self.egos["scripted_until"] = 1, math.inf
-            for i, case in enumerate(cases):
-                self.others["heading"][i] = [actor.heading for actor in case.actors]
-            self.others["before"]["heading"] = self.others["heading"]
-            self._stay_before()
-            begin_play_rows(self.egos, self.others, *self.players, self._stack, self.line)
-        begin_rows(self.egos, self.others, self.moves, self.seen, self.samples, self.scenario, self.line)
+        self.timed = not any(case.lively for case in cases)
+        self.waits = bool(self.players.acts["steps"].any())
+        for bodies in (self.egos, self.others):
+            for name in ("x", "y", "heading", "speed"):
+                bodies["before"][name] = bodies[name]
+        begin_play_rows(self.egos, self.others, *self.players, self._stack, self.line)
+        begin_rows(self.egos, self.others, self.seen, self.samples, self.scenario, self.line)
         self.going = n
 
-    def _stay_before(self) -> None:
-        """At the start every vehicle was where it is."""
-        for name in self.egos["before"].dtype.names or ():
-            self.egos["before"][name] = 0.0 if name == "across" else self.egos[name]
+    def play(self, told: int, *, closely: bool, as_read: bool = False) -> int:
+        """Move the others to the end of the coming step; how many rows of `tell` there are then.
 
-    def play(self, now: float, told: int, closely: bool) -> int:
-        """Move the played vehicles to the time `now`, s; how many rows of `tell` there are then."""
-        assert self.players is not None
+        as_read: SUMO moves those by itself that only keep their speed.
+        """
         plays, acts, pieces, table, _ = self.players
-        play_rows(self.egos, self.others, plays, acts, pieces, table, now, self.line)
-        return int(tell_played_rows(self.egos, self.others, plays, self.tell, told, int(closely), self.line))
+        steps, step = self.steps + 1, self.settings.step
+        play_rows(self.egos, self.others, plays, acts, pieces, table, steps, step, self.line)
+        quiet = as_read and self.timed and not len(self.line)
+        return int(tell_others_rows(
+            self.egos, self.others, plays, acts, self.tell, self.scenario, self.line, steps, told, int(closely),
+            int(quiet),
+        ))  # fmt: skip
 
     def may_leave(self, now: float) -> bool:
         """Whether a vehicle may come to the end of its lanes in the step to `now`, s; a quick no for most steps."""
@@ -155,16 +152,15 @@ class World:
     def let_leave(self, now: float, told: int, as_read: int = 0) -> tuple[int, NDArray[np.intp]]:
         """Let the vehicles leave that come to the end of their lanes in the step to `now`, s.
 
-        Where SUMO moves a vehicle in this step, it keeps its speed. as_read: SUMO says itself when those are gone.
-        Returns how many rows of `tell` there are without them, and their numbers as they stand there.
+        as_read: SUMO says itself when those are gone that it moves. Returns how many rows of `tell` there are without
+        the others, and their numbers as they stand there.
         """
         others, road, half = self.others, self.cases[0].road, 0.5 * self.others["length"]
-        by_sumo = others["told"] == 0
-        front = others["x"] + np.where(by_sumo, others["speed"] * self.settings.step, 0.0)
-        front += half * np.cos(others["heading"])
+        front = others["x"] + half * np.cos(others["heading"])
         was = others["before"]["x"] + half * np.cos(others["before"]["heading"])
         gone = (others["present"] == 1) & (was <= self._end_of_lanes) & (front > self._end_of_lanes)
-        gone &= (others["y"] >= road.right_edge) & (others["y"] <= road.left_edge) & ~(by_sumo & bool(as_read))
+        gone &= (others["y"] >= road.right_edge) & (others["y"] <= road.left_edge)
+        gone &= (others["told"] > 0) | (not as_read)
         gone &= (self.egos["live"] == 1)[:, None] & (self.egos["reason"] == 0)[:, None]
         others["present"][gone] = 0
         for row in np.argwhere(gone)[:, 0].tolist():
@@ -177,11 +173,13 @@ class World:
 
     def wake(self, now: float) -> None:
         """Begin the moves whose conditions have come to hold in the step that ends `now`, s."""
-        assert self.players is not None
         before = self.steps * self.settings.step
         wake_rows(self.egos, self.others, *self.players, now, before, self._stack, self.line)
-        if len(self.line):
-            map_played_rows(self.others, self.line)
+        self.put_on_map()
+
+    def put_on_map(self) -> None:
+        """Say where the others are on the map, who have been moved along and across the road."""
+        map_rows(self.others, self.line)
 
     @property
     def time(self) -> float:
@@ -234,10 +232,9 @@ class World:
 
     def keep(self, rows: NDArray[np.intp]) -> None:
         """Hold only these rows, in this order."""
-        for name in ("rows", "egos", "others", "moves", "clips", "seen", "shown", "samples"):
+        for name in ("rows", "egos", "others", "clips", "seen", "shown", "samples"):
             setattr(self, name, getattr(self, name)[rows])
-        if self.players is not None:
-            self.players = self.players.of(rows)
+        self.players = self.players.of(rows)
 
     def end(self, row: int) -> int:
         """Take down what a case that has ended leaves behind; its number."""
@@ -246,7 +243,7 @@ class World:
         self.going -= 1
         reason = REASONS[int(ego["reason"])]
         assert reason is not None
-        if self.players is not None and reason in TO_ITS_END:
+        if reason in TO_ITS_END:
             acts = self.players.acts[row]
             waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)  # nobody has to depart from a recording
             used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
@@ -283,8 +280,6 @@ class World:
         most = int(apart.argmax())
         self.note(case, "departed", float(apart[most]), float(apart[-1]))
         self.notes[case]["departed"].first = float(time[most])
-        if self.players is None:
-            return
         acts = self.players.acts[row]
         begins = acts["begin"][(acts["kind"] == FOLLOW) & (acts["state"] == BEGUN)]
         if len(begins):
@@ -354,15 +349,13 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
     for name in ("x", "y", "speed"):
         egos[name] = [getattr(concrete.ego, name) for concrete in cases]
     egos["length"], egos["width"] = vehicle.length, vehicle.width
-    egos["live"], egos["placed"], egos["scripted_until"] = 1, placed, -math.inf
+    egos["live"], egos["placed"] = 1, placed
     egos["heading"] = [concrete.ego.heading for concrete in cases]
-    egos["before"]["heading"] = egos["heading"]
-    egos["front_x"], egos["front_y"] = egos["x"] + 0.5 * vehicle.length, egos["y"]
     egos["way"]["start"], egos["way"]["length"] = egos["y"], 1.0
     for i, concrete in enumerate(cases):
         if concrete.ego.way is not None:
             write_way(egos[i], concrete.ego.way, concrete.ego.y, concrete.ego.speed)
-    if placed == MODEL and cases[0].road.bent:
+    if placed == MODEL:
         _put_on_bend(egos, cases[0].road, vehicle)
     return egos
 
@@ -381,45 +374,12 @@ def _put_on_bend(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
     egos["steering"] = vehicle.steering_ratio * np.arctan(vehicle.wheelbase * bend)
 
 
-def leaves_the_lanes_at(actor: Actor, road: Road) -> float:
-    """When a script takes its vehicle beside the lanes for good, s; inf: never."""
-    reach = 0.5 * actor.width - BESIDE
-
-    def beside(time: float) -> bool:
-        return not road.right_edge - reach <= actor.y(time) <= road.left_edge + reach
-
-    if beside(0.0):
-        return 0.0
-    ends = (move.begin for move in actor.lane_changes if beside(move.begin + move.duration))
-    return min(ends, default=math.inf)
-
-
-def _scripts(cases: Sequence[ConcreteScenario], settings: SimulationSettings) -> tuple[Records, Records]:
-    """The other vehicles with their scripts, (n, m), and their lateral moves, (n, m, the most that one has)."""
-    n, m = len(cases), len(cases[0].actors)
-    most = max((len(actor.lane_changes) for concrete in cases for actor in concrete.actors), default=0)
-    others, moves = np.zeros((n, m), OTHER), np.zeros((n, m, max(most, 1)), MOVE)
-    step = settings.step
+def _others(cases: Sequence[ConcreteScenario]) -> Records:
+    """The other vehicles at their start, (n, m)."""
+    others = np.zeros((len(cases), len(cases[0].actors)), OTHER)
     for i, concrete in enumerate(cases):
         for j, actor in enumerate(concrete.actors):
-            start, brake = actor.start, actor.brake
-            spans = [(move.begin, move.begin + move.duration + step) for move in actor.lane_changes]
-            for q, move in enumerate(actor.lane_changes):
-                speed, build_up = getattr(move, "speed", 0.0), getattr(move, "acceleration", math.inf)
-                moves[i, j, q] = (move.begin, move.duration, speed, move.offset, build_up, move.kind)
-            braking = (0.0, 0.0, 0.0, 0.0)
-            if brake is not None:
-                end = brake.end(start.speed)
-                braking = (brake.begin, brake.deceleration, brake.jerk, end)
-                spans.append((brake.begin, end + step))
-            y = actor.y(0.0)
-            pose, nowhere = (start.x, y, 0.0, start.speed), (0.0, 0.0, 0.0)
-            others[i, j] = (
-                *pose, actor.length, actor.width, 0.0, 0.0, (*pose, 0.0, nowhere), start.x + 0.5 * actor.length, y, 1,
-                0, 0,
-                (start.x, start.y, start.speed), braking, min((begin for begin, _ in spans), default=math.inf),
-                max((end for _, end in spans), default=-math.inf), leaves_the_lanes_at(actor, concrete.road),
-                actor.slides, brake is not None,
-                len(actor.lane_changes), 0, nowhere,
-            )  # fmt: skip
-    return others, moves
+            other, start = others[i, j], actor.start
+            other["x"], other["y"], other["heading"], other["speed"] = start.x, start.y, actor.heading, start.speed
+            other["length"], other["width"], other["present"] = actor.length, actor.width, 1
+    return others

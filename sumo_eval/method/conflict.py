@@ -195,7 +195,7 @@ def _begins(placed: Sequence[ConcreteScenario], other: int) -> FloatArray:
     """When the first move of number `other` begins at the latest, s, as far as its script says that."""
     found = []
     for concrete in placed:
-        script, ego = concrete.actors[other].script, concrete.ego
+        script, ego = concrete.actors[other].acts, concrete.ego
         on_the_road = (concrete.road.length - ego.x) / max(ego.speed, 1.0)
         found.append(min((on_the_road if act.program else act.begin for act in script), default=0.0))
     return np.array(found)

@@ -189,85 +189,45 @@ def smooth_step_curvature(share: FloatArray | float) -> FloatArray:
     return np.asarray(motion.quintic_bend(np.clip(share, 0.0, 1.0)))
 
 
-@dataclass(frozen=True, slots=True)
-class LaneChange:
+def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = False) -> Act:
     """A smooth lateral move: begins at `begin` s, takes `duration` s, ends `offset` m to the left (negative: right).
 
     cosine: it covers the share (1 - cos(pi s)) / 2 of its offset after the share s of its duration, OpenSCENARIO's
     `sinusoidal`, peak rate pi/2 offset/duration; else that of `smooth_step`, peak rate 1.875 offset/duration.
     """
-
-    begin: float
-    duration: float
-    offset: float
-    cosine: bool = False
-
-    @property
-    def kind(self) -> int:
-        """Which of the kinds of lateral moves in `scenario.motion` it is."""
-        return motion.COSINE if self.cosine else motion.SMOOTH
-
-    def lateral(self, time: float) -> float:
-        """Offset already covered at a time, m."""
-        return motion.lateral(self, time)
-
-    def lateral_speed(self, time: float) -> float:
-        """Lateral speed at a time, m/s."""
-        return motion.lateral_speed(self, time)
-
-    def lateral_acceleration(self, time: float) -> float:
-        """Lateral acceleration at a time, m/s2."""
-        return motion.lateral_acceleration(self, time)
+    return Act(played.COSINE if cosine else played.SMOOTH, begin, duration, 0.0, offset)
 
 
-@dataclass(frozen=True, slots=True)
-class ConstantLateral:
+def constant_lateral(begin: float, speed: float, offset: float, acceleration: float = math.inf) -> Act:
     """A lateral move at constant speed, as UN R157 has it: from `begin` s, at `speed` m/s > 0, until it has covered
     `offset` m to the left (negative: right).
 
     acceleration: m/s2 with which the lateral speed builds up from 0 at `begin`; inf: at once.
     """
+    if not (math.isfinite(speed) and speed > 0.0):
+        raise must_be("`speed`", "a lateral move", "finite and greater than 0 m/s", speed)
+    if not acceleration > 0.0:
+        raise must_be("`acceleration`", "a lateral move", "greater than 0 m/s2", acceleration)
+    rise = speed / acceleration
+    covered = 0.5 * speed * rise
+    duration = 0.5 * rise + abs(offset) / speed
+    if abs(offset) < covered:
+        duration = rise * math.sqrt(abs(offset) / covered)
+    return Act(played.CONSTANT, begin, duration, speed, offset, acceleration)
 
-    begin: float
-    speed: float
-    offset: float
-    acceleration: float = math.inf
 
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.speed) and self.speed > 0.0):
-            raise must_be("`speed`", "a lateral move", "finite and greater than 0 m/s", self.speed)
-        if not self.acceleration > 0.0:
-            raise must_be("`acceleration`", "a lateral move", "greater than 0 m/s2", self.acceleration)
+def brake_to_stop(begin: float, deceleration: float, jerk: float = math.inf) -> Act:
+    """Braking to a standstill: from `begin` s, deceleration rises at `jerk` m/s3 to `deceleration` m/s2 > 0."""
+    if not (math.isfinite(deceleration) and deceleration > 0.0):
+        raise must_be("`deceleration`", "a brake", "finite and greater than 0 m/s2", deceleration)
+    if not jerk > 0.0:
+        raise must_be("`jerk`", "a brake", "greater than 0 m/s3", jerk)
+    return Act(played.SPEED, begin, 0.0, 0.0, 0.0, deceleration, jerk)
 
-    @property
-    def rise(self) -> float:
-        """Time in which the lateral speed builds up, s."""
-        return self.speed / self.acceleration
 
-    @property
-    def duration(self) -> float:
-        """Time until the offset is covered, s."""
-        covered = 0.5 * self.speed * self.rise
-        if abs(self.offset) < covered:
-            return self.rise * math.sqrt(abs(self.offset) / covered)
-        return 0.5 * self.rise + abs(self.offset) / self.speed
-
-    @property
-    def kind(self) -> int:
-        """Which of the kinds of lateral moves in `scenario.motion` it is."""
-        return motion.CONSTANT
-
-    def lateral(self, time: float) -> float:
-        """Offset already covered at a time, m."""
-        return motion.lateral(self, time)
-
-    def lateral_speed(self, time: float) -> float:
-        """Lateral speed at a time, m/s; at the very instants of its jumps, the speed after them."""
-        return motion.lateral_speed(self, time)
-
-    def lateral_acceleration(self, time: float) -> float:
-        """Lateral acceleration at a time, m/s2; the jumps of the speed take no time."""
-        return motion.lateral_acceleration(self, time)
+def keeps_on(acts: Sequence[Act]) -> Act:
+    """An act that changes nothing beside others, and lets a vehicle be where timed ones may not: beside the lanes."""
+    return Act(played.KEEP, math.inf if acts else 0.0)
 
 
 def braking_time(speed: ArrayLike, deceleration: ArrayLike, jerk: ArrayLike = math.inf) -> FloatArray:
@@ -304,37 +264,6 @@ def braked_distance(
 
 
 @dataclass(frozen=True, slots=True)
-class Brake:
-    """Braking to a standstill: from `begin` s, deceleration rises at `jerk` m/s3 to `deceleration` m/s2 > 0."""
-
-    begin: float
-    deceleration: float
-    jerk: float = math.inf
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.deceleration) and self.deceleration > 0.0):
-            raise must_be("`deceleration`", "a brake", "finite and greater than 0 m/s2", self.deceleration)
-        if not self.jerk > 0.0:
-            raise must_be("`jerk`", "a brake", "greater than 0 m/s3", self.jerk)
-
-    def end(self, speed: float) -> float:
-        """When a vehicle that began to brake at `speed` m/s stands, s."""
-        return self.begin + motion.time_to_stand(self, speed)
-
-    def speed(self, speed: float, time: float) -> float:
-        """Speed at a time of a vehicle that began to brake at `speed`, m/s."""
-        return motion.braked_speed_at(self, speed, time)
-
-    def distance(self, speed: float, time: float) -> float:
-        """Distance driven from time 0 until a time, at `speed` m/s until the brake, m."""
-        return motion.braked_distance_at(self, speed, time)
-
-    def acceleration(self, speed: float, time: float) -> float:
-        """Acceleration at a time, m/s2; where it jumps, the one after the jump."""
-        return motion.braking_acceleration(self, speed, time)
-
-
-@dataclass(frozen=True, slots=True)
 class Model:
     """A car-following model of SUMO's that drives a vehicle: it reacts to the ego and to all others.
 
@@ -348,46 +277,29 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """Another vehicle: keeps its speed along the road until it brakes, and performs its lane changes as scripted.
+    """Another vehicle: keeps its speed along the road until one of its acts says otherwise.
 
     slides: it keeps its heading while it moves across, like the upright rectangles that UN R157's tables are made with;
-    otherwise it points where it goes. body: what it is (`scenario.bodies`).
+    otherwise it points where it goes. body: what it is (`scenario.bodies`). heading: at the start, rad to the left of
+    the road. One with a `model` is driven by SUMO, from the start on or from when its act `FOLLOW` begins.
 
-    One with `acts` or a heading at the start, rad to the left of the road, is played (`scenario.played`): what it does
-    may depend on what happens. One with a `model` is driven by SUMO, from the start on or from when its act `FOLLOW`
-    begins. Of all these the methods below know the start alone.
-
-    on_map: of a played one on a road that bends, x m, y m and heading rad of its start on the map, from where its line
+    on_map: on a road that bends, x m, y m and heading rad of its start on the map, from where its line
     leads straight on the map, and not along the road: who comes across the way of an ego that turns. None: its line is
     along the road. `start` and `heading` are in the road's frame all the same.
+
+    The methods below are of one that is not `lively`; of others they know the start alone.
     """
 
     name: str
     start: Start
-    lane_changes: tuple[LaneChange | ConstantLateral, ...] = ()
+    acts: tuple[Act, ...] = ()
     length: float = 4.5
     width: float = 1.8
-    brake: Brake | None = None
     slides: bool = False
     body: str = CAR
     heading: float = 0.0
-    acts: tuple[Act, ...] = ()
     model: Model | None = None
     on_map: tuple[float, float, float] | None = None
-
-    @property
-    def script(self) -> tuple[Act, ...]:
-        """What it does as moves of a played vehicle."""
-        found = list(self.acts)
-        if self.brake is not None:
-            found.append(Act(played.SPEED, self.brake.begin, 0.0, 0.0, 0.0, self.brake.deceleration, self.brake.jerk))
-        for move in self.lane_changes:
-            if isinstance(move, LaneChange):
-                found.append(Act(move.kind, move.begin, move.duration, 0.0, move.offset))
-            else:
-                kind, rate = played.CONSTANT, move.acceleration
-                found.append(Act(kind, move.begin, move.duration, move.speed, move.offset, rate))
-        return tuple(found)
 
     @property
     def follows_at_once(self) -> bool:
@@ -396,43 +308,59 @@ class Actor:
 
     @property
     def lively(self) -> bool:
-        """Whether what it does is no function of time alone."""
-        return self.model is not None or bool(self.acts) or self.heading != 0.0 or self.on_map is not None
+        """Whether what it does is no function of time alone, that can be said before the drive."""
+        if self.model is not None or self.heading != 0.0 or self.on_map is not None:
+            return True
+        brakes = sum([act.kind == played.SPEED for act in self.acts])
+        return brakes > 1 or not all(act.timed for act in self.acts)
+
+    @property
+    def lateral_moves(self) -> tuple[Act, ...]:
+        """Its moves across the road; none of one that is lively."""
+        return () if self.lively else tuple([act for act in self.acts if act.kind != played.SPEED])
+
+    @property
+    def braking(self) -> Act | None:
+        """Its braking to a standstill, of one that is not lively; else None."""
+        return None if self.lively else next((act for act in self.acts if act.kind == played.SPEED), None)
+
+    @property
+    def script_end(self) -> float:
+        """When the last of its acts is over, s; -inf without any."""
+        ends = [act.begin + act.duration for act in self.lateral_moves]
+        if self.braking is not None:
+            ends.append(self.braking.begin + motion.time_to_stand(self.braking, self.start.speed))
+        return max(ends, default=-math.inf)
 
     def __post_init__(self) -> None:
-        if self.brake is None:
+        if self.braking is None:
             return
-        stands = self.brake.end(self.start.speed)
-        late = max((move.begin + move.duration for move in self.lane_changes), default=-math.inf)
-        if late > stands:
+        stands = self.braking.begin + motion.time_to_stand(self.braking, self.start.speed)
+        if self.script_end > stands:
             raise must_be(
-                "The lane changes", f"vehicle `{self.name}`", f"over when it stands, at {stands:.2f} s", round(late, 2)
-            )
+                "The lane changes", f"vehicle `{self.name}`", f"over when it stands, at {stands:.2f} s",
+                round(self.script_end, 2),
+            )  # fmt: skip
 
     def x(self, time: float) -> float:
         """Position of the centre along the road at a time, m."""
-        driven = self.start.speed * time if self.brake is None else self.brake.distance(self.start.speed, time)
-        return self.start.x + driven
+        if self.braking is None:
+            return self.start.x + self.start.speed * time
+        return self.start.x + motion.braked_distance_at(self.braking, self.start.speed, time)
 
     def y(self, time: float) -> float:
         """Lateral position of the centre at a time, m."""
-        return self.start.y + sum([move.lateral(time) for move in self.lane_changes])
+        return self.start.y + sum([motion.lateral(move, time) for move in self.lateral_moves])
 
     def speed(self, time: float) -> float:
         """Speed along the road at a time, m/s."""
-        return self.start.speed if self.brake is None else self.brake.speed(self.start.speed, time)
+        if self.braking is None:
+            return self.start.speed
+        return motion.braked_speed_at(self.braking, self.start.speed, time)
 
     def lateral_speed(self, time: float) -> float:
         """Lateral speed at a time, m/s."""
-        return sum([move.lateral_speed(time) for move in self.lane_changes])
-
-    def acceleration(self, time: float) -> float:
-        """Acceleration along the heading at a time, m/s2: the rate of the ground speed."""
-        braking = 0.0 if self.brake is None else self.brake.acceleration(self.start.speed, time)
-        if self.slides or not self.lane_changes:
-            return braking
-        sideways = sum([move.lateral_acceleration(time) for move in self.lane_changes])
-        return motion.along_heading(self.speed(time), self.lateral_speed(time), braking, sideways)
+        return sum([motion.lateral_speed(move, time) for move in self.lateral_moves])
 
 
 @dataclass(frozen=True, slots=True)
@@ -473,6 +401,11 @@ class ConcreteScenario:
         the lanes are not the same throughout, which SUMO counts from the begin of each edge.
         """
         return self.road.shaped or self.ego.way is not None or any(actor.lively for actor in self.actors)
+
+    @property
+    def script_end(self) -> float:
+        """When the others have done all that they do, s; inf where that is not known."""
+        return math.inf if self.lively else max((actor.script_end for actor in self.actors), default=-math.inf)
 
     @property
     def reacts(self) -> bool:

@@ -1,7 +1,6 @@
-"""The scripts of other vehicles as functions of time: lateral moves and braking, for one vehicle at an instant.
+"""Moves of other vehicles as functions of time: across the road and braking, for one vehicle at an instant.
 
-`Actor` of `scenario.concrete` gives them as methods, the simulation asks for them row by row; both come here. `move` is
-a `LaneChange`, a `ConstantLateral` or a record with the same fields, `brake` a `Brake` or a record with its fields.
+`move` and `brake` are acts (`scenario.played`), or records with their fields.
 """
 
 from __future__ import annotations
@@ -109,20 +108,20 @@ def lateral_acceleration(move: Any, time: float) -> float:
 @kernel
 def time_to_stand(brake: Any, speed: float) -> float:
     """Time from the first touch of the brake to standstill, s, from `speed` m/s."""
-    rise = brake.deceleration / brake.jerk
-    if speed >= brake.deceleration * rise / 2.0:
-        return float(speed / brake.deceleration + rise / 2.0)
-    return math.sqrt(2.0 * speed * rise / brake.deceleration)
+    rise = brake.acceleration / brake.jerk
+    if speed >= brake.acceleration * rise / 2.0:
+        return float(speed / brake.acceleration + rise / 2.0)
+    return math.sqrt(2.0 * speed * rise / brake.acceleration)
 
 
 @kernel
 def braked_speed_at(brake: Any, speed: float, time: float) -> float:
     """Speed at a time of a vehicle that began to brake at `speed`, m/s."""
-    rise = brake.deceleration / brake.jerk
+    rise = brake.acceleration / brake.jerk
     t = min(max(time - brake.begin, 0.0), time_to_stand(brake, speed))
     rising = min(t, rise)
     share = rising / rise if rise > 0.0 else 0.0
-    return float(max(speed - brake.deceleration * (rising * share / 2.0 + (t - rising)), 0.0))
+    return float(max(speed - brake.acceleration * (rising * share / 2.0 + (t - rising)), 0.0))
 
 
 @kernel
@@ -131,23 +130,13 @@ def braked_distance_at(brake: Any, speed: float, time: float) -> float:
     since = time - brake.begin
     if since < 0.0:
         return float(speed * brake.begin + speed * since)
-    rise = brake.deceleration / brake.jerk
+    rise = brake.acceleration / brake.jerk
     t = min(max(since, 0.0), time_to_stand(brake, speed))
     rising = min(t, rise)
     share = rising / rise if rise > 0.0 else 0.0
     plateau = max(t - rise, 0.0)
-    lost = brake.deceleration * (rising * rising * share / 6.0 + rise * plateau / 2.0 + plateau * plateau / 2.0)
+    lost = brake.acceleration * (rising * rising * share / 6.0 + rise * plateau / 2.0 + plateau * plateau / 2.0)
     return float(speed * brake.begin + (speed * t - lost))
-
-
-@kernel
-def braking_acceleration(brake: Any, speed: float, time: float) -> float:
-    """Acceleration along the road at a time, m/s2; where it jumps, the one after the jump."""
-    if not brake.begin <= time < brake.begin + time_to_stand(brake, speed):
-        return 0.0
-    if math.isinf(brake.jerk):
-        return float(-brake.deceleration)
-    return -float(min(brake.jerk * (time - brake.begin), brake.deceleration))
 
 
 @kernel

@@ -20,13 +20,14 @@ from sumo_eval.scenario.concrete import (
     LEAST_CHANGE,
     RECORDED_EVERY,
     Actor,
-    Brake,
-    ConstantLateral,
-    LaneChange,
     Model,
     Road,
     Start,
     Way,
+    brake_to_stop,
+    constant_lateral,
+    keeps_on,
+    lane_change,
 )
 from sumo_eval.scenario.expression import Expression
 from sumo_eval.scenario.joint import Joint, of_values
@@ -291,24 +292,42 @@ class Place:
         elif item.heading is not None:
             heading = math.radians(item.heading.at(known))
         start = Start(x, item.y.at(known), speed)
+        on_map = None
         if item.on_map:
-            s, d, turned = (float(it) for it in frame_places(self.line, start.x, start.y, heading))
-            actor = _played(item, Start(s, d, speed), turned, known, self.recorded)
-            return replace(actor, on_map=(start.x, start.y, heading))
-        if item.lively:
-            return _played(item, start, heading, known, self.recorded)
-        moves: list[LaneChange | ConstantLateral] = []
-        brake = None
+            on_map = start.x, start.y, heading
+            s, d, heading = (float(it) for it in frame_places(self.line, *on_map))
+            start = Start(s, d, speed)
+        acts, model = self._acts(item, speed, known)
+        return Actor(
+            item.name, start, acts, item.length, item.width, item.slides, item.body, heading, model, on_map
+        )  # fmt: skip
+
+    def _acts(
+        self, item: Vehicle, speed: float, known: Mapping[str, float]
+    ) -> tuple[tuple[played.Act, ...], Model | None]:
+        """What a vehicle does at a point, and the model that drives it."""
+        acts: list[played.Act] = []
+        model = None
         for move in item.moves:
+            if move.do == "keep_speed" and not item.lively:
+                continue
             numbers = {key: quantity.at(known) for key, quantity in move.numbers}
-            if move.do == "brake":
-                brake = Brake(**numbers)
-            elif move.do in ("change_lane", "change_lane_cosine"):
-                cosine = move.do == "change_lane_cosine"
-                moves.append(LaneChange(numbers["begin"], numbers["duration"], numbers["offset"], cosine))
-            elif move.do == "move_sideways":
-                moves.append(ConstantLateral(**numbers))
-        return Actor(item.name, start, tuple(moves), item.length, item.width, brake, item.slides, item.body)
+            program = () if move.when is None else move.when.at(known)
+            if move.do == "follow":
+                model = Model(move.model, numbers.get("speed", speed), _model_numbers(numbers))
+                if program:
+                    begin = numbers["begin"]
+                    acts.append(played.Act(played.FOLLOW, begin, RECORDED_EVERY, table=self.recorded, program=program))
+                continue
+            table = tuple((one.at(known), two.at(known)) for one, two in move.table)
+            if move.do == "speed_profile" and any(b[0] <= a[0] for a, b in itertools.pairwise(((0.0, 0.0), *table))):
+                raise must_be(f"The {'places' if move.by_place else 'times'}", f"`speed_profile` of vehicle "
+                              f"`{item.name}`", "above 0 and ascending", [knot[0] for knot in table])  # fmt: skip
+            act = _act(move, **numbers)
+            acts.append(act._replace(table=table, program=program, name=move.name))
+        if item.lively and model is None and all(act.timed for act in acts):
+            acts.append(keeps_on(acts))
+        return tuple(acts), model
 
 
 def _model_numbers(numbers: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
@@ -317,59 +336,25 @@ def _model_numbers(numbers: Mapping[str, float]) -> tuple[tuple[str, float], ...
     return tuple((names[key], numbers[key]) for key in names if key in numbers)
 
 
-def _played(
-    item: Vehicle,
-    start: Start,
-    heading: float,
-    known: Mapping[str, float],
-    recorded: tuple[tuple[float, float], ...],
-) -> Actor:
-    """A vehicle whose moves depend on what happens, at a point. recorded: places of the recorded ego."""
-    acts: list[played.Act] = [] if item.moves else [played.Act(played.KEEP)]
-    model = None
-    for move in item.moves:
-        numbers = {key: quantity.at(known) for key, quantity in move.numbers}
-        if move.do == "follow":
-            model = Model(move.model, numbers.get("speed", start.speed), _model_numbers(numbers))
-            if move.when is not None:
-                program = move.when.at(known)
-                acts.append(
-                    played.Act(played.FOLLOW, numbers["begin"], RECORDED_EVERY, table=recorded, program=program)
-                )
-            continue
-        act = _act(move.do, numbers, by_place=move.by_place)
-        table = tuple((one.at(known), two.at(known)) for one, two in move.table)
-        if move.do == "speed_profile" and any(b[0] <= a[0] for a, b in itertools.pairwise(((0.0, 0.0), *table))):
-            raise must_be(f"The {'places' if move.by_place else 'times'}", f"`speed_profile` of vehicle `{item.name}`",
-                          "above 0 and ascending", [knot[0] for knot in table])  # fmt: skip
-        program = () if move.when is None else move.when.at(known)
-        acts.append(act._replace(table=table, program=program, name=move.name))
-    return Actor(
-        item.name, start, (), item.length, item.width, None, item.slides, item.body, heading, tuple(acts), model
-    )
-
-
-def _act(do: str, numbers: Mapping[str, float], *, by_place: bool) -> played.Act:
-    begin = numbers["begin"]
-    if do == "brake":
-        brake = Brake(begin, numbers["deceleration"], numbers.get("jerk", math.inf))
-        return played.Act(played.SPEED, begin, 0.0, 0.0, 0.0, brake.deceleration, brake.jerk)
-    if do == "accelerate":
-        jerk = numbers.get("jerk", math.inf)
-        return played.Act(played.SPEED, begin, 0.0, numbers["speed"], 0.0, numbers["acceleration"], jerk)
-    if do in ("change_lane", "change_lane_cosine"):
-        kind = played.SMOOTH if do == "change_lane" else played.COSINE
-        return played.Act(kind, begin, numbers["duration"], 0.0, numbers["offset"])
-    if do == "move_sideways":
-        move = ConstantLateral(begin, numbers["speed"], numbers["offset"], numbers.get("acceleration", math.inf))
-        return played.Act(played.CONSTANT, begin, move.duration, move.speed, move.offset, move.acceleration)
-    if do == "sinus":
-        offset, strongest = numbers["offset"], numbers["acceleration"]
-        duration = numbers["cycles"] * 2.0 * math.pi / math.sqrt(2.0 * strongest / abs(offset)) if offset else 0.0
-        return played.Act(played.SINUS, begin, duration, 0.0, offset, strongest)
-    if do == "speed_profile":
-        return played.Act(played.BY_PLACE if by_place else played.BY_TIME, begin)
-    return played.Act(played.PATH if do == "path" else played.KEEP, begin)
+def _act(
+    move: Move, begin: float, speed: float = 0.0, acceleration: float = math.inf, jerk: float = math.inf,
+    duration: float = 0.0, offset: float = 0.0, deceleration: float = 0.0, cycles: float = 1.0,
+) -> played.Act:  # fmt: skip
+    """The act of a manoeuvre with its numbers by key."""
+    if move.do == "brake":
+        return brake_to_stop(begin, deceleration, jerk)
+    if move.do == "accelerate":
+        return played.Act(played.SPEED, begin, 0.0, speed, 0.0, acceleration, jerk)
+    if move.do in ("change_lane", "change_lane_cosine"):
+        return lane_change(begin, duration, offset, cosine=move.do == "change_lane_cosine")
+    if move.do == "move_sideways":
+        return constant_lateral(begin, speed, offset, acceleration)
+    if move.do == "sinus":
+        lasts = cycles * 2.0 * math.pi / math.sqrt(2.0 * acceleration / abs(offset)) if offset else 0.0
+        return played.Act(played.SINUS, begin, lasts, 0.0, offset, acceleration)
+    if move.do == "speed_profile":
+        return played.Act(played.BY_PLACE if move.by_place else played.BY_TIME, begin)
+    return played.Act(played.PATH if move.do == "path" else played.KEEP, begin)
 
 
 @dataclass(frozen=True, slots=True)

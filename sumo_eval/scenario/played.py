@@ -74,6 +74,12 @@ class Act(NamedTuple):
     program: tuple[tuple[int, int, int, float], ...] = ()
     name: str = ""
 
+    @property
+    def timed(self) -> bool:
+        """Whether its begin and its end are known before the drive: a move across, or braking to a standstill."""
+        stops = self.kind == SPEED and self.speed == 0.0
+        return not self.program and (stops or self.kind in (SMOOTH, CONSTANT, COSINE))
+
 
 # -- along the line ----------------------------------------------------------------------------------------------------
 
@@ -535,13 +541,14 @@ def begin_play_rows(
 
 @rows
 def play_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, now: float,
-    line: Records,
+    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, steps: int,
+    step: float, line: Records,
 ) -> None:  # fmt: skip
-    """Move the played vehicles of every live case to the time `now`, s."""
+    """Move the others of every live case to the end of so many steps."""
     for i in range(len(egos)):
         if egos[i].live == 0 or egos[i].reason != 0:
             continue
+        now = (steps - egos[i].begun) * step
         for j in range(len(others[i])):
             play = plays[i][j]
             if play.model:
@@ -575,14 +582,26 @@ class Players(NamedTuple):
         """Those of these rows."""
         return Players(*(array[chosen] for array in self))
 
+    def with_row(self, row: int, other: Players) -> Players:
+        """These with the only row of others in place of one, wide enough for both."""
+        found = [self.plays.copy()]
+        found[0][row] = other.plays[0]
+        for own, new in zip(self[1:], other[1:], strict=True):
+            wide = np.zeros((*own.shape[:2], *np.maximum(own.shape, new.shape)[2:]), own.dtype)
+            wide[:, :, : own.shape[-1]] = own
+            wide[row] = np.zeros((), own.dtype)
+            wide[row, :, : new.shape[-1]] = new[0]
+            found.append(wide)
+        return Players(*found)
+
 
 def players(cases: Sequence[Sequence[Any]]) -> Players:
     """Records of the vehicles of cases, as they are before anything has begun. cases: the actors of each."""
     n, m = len(cases), len(cases[0])
     actors = [actor for case in cases for actor in case]
-    most = max((len(actor.script) for actor in actors), default=0)
-    tables = max((sum(len(act.table) for act in actor.script) for actor in actors), default=0)
-    steps = max((sum(len(act.program) for act in actor.script) for actor in actors), default=0)
+    most = max((len(actor.acts) for actor in actors), default=0)
+    tables = max((sum(len(act.table) for act in actor.acts) for actor in actors), default=0)
+    steps = max((sum(len(act.program) for act in actor.acts) for actor in actors), default=0)
     found = Players(
         np.zeros((n, m), PLAY), np.zeros((n, m, max(most, 1)), ACT), np.zeros((n, m, max(tables, 1) + 2), PIECE),
         np.zeros((n, m, max(tables, 1)), TABLE), np.zeros((n, m, max(steps, 1)), PROGRAM),
@@ -592,11 +611,11 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
             start = actor.start
             pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
             found.plays[i, j] = (
-                *pose, 0.0, 0.0, 0.0, 0.0, start.speed, math.inf, len(actor.script), 0, 0, 0,
+                *pose, 0.0, 0.0, 0.0, 0.0, start.speed, math.inf, len(actor.acts), 0, 0, 0,
                 actor.slides, AT_ONCE if actor.follows_at_once else 0, actor.on_map is not None,
             )  # fmt: skip
             first = step = 0
-            for q, act in enumerate(actor.script):
+            for q, act in enumerate(actor.acts):
                 waits = bool(act.program)
                 found.acts[i, j, q] = (
                     math.inf if waits else act.begin, act.duration, act.speed, act.offset, act.acceleration, act.jerk,

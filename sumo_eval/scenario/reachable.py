@@ -9,7 +9,6 @@ that depends on who drives.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -80,8 +79,6 @@ def _reach(concrete: ConcreteScenario, end: float, alone: float, times: Sequence
     alone: when an ego that nothing holds up is done, s; later, only a slower vehicle counts.
     """
     ends = [end - 0.5 * actor.length for actor in concrete.actors]
-    if not concrete.lively:
-        return [_passes(actor, last, times) for actor, last in zip(concrete.actors, ends, strict=True)]
     last_time = times[-1]
     ways = [max(_fastest(actor), 0.0) * last_time for actor in concrete.actors]
     if not any(actor.start.x + way > last for actor, way, last in zip(concrete.actors, ways, ends, strict=True)):
@@ -94,21 +91,13 @@ def _reach(concrete: ConcreteScenario, end: float, alone: float, times: Sequence
     ]
 
 
-def _passes(actor: Actor, last: float, times: Sequence[float]) -> float:
-    """The first of the times at which a vehicle of a fixed script, which never turns, is beyond x = `last`, m."""
-    if actor.x(0.0) > last:
-        return 0.0
-    found = bisect_right(times, last, key=actor.x) if actor.x(times[-1]) > last else len(times)
-    return times[found] if found < len(times) else math.inf
-
-
 def _fastest(actor: Actor) -> float:
     """The highest speed that a script has on a straight road, m/s; inf where SUMO drives, or it moves across."""
-    across = actor.start.lateral_speed != 0.0 or any(act.kind <= played.COSINE for act in actor.script)
-    if across or actor.model is not None or any(act.kind == played.FOLLOW for act in actor.script):
+    across = actor.start.lateral_speed != 0.0 or any(act.kind <= played.COSINE for act in actor.acts)
+    if across or actor.model is not None or any(act.kind == played.FOLLOW for act in actor.acts):
         return math.inf
-    told = [speed for act in actor.script if act.kind in (played.BY_TIME, played.BY_PLACE) for _, speed in act.table]
-    return max(actor.start.speed, *told, *(act.speed for act in actor.script if act.kind == played.SPEED), 0.0)
+    told = [speed for act in actor.acts if act.kind in (played.BY_TIME, played.BY_PLACE) for _, speed in act.table]
+    return max(actor.start.speed, *told, *(act.speed for act in actor.acts if act.kind == played.SPEED), 0.0)
 
 
 def _may_hold(

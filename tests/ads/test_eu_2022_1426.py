@@ -6,7 +6,7 @@ import pytest
 
 from sumo_eval.ads.eu_2022_1426 import SEATED, STANDING
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.scenario import Actor, ConcreteScenario, ConstantLateral, Road, Start
+from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, constant_lateral
 
 ROAD = Road("eu_2022_1426_2x3.5m", 2000.0, 2, 3.5, 200.0)
 TABLE = [(SEATED, ttc, 10.0 * k) for k, ttc in enumerate((0.48, 0.71, 0.94, 1.18, 1.41, 1.64), 1)]
@@ -20,7 +20,7 @@ def cut_in(closing: float, ttc: float) -> ConcreteScenario:
     """
     speed = 60.0 / 3.6 + 10.0
     start = Start(100.0 + 4.5 + closing * (ttc + 1.15), 3.5, speed - closing)
-    other = Actor("other", start, (ConstantLateral(0.0, 1.0, -3.5),), slides=True)
+    other = Actor("other", start, (constant_lateral(0.0, 1.0, -3.5),), slides=True)
     return ConcreteScenario("eu_2022_1426", {"closing": closing}, 1.0, ROAD, Start(100.0, 0.0, speed), (other,))
 
 

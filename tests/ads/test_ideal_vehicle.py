@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from road_scenes import actor, case, drawn_cases
 
-from sumo_eval.ads.foresight import evasion, first_meeting, foresee
+from sumo_eval.ads.foresight import evasion, foresee
 from sumo_eval.ads.known_answers import IdealBraking, safe_gap
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.simulation import simulate, simulate_many
@@ -16,7 +16,7 @@ from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario import Actor, Start, catalogue
-from sumo_eval.scenario.concrete import Brake, ConstantLateral
+from sumo_eval.scenario.concrete import brake_to_stop, constant_lateral
 from sumo_eval.settings import SimulationSettings
 
 SETTINGS = SimulationSettings(end_when_decided=True)
@@ -203,7 +203,7 @@ def test_it_falls_behind_a_vehicle_that_it_would_be_beside_of_at_equal_speed():
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
 def test_it_sees_the_obstacle_once_a_share_of_its_width_shows(share):
     # sliding to the left at 1.8 m/s: a share of 1.8 m shows after that share of a second; all of it at 1 s
-    lead = Actor("lead", Start(80.0, 0.0, 20.0), (ConstantLateral(0.3, 1.8, 3.5),), 4.5, 1.8, slides=True)
+    lead = Actor("lead", Start(80.0, 0.0, 20.0), (constant_lateral(0.3, 1.8, 3.5),), 4.5, 1.8, slides=True)
     hidden = actor("obstacle", 60.0, 0.0)
     known = dict(zip(("lead", "obstacle"), foresee(case(lead, hidden, speed=20.0), at(share)), strict=True))
     assert known["obstacle"].meets
@@ -216,7 +216,7 @@ def at(share: float) -> SimulationSettings:
 
 
 def test_the_first_braking_of_a_lead_is_noticed_when_it_begins():
-    lead = Actor("lead", Start(80.0, 0.0, 20.0), brake=Brake(0.73, 6.0))
+    lead = Actor("lead", Start(80.0, 0.0, 20.0), (brake_to_stop(0.73, 6.0),))
     (known,) = foresee(case(lead, speed=20.0), SimulationSettings())
     assert known == (0.73, True, 0.0, False)
 
@@ -224,7 +224,7 @@ def test_the_first_braking_of_a_lead_is_noticed_when_it_begins():
 @pytest.mark.parametrize("step", [0.02, 0.05, 0.1])
 def test_braking_that_begins_within_a_step_hits_as_fast_as_in_closed_form(step):
     # the lead brakes from 0.73 s on, so hard that it stands at once
-    lead = Actor("lead", Start(50.0 + 4.5 + 40.0, 0.0, 30.0), brake=Brake(0.73, 1e6))
+    lead = Actor("lead", Start(50.0 + 4.5 + 40.0, 0.0, 30.0), (brake_to_stop(0.73, 1e6),))
     recording = simulate(case(lead, speed=30.0), "ideal_braking", SimulationSettings(step=step, record_interval=0.1))
     expected = float(ideal_impact_speed(30.0, 0.0, 40.0, deceleration=9.0, build_up=0.15))
     assert recording.collision.relative_speed == pytest.approx(expected, abs=0.01)
@@ -234,8 +234,7 @@ def test_braking_that_begins_within_a_step_hits_as_fast_as_in_closed_form(step):
 def test_the_step_in_which_the_case_ends_is_foreseen_to_its_end(gap, meets):
     # 10 m/s faster: contact after 10.03 or 10.06 s, where the road ends at 10.02 s, in the step to 10.05 s
     lead = actor("lead", gap, 10.0)
-    met = first_meeting(case(lead).ego, SimulationSettings().vehicle, lead, 0.05, 10.02)
-    assert met == (pytest.approx(10.03) if meets else None)
+    assert foresee(case(lead), SimulationSettings(time_limit=10.02))[0].meets == meets
 
 
 def test_a_touch_of_corners_on_a_bend_is_foreseen_on_the_map():
@@ -243,9 +242,7 @@ def test_a_touch_of_corners_on_a_bend_is_foreseen_on_the_map():
     bend = catalogue.load("curve_cut_in")
     grazes = bend.concrete(ego_speed=24.8564, cut_in_speed=14.8803, gap=1.67441, lateral_speed=1.55033)
     settings = grazes.simulation(SETTINGS)
-    (other,), ego = grazes.actors, grazes.ego
-    assert first_meeting(ego, settings.vehicle, other, 0.05, 5.0) is None
-    assert first_meeting(ego, settings.vehicle, other, 0.05, 5.0, grazes.road.line) == pytest.approx(1.027, abs=0.002)
+    assert not foresee(replace(grazes, road=replace(grazes.road, line=())), settings)[0].meets
     assert foresee(grazes, settings)[0].meets
 
 
@@ -268,7 +265,7 @@ def test_the_safe_gap_by_hand():
 @pytest.mark.parametrize(("gap", "keeps"), [(6.4, False), (6.6, True)])
 def test_it_brakes_at_once_where_it_is_too_close_to_what_hides_whom_it_would_touch(gap, keeps):
     # fronts at 50 + 2.25 m and the lead's rear `gap` further on; the obstacle shows after 0.2 s at the earliest
-    lead = Actor("lead", Start(54.5 + gap, 0.0, 30.0), (ConstantLateral(0.0, 1.8, 3.5),), 4.5, 1.8, slides=True)
+    lead = Actor("lead", Start(54.5 + gap, 0.0, 30.0), (constant_lateral(0.0, 1.8, 3.5),), 4.5, 1.8, slides=True)
     ego = simulate(case(lead, actor("obstacle", 200.0, 0.0), speed=30.0), "ideal_braking").ego
     assert (ego.speed[1] == 30.0) == keeps
 
@@ -284,7 +281,7 @@ def test_who_stands_in_the_way_of_an_oncoming_vehicle_waits_until_it_has_passed(
 
 def test_who_has_driven_into_another_hides_it_no_longer():
     # 20 m/s: its front, 2.25 m ahead of its centre, meets the obstacle's rear, 9 - 2.25 m on, after 4.5 / 20 s
-    lead = Actor("lead", Start(80.0, 0.0, 20.0), (ConstantLateral(0.0, 0.1, 3.5),), 4.5, 1.8, slides=True)
+    lead = Actor("lead", Start(80.0, 0.0, 20.0), (constant_lateral(0.0, 0.1, 3.5),), 4.5, 1.8, slides=True)
     hidden = Actor("obstacle", Start(89.0, 0.0, 0.0))
     known = foresee(case(lead, hidden, speed=20.0), SimulationSettings())
     assert known[1].noticed == pytest.approx(0.225, abs=1e-6)

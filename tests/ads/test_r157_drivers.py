@@ -34,7 +34,7 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import drive
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start
-from sumo_eval.scenario.concrete import Brake, ConstantLateral
+from sumo_eval.scenario.concrete import brake_to_stop, constant_lateral
 from sumo_eval.settings import VehicleSettings
 
 DRIVERS = ["careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157", "eu_2022_1426"]
@@ -201,7 +201,7 @@ def test_a_slower_vehicle_far_enough_ahead_is_not_hit(driver):
 
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_a_lead_that_brakes_hard_at_a_long_headway_is_not_hit(driver):
-    lead = Actor("lead", Start(50.0 + 4.5 + 40.0, 0.0, 20.0), brake=Brake(1.0, 6.0))
+    lead = Actor("lead", Start(50.0 + 4.5 + 40.0, 0.0, 20.0), (brake_to_stop(1.0, 6.0),))
     recording = simulate(case(lead), driver)
     assert (recording.error, recording.collision) == (None, None)
     assert recording.end_reason == "standstill"
@@ -215,7 +215,7 @@ def test_a_steady_lead_at_two_seconds_headway_is_followed_at_constant_speed(driv
 
 
 def test_the_careful_driver_brakes_at_his_time_after_the_wandering_zone_is_left():
-    other = Actor("cut_in", Start(50.0 + 4.5 + 23.0, 3.5, 11.0), (ConstantLateral(0.0, 1.0, -3.5),))
+    other = Actor("cut_in", Start(50.0 + 4.5 + 23.0, 3.5, 11.0), (constant_lateral(0.0, 1.0, -3.5),))
     ego = simulate(case(other), "careful_driver").ego
     begins = 0.375 / 1.0 + 0.4 + 0.75
     braking = ego.acceleration < -0.01
@@ -227,14 +227,14 @@ def test_the_careful_driver_brakes_at_his_time_after_the_wandering_zone_is_left(
 def test_who_stood_beside_the_lane_is_perceived_where_he_has_walked_as_far_as_wandering_explains():
     # From 0.7 m beyond the middle of the lane on the right, at 1.4 m/s: 0.375 m after 0.27 s, and the lane's middle is
     # nothing to him. When he sets out he is 38 m ahead of 20 m/s: a TTC of 1.9 s, so nothing else is waited for.
-    walking = ConstantLateral(0.5, 1.4, 4.2)
+    walking = constant_lateral(0.5, 1.4, 4.2)
     walker = Actor("walker", Start(50.0 + 2.5 + 48.0, -4.2, 0.0), (walking,), 0.5, 0.5, slides=True)
     ego = simulate(case(walker), "careful_driver").ego
     assert ego.time[ego.acceleration < -0.01][0] == pytest.approx(0.5 + 0.375 / 1.4 + 0.4 + 0.75, abs=0.15)
 
 
 def test_a_cut_in_far_ahead_is_left_alone_until_its_ttc_is_below_two_seconds():
-    other = Actor("cut_in", Start(50.0 + 4.5 + 60.0, 3.5, 10.0), (ConstantLateral(0.0, 1.0, -3.5),))
+    other = Actor("cut_in", Start(50.0 + 4.5 + 60.0, 3.5, 10.0), (constant_lateral(0.0, 1.0, -3.5),))
     ego = simulate(case(other), "careful_driver").ego
     first = ego.time[ego.acceleration < -0.01][0]
     assert first == pytest.approx((60.0 - 20.0) / 10.0 + 0.75, abs=0.15)
@@ -249,7 +249,7 @@ def test_a_vehicle_that_stays_in_its_lane_is_no_event():
 def test_the_aeb_stage_does_not_see_through_a_vehicle():
     # 29 m to one that stands, TTC 1.45 s, behind one that slides aside at 1.8 m/s from 0.2 s on: a fifth of the hidden
     # one's 1.8 m shows 0.2 s after that
-    lead = Actor("lead", Start(50.0 + 4.5 + 6.0, 0.0, 20.0), (ConstantLateral(0.2, 1.8, 3.5),), 4.5, 1.8, slides=True)
+    lead = Actor("lead", Start(50.0 + 4.5 + 6.0, 0.0, 20.0), (constant_lateral(0.2, 1.8, 3.5),), 4.5, 1.8, slides=True)
     ego = simulate(case(lead, actor("standing", 29.0, 0.0), speed=20.0), "careful_driver_aeb").ego
     assert (ego.speed[ego.time <= 0.4] == 20.0).all()
     assert ego.speed[np.searchsorted(ego.time, 0.6)] < 20.0

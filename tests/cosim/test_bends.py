@@ -11,8 +11,8 @@ from cosim_cases import ROAD, case, lead
 
 from sumo_eval import Command
 from sumo_eval.cosim.simulation import simulate, simulate_many
-from sumo_eval.scenario import Actor, ConcreteScenario, ConstantLateral, LaneChange, Road, Start
-from sumo_eval.scenario.concrete import Brake
+from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, constant_lateral, lane_change
+from sumo_eval.scenario.concrete import brake_to_stop
 from sumo_eval.scenario.road.reference_line import Piece, arc, map_places
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Recording, Trajectory
@@ -29,9 +29,9 @@ def on(road: Road, concrete: ConcreteScenario) -> ConcreteScenario:
     return replace(concrete, road=road)
 
 
-CUT_IN = case(Actor("other", Start(79.5, 3.5, 15.0), (ConstantLateral(0.5, 1.0, -3.5),)))
-BRAKING = case(replace(lead(30.0, 20.0), brake=Brake(1.0, 6.0, 10.0)))
-CHANGING = case(Actor("other", Start(90.0, 0.0, 14.0), (LaneChange(1.0, 3.0, 3.5),)))
+CUT_IN = case(Actor("other", Start(79.5, 3.5, 15.0), (constant_lateral(0.5, 1.0, -3.5),)))
+BRAKING = case(replace(lead(30.0, 20.0), acts=(brake_to_stop(1.0, 6.0, 10.0),)))
+CHANGING = case(Actor("other", Start(90.0, 0.0, 14.0), (lane_change(1.0, 3.0, 3.5),)))
 
 
 def vehicles(recording: Recording) -> list[Trajectory]:

@@ -11,24 +11,24 @@ from cosim_cases import HALF_SECOND, ROAD, case, lead
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.cosim.world import leaves_the_lanes_at
-from sumo_eval.scenario import Actor, Brake, ConstantLateral, LaneChange, Start
+from sumo_eval.scenario import Actor, Start, brake_to_stop, constant_lateral, lane_change
+from sumo_eval.scenario.played import CONSTANT
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.trajectory import CHANNELS
 
 FOUR_SECONDS = SimulationSettings(time_limit=4.0)
 LOST = -1073741824.0  # SUMO's place and speed of a vehicle that is on no lane
 OFF_ROAD = {
-    "right": (LaneChange(0.5, 1.0, -4.5),),
-    "left": (LaneChange(0.5, 1.5, 9.0),),
-    "twice": (LaneChange(0.2, 1.0, -4.0), LaneChange(2.0, 1.0, -3.0)),
-    "and back": (LaneChange(0.2, 1.0, -4.0), LaneChange(2.0, 1.0, 4.0)),
-    "sliding": (ConstantLateral(0.5, 3.0, -4.5),),
+    "right": (lane_change(0.5, 1.0, -4.5),),
+    "left": (lane_change(0.5, 1.5, 9.0),),
+    "twice": (lane_change(0.2, 1.0, -4.0), lane_change(2.0, 1.0, -3.0)),
+    "and back": (lane_change(0.2, 1.0, -4.0), lane_change(2.0, 1.0, 4.0)),
+    "sliding": (constant_lateral(0.5, 3.0, -4.5),),
 }
 
 
 def leaver(moves, **keywords):
-    slides = isinstance(moves[0], ConstantLateral)
+    slides = moves[0].kind == CONSTANT
     return Actor("leaver", Start(120.0, 0.0, 15.0), moves, slides=slides, **keywords)
 
 
@@ -65,19 +65,12 @@ def test_a_vehicle_that_its_script_takes_off_the_lanes_stays_on_its_script(kind,
 
 
 def test_a_vehicle_that_brakes_to_a_stand_off_the_lanes_stays_there():
-    actor = leaver((LaneChange(0.2, 1.0, -4.5),), brake=Brake(0.5, 8.0))
+    actor = leaver((lane_change(0.2, 1.0, -4.5), brake_to_stop(0.5, 8.0)))
     found = alone(actor)
     assert found.error is None
     track = found.actors["leaver"]
     np.testing.assert_allclose(track.x[-1], actor.x(4.0), rtol=0, atol=1e-3)
     assert track.speed[-1] == 0.0
-
-
-def test_who_stays_on_the_lanes_is_moved_no_longer_than_his_script_lasts():
-    stays = leaver((LaneChange(0.5, 1.0, 3.5),))
-    assert leaves_the_lanes_at(stays, ROAD) == math.inf
-    leaves = leaver(OFF_ROAD["and back"])
-    assert leaves_the_lanes_at(leaves, ROAD) == 0.2
 
 
 class Keeps:
@@ -103,7 +96,7 @@ def test_packs_hold_vehicles_off_the_lanes_to_the_last_bit():
 
 def test_a_braking_vehicle_that_passes_the_end_of_the_lanes_has_left_the_network():
     short = replace(case(lead(100.0)), road=replace(ROAD, length=300.0, run_out=0.0))
-    actor = Actor("gone", Start(280.0, 0.0, 20.0), brake=Brake(0.1, 8.0))  # stands beyond it
+    actor = Actor("gone", Start(280.0, 0.0, 20.0), (brake_to_stop(0.1, 8.0),))  # stands beyond it
     found = simulate(replace(short, actors=(actor,)), lambda traci, ego, time: Command(0.0), FOUR_SECONDS)
     assert found.error is None
     assert "actor_left_the_network" in {clip.what for clip in found.clips}

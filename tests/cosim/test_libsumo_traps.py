@@ -18,7 +18,7 @@ from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import SIMULATION_OPTIONS, network_xml, routes_xml
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import SimulationError
-from sumo_eval.scenario import Actor, LaneChange, Start
+from sumo_eval.scenario import Actor, Start, lane_change
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 CAR = VehicleSettings()
@@ -289,7 +289,7 @@ def test_trap_7_we_record_centres_and_mathematical_headings_as_commanded():
 
 
 def test_trap_7_scripted_lateral_motion_is_smooth_in_what_sumo_shows():
-    mover = Actor("mover", Start(80.0, 0.0, 20.0), (LaneChange(0.5, 3.0, 3.5),))
+    mover = Actor("mover", Start(80.0, 0.0, 20.0), (lane_change(0.5, 3.0, 3.5),))
     seen = []
     simulate(
         case(mover), lambda traci, *_: seen.append(traci.vehicle.getPosition("mover")), SimulationSettings(time_limit=5)

@@ -14,7 +14,7 @@ from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start
-from sumo_eval.scenario.concrete import Brake
+from sumo_eval.scenario.concrete import brake_to_stop
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from
 
@@ -203,7 +203,7 @@ def test_the_road_has_its_lanes_as_lines_and_the_ads_is_told_its_task():
 @pytest.mark.parametrize("conditions", [{}, {"sensor_range": 1000.0}], ids=["as_it_is", "through_senses"])
 def test_acceleration_is_the_rate_of_the_seen_speed(conditions):
     # braking from 20 m/s at 4 m/s2 from the start: 0 at the first look, then -4
-    _, shown = seen_by(None, case(Actor("lead", Start(150.0, 0.0, 20.0), brake=Brake(0.0, 4.0))), **conditions)
+    _, shown = seen_by(None, case(Actor("lead", Start(150.0, 0.0, 20.0), (brake_to_stop(0.0, 4.0),))), **conditions)
     assert [seen.lead.acceleration for seen in shown] == pytest.approx([0.0] + [-4.0] * 9)
     assert [seen.lead.x for seen in shown][:2] == pytest.approx([150.0, 150.0 + 0.05 * 20.0 - 0.5 * 4.0 * 0.05**2])
 

@@ -16,7 +16,7 @@ from sumo_eval.cosim.doors.controller import NativeModel, load_controller
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Start, catalogue
+from sumo_eval.scenario import Actor, EgoBody, Start, brake_to_stop, catalogue, constant_lateral, lane_change, motion
 from sumo_eval.scenario.sampling.samples import grid, sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
@@ -615,7 +615,7 @@ def test_acceleration_is_recorded_under_commands_and_under_traci():
 def test_an_actors_acceleration_is_that_of_its_motion():
     # the quintic lane change of 3.5 m in 3 s raises the ground speed of 10 m/s by at most
     # hypot(10, 1.875*3.5/3) - 10 = 0.2364 m/s, and with it the acceleration is not 0
-    mover = Actor("mover", Start(80.0, 0.0, 10.0), (LaneChange(0.0, 3.0, 3.5),))
+    mover = Actor("mover", Start(80.0, 0.0, 10.0), (lane_change(0.0, 3.0, 3.5),))
     found = simulate(case(mover, speed=10.0), nothing, SimulationSettings(time_limit=3.0))
     track = found.actors["mover"]
     assert track.speed.max() == pytest.approx(10.2364, abs=1e-3)
@@ -623,9 +623,9 @@ def test_an_actors_acceleration_is_that_of_its_motion():
 
 
 @pytest.mark.parametrize("jerk", [math.inf, 12.65])
-@pytest.mark.parametrize("moves", [(), (LaneChange(0.5, 2.0, 3.5),), (ConstantLateral(0.33, 1.3, 3.5),)])
+@pytest.mark.parametrize("moves", [(), (lane_change(0.5, 2.0, 3.5),), (constant_lateral(0.33, 1.3, 3.5),)])
 def test_law_a_scripted_actor_is_where_its_closed_form_says_at_every_sample(jerk, moves):
-    mover = Actor("mover", Start(80.0, 0.0, 17.0), moves, brake=Brake(0.42, 4.0, jerk))
+    mover = Actor("mover", Start(80.0, 0.0, 17.0), (*moves, brake_to_stop(0.42, 4.0, jerk)))
     found = simulate(case(mover, speed=5.0), nothing, SimulationSettings(time_limit=8.0))
     track = found.actors["mover"]
     assert found.error is None
@@ -636,7 +636,10 @@ def test_law_a_scripted_actor_is_where_its_closed_form_says_at_every_sample(jerk
         assert track.y[index] == pytest.approx(mover.y(time), abs=1e-6)
         assert track.speed[index] == pytest.approx(math.hypot(along, across), abs=1e-6)
         assert track.heading[index] == pytest.approx(math.atan2(across, along), abs=1e-6)
-        assert track.acceleration[index] == mover.acceleration(time)
+        braking = -min(jerk * (time - 0.42), 4.0) if 0.42 <= time < mover.script_end else 0.0
+        sideways = sum(motion.lateral_acceleration(move, time) for move in moves)
+        rate = motion.along_heading(along, across, braking, sideways)
+        assert track.acceleration[index] == pytest.approx(rate, abs=1e-9)
     assert track.speed[-1] == 0.0
     assert track.acceleration.min() < -3.9
 

@@ -14,7 +14,7 @@ from lxml import etree
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import SIMULATION_OPTIONS, configuration_xml, network_xml, routes_xml
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import Actor, Brake, LaneChange, Start, catalogue, shipped_files
+from sumo_eval.scenario import Actor, Start, brake_to_stop, catalogue, lane_change, shipped_files
 from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
@@ -74,7 +74,7 @@ def test_a_vehicle_that_sumo_drives_wants_its_initial_speed():
 
 
 def test_a_route_file_says_which_point_it_is_and_what_it_cannot_express():
-    mover = Actor("mover", Start(80.0, 0.0, 20.0), (LaneChange(0.5, 3.0, 3.5), LaneChange(5.0, 2.0, -3.5)))
+    mover = Actor("mover", Start(80.0, 0.0, 20.0), (lane_change(0.5, 3.0, 3.5), lane_change(5.0, 2.0, -3.5)))
     concrete = replace(case(mover), scenario="cut--out", values={"gap": 30.0, "ego_speed": 20.0})
     text = routes_xml(concrete, CAR, origin="From a test.")
     comment = parse(text).getprevious()
@@ -83,7 +83,7 @@ def test_a_route_file_says_which_point_it_is_and_what_it_cannot_express():
     assert "`mover` moves 3.5 m to the left from 0.5 s to 3.5 s" in comment.text
     assert "`mover` moves 3.5 m to the right from 5 s to 7 s" in comment.text
     assert "Not in this file" not in routes_xml(case(), CAR)
-    braking = routes_xml(case(Actor("lead", Start(80.0, 0.0, 20.0), brake=Brake(0.5, 4.0))), CAR)
+    braking = routes_xml(case(Actor("lead", Start(80.0, 0.0, 20.0), (brake_to_stop(0.5, 4.0),))), CAR)
     assert "`lead` brakes to a standstill with 4 m/s2 from 0.5 s on" in braking
 
 

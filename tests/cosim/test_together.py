@@ -18,7 +18,7 @@ from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_
 from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.worker import run_case
-from sumo_eval.scenario import Actor, Brake, ConstantLateral, LaneChange, Start, catalogue
+from sumo_eval.scenario import Actor, Start, brake_to_stop, catalogue, constant_lateral, lane_change
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Alone, Recording
@@ -348,29 +348,29 @@ def test_egos_that_steer_and_vehicles_that_turn_are_recorded_as_alone_bit_for_bi
     assert reasons >= {"contact", "off_road", "standstill"}
 
 
-def scripted(*moves, brake=None, slides=False, y=0.0, speed=14.0):
+def scripted(*moves, slides=False, y=0.0, speed=14.0):
     """A vehicle 40 m ahead, and one in its way that nobody moves."""
-    ahead = Actor("ahead", Start(90.0, y, speed), moves, brake=brake, slides=slides)
+    ahead = Actor("ahead", Start(90.0, y, speed), moves, slides=slides)
     return case(ahead, Actor("beyond", Start(150.0, 3.5, 12.0)), speed=15.0)
 
 
 SCRIPTS = {
-    "half a lane": scripted(LaneChange(0.5, 3.0, 1.75)),
-    "a little to the right": scripted(LaneChange(0.3, 2.0, -0.7)),
-    "off the road": scripted(LaneChange(0.5, 2.0, -4.5)),
-    "over the left edge": scripted(LaneChange(0.5, 3.0, 5.6)),
-    "there and back": scripted(LaneChange(0.5, 3.0, 3.5), LaneChange(4.0, 2.5, -3.5)),
-    "two at once": scripted(LaneChange(0.5, 3.0, 2.1), LaneChange(1.5, 2.5, 1.4)),
-    "at constant lateral speed": scripted(ConstantLateral(0.33, 1.1, 3.5)),
-    "braking": scripted(brake=Brake(0.4, 6.0, 20.0)),
-    "braking as it changes lane": scripted(LaneChange(0.5, 1.5, 3.5), brake=Brake(1.0, 4.0)),
-    "sliding twice": scripted(ConstantLateral(0.2, 1.0, 2.0), ConstantLateral(3.05, 0.7, -1.0), slides=True),
-    "sliding as it brakes": scripted(ConstantLateral(0.2, 2.0, 3.5), brake=Brake(1.0, 3.0), slides=True),
-    "sliding off the road": scripted(ConstantLateral(0.2, 2.0, -3.0), slides=True),
-    "sliding half a lane": scripted(ConstantLateral(0.2, 2.0, 1.75), slides=True),
-    "off the centre": scripted(LaneChange(0.5, 3.0, 2.0), y=0.6),
+    "half a lane": scripted(lane_change(0.5, 3.0, 1.75)),
+    "a little to the right": scripted(lane_change(0.3, 2.0, -0.7)),
+    "off the road": scripted(lane_change(0.5, 2.0, -4.5)),
+    "over the left edge": scripted(lane_change(0.5, 3.0, 5.6)),
+    "there and back": scripted(lane_change(0.5, 3.0, 3.5), lane_change(4.0, 2.5, -3.5)),
+    "two at once": scripted(lane_change(0.5, 3.0, 2.1), lane_change(1.5, 2.5, 1.4)),
+    "at constant lateral speed": scripted(constant_lateral(0.33, 1.1, 3.5)),
+    "braking": scripted(brake_to_stop(0.4, 6.0, 20.0)),
+    "braking as it changes lane": scripted(lane_change(0.5, 1.5, 3.5), brake_to_stop(1.0, 4.0)),
+    "sliding twice": scripted(constant_lateral(0.2, 1.0, 2.0), constant_lateral(3.05, 0.7, -1.0), slides=True),
+    "sliding as it brakes": scripted(constant_lateral(0.2, 2.0, 3.5), brake_to_stop(1.0, 3.0), slides=True),
+    "sliding off the road": scripted(constant_lateral(0.2, 2.0, -3.0), slides=True),
+    "sliding half a lane": scripted(constant_lateral(0.2, 2.0, 1.75), slides=True),
+    "off the centre": scripted(lane_change(0.5, 3.0, 2.0), y=0.6),
     "standing": scripted(speed=0.0),
-    "from the left": scripted(LaneChange(1.0, 2.5, -3.5), y=3.5),
+    "from the left": scripted(lane_change(1.0, 2.5, -3.5), y=3.5),
 }
 
 

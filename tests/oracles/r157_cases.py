@@ -11,7 +11,7 @@ from sumo_eval.cosim.doors.controller import ControllerLike
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.catalogue import load
-from sumo_eval.scenario.concrete import Brake, ConstantLateral
+from sumo_eval.scenario.concrete import brake_to_stop, constant_lateral
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 TABLES = Path(__file__).parents[2].parent / "shared" / "data" / "r157"
@@ -58,14 +58,14 @@ def cut_in(
 ) -> ConcreteScenario:
     """A vehicle `gap` m ahead in the lane to the left (side -1: right) begins to come over at t = 0. m, m/s."""
     start = Start(x + LENGTH + gap, LANE + side * LANE, other_speed)
-    move = ConstantLateral(0.0, lateral_speed, -side * LANE)
+    move = constant_lateral(0.0, lateral_speed, -side * LANE)
     return scene(speed, Actor("cut_in", start, (move,), LENGTH, WIDTH, slides=slides), x=x)
 
 
 def cut_out(speed: float, lead_gap: float, obstacle_gap: float, lateral_speed: float) -> ConcreteScenario:
     """The lead begins to leave to the left at t = 0 and reveals a standing vehicle `obstacle_gap` m ahead of it."""
     lead_x = EGO_X + LENGTH + lead_gap
-    move = ConstantLateral(0.0, lateral_speed, LANE)
+    move = constant_lateral(0.0, lateral_speed, LANE)
     lead = Actor("lead", Start(lead_x, LANE, speed), (move,), LENGTH, WIDTH, slides=True)
     obstacle = Actor("obstacle", Start(lead_x + LENGTH + obstacle_gap, LANE, 0.0), (), LENGTH, WIDTH)
     return scene(speed, lead, obstacle)
@@ -98,7 +98,7 @@ def of_row(kind: str, row: Row, *, bounded: bool = True, run_up: bool = False) -
         shipped = load("front_vehicle_braking")
         return shipped.concrete(ego_speed=speed, headway=gap / speed, lead_deceleration=deceleration)
     start = Start(EGO_X + LENGTH + gap, LANE, speed)
-    return scene(speed, Actor("lead", start, (), LENGTH, WIDTH, Brake(0.0, deceleration)))
+    return scene(speed, Actor("lead", start, (brake_to_stop(0.0, deceleration),), LENGTH, WIDTH))
 
 
 def collides(concrete: ConcreteScenario, controller: ControllerLike, settings: SimulationSettings = SETTINGS) -> bool:

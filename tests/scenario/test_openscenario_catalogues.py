@@ -16,7 +16,7 @@ from sumo_eval.cosim.stage import Stage
 from sumo_eval.errors import InputError
 from sumo_eval.record.facts import resolve
 from sumo_eval.scenario.catalogue import find, load
-from sumo_eval.scenario.concrete import ConcreteScenario, LaneChange
+from sumo_eval.scenario.concrete import ConcreteScenario, lane_change
 from sumo_eval.scenario.formats import expanded
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
@@ -273,8 +273,8 @@ def test_how_the_lead_leaves_its_lane_alone_decides_on_a_cut_out_close_to_the_li
         for actor, ahead in zip(own.actors, (2.0 * 60 / 3.6 + 5.0, 2.0 * 60 / 3.6 + 5.0 + 25.0), strict=True)
     )
     speeds = []
-    for way in (lead.lane_changes[0], LaneChange(0.0, 0.5 * math.pi * 3.5, 3.5, cosine=True)):
-        case = replace(own, actors=(replace(lead, lane_changes=(way,)), obstacle), ego_body=theirs.ego_body)
+    for way in (lead.lateral_moves[0], lane_change(0.0, 0.5 * math.pi * 3.5, 3.5, cosine=True)):
+        case = replace(own, actors=(replace(lead, acts=(way,)), obstacle), ego_body=theirs.ego_body)
         hit = simulate(case, "careful_driver").collision
         speeds.append(0.0 if hit is None else hit.ego_velocity[0])
     hit = simulate(theirs, "careful_driver").collision

@@ -195,8 +195,8 @@ def test_who_moves_across_twice_is_told_from_the_lane_in_which_it_then_is(tmp_pa
     """
     events = lane_change(1, 1.0, SELF.format(-1)) + lane_change(2, 5.0, SELF.format(1))
     (other,) = find(str(written(tmp_path, events=events))).concrete(only=0.0).actors
-    assert [move.offset for move in other.lane_changes] == pytest.approx([-3.75, 3.5])
-    assert [move.begin for move in other.lane_changes] == [1.0, 5.0]
+    assert [move.offset for move in other.lateral_moves] == pytest.approx([-3.75, 3.5])
+    assert [move.begin for move in other.lateral_moves] == [1.0, 5.0]
 
 
 def test_an_event_is_found_by_the_path_to_it(tmp_path: Path) -> None:
@@ -213,8 +213,8 @@ def test_an_event_is_found_by_the_path_to_it(tmp_path: Path) -> None:
 def test_a_time_that_is_equal_begins_at_it(tmp_path: Path) -> None:
     events = TIMED.format(n=1, action=BRAKE, delay=0, when='<SimulationTimeCondition value="4" rule="equalTo"/>')
     (other,) = find(str(written(tmp_path, events=events))).concrete(only=0.0).actors
-    assert other.brake is not None
-    assert other.brake.begin == 4.0
+    assert other.braking is not None
+    assert other.braking.begin == 4.0
 
 
 def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path: Path) -> None:

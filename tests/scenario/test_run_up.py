@@ -11,7 +11,7 @@ from scenario.test_scenario_file import EXAMPLE
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import exact_target
-from sumo_eval.scenario import ConstantLateral, catalogue
+from sumo_eval.scenario import catalogue, constant_lateral, motion
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.settings import SimulationSettings, ZoneSettings
 
@@ -34,43 +34,48 @@ def points(count: int, seed: int) -> np.ndarray:
 
 def test_a_run_up_by_hand():
     # 1.5 m/s2 to 3 m/s: 2 s, 3 m. The other 4 m take 4/3 s.
-    move = ConstantLateral(begin=1.0, speed=3.0, offset=-7.0, acceleration=1.5)
-    assert (move.rise, move.duration) == (2.0, pytest.approx(2.0 + 4.0 / 3.0))
-    assert [move.lateral(t) for t in (0.5, 2.0, 3.0, 4.0, 9.0)] == pytest.approx([0.0, -0.75, -3.0, -6.0, -7.0])
-    assert [move.lateral_speed(t) for t in (0.5, 2.0, 3.0, 4.0, 4.5)] == pytest.approx([0.0, -1.5, -3.0, -3.0, 0.0])
-    assert [move.lateral_acceleration(t) for t in (0.5, 1.0, 2.9, 3.1)] == [0.0, -1.5, -1.5, 0.0]
+    move = constant_lateral(begin=1.0, speed=3.0, offset=-7.0, acceleration=1.5)
+    assert move.duration == pytest.approx(2.0 + 4.0 / 3.0)
+    assert [motion.lateral(move, t) for t in (0.5, 2.0, 3.0, 4.0, 9.0)] == pytest.approx([0.0, -0.75, -3.0, -6.0, -7.0])
+    assert [motion.lateral_speed(move, t) for t in (0.5, 2.0, 3.0, 4.0, 4.5)] == pytest.approx(
+        [0.0, -1.5, -3.0, -3.0, 0.0]
+    )
+    assert [motion.lateral_acceleration(move, t) for t in (0.5, 1.0, 2.9, 3.1)] == [0.0, -1.5, -1.5, 0.0]
 
 
 def test_a_move_that_ends_within_its_run_up_by_hand():
     # 0.75 m at 1.5 m/s2: 0.75 t^2 = 0.75 after 1 s, at 1.5 m/s; 3 m/s is never reached
-    move = ConstantLateral(begin=0.0, speed=3.0, offset=0.75, acceleration=1.5)
+    move = constant_lateral(begin=0.0, speed=3.0, offset=0.75, acceleration=1.5)
     assert move.duration == pytest.approx(1.0)
-    assert [move.lateral(t) for t in (0.5, 1.0, 2.0)] == pytest.approx([0.1875, 0.75, 0.75])
-    assert [move.lateral_speed(t) for t in (0.5, 1.01)] == [0.75, 0.0]
+    assert [motion.lateral(move, t) for t in (0.5, 1.0, 2.0)] == pytest.approx([0.1875, 0.75, 0.75])
+    assert [motion.lateral_speed(move, t) for t in (0.5, 1.01)] == [0.75, 0.0]
 
 
 @given(SPEEDS, OFFSETS, BUILD_UPS, SIDES)
 def test_law_the_way_is_the_integral_of_the_speed_and_the_speed_of_the_acceleration(speed, offset, build_up, side):
-    move = ConstantLateral(0.0, speed, side * offset, build_up)
+    move = constant_lateral(0.0, speed, side * offset, build_up)
     for end in (0.3, 0.7, 0.99):
         middles = (np.arange(2000) + 0.5) / 2000 * end * move.duration
         step = end * move.duration / 2000
-        driven = step * sum(move.lateral_speed(time) for time in middles)
-        gained = step * sum(move.lateral_acceleration(time) for time in middles)
-        assert driven == pytest.approx(move.lateral(end * move.duration), abs=speed * step), (
+        driven = step * sum(motion.lateral_speed(move, time) for time in middles)
+        gained = step * sum(motion.lateral_acceleration(move, time) for time in middles)
+        assert driven == pytest.approx(motion.lateral(move, end * move.duration), abs=speed * step), (
             "the midpoint rule misses a kink by that"
         )
-        assert gained == pytest.approx(move.lateral_speed(end * move.duration), abs=build_up * step)
-    assert move.lateral(move.duration) == pytest.approx(side * offset)
+        assert gained == pytest.approx(motion.lateral_speed(move, end * move.duration), abs=build_up * step)
+    assert motion.lateral(move, move.duration) == pytest.approx(side * offset)
 
 
 @given(st.floats(0.0, 30.0), SPEEDS, OFFSETS, BUILD_UPS)
 def test_law_the_run_up_makes_a_move_late_by_half_its_duration(time, speed, offset, build_up):
     """Once the speed is reached, a move is where the one without a run-up was v / 2a s before."""
-    plain, move = ConstantLateral(0.0, speed, offset), ConstantLateral(0.0, speed, offset, build_up)
-    if time >= move.rise and 0.5 * speed * move.rise <= offset:
-        assert move.lateral(time) == pytest.approx(plain.lateral(time - 0.5 * speed / build_up), abs=1e-9)
-    assert move.lateral(time) <= plain.lateral(time)
+    plain, move = constant_lateral(0.0, speed, offset), constant_lateral(0.0, speed, offset, build_up)
+    rise = speed / build_up
+    if time >= rise and 0.5 * speed * rise <= offset:
+        assert motion.lateral(move, time) == pytest.approx(
+            motion.lateral(plain, time - 0.5 * speed / build_up), abs=1e-9
+        )
+    assert motion.lateral(move, time) <= motion.lateral(plain, time)
 
 
 # --- cut_in -----------------------------------------------------------------------------------------------------------
@@ -146,12 +151,12 @@ def own(tmp_path, acceleration: str):
     old = '{ do = "brake", begin = 1.0, deceleration = 4.0 }'
     assert old in EXAMPLE
     (tmp_path / "s.toml").write_text(EXAMPLE.replace(old, move))
-    return read_scenario(tmp_path / "s.toml").concrete(ego_speed=20.0, truck_speed=10.0).actors[0].lane_changes
+    return read_scenario(tmp_path / "s.toml").concrete(ego_speed=20.0, truck_speed=10.0).actors[0].lateral_moves
 
 
 def test_move_sideways_has_the_acceleration_of_the_file(tmp_path):
-    assert own(tmp_path, ', acceleration = "truck_speed / 8.0"') == (ConstantLateral(1.0, 2.0, 3.5, 1.25),)
-    assert own(tmp_path, "") == (ConstantLateral(1.0, 2.0, 3.5, math.inf),)
+    assert own(tmp_path, ', acceleration = "truck_speed / 8.0"') == (constant_lateral(1.0, 2.0, 3.5, 1.25),)
+    assert own(tmp_path, "") == (constant_lateral(1.0, 2.0, 3.5, math.inf),)
 
 
 def test_move_sideways_without_an_acceleration_above_0_is_refused(tmp_path):

@@ -138,7 +138,7 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
     (tmp_path / "s.toml").write_text(text)
     concrete = read_scenario(tmp_path / "s.toml").concrete(ego_speed=20.0, truck_speed=10.0)
     (truck,) = concrete.actors
-    assert [(move.begin, move.duration) for move in truck.lane_changes] == [(1.0, 3.0), (5.0, 3.5)]
+    assert [(move.begin, move.duration) for move in truck.lateral_moves] == [(1.0, 3.0), (5.0, 3.5)]
     assert (truck.y(4.0), truck.y(20.0)) == (3.5, 0.0)
     with_exposure = read_scenario(tmp_path / "s.toml").concrete(ego_speed=20.0, truck_speed=15.0).exposure
     assert with_exposure / concrete.exposure == pytest.approx(2.5 / 2.0)
@@ -204,7 +204,7 @@ def test_an_option_is_a_number_that_expressions_know_and_another_scenario_where_
     text = EXAMPLE.replace("begin = 1.0", 'begin = "reaction"').replace("[ego]", OPTION + "[ego]")
     file.write_text(text)
     plain, given = (catalogue.find(f"slow_truck.toml{use}", file.parent) for use in ("", "?reaction=2.5"))
-    brakes = [logical.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].brake.begin for logical in (plain, given)]
+    brakes = [logical.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].braking.begin for logical in (plain, given)]
     assert brakes == [1.0, 2.5]
     assert (plain.name, given.name) == ("slow_truck", "slow_truck_later")
     assert (plain.road.lanes, given.road.lanes) == (2, 3)
@@ -221,7 +221,7 @@ def test_options_without_a_table_of_their_own_are_named_one_after_the_other(file
     file.write_text(EXAMPLE.replace("begin = 1.0", 'begin = "first + second"').replace("[ego]", options + "[ego]"))
     both = catalogue.find("slow_truck.toml?second=3&first=-0.5", file.parent)
     assert both.name == "slow_truck_first_second"
-    assert both.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].brake.begin == 2.5
+    assert both.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].braking.begin == 2.5
 
 
 def test_a_sample_is_rows_in_other_units_at_each_value_with_the_rest_worked_out(file):

@@ -15,15 +15,16 @@ from sumo_eval.errors import InputError
 from sumo_eval.scenario import (
     Actor,
     Approach,
-    Brake,
-    ConstantLateral,
     Constraint,
-    LaneChange,
     LogicalScenario,
     Parameter,
     Road,
     Start,
+    brake_to_stop,
     catalogue,
+    constant_lateral,
+    lane_change,
+    motion,
 )
 from sumo_eval.scenario.concrete import ConcreteScenario, braked_distance, braked_speed, smooth_step, smooth_step_rate
 from sumo_eval.scenario.sampling.samples import sample
@@ -86,7 +87,7 @@ def test_low_speed_starts_3_5_s_of_ego_speed_behind_the_lead():
     # 3.5 * 20 = 70 m from bumper to bumper: centres 70 + 4.5 m apart
     assert lead.start.x - concrete.ego.x == pytest.approx(74.5)
     assert (concrete.ego.speed, lead.start.speed, concrete.ego.y, lead.start.y) == (20.0, 5.0, 0.0, 0.0)
-    assert lead.lane_changes == ()
+    assert lead.lateral_moves == ()
 
 
 def test_cut_out_measures_the_gap_from_the_ego_to_the_obstacle():
@@ -96,7 +97,7 @@ def test_cut_out_measures_the_gap_from_the_ego_to_the_obstacle():
     # the lead: 1 s * 20 m/s = 20 m ahead, since there is room: 70 - 4.5 - 1.3*10 = 52.5 m
     assert lead.start.x - concrete.ego.x == pytest.approx(24.5)
     assert (lead.start.speed, obstacle.start.speed) == (20.0, 10.0)
-    assert lead.lane_changes == (LaneChange(0.0, 2.0, 3.5),)
+    assert lead.lateral_moves == (lane_change(0.0, 2.0, 3.5),)
     assert lead.y(2.0) == 3.5
 
 
@@ -135,7 +136,7 @@ def test_the_approach_describes_what_is_placed(logical):
         apart = (ego_length(concrete) + ahead.length) / 2
         assert approach.gap[index] == pytest.approx(ahead.start.x - concrete.ego.x - apart)
         slowing = np.broadcast_to(approach.obstacle_deceleration, len(points))[index]
-        assert slowing == (ahead.brake.deceleration if ahead.brake else 0.0)
+        assert slowing == (ahead.braking.acceleration if ahead.braking else 0.0)
         begin = np.broadcast_to(approach.conflict_begin, len(points))[index]
         if begin > 0.0:  # the bodies begin to overlap across the road
             width = (concrete.ego_vehicle(VehicleSettings()).width + ahead.width) / 2
@@ -167,7 +168,7 @@ def test_a_cut_in_begins_1_6_m_beside_the_ego_and_ends_on_its_lane_centre():
 
 def test_a_braking_lead_and_a_cut_out_by_hand():
     (lead,) = catalogue.load("front_vehicle_braking").concrete(ego_speed=20, headway=2, lead_deceleration=5).actors
-    assert (lead.start.x, lead.start.speed, lead.brake) == (50.0 + 40.0 + 4.3, 20.0, Brake(0.0, 5.0))
+    assert (lead.start.x, lead.start.speed, lead.braking) == (50.0 + 40.0 + 4.3, 20.0, brake_to_stop(0.0, 5.0))
     first, obstacle = catalogue.load("r157_cut_out").concrete(ego_speed=20, obstacle_gap=30, lateral_speed=1).actors
     assert first.start.x == pytest.approx(50.0 + 40.0 + 4.3)  # 2 s of 20 m/s
     assert obstacle.start.x - first.start.x - 4.3 == pytest.approx(30.0)
@@ -371,10 +372,10 @@ def test_the_road_lies_to_the_left_of_its_right_lane():
 
 
 def test_a_lateral_move_starts_and_ends_at_rest_and_is_half_done_half_way():
-    move = LaneChange(begin=1.0, duration=4.0, offset=-3.5)
-    assert [move.lateral(t) for t in (0.0, 1.0, 3.0, 5.0, 9.0)] == pytest.approx([0.0, 0.0, -1.75, -3.5, -3.5])
-    assert [move.lateral_speed(t) for t in (0.0, 1.0, 5.0, 9.0)] == [0.0, 0.0, 0.0, 0.0]
-    assert move.lateral_speed(3.0) == pytest.approx(-3.5 / 4.0 * 1.875)
+    move = lane_change(begin=1.0, duration=4.0, offset=-3.5)
+    assert [motion.lateral(move, t) for t in (0.0, 1.0, 3.0, 5.0, 9.0)] == pytest.approx([0.0, 0.0, -1.75, -3.5, -3.5])
+    assert [motion.lateral_speed(move, t) for t in (0.0, 1.0, 5.0, 9.0)] == [0.0, 0.0, 0.0, 0.0]
+    assert motion.lateral_speed(move, 3.0) == pytest.approx(-3.5 / 4.0 * 1.875)
 
 
 def test_law_the_rate_is_the_derivative_of_the_smooth_step():
@@ -384,15 +385,15 @@ def test_law_the_rate_is_the_derivative_of_the_smooth_step():
 
 
 def test_moves_of_one_vehicle_add_up():
-    actor = Actor("a", Start(0.0, 0.0, 10.0), (LaneChange(0.0, 2.0, 3.5), LaneChange(3.0, 2.0, -3.5)))
+    actor = Actor("a", Start(0.0, 0.0, 10.0), (lane_change(0.0, 2.0, 3.5), lane_change(3.0, 2.0, -3.5)))
     assert [actor.y(t) for t in (0.0, 2.0, 2.5, 5.0)] == pytest.approx([0.0, 3.5, 3.5, 0.0])
 
 
 def test_a_move_at_constant_lateral_speed_by_hand():
-    move = ConstantLateral(begin=1.0, speed=0.5, offset=-3.5)
+    move = constant_lateral(begin=1.0, speed=0.5, offset=-3.5)
     assert move.duration == 7.0
-    assert [move.lateral(t) for t in (0.0, 1.0, 3.0, 8.0, 9.0)] == pytest.approx([0.0, 0.0, -1.0, -3.5, -3.5])
-    assert [move.lateral_speed(t) for t in (0.9, 1.0, 7.9, 8.0)] == [0.0, -0.5, -0.5, 0.0]
+    assert [motion.lateral(move, t) for t in (0.0, 1.0, 3.0, 8.0, 9.0)] == pytest.approx([0.0, 0.0, -1.0, -3.5, -3.5])
+    assert [motion.lateral_speed(move, t) for t in (0.9, 1.0, 7.9, 8.0)] == [0.0, -0.5, -0.5, 0.0]
 
 
 # --- braking actors ---------------------------------------------------------------------------------------------------
@@ -400,53 +401,53 @@ def test_a_move_at_constant_lateral_speed_by_hand():
 
 def test_braking_without_a_ramp_by_hand():
     # 20 m/s, 4 m/s2 from 1 s on: stands after 1 + 5 s and 20 + 50 m
-    brake = Brake(begin=1.0, deceleration=4.0)
-    assert brake.end(20.0) == 6.0
-    assert [brake.speed(20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == [20.0, 20.0, 12.0, 0.0, 0.0]
-    assert [brake.distance(20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == pytest.approx([10.0, 20.0, 52.0, 70.0, 70.0])
-    assert [brake.acceleration(20.0, t) for t in (0.9, 1.0, 5.9, 6.0)] == [0.0, -4.0, -4.0, 0.0]
+    brake = brake_to_stop(begin=1.0, deceleration=4.0)
+    assert brake.begin + motion.time_to_stand(brake, 20.0) == 6.0
+    assert [motion.braked_speed_at(brake, 20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == [20.0, 20.0, 12.0, 0.0, 0.0]
+    assert [motion.braked_distance_at(brake, 20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == pytest.approx(
+        [10.0, 20.0, 52.0, 70.0, 70.0]
+    )
 
 
 def test_braking_with_a_ramp_by_hand():
     # 6 m/s2 at 12 m/s3: 0.5 s of ramp take 1.5 m/s, then (20 - 1.5)/6 = 3.0833 s on the plateau
-    brake = Brake(begin=0.0, deceleration=6.0, jerk=12.0)
-    assert brake.end(20.0) == pytest.approx(0.5 + 18.5 / 6.0)
-    assert brake.speed(20.0, 0.5) == pytest.approx(18.5)
-    assert brake.distance(20.0, 0.5) == pytest.approx(10.0 - 12.0 * 0.125 / 6.0)
-    assert brake.distance(20.0, 99.0) == pytest.approx(9.75 + 18.5**2 / 12.0)
-    assert brake.acceleration(20.0, 0.25) == -3.0
+    brake = brake_to_stop(begin=0.0, deceleration=6.0, jerk=12.0)
+    assert brake.begin + motion.time_to_stand(brake, 20.0) == pytest.approx(0.5 + 18.5 / 6.0)
+    assert motion.braked_speed_at(brake, 20.0, 0.5) == pytest.approx(18.5)
+    assert motion.braked_distance_at(brake, 20.0, 0.5) == pytest.approx(10.0 - 12.0 * 0.125 / 6.0)
+    assert motion.braked_distance_at(brake, 20.0, 99.0) == pytest.approx(9.75 + 18.5**2 / 12.0)
 
 
 def test_braking_that_stands_before_the_ramp_ends_by_hand():
     # 0.5 m/s at 12 m/s3: stands after sqrt(2 * 0.5 / 12) s, having driven 2/3 of 0.5 m/s times that
-    brake = Brake(begin=0.0, deceleration=6.0, jerk=12.0)
+    brake = brake_to_stop(begin=0.0, deceleration=6.0, jerk=12.0)
     stop = math.sqrt(1.0 / 12.0)
-    assert brake.end(0.5) == pytest.approx(stop)
-    assert brake.distance(0.5, 9.0) == pytest.approx(2.0 / 3.0 * 0.5 * stop)
-    assert brake.speed(0.5, 9.0) == 0.0
+    assert brake.begin + motion.time_to_stand(brake, 0.5) == pytest.approx(stop)
+    assert motion.braked_distance_at(brake, 0.5, 9.0) == pytest.approx(2.0 / 3.0 * 0.5 * stop)
+    assert motion.braked_speed_at(brake, 0.5, 9.0) == 0.0
 
 
 @given(st.floats(0.0, 40.0), st.floats(0.5, 10.0), st.floats(1.0, 100.0) | st.just(math.inf), st.floats(0.0, 3.0))
 def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_speed(speed, strength, jerk, begin):
-    brake = Brake(begin, strength, jerk)
-    times = np.linspace(0.0, brake.end(speed) + 1.0, 20_001)
+    brake = brake_to_stop(begin, strength, jerk)
+    times = np.linspace(0.0, brake.begin + motion.time_to_stand(brake, speed) + 1.0, 20_001)
     v = np.array(braked_speed(speed, strength, times - begin, jerk))
     x = speed * begin + braked_distance(speed, strength, times - begin, jerk)
     assert np.all(v >= 0.0)
     assert np.all(np.diff(v) <= 1e-12)
     integral = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(times))])
     assert np.abs(x - integral).max() <= 1e-3
-    assert brake.distance(speed, float(times[7000])) == pytest.approx(float(x[7000]))
+    assert motion.braked_distance_at(brake, speed, float(times[7000])) == pytest.approx(float(x[7000]))
 
 
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: Brake(0.0, 0.0), "`deceleration` of a brake must be finite and greater than 0 m/s2, got 0.0"),
-        (lambda: Brake(0.0, 4.0, math.nan), "`jerk` of a brake must be greater than 0 m/s3, got nan"),
-        (lambda: ConstantLateral(0.0, 0.0, 3.5), "`speed` of a lateral move must be finite and greater than 0 m/s"),
+        (lambda: brake_to_stop(0.0, 0.0), "`deceleration` of a brake must be finite and greater than 0 m/s2, got 0.0"),
+        (lambda: brake_to_stop(0.0, 4.0, math.nan), "`jerk` of a brake must be greater than 0 m/s3, got nan"),
+        (lambda: constant_lateral(0.0, 0.0, 3.5), "`speed` of a lateral move must be finite and greater than 0 m/s"),
         (
-            lambda: Actor("a", Start(0.0, 0.0, 10.0), (LaneChange(0.0, 3.0, 3.5),), brake=Brake(0.0, 5.0)),
+            lambda: Actor("a", Start(0.0, 0.0, 10.0), (lane_change(0.0, 3.0, 3.5), brake_to_stop(0.0, 5.0))),
             "The lane changes of vehicle `a` must be over when it stands, at 2.00 s, got 3.0",
         ),
     ],
@@ -455,11 +456,3 @@ def test_scripts_that_no_vehicle_can_follow_are_refused(make, sentence):
     with pytest.raises(InputError) as caught:
         make()
     assert sentence in str(caught.value)
-
-
-def test_the_acceleration_of_a_script_is_the_rate_of_its_ground_speed():
-    actor = Actor("a", Start(0.0, 0.0, 15.0), (LaneChange(0.5, 2.0, 3.5),), brake=Brake(1.0, 3.0, 6.0))
-    times = np.linspace(0.0, 6.5, 6501)
-    speed = np.array([math.hypot(actor.speed(t), actor.lateral_speed(t)) for t in times])
-    given_rate = np.array([actor.acceleration(t) for t in times])
-    assert np.gradient(speed, times)[:6000] == pytest.approx(given_rate[:6000], abs=0.02)

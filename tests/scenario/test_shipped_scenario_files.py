@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import ConcreteScenario, ConstantLateral, LogicalScenario, catalogue
+from sumo_eval.scenario import ConcreteScenario, LogicalScenario, catalogue, played
 from sumo_eval.scenario.file import check_file
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.shipped_files import scenario_files
@@ -83,13 +84,15 @@ def _numbers(concrete: ConcreteScenario) -> Iterator[float]:
     yield from (concrete.ego.x, concrete.ego.y, concrete.ego.speed, concrete.exposure)
     for actor in concrete.actors:
         yield from (actor.start.x, actor.start.y, actor.start.speed, actor.length, actor.width, actor.slides)
-        if actor.brake is not None:
-            yield from (actor.brake.begin, actor.brake.deceleration, actor.brake.jerk)
-        for move in actor.lane_changes:
+        if actor.braking is not None:
+            yield from (actor.braking.begin, actor.braking.acceleration, actor.braking.jerk)
+        for move in actor.lateral_moves:
             yield from (move.begin, move.duration, move.offset)
-            if isinstance(move, ConstantLateral):
+            if move.kind == played.CONSTANT:
                 yield from (move.speed, move.acceleration)
-        for act in actor.acts:
+        for act in actor.acts if actor.lively else ():
+            if math.isinf(act.begin):
+                continue
             yield from (act.kind, act.begin, act.duration, act.speed, act.offset, act.acceleration, act.jerk)
             yield from itertools.chain(*act.table, *act.program)
         if actor.model is not None:
@@ -173,7 +176,7 @@ def test_law_a_shipped_scenario_that_is_played_is_what_runs_were_made_with(use: 
         numbers += [] if way is None else [way.offset, way.begin, way.by]
         for actor in concrete.actors:
             numbers += [actor.start.x, actor.start.y, actor.start.speed, actor.heading, actor.length, actor.width]
-            for act in actor.script:
+            for act in actor.acts:
                 numbers += [act.kind, act.begin, act.duration, act.speed, act.offset, act.acceleration, act.jerk]
                 numbers += [value for knot in act.table for value in knot]
         found.update(" ".join(f"{number:.9g}" for number in numbers).encode())

@@ -15,7 +15,7 @@ from sumo_eval.cosim.sumo.sumo_files import network_xml, routes_xml
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
 from sumo_eval.scenario import played as played_kinds
-from sumo_eval.scenario.concrete import Brake
+from sumo_eval.scenario.concrete import brake_to_stop
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.lanes import LaneSpan
@@ -195,7 +195,7 @@ def test_a_vehicle_at_the_end_of_the_network_leaves_it(tmp_path):
     """
     road = read_road(edge_of(tmp_path / "own.net.xml", CAR, CAR), ["m"], 280.0)
     case = replace(LED, road=road)
-    brakes = replace(case, actors=(replace(LED.actors[0], brake=Brake(5.0, 0.1)),))
+    brakes = replace(case, actors=(replace(LED.actors[0], acts=(brake_to_stop(5.0, 0.1),)),))
     played = replace(
         case, actors=(replace(LED.actors[0], acts=(Act(played_kinds.SPEED, 2.0, speed=6.0, acceleration=1.0),)),)
     )

@@ -353,7 +353,8 @@ class Observations:
             speed=others["speed"],
             lateral_speed=others["speed"] * s + others["across"] * c,
             lane=self._lanes(others["y"]),
-            **{name: others[name] for name in ("length", "width", "x", "y", "heading", "acceleration")},
+            acceleration=others["rate"],
+            **{name: others[name] for name in ("length", "width", "x", "y", "heading")},
         )
 
     @cached_property

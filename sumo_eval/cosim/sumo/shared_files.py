@@ -18,7 +18,6 @@ from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import VehicleSettings
 
-_ON_IT = 1e-6  # m from the right-hand lane's centre line
 _NEVER = 1e6  # s until SUMO's driver models would decide something; beyond every time limit
 
 
@@ -37,22 +36,10 @@ def vehicle_names(cases: Sequence[ConcreteScenario]) -> list[list[str]]:
 def fits_one_lane(concrete: ConcreteScenario) -> bool:
     """Whether a case can have one lane here, as wide as its road, on the right-hand lane's centre line.
 
-    Nobody changes lanes of his own accord, and looking whether one might takes a third of SUMO's step. SUMO shows a
-    vehicle at its lane's centre line plus an offset, which rounds. So that no digit is another one than on the road
-    itself, the others must start on the right-hand lane or on a centre line, and scripts let go on the right-hand
-    lane's. A road that bends keeps its lanes, and one on which somebody reacts or waits for what happens.
+    Nobody changes lanes of his own accord, and looking whether one might takes a third of SUMO's step. A road that
+    bends keeps its lanes, and one on which somebody reacts or waits for what happens.
     """
-    if concrete.road.bent or concrete.lively:
-        return False
-    width = concrete.road.lane_width
-    for actor in concrete.actors:
-        start, rests = actor.y(0.0), [actor.y(move.begin + move.duration) for move in actor.lane_changes]
-        rests += [start] if actor.brake is not None else []
-        if not (abs(start) < 0.5 * width or start == width * round(start / width)) or any(
-            abs(y) > _ON_IT for y in rests
-        ):
-            return False
-    return True
+    return not (concrete.road.bent or concrete.lively)
 
 
 def has_shadow(concrete: ConcreteScenario, vehicle: int) -> bool:

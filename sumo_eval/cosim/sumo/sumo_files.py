@@ -384,7 +384,7 @@ def _route(concrete: ConcreteScenario, name: str) -> tuple[str, ...]:
         way, y = concrete.ego.way, concrete.ego.y
         return vehicle_edges(concrete.road, y, None if way is None else y + way.offset)
     actor = next(actor for actor in concrete.actors if actor.name == name)
-    return vehicle_edges(concrete.road, actor.start.y, actor.y(math.inf) if actor.lane_changes else None)
+    return vehicle_edges(concrete.road, actor.start.y, actor.y(math.inf) if actor.lateral_moves else None)
 
 
 def departures(concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False) -> list[dict[str, str]]:
@@ -433,22 +433,22 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
     lines = [f"{concrete.scenario}: {concrete.label}."]
     lines += [origin] if origin else []
     for actor in concrete.actors:
-        if actor.acts or actor.heading:
+        if actor.lively and not actor.follows_at_once:
             lines.append(
                 f"Not in this file: what `{actor.name}` does. The harness moves it step by step, and here it keeps its "
                 "speed."
             )
-        for move in actor.lane_changes:
+        for move in actor.lateral_moves:
             side = "left" if move.offset > 0 else "right"
             lines.append(
                 f"Not in this file: `{actor.name}` moves {abs(move.offset):g} m to the {side} from {move.begin:g} s to "
                 f"{move.begin + move.duration:g} s. A route file cannot say that: the harness moves the vehicle step "
                 "by step, and here it stays in its lane."
             )
-        if actor.brake is not None:
+        if actor.braking is not None:
             lines.append(
-                f"Not in this file: `{actor.name}` brakes to a standstill with {actor.brake.deceleration:g} m/s2 from "
-                f"{actor.brake.begin:g} s on. The harness moves it step by step, and here it keeps its speed."
+                f"Not in this file: `{actor.name}` brakes to a standstill with {actor.braking.acceleration:g} m/s2 "
+                f"from {actor.braking.begin:g} s on. The harness moves it step by step, and here it keeps its speed."
             )
     text = "\n     ".join(lines)
     return f" {text} ".replace("--", "- -")  # which ends an XML comment

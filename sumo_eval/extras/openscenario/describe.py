@@ -101,7 +101,7 @@ def _of(actor: Actor) -> Iterator[str]:
     heading = f", heading {math.degrees(actor.heading):.1f} deg" if actor.heading else ""
     size = f"{actor.body} of {actor.length:g} x {actor.width:g} m"
     yield f"    {actor.name}, a {size}, at x = {start.x:.3f} m, y = {start.y:.3f} m{heading} with {start.speed:.3f} m/s"
-    for act in actor.script:
+    for act in actor.acts:
         if act.kind == played.KEEP:
             continue
         when = f"{act.begin:.3f} s after its condition holds" if act.program else f"at {act.begin:.3f} s"

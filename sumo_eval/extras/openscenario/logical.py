@@ -702,7 +702,7 @@ def _road(frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]], time_l
 
 def _comes_across(actor: Actor) -> bool:
     """Whether another one moves at more than 60 deg to the ego's road: the synthetic drivers know leads alone."""
-    moves = actor.start.speed > 0.0 or any(act.kind != KEEP for act in actor.script)
+    moves = actor.start.speed > 0.0 or any(act.kind != KEEP for act in actor.acts)
     return moves and math.cos(actor.heading) < _ALONG
 
 

@@ -49,7 +49,7 @@ from sumo_eval.extras.openscenario.values import (
     within,
 )
 from sumo_eval.scenario import played
-from sumo_eval.scenario.concrete import Actor, Brake, EgoBody, LaneChange, Start
+from sumo_eval.scenario.concrete import Actor, EgoBody, Start, keeps_on
 from sumo_eval.scenario.road.opendrive import beside
 from sumo_eval.scenario.road.reference_line import Piece, curvatures, frame_places, tightest
 from sumo_eval.scenario.xml_file import Element
@@ -869,33 +869,13 @@ class _Player:
             else act
             for act in acts
         ]
-        plain = (
-            across is None and heading == 0.0 and not any(act.program for act in acts) and self._beside_nothing(frame.y)
-        )
-        changes, brake = [], None
-        for act in acts:
-            if act.kind == played.COSINE:
-                changes.append(LaneChange(act.begin, act.duration, act.offset, cosine=True))
-            elif act.kind == played.SPEED and act.speed == 0.0 and brake is None:
-                brake = Brake(act.begin, act.acceleration)
-            else:
-                plain = False
-        if plain:
-            return Actor(entity.name, start, tuple(changes), entity.length, entity.width, brake, body=entity.body)
-        if not acts:
-            acts = [played.Act(played.KEEP)]
+        plain = across is None and heading == 0.0 and self._beside_nothing(frame.y)
+        if not plain and all(act.timed for act in acts):
+            acts.append(keeps_on(acts))
         return Actor(
-            entity.name,
-            start,
-            (),
-            entity.length,
-            entity.width,
-            None,
-            body=entity.body,
-            heading=heading,
-            acts=tuple(acts),
+            entity.name, start, tuple(acts), entity.length, entity.width, body=entity.body, heading=heading,
             on_map=None if across is None else (across.x, across.y, across.heading),
-        )
+        )  # fmt: skip
 
     def _ground(self, at: Pose) -> float:
         """m over the ground for a metre along the road's line, at a place beside it: 1 on a straight road."""

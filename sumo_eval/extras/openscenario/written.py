@@ -13,7 +13,7 @@ import tomli_w
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.extras.openscenario.logical import Read, concrete
 from sumo_eval.scenario import played
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, LaneChange, Road
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.scenario.road.table import bend_name
 
 _ONLY = "only"
@@ -110,16 +110,8 @@ def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
     }  # fmt: skip
     if actor.lively:
         found["heading"] = math.degrees(heading)
-        found["manoeuvre"] = [_act(act, f"act{k}", names) for k, act in enumerate(actor.acts)]
-        return found
-    moves: list[dict[str, Any]] = []
-    for move in actor.lane_changes:
-        assert isinstance(move, LaneChange)
-        do = "change_lane_cosine" if move.cosine else "change_lane"
-        moves.append({"do": do, "begin": move.begin, "duration": move.duration, "offset": move.offset})
-    if actor.brake is not None:
-        moves.append({"do": "brake", "begin": actor.brake.begin, "deceleration": actor.brake.deceleration})
-    found["manoeuvre"] = moves
+    told = [act for act in actor.acts if math.isfinite(act.begin)]
+    found["manoeuvre"] = [_act(act, f"act{k}", names) for k, act in enumerate(told)]
     return found
 
 
@@ -131,6 +123,8 @@ def _act(act: played.Act, name: str, names: Sequence[str]) -> dict[str, Any]:
         return {"do": "keep_speed", **found}
     if act.kind == played.COSINE:
         return {"do": "change_lane_cosine", **found, "duration": act.duration, "offset": act.offset}
+    if act.kind == played.SPEED and act.timed:
+        return {"do": "brake", **found, "deceleration": act.acceleration}
     if act.kind == played.SPEED and math.isfinite(act.acceleration):
         return {"do": "accelerate", **found, "speed": act.speed, "acceleration": act.acceleration}
     if act.kind == played.BY_TIME:

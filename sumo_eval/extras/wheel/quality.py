@@ -122,8 +122,7 @@ def quality_of(recording: Recording, tape: Tape, concrete: ConcreteScenario, tim
 
 def first_event(concrete: ConcreteScenario) -> float | None:
     """When the first of the others changes what it does, s; None where nobody does at a stated time."""
-    begins = [move.begin for it in concrete.actors for move in it.lane_changes]
-    begins += [it.brake.begin for it in concrete.actors if it.brake is not None]
+    begins = [act.begin for it in concrete.actors for act in it.acts if act.timed]
     return min((begin for begin in begins if np.isfinite(begin)), default=None)
 
 

@@ -70,7 +70,7 @@ def tightest(pieces: Sequence[Piece]) -> float:
 
 @functools.lru_cache(maxsize=256)
 def knots_of(pieces: tuple[Piece, ...]) -> NDArray[Any]:
-    """The line as `KNOT` records: one straight before it, its stretches, one straight behind; none for no pieces."""
+    """The line as `KNOT` records: one straight before it, its stretches, one straight behind; none if straight."""
     found: list[tuple[float, ...]] = []
     if pieces:
         found.append((-_FAR, -_FAR, 0.0, 0.0, 0.0, 0.0))
@@ -140,6 +140,8 @@ def line_at(line: Any, s: float) -> tuple[float, float, float, float]:
 @kernel
 def to_map(line: Any, s: float, d: float, heading: float) -> tuple[float, float, float, float]:
     """x, y and heading on the map of a place in the frame of a line (knots), and the line's curvature there, 1/m."""
+    if not len(line):
+        return s, d, heading, 0.0
     x, y, along, curvature = line_at(line, s)
     return x - d * math.sin(along), y + d * math.cos(along), along + heading, curvature
 
@@ -151,6 +153,8 @@ def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> tupl
     near: an s from which Newton's method finds the foot of the perpendicular: (p - r(s)) r'(s) = 0, whose derivative is
     -(1 - curvature d).
     """
+    if not len(line):
+        return x, y, heading, 0.0
     s = near
     d = along = curvature = 0.0
     for _ in range(_TRIES):

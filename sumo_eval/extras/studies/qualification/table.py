@@ -25,8 +25,7 @@ from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import run_packs
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.store import open_store
-from sumo_eval.scenario import Actor, ConcreteScenario, ConstantLateral, Road, Start, catalogue
-from sumo_eval.scenario.concrete import Brake
+from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, brake_to_stop, catalogue, constant_lateral
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import RunSettings, SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import Recording, Trajectory
@@ -85,8 +84,8 @@ def drive(concrete: ConcreteScenario, ads: ControllerLike, settings: SimulationS
 
 def behind(speed: float, other: float, gap: float, braking: float = 0.0) -> ConcreteScenario:
     """The ego `gap` m behind another in its lane, which keeps its speed or brakes. m/s, m/s2."""
-    brake = Brake(0.0, braking) if braking else None
-    lead = Actor("other", Start(EGO_X + LENGTH + gap, 0.0, other), (), LENGTH, brake=brake)
+    acts = (brake_to_stop(0.0, braking),) if braking else ()
+    lead = Actor("other", Start(EGO_X + LENGTH + gap, 0.0, other), acts, LENGTH)
     return ConcreteScenario("qualification", {}, 1.0, ROAD, Start(EGO_X, 0.0, speed), (lead,))
 
 
@@ -348,7 +347,7 @@ def _cut_in(closing: float, ttc: float) -> ConcreteScenario:
     """A vehicle that crosses at 1 m/s, with that TTC when 0.30 m over the line, 1.15 m from its lane's middle."""
     speed = 60.0 / 3.6 + 10.0
     start = Start(100.0 + LENGTH + closing * (ttc + 1.15), 3.5, speed - closing)
-    other = Actor("other", start, (ConstantLateral(0.0, 1.0, -3.5),), slides=True)
+    other = Actor("other", start, (constant_lateral(0.0, 1.0, -3.5),), slides=True)
     return ConcreteScenario("eu_2022_1426", {"closing": closing}, 1.0, EU_ROAD, Start(100.0, 0.0, speed), (other,))
 
 
