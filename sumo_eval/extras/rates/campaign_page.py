@@ -58,12 +58,18 @@ def _plain_rate(rate: AdsRate) -> dict[str, Any]:
     return {
         "name": rate.ads,
         "controller": rate.controller,
-        "collisions": rate.collisions[0],
-        "collisions_interval": list(rate.collisions[1:]),
-        "loss": rate.loss[0],
-        "loss_interval": list(rate.loss[1:]),
+        **_plain_limits(rate),
         "upper_limit_whatever_collides": rate.limit,
         "by_scenario": [_plain_part(part) for part in rate.parts],
+    }
+
+
+def _plain_limits(one: AdsRate | Part) -> dict[str, Any]:
+    return {
+        "collisions": one.collisions[0],
+        "collisions_interval": list(one.collisions[1:]),
+        "loss": one.loss[0],
+        "loss_interval": list(one.loss[1:]),
     }
 
 
@@ -71,10 +77,7 @@ def _plain_part(part: Part) -> dict[str, Any]:
     known = part.estimate
     return {
         "scenario": part.space.logical.name,
-        "collisions": part.collisions[0],
-        "collisions_interval": list(part.collisions[1:]),
-        "loss": part.loss[0],
-        "loss_interval": list(part.loss[1:]),
+        **_plain_limits(part),
         "collision_probability": known.probability,
         "collision_probability_interval": list(known.interval),
         "drives": known.drives,

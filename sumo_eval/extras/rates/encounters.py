@@ -148,6 +148,11 @@ class _Tracks:
             return None
         return float(np.interp(time, self.t[whole], values[whole]))
 
+    def motion(self, vehicle: str, time: float) -> tuple[float, float] | None:
+        """Place, m, and speed, m/s, of a vehicle at a time; None where it is not recorded then."""
+        x, speed = self.at(vehicle, time, self.x), self.at(vehicle, time, self.speed)
+        return None if x is None or speed is None else (x, speed)
+
 
 def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], None] = lambda what, done: None) -> Found:
     """Every encounter in recordings, by class; one part of them is held at a time.
@@ -308,10 +313,10 @@ def _cut_in(
         return fitted
     begin, duration, offset = fitted
     ego = str(event["ego"])
-    ego_x, ego_speed = tracks.at(ego, begin, tracks.x), tracks.at(ego, begin, tracks.speed)
-    part = tracks.part(change.vehicle, begin, begin + duration)
-    if ego_x is None or ego_speed is None or part is None:
+    me, part = tracks.motion(ego, begin), tracks.part(change.vehicle, begin, begin + duration)
+    if me is None or part is None:
         return NOT_WHOLE
+    ego_x, ego_speed = me
     x0, speed, acceleration = constant_acceleration(tracks.t[part] - begin, tracks.x[part])
     values = {
         "ego_speed": ego_speed,
@@ -333,10 +338,11 @@ def _cut_out(
         return fitted
     begin, duration, offset = fitted
     ego, revealed = str(event["ego"]), str(event["revealed"])
-    ego_x, ego_speed = tracks.at(ego, begin, tracks.x), tracks.at(ego, begin, tracks.speed)
+    me = tracks.motion(ego, begin)
     part, ahead = (tracks.part(who, begin, begin + duration) for who in (change.vehicle, revealed))
-    if ego_x is None or ego_speed is None or part is None or ahead is None:
+    if me is None or part is None or ahead is None:
         return NOT_WHOLE
+    ego_x, ego_speed = me
     x0, speed, acceleration = constant_acceleration(tracks.t[part] - begin, tracks.x[part])
     there = tracks.t[ahead] - begin
     its_speed, its_x = np.polyfit(there, tracks.x[ahead], 1)
@@ -363,9 +369,10 @@ def _braking(tracks: _Tracks, event: Mapping[str, Any]) -> tuple[dict[str, float
     last = first + int(eased[0])
     if last - first < 3:
         return NOT_WHOLE
-    ego_x, ego_speed = tracks.at(ego, begin, tracks.x), tracks.at(ego, begin, tracks.speed)
-    if ego_x is None or ego_speed is None:
+    me = tracks.motion(ego, begin)
+    if me is None:
         return NOT_WHOLE
+    ego_x, ego_speed = me
     part = slice(whole.start + first, whole.start + last + 1)
     if np.ptp(tracks.lane[part]):
         return LEAD_MOVES
@@ -420,11 +427,11 @@ def _lane_change(
         return fitted
     begin, duration, _ = fitted
     ego = change.vehicle
-    ego_x, ego_speed = tracks.at(ego, begin, tracks.x), tracks.at(ego, begin, tracks.speed)
+    me, leader = tracks.motion(ego, begin), tracks.motion(lead, begin)
     behind = tracks.part(rear, begin, begin + duration)
-    lead_x, lead_speed = tracks.at(lead, begin, tracks.x), tracks.at(lead, begin, tracks.speed)
-    if ego_x is None or ego_speed is None or lead_x is None or lead_speed is None or behind is None:
+    if me is None or leader is None or behind is None:
         return NOT_WHOLE
+    (ego_x, ego_speed), (lead_x, lead_speed) = me, leader
     if np.ptp(tracks.lane[behind]):
         return REAR_MOVES
     x0, speed, acceleration = constant_acceleration(tracks.t[behind] - begin, tracks.x[behind])

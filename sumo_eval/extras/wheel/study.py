@@ -19,9 +19,9 @@ import numpy as np
 from sumo_eval.errors import InputError, said
 from sumo_eval.extras.wheel.page import drive_view, replay, sheet
 from sumo_eval.extras.wheel.plan import HIGH, LOW, Plan, PracticeSettings, QuestionSettings, StudyCase
+from sumo_eval.extras.wheel.tape import json_lines
 from sumo_eval.extras.wheel.trip import ENDS, TASK, new_tape, one_drive, settings_at
 from sumo_eval.extras.wheel.window import Window
-from sumo_eval.input_file import read_input_text
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
@@ -53,15 +53,7 @@ def participants(plan: Plan) -> list[Participant]:
     """Everybody who has begun, in that order. A last line of a journal that was cut off is a step that was not done."""
     found = []
     for path in sorted((plan.folder / "participants").glob("*/journal.jsonl")):
-        entries = []
-        lines = read_input_text(path, "journal").split("\n")
-        for place, line in enumerate(lines):
-            try:
-                entries.append(json.loads(line))
-            except ValueError as error:
-                if place == len(lines) - 1:
-                    break
-                raise InputError(f"Line {place + 1} of {path} cannot be read: {said(error)}.") from error
+        entries = json_lines(path, "journal")
         if entries:
             person = Participant(path.parent.name, int(entries[0]["number"]), path.parent)
             person.done = {entry["step"]: entry for entry in entries}

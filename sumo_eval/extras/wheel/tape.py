@@ -83,9 +83,9 @@ class Writer:
         self._file.flush()
 
 
-def read_tape(path: Path) -> Tape:
-    """A tape. Raises InputError naming file and line; a last line that was cut off in its middle is no fault."""
-    lines = read_input_text(path, "tape").split("\n")
+def json_lines(path: Path, what: str) -> list[Any]:
+    """The value of each line; a last one that was cut off was not written. what: names the file in sentences."""
+    lines = read_input_text(path, what).split("\n")
     values = []
     for number, line in enumerate(lines, 1):
         try:
@@ -94,6 +94,12 @@ def read_tape(path: Path) -> Tape:
             if number == len(lines):  # the empty one behind the last line break, or one that was cut off
                 break
             raise InputError(f"Line {number} of {path} cannot be read: {said(error)}.") from error
+    return values
+
+
+def read_tape(path: Path) -> Tape:
+    """A tape. Raises InputError naming file and line; a last line that was cut off in its middle is no fault."""
+    values = json_lines(path, "tape")
     if not values or not isinstance(values[0], dict) or values[0].get("format") != FORMAT:
         raise InputError(f"{path} is no tape of a drive of format {FORMAT}.")
     rows, notes, end = [], [], None
