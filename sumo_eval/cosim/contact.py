@@ -59,14 +59,12 @@ def radius(body: Body) -> float:
     return 0.5 * math.sqrt(body.length * body.length + body.width * body.width)
 
 
-def separation(a: Body, b: Body) -> float:
-    """Largest gap between the two boxes along an axis of either, m; negative: penetration. Never above the distance."""
-    return _widest_gap(a, b)[0]
-
-
 @kernel
-def _widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
-    """(gap m, axis x, axis y): the axis of either box along which they are furthest apart, pointing from a to b."""
+def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
+    """(gap m, axis x, axis y): the axis of either box along which they are furthest apart, pointing from a to b.
+
+    The gap is never above the distance; negative: penetration.
+    """
     dx, dy = b.x - a.x, b.y - a.y
     ca, sa = math.cos(a.heading), math.sin(a.heading)
     cb, sb = math.cos(b.heading), math.sin(b.heading)
@@ -115,13 +113,13 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
     turning = abs(within_a_turn(a_after.heading - a_before.heading)) * radius(a_after)
     turning += abs(within_a_turn(b_after.heading - b_before.heading)) * radius(b_after)
     share = 0.0
-    gap, x, y = _widest_gap(a_before, b_before)
+    gap, x, y = widest_gap(a_before, b_before)
     while gap > TOUCH:
         closing = turning - (shift_x * x + shift_y * y)  # m per step along the axis, never less than the true value
         if gap > closing * (1.0 - share):
             return -1.0
         share += gap / closing
-        gap, x, y = _widest_gap(between(a_before, a_after, share), between(b_before, b_after, share))
+        gap, x, y = widest_gap(between(a_before, a_after, share), between(b_before, b_after, share))
     return min(share, 1.0)
 
 

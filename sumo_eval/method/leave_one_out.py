@@ -7,11 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_eval.errors import must_be
-from sumo_eval.method.anthropomorphic import DEFAULTS, AnthropomorphicIndex, Pairing, anthropomorphic_indexes
-from sumo_eval.scenario.concrete import Road
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, Pairing
 from sumo_eval.settings import AnthropomorphicSettings
-from sumo_eval.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +36,6 @@ class HumanBand:
     def high(self) -> float:
         """The most human of the humans."""
         return max(self.values)
-
-
-def human_band(drivers: Sequence[Trajectory], road: Road, settings: AnthropomorphicSettings = DEFAULTS) -> HumanBand:
-    """Eqs. 11-12 for each driver as if it were the ADS, against all the others, in the mode of the settings.
-
-    Slices lie `band_slice_spacing` apart. drivers: at least three, in one concrete scenario. Raises InputError for
-    fewer.
-    """
-    if len(drivers) < 3:
-        raise must_be("The number of drivers", "a leave-one-driver-out band", "at least 3", len(drivers))
-    return band_of(anthropomorphic_indexes(drivers, band_pairings(range(len(drivers)), settings), road, settings))
 
 
 def coarse_spacing(settings: AnthropomorphicSettings) -> float:

@@ -4,8 +4,9 @@ Away from a sample the field is a smooth function of the place. So the road is d
 again. What lies further than its own length from a box is summed at that box's nodes only, and a polynomial through
 the nodes gives it at every point of the box; what is near is summed at the points themselves.
 
-The result is that of `trajectory_field.trajectory_fields` to `ERROR`. The summand's singularities are the sample itself
-(along x) and the places above and below it in the complex plane of y. From a box of length L whose far samples begin
+The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. The summand's singularities are the
+sample itself (along x) and the places above and below it in the complex plane of y. From a box of length L
+whose far samples begin
 one length away they lie on Bernstein ellipses of 3 + sqrt(8) = 5.8 along x and L/h + sqrt((L/h)^2 + 1) >= 6.5 across a
 strip of half-width h <= L/3.2: 16 nodes along x and at most 14 across leave 6.5e-12 of each sample's field, about;
 found is 2.6e-12 (k1 = 0.5) to 6e-12 (k1 = 1). Where that does not hold (large constants, vectors, points off it),
@@ -26,7 +27,6 @@ from sumo_eval.method.trajectory_field import samples_of, trajectory_fields
 from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
-ERROR = 1e-11  # of the field, relative, at most
 NODES = 16  # in a box, along x
 REACH = 1.0  # lengths of a box from which on a sample is far from it
 SLENDER = 3.2  # a box is at least this much longer than half as wide; shorter ones cost more than they save

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import contact as twin
 
-from sumo_eval.cosim.contact import TOUCH, Body, between, bumper_overlap, describe, first_touch, separation, struck_side
+from sumo_eval.cosim.contact import TOUCH, Body, between, bumper_overlap, describe, first_touch, struck_side, widest_gap
 
 EGO = Body(0.0, 0.0, 0.0, 20.0, 4.5, 1.8)
 
@@ -25,18 +25,18 @@ def moved(body, dx=0.0, dy=0.0, turn=0.0):
 
 
 def test_bumper_to_bumper():
-    assert separation(EGO, car(10.0, 0.0)) == pytest.approx(5.5)  # 10 - 2.25 - 2.25
-    assert separation(EGO, car(4.5, 0.0)) == pytest.approx(0.0)
-    assert separation(EGO, car(4.0, 0.0)) == pytest.approx(-0.5)
+    assert widest_gap(EGO, car(10.0, 0.0))[0] == pytest.approx(5.5)  # 10 - 2.25 - 2.25
+    assert widest_gap(EGO, car(4.5, 0.0))[0] == pytest.approx(0.0)
+    assert widest_gap(EGO, car(4.0, 0.0))[0] == pytest.approx(-0.5)
 
 
 def test_side_by_side():
-    assert separation(EGO, car(1.0, 3.5)) == pytest.approx(1.7)  # 3.5 - 0.9 - 0.9
+    assert widest_gap(EGO, car(1.0, 3.5))[0] == pytest.approx(1.7)  # 3.5 - 0.9 - 0.9
 
 
 def test_a_corner_pointing_at_a_side():
     # turned by 45 deg the other reaches (2.25 + 0.9)/sqrt(2) = 2.22739 m towards the ego: 4 - 0.9 - 2.22739 = 0.87261 m
-    assert separation(EGO, car(0.0, 4.0, math.pi / 4)) == pytest.approx(0.87261, abs=1e-5)
+    assert widest_gap(EGO, car(0.0, 4.0, math.pi / 4))[0] == pytest.approx(0.87261, abs=1e-5)
 
 
 # --- the collision, by hand -------------------------------------------------------------------------------------------
@@ -88,7 +88,7 @@ def test_a_crossing_car_is_hit_with_the_front():
 def test_a_rotated_corner_touching_the_left_side():
     # turned by 45 deg it reaches 2.22739 m down: its lowest corner is on the ego's left side at 0.9 m
     other = car(0.0, 0.9 + 2.22739, heading=math.pi / 4)
-    assert separation(EGO, other) == pytest.approx(0.0, abs=1e-5)
+    assert widest_gap(EGO, other)[0] == pytest.approx(0.0, abs=1e-5)
     assert struck_side(EGO, other) == "left"
 
 
@@ -134,8 +134,8 @@ def test_a_grazing_corner_that_the_samples_miss_is_found():
         car(2.25 + 0.9 + 1.99, 0.9 + 0.9 - 2.0, length=1.8),
     )
     share = first_touch(EGO, EGO, before, after)
-    assert separation(EGO, before) > 0.5
-    assert separation(EGO, after) > 0.5
+    assert widest_gap(EGO, before)[0] > 0.5
+    assert widest_gap(EGO, after)[0] > 0.5
     assert share is not None
     # in y it comes within reach after 1.99/3.99 of the step, in x it is out of reach after 2/3.99: 2/3.99 - 1.99/3.99
     assert share == pytest.approx(1.99 / 3.99, abs=1e-6)
@@ -233,7 +233,7 @@ shifts = st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.3, 0.3))
 @given(bodies, shifts, bodies, shifts)
 def test_law_contact_is_symmetric(a, a_shift, b, b_shift):
     a_after, b_after = moved(a, *a_shift), moved(b, *b_shift)
-    assert separation(a, b) == pytest.approx(separation(b, a), abs=1e-9)
+    assert widest_gap(a, b)[0] == pytest.approx(widest_gap(b, a)[0], abs=1e-9)
     one, other = first_touch(a, a_after, b, b_after), first_touch(b, b_after, a, a_after)
     assert (one is None) == (other is None)
     if one is not None:
@@ -250,7 +250,8 @@ def test_law_moving_and_turning_the_world_moves_nothing(a, a_shift, b, b_shift, 
 
     pair = a, moved(a, *a_shift), b, moved(b, *b_shift)
     here, there = first_touch(*pair), first_touch(*map(world, pair))
-    closest = min(separation(between(pair[0], pair[1], s / 50), between(pair[2], pair[3], s / 50)) for s in range(51))
+    one, other = ([between(*pair[i : i + 2], s / 50) for s in range(51)] for i in (0, 2))
+    closest = min(widest_gap(*both)[0] for both in zip(one, other, strict=True))
     if abs(closest) < 1e-4:
         return  # a graze that rounding decides
     assert (here is None) == (there is None)
@@ -264,6 +265,6 @@ def test_law_moving_and_turning_the_world_moves_nothing(a, a_shift, b, b_shift, 
 
 @given(bodies, bodies)
 def test_law_separation_is_positive_exactly_when_the_twin_sees_no_overlap(a, b):
-    gap = separation(a, b)
+    gap = widest_gap(a, b)[0]
     if abs(gap) > 1e-9:
         assert (gap > 0) == (not twin.overlap(a, b))

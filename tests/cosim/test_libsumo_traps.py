@@ -12,7 +12,7 @@ import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
 import sumo_eval.cosim.sumo.session as session_module
-from sumo_eval.cosim.contact import Body, separation
+from sumo_eval.cosim.contact import Body, widest_gap
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import SIMULATION_OPTIONS, network_xml, routes_xml
@@ -463,4 +463,4 @@ def test_trap_nan_an_ego_moved_to_nowhere_is_the_adss_fault():
 def test_our_gap_and_sumos_positions_agree(bare):
     bare(case(lead(gap=7.0)))
     ego, other = (Body(libsumo.vehicle.getPosition(name)[0] - 2.25, 0, 0, 0, 4.5, 1.8) for name in ("ego", "lead"))
-    assert separation(ego, other) == pytest.approx(7.0)
+    assert widest_gap(ego, other)[0] == pytest.approx(7.0)

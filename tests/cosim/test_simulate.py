@@ -11,7 +11,7 @@ import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead, shifted
 
 import sumo_eval.cosim.sumo.session as session_module
-from sumo_eval.cosim.contact import Body, separation
+from sumo_eval.cosim.contact import Body, widest_gap
 from sumo_eval.cosim.doors.controller import NativeModel, load_controller
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
@@ -764,8 +764,8 @@ def test_law_the_lead_never_touches_the_obstacle_at_any_possible_point_of_the_gr
         lead_car, obstacle = concrete.actors
         ego = Actor("ego", concrete.ego)
         for time in np.arange(0.0, 6.0, 0.02):
-            assert separation(body(lead_car, time), body(obstacle, time)) > 0.0, concrete.label
-        assert separation(body(lead_car, 0.0), body(ego, 0.0)) >= 2.0 - 1e-9
+            assert widest_gap(body(lead_car, time), body(obstacle, time))[0] > 0.0, concrete.label
+        assert widest_gap(body(lead_car, 0.0), body(ego, 0.0))[0] >= 2.0 - 1e-9
 
 
 def test_the_lead_never_touches_the_obstacle_in_sumo_either():
@@ -780,7 +780,7 @@ def test_the_lead_never_touches_the_obstacle_in_sumo_either():
                 x, y = traci.vehicle.getPosition(name)
                 heading = math.radians(90.0 - traci.vehicle.getAngle(name))
                 bodies.append(Body(x - 2.25 * math.cos(heading), y - 2.25 * math.sin(heading), heading, 0.0, 4.5, 1.8))
-            gaps.append(separation(*bodies))
+            gaps.append(widest_gap(*bodies)[0])
             return Command(-9.0)
 
         found = simulate(concrete, watch, SimulationSettings(time_limit=4.0))

@@ -11,13 +11,14 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.method import shared_fields as module
 from sumo_eval.method.anthropomorphic import lateral_position, slice_points, slice_positions
-from sumo_eval.method.shared_fields import ERROR, SharedFields, Stretch
+from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.method.trajectory_field import trajectory_fields
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import Trajectory
 
 PLAIN = FieldSettings()
+ERROR = 1e-11  # relative, what the module promises
 X = np.linspace(50.0, 600.0, 551)
 Y = np.broadcast_to(np.linspace(-1.75, 5.25, 8), (551, 8))
 
