@@ -231,8 +231,8 @@ def _over_ground(other: Any, line: Any) -> None:
 
 
 @kernel
-def _of(body: Any, length: float, what: int) -> float:
-    """One number of a body. length: half of it; body: a vehicle or what it was before the step."""
+def _of(body: Any, what: int) -> float:
+    """One number of a body, or of what it was before the step."""
     if what == X:
         return float(body.x)
     if what == Y:
@@ -258,10 +258,10 @@ def _between(
     gap = two.x - one.x - _half_along(one, one_length, one_width) - _half_along(two, two_length, two_width)
     if what == GAP:
         return float(gap)
-    speed = _of(one, 0.0, ALONG)
+    speed = _of(one, ALONG)
     if what == THW:
         return float(gap / speed) if gap > 0.0 and speed > 0.0 else math.inf
-    closing = speed - _of(two, 0.0, ALONG)
+    closing = speed - _of(two, ALONG)
     return float(gap / closing) if gap > 0.0 and closing > 0.0 else math.inf
 
 
@@ -297,13 +297,18 @@ def holds_from(
         elif op <= ACROSS:
             k += 1
             if it.one == EGO:
-                stack[k, 0], stack[k, 1] = _of_ego(ego.before, op), _of_ego(ego, op)
+                stack[k, 0], stack[k, 1] = _of(ego.before, op), _of(ego, op)
             else:
                 other = others[it.one]
-                stack[k, 0], stack[k, 1] = _of(other.before, 0.0, op), _of(other, 0.0, op)
+                stack[k, 0], stack[k, 1] = _of(other.before, op), _of(other, op)
         elif op <= THW:
             k += 1
-            _pair(stack, k, op, it, ego, others)
+            if it.one == EGO:
+                _pair(stack, k, op, ego, others[it.two])
+            elif it.two == EGO:
+                _pair(stack, k, op, others[it.one], ego)
+            else:
+                _pair(stack, k, op, others[it.one], others[it.two])
         elif op == DEPARTED:
             k += 1
             stack[k, 0] = departed(act, table, ego.before.x, ego.before.y, before)
@@ -346,52 +351,10 @@ def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
 
 
 @kernel
-def _of_ego(body: Any, what: int) -> float:
-    """One number of the ego, which never slides."""
-    if what == X:
-        return float(body.x)
-    if what == Y:
-        return float(body.y)
-    return float(body.speed * (math.cos(body.heading) if what == ALONG else math.sin(body.heading)))
-
-
-@kernel
-def _pair(stack: Any, k: int, op: int, it: Any, ego: Any, others: Any) -> None:
-    one, two = it.one, it.two
-    if one == EGO:
-        b = others[two]
-        stack[k, 0] = _between(op, _Seen(ego.before.x, ego.before.y, ego.before.heading, ego.before.speed, 0.0),
-                               _Seen(b.before.x, b.before.y, b.before.heading, b.before.speed, b.before.across),
-                               ego.length, ego.width, b.length, b.width)  # fmt: skip
-        stack[k, 1] = _between(op, _Seen(ego.x, ego.y, ego.heading, ego.speed, 0.0),
-                               _Seen(b.x, b.y, b.heading, b.speed, b.across),
-                               ego.length, ego.width, b.length, b.width)  # fmt: skip
-    elif two == EGO:
-        a = others[one]
-        stack[k, 0] = _between(op, _Seen(a.before.x, a.before.y, a.before.heading, a.before.speed, a.before.across),
-                               _Seen(ego.before.x, ego.before.y, ego.before.heading, ego.before.speed, 0.0),
-                               a.length, a.width, ego.length, ego.width)  # fmt: skip
-        stack[k, 1] = _between(op, _Seen(a.x, a.y, a.heading, a.speed, a.across),
-                               _Seen(ego.x, ego.y, ego.heading, ego.speed, 0.0),
-                               a.length, a.width, ego.length, ego.width)  # fmt: skip
-    else:
-        a, b = others[one], others[two]
-        stack[k, 0] = _between(op, _Seen(a.before.x, a.before.y, a.before.heading, a.before.speed, a.before.across),
-                               _Seen(b.before.x, b.before.y, b.before.heading, b.before.speed, b.before.across),
-                               a.length, a.width, b.length, b.width)  # fmt: skip
-        stack[k, 1] = _between(op, _Seen(a.x, a.y, a.heading, a.speed, a.across),
-                               _Seen(b.x, b.y, b.heading, b.speed, b.across),
-                               a.length, a.width, b.length, b.width)  # fmt: skip
-
-
-class _Seen(NamedTuple):
-    """A body at one end of a step, its speed sideways to its heading included."""
-
-    x: float
-    y: float
-    heading: float
-    speed: float
-    across: float
+def _pair(stack: Any, k: int, op: int, one: Any, two: Any) -> None:
+    """Write a number of two bodies to the stack, as it was before the step and as it is."""
+    stack[k, 0] = _between(op, one.before, two.before, one.length, one.width, two.length, two.width)
+    stack[k, 1] = _between(op, one, two, one.length, one.width, two.length, two.width)
 
 
 @kernel
