@@ -13,7 +13,7 @@ import numpy as np
 
 from sumo_eval.cosim.records import EGO, MOVER, Records
 from sumo_eval.cosim.step_rules import show
-from sumo_eval.cosim.sumo.session import vehicles
+from sumo_eval.cosim.sumo.insides import vehicles
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import described, write_way
 from sumo_eval.kernels import rows as compiled_rows

@@ -31,7 +31,7 @@ from sumo_eval.cosim.plans import Wheel
 from sumo_eval.cosim.records import PLANT, REASONS, Records
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.step_rules import move_rows, see_rows, stop_rows
-from sumo_eval.cosim.sumo.session import simulation_time
+from sumo_eval.cosim.sumo.insides import simulation_time
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.cosim.world import World

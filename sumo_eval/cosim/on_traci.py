@@ -26,7 +26,7 @@ from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, let_
 from sumo_eval.cosim.plans import HOLD, Wheel, wanted
 from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, Stage
-from sumo_eval.cosim.sumo.session import simulation_time
+from sumo_eval.cosim.sumo.insides import simulation_time
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import World

@@ -18,7 +18,8 @@ from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.cosim.records import REASONS
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.step_rules import move_rows, see_rows
-from sumo_eval.cosim.sumo.session import libsumo, running
+from sumo_eval.cosim.sumo.insides import libsumo
+from sumo_eval.cosim.sumo.session import running
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import InputError, SimulationError, must_be

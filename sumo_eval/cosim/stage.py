@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
 from sumo_eval.cosim.records import STRAIGHT, SUMO
-from sumo_eval.cosim.sumo.session import bend_tolerance, check_start, simulation_step, vehicles
+from sumo_eval.cosim.sumo.insides import simulation_step, vehicles
+from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError

@@ -14,6 +14,7 @@ from cosim_cases import HALF_SECOND, ROAD, case, lead
 import sumo_eval.cosim.sumo.session as session_module
 from sumo_eval.cosim.contact import Body, widest_gap
 from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim.sumo import insides
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import SIMULATION_OPTIONS, network_xml, routes_xml
 from sumo_eval.cosim.vehicle_model import Command
@@ -419,7 +420,7 @@ def test_files_on_disk_and_in_memory_are_the_same_case(monkeypatch):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the library has another name")
 def test_the_library_that_reads_sumos_files_is_found():
-    assert session_module._keep_xml_parser()
+    assert insides.keep_xml_parser()
 
 
 # values that are no numbers -------------------------------------------------------------------------------------------

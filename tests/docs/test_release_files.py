@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from sumo_eval.cosim.sumo.session import SYSTEM_LIBRARIES
+from sumo_eval.cosim.sumo.insides import SYSTEM_LIBRARIES
 
 ROOT = Path(__file__).parents[2]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -25,7 +25,8 @@ from sumo_eval.cosim.doors.traci_numbers import (
     breach,
     shown,
 )
-from sumo_eval.cosim.sumo.session import libsumo
+from sumo_eval.cosim.sumo import insides
+from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.errors import ControllerError
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -134,7 +135,7 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
     plain = ARGUMENTS["vehicle"].get(call, ())
     moves, ignored, hands_over = call in MOTION, call in IGNORED, call in HANDS_OVER
     one_number = len(plain) == 1 and plain[0] not in DURATIONS and not ignored
-    direct = getattr(libsumo.libsumo._libsumo, f"vehicle_{call}", write)  # what `write` wraps, at half the cost
+    direct = insides.direct(call, write)
 
     def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
         # of a name that nobody has, SUMO says so

@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from sumo_eval.cosim.sumo.session import libsumo
+from sumo_eval.cosim.sumo.insides import libsumo
 
 LONGEST = 2.0**31
 """s, the longest duration that an ADS can mean: as far as a signed count of 32 bits goes, and TraCI's old default."""

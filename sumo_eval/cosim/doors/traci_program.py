@@ -24,8 +24,9 @@ from typing import Any
 
 from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
 from sumo_eval.cosim.doors.controller import Briefing, own_vehicle_type
+from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.private_server import CLIENTS, LOOPBACK, PrivateServer, Relay
-from sumo_eval.cosim.sumo.session import check_start, command_line, libsumo, quoted
+from sumo_eval.cosim.sumo.session import check_start, command_line, quoted
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, needs_extra, said, unknown
 from sumo_eval.scenario.concrete import ConcreteScenario

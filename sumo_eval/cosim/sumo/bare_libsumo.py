@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from sumo_eval.cosim.sumo.session import libsumo
+from sumo_eval.cosim.sumo.insides import libsumo
 
 
 def bare_seconds(command_lines: Sequence[list[str]], steps: Sequence[int]) -> float:

@@ -6,41 +6,25 @@ refuses to nest, checks that the initial state is the requested one, and quotes 
 
 from __future__ import annotations
 
-import ctypes
-import functools
 import math
 import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
+from sumo_eval.cosim.sumo.insides import keep_xml_parser, libsumo, vehicles
 from sumo_eval.cosim.sumo.sumo_files import EGO, SEGMENT, SIMULATION_OPTIONS, network_xml, routes_xml
-from sumo_eval.errors import NotInstalledError, SimulationError, said
+from sumo_eval.errors import SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import frame_places, map_places, tightest
 from sumo_eval.settings import SimulationSettings
 
-SYSTEM_LIBRARIES = ("libatomic1", "libexpat1", "libgl1", "libx11-6", "libxext6", "libxrender1")
-"""Packages of Debian and Ubuntu with what the wheel of libsumo links and does not hold."""
-
-os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
-try:
-    import libsumo as libsumo  # for those who must not import it before the line above
-except ImportError as missing:
-    raise NotInstalledError(
-        f"SUMO's library cannot be loaded: {missing.msg}. It needs system libraries that a machine without a desktop "
-        f"may lack; on Debian and Ubuntu: apt-get install --no-install-recommends {' '.join(SYSTEM_LIBRARIES)}"
-    ) from missing
-
 POSITION_TOLERANCE = 1e-3  # m
 CHORD_TOLERANCE = 0.05  # m, on a bend, which SUMO has as a polyline: twice the sagitta of 1 m on the tightest road
-_XERCES_SET_UP = "_ZN11xercesc_3_216XMLPlatformUtils10InitializeEPKcS2_PNS_12PanicHandlerEPNS_13MemoryManagerE"
-"""Xerces 3.2: `XMLPlatformUtils::Initialize(locale, messages, panic_handler, memory_manager)`, as a linker knows it."""
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 SPEED_TOLERANCE = 1e-3  # m/s
 NOWHERE = -1e6  # m; of a vehicle that has no place SUMO shows one far beyond
@@ -77,7 +61,7 @@ def running(
         raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
     with _files(network, routes) as files:
         network_path, routes_path, log, console = files
-        _keep_xml_parser()
+        keep_xml_parser()
         try:
             with _stderr_into(console):
                 arguments = _arguments(network_path, routes_path, log, settings, road)
@@ -159,22 +143,6 @@ def _by_name(sentence: str, files: _Files) -> str:
     return sentence
 
 
-@functools.cache
-def _keep_xml_parser() -> bool:
-    """Set up Xerces, which SUMO reads its files with, once for the process; whether it was found.
-
-    SUMO sets it up in every start and takes it down in every close, and that is half of what both cost. Xerces counts:
-    who sets it up once more than he takes it down keeps its tables (character classes, codings), which nothing writes
-    to. Where the library has another name or place, SUMO goes on doing it by itself.
-    """
-    for library in (Path(libsumo.__file__).parent.parent / "libsumo.libs").glob("libxerces-c-3*.so*"):
-        set_up = getattr(ctypes.CDLL(str(library)), _XERCES_SET_UP, None)
-        if set_up is not None:
-            set_up(b"en_US", None, None, None)
-            return True
-    return False
-
-
 def _arguments(
     network: Path, routes: Path, log: Path, settings: SimulationSettings, road: Road | None = None
 ) -> list[str]:
@@ -197,41 +165,6 @@ def _arguments(
     if road is not None and road.network is None:  # a generator for each lane; SUMO's 64 take longer to seed
         options["thread-rngs"] = str(road.lanes)
     return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
-
-
-_CALLS = (
-    "getAngle", "getLaneIndex", "getLanePosition", "getLateralLanePosition", "getLateralSpeed", "getPosition",
-    "getSpeed", "getSpeedMode", "moveTo", "moveToXY", "setLaneChangeMode", "setLateralLanePosition", "setPreviousSpeed",
-    "setSpeed", "setSpeedMode",
-)  # fmt: skip
-_LIBSUMO = libsumo.libsumo._libsumo
-_DIRECT = SimpleNamespace(**{call: getattr(_LIBSUMO, f"vehicle_{call}") for call in _CALLS})
-
-
-def vehicles(traci: Any) -> Any:
-    """The calls of a simulation's vehicle domain that every step makes; of libsumo the functions themselves: the Python
-    ones that it wraps them in cost as much again.
-    """
-    return _DIRECT if traci is libsumo else traci.vehicle
-
-
-def simulation_step(traci: Any) -> Callable[[], None]:
-    """What makes one step of a simulation; of libsumo the function itself, and step listeners where there are any."""
-    if traci is not libsumo:
-        return cast("Callable[[], None]", traci.simulationStep)
-    listeners, step = libsumo._stepManager, _LIBSUMO.simulation_step
-
-    def stepped() -> None:
-        step(0.0)
-        if listeners._stepListeners:
-            listeners.manageStepListeners(0.0)
-
-    return stepped
-
-
-def simulation_time(traci: Any) -> Callable[[], float]:
-    """What tells the time of a simulation, s; of libsumo the function itself."""
-    return cast("Callable[[], float]", _LIBSUMO.simulation_getTime if traci is libsumo else traci.simulation.getTime)
 
 
 def bend_tolerance(road: Road, y: float) -> float:

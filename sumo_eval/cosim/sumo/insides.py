@@ -1,0 +1,98 @@
+"""libsumo, and the insides of it and of Xerces that this package borrows. Tried with SUMO 1.28.
+
+- `vehicles`, `direct`, `simulation_step`, `simulation_time`: the functions that libsumo's Python ones wrap. 40 cut-ins
+  one by one take 1.2 s of processor time in place of 1.5 s.
+- `keep_xml_parser`: Xerces is set up once in a process. The same cases take 1.2 s in place of 1.6 s.
+
+SUMO_EVAL_PLAIN=1 leaves all of them out.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+from sumo_eval import kernels
+from sumo_eval.errors import NotInstalledError
+
+SYSTEM_LIBRARIES = ("libatomic1", "libexpat1", "libgl1", "libx11-6", "libxext6", "libxrender1")
+"""Packages of Debian and Ubuntu with what the wheel of libsumo links and does not hold."""
+
+os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
+try:
+    import libsumo as libsumo  # for those who must not import it before the line above
+except ImportError as missing:
+    raise NotInstalledError(
+        f"SUMO's library cannot be loaded: {missing.msg}. It needs system libraries that a machine without a desktop "
+        f"may lack; on Debian and Ubuntu: apt-get install --no-install-recommends {' '.join(SYSTEM_LIBRARIES)}"
+    ) from missing
+
+_XERCES_SET_UP = "_ZN11xercesc_3_216XMLPlatformUtils10InitializeEPKcS2_PNS_12PanicHandlerEPNS_13MemoryManagerE"
+"""Xerces 3.2: `XMLPlatformUtils::Initialize(locale, messages, panic_handler, memory_manager)`, as a linker knows it."""
+
+
+@functools.cache
+def keep_xml_parser() -> bool:
+    """Set up Xerces, which SUMO reads its files with, once for the process; whether it was found.
+
+    SUMO sets it up in every start and takes it down in every close, and that is half of what both cost. Xerces counts:
+    who sets it up once more than he takes it down keeps its tables (character classes, codings), which nothing writes
+    to. Where the library has another name or place, SUMO goes on doing it by itself.
+    """
+    if kernels.PLAIN:
+        return False
+    for library in (Path(libsumo.__file__).parent.parent / "libsumo.libs").glob("libxerces-c-3*.so*"):
+        set_up = getattr(ctypes.CDLL(str(library)), _XERCES_SET_UP, None)
+        if set_up is not None:
+            set_up(b"en_US", None, None, None)
+            return True
+    return False
+
+
+_CALLS = (
+    "getAngle", "getLaneIndex", "getLanePosition", "getLateralLanePosition", "getLateralSpeed", "getPosition",
+    "getSpeed", "getSpeedMode", "moveTo", "moveToXY", "setLaneChangeMode", "setLateralLanePosition", "setPreviousSpeed",
+    "setSpeed", "setSpeedMode",
+)  # fmt: skip
+_LIBSUMO = libsumo.libsumo._libsumo
+_DIRECT = SimpleNamespace(**{call: getattr(_LIBSUMO, f"vehicle_{call}") for call in _CALLS})
+
+
+def _borrows(traci: Any) -> bool:
+    return traci is libsumo and not kernels.PLAIN
+
+
+def vehicles(traci: Any) -> Any:
+    """The calls of a simulation's vehicle domain that every step makes; of libsumo the functions themselves: the Python
+    ones that it wraps them in cost as much again.
+    """
+    return _DIRECT if _borrows(traci) else traci.vehicle
+
+
+def direct(call: str, write: Callable[..., Any]) -> Callable[..., Any]:
+    """What a call of libsumo's vehicle domain wraps, at half the cost. write: the call itself."""
+    return cast("Callable[..., Any]", write if kernels.PLAIN else getattr(_LIBSUMO, f"vehicle_{call}", write))
+
+
+def simulation_step(traci: Any) -> Callable[[], None]:
+    """What makes one step of a simulation; of libsumo the function itself, and step listeners where there are any."""
+    if not _borrows(traci):
+        return cast("Callable[[], None]", traci.simulationStep)
+    listeners, step = libsumo._stepManager, _LIBSUMO.simulation_step
+
+    def stepped() -> None:
+        step(0.0)
+        if listeners._stepListeners:
+            listeners.manageStepListeners(0.0)
+
+    return stepped
+
+
+def simulation_time(traci: Any) -> Callable[[], float]:
+    """What tells the time of a simulation, s; of libsumo the function itself."""
+    return cast("Callable[[], float]", _LIBSUMO.simulation_getTime if _borrows(traci) else traci.simulation.getTime)
