@@ -11,7 +11,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from itertools import accumulate, groupby
+from itertools import accumulate, chain, groupby
 from typing import Any, Final, Literal, overload
 
 import numpy as np
@@ -50,7 +50,7 @@ def _rule(of: Callable[[Any], Any]) -> Any:
 
     def value(cases: Any) -> Any:
         found = of(cases)
-        return found if isinstance(cases, CaseTable) else np.asarray(found).item()
+        return found.item() if isinstance(cases, CaseResult) and isinstance(found, np.ndarray | np.generic) else found
 
     return property(value, doc=of.__doc__)
 
@@ -63,8 +63,12 @@ def _among(status: Any, statuses: Sequence[str]) -> Any:
     return np.isin(status, statuses) if isinstance(status, np.ndarray) else status in statuses
 
 
-def _known_contact(values: Any) -> BoolArray:
-    return np.asarray(np.nan_to_num(_number(values)) != 0.0)
+def _known(value: Any) -> Any:
+    return np.isfinite(value) if isinstance(value, np.ndarray) else value is not None
+
+
+def _known_contact(severity: Any) -> Any:
+    return np.nan_to_num(severity) != 0.0 if isinstance(severity, np.ndarray) else bool(severity)
 
 
 class Outcome:
@@ -106,7 +110,7 @@ class Outcome:
     @_rule
     def departed(self: Any) -> Any:
         """Whether it left the road."""
-        return np.isfinite(_number(self.departure_time))
+        return _known(self.departure_time)
 
     @_rule
     def incident(self: Any) -> Any:
@@ -124,7 +128,7 @@ class Outcome:
     @_rule
     def avoidable(self: Any) -> Any:
         """Whether it is a collision that the ideal vehicle avoids in the same concrete scenario."""
-        return self.collided & (_number(self.ideal_severity) == 0.0)
+        return self.collided & (self.ideal_severity == 0.0)
 
     @_rule
     def unavoidable(self: Any) -> Any:
@@ -134,7 +138,7 @@ class Outcome:
     @_rule
     def caused(self: Any) -> Any:
         """Whether it is a collision that neither the ideal vehicle nor doing nothing has."""
-        return self.avoidable & (_number(self.no_reaction_severity) == 0.0)
+        return self.avoidable & (self.no_reaction_severity == 0.0)
 
     @_rule
     def voids_index(self: Any) -> Any:
@@ -323,6 +327,12 @@ def _listed(data: bytes, rows: int) -> tuple[tuple[Any, ...], IntArray]:
     return decoded(body[4 * rows :], _RECORDS), np.frombuffer(body[: 4 * rows], dtype="<u4").astype(np.intp)
 
 
+@lru_cache(2_048)
+def _array_of(chunk: Chunk, name: str, place: int) -> Column:
+    """A column of a chunk, by its name and its place; those that were asked for last wait in some megabytes."""
+    return _array(name, chunk.column(place), chunk.rows)
+
+
 def _array(name: str, data: bytes, rows: int) -> Column:
     """A column as an array (n,): numbers with nan for None, truth values, texts with "" for None, else objects."""
     if _is_real(name):
@@ -343,7 +353,11 @@ def _array(name: str, data: bytes, rows: int) -> Column:
 def _plain(name: str, data: bytes, rows: int) -> list[Any]:
     """A column as the values of records."""
     if _is_real(name):
-        return [None if value != value else value for value in _real(data, rows).tolist()]
+        numbers = _real(data, rows)
+        found: list[Any] = numbers.tolist()
+        for place in np.flatnonzero(np.isnan(numbers)).tolist():
+            found[place] = None
+        return found
     values, which = _listed(data, rows)
     return [values[place] for place in which.tolist()]
 
@@ -392,15 +406,15 @@ class CaseTable(Outcome):
         for chunk in self.chunks:
             known = json.loads(chunk.column(_PLACES["values"]))
             for place, name in enumerate(names):
-                data = chunk.column(len(_PLACES) + known.index(name))
-                found[first : first + chunk.rows, place] = _real(data, chunk.rows)
+                column = len(_PLACES) + known.index(name)
+                found[first : first + chunk.rows, place] = _array_of(chunk, "", column)
             first += chunk.rows
         return found if self.rows is None else found[self.rows]
 
     def __getattr__(self, name: str) -> Column:
         if name not in _PLACES or name == "values":
             raise AttributeError(name)
-        parts = [_array(name, chunk.column(_PLACES[name]), chunk.rows) for chunk in self.chunks]
+        parts = [_array_of(chunk, name, _PLACES[name]) for chunk in self.chunks]
         found = np.concatenate(parts) if parts else _array(name, _encoded(name, []), 0)
         return found if self.rows is None else found[self.rows]
 
@@ -408,7 +422,9 @@ class CaseTable(Outcome):
         return sum(chunk.rows for chunk in self.chunks) if self.rows is None else len(self.rows)
 
     def __iter__(self) -> Iterator[CaseResult]:
-        return map(self._record, range(len(self)) if self.rows is None else self.rows.tolist())
+        if self.rows is None:
+            return chain.from_iterable(map(records_of, self.chunks))
+        return map(self._record, self.rows.tolist())
 
     @overload
     def __getitem__(self, where: int | np.integer[Any]) -> CaseResult: ...

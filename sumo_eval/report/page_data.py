@@ -126,7 +126,8 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     for one in told:
         rows.append(_case(one, logical.row(one.case.values), view))
     names = cases.case
-    here = np.isin(names, [row["key"] for row in rows])
+    keys = {row["key"] for row in rows}
+    here = np.array([name in keys for name in names.tolist()], dtype=np.bool_)
     everybody = [score.ads for score in evaluation.scores if score.scenario == logical.name]
     return {
         "name": logical.name,

@@ -79,7 +79,7 @@ def _telling(cases: CaseTable, named: Collection[str]) -> FloatArray:
     tells[collided] = _HIT + severity[collided] / max(float(severity.max(initial=0.0)), 1.0)
     tells = np.where(cases.evaluated, tells, _LOST)
     if named:
-        tells[np.isin(cases.case, list(named))] = _NAMED
+        tells[[name in named for name in cases.case.tolist()]] = _NAMED
     return tells
 
 
