@@ -23,10 +23,11 @@ COMMANDS = {
 
 
 def refuse_command(words: Sequence[str]) -> None:
-    """Raise InputError where a command line begins with a removed command."""
-    name = " ".join(words[:2])
-    if name in COMMANDS:
-        raise InputError(f"`sumo-eval {name}` was removed: {COMMANDS[name]}.")
+    """Raise InputError where a command line has a removed command or option."""
+    for name, instead in COMMANDS.items():
+        command, word = name.split()
+        if command in words[:1] and word in words[1:]:
+            raise InputError(f"`sumo-eval {name}` was removed: {instead}.")
 
 
 def is_use_case(name: str) -> bool:
