@@ -21,7 +21,6 @@ class Actuation:
         self._delay = conditions.actuation_delay
         self._budget = conditions.step_budget
         self._clip = clip
-        self.is_direct = self._budget is None and self._delay == 0.0  # every command arrives at once, as it is
         self._last = _NEUTRAL
         self._under_way: deque[tuple[float, Command]] = deque([(float("-inf"), _NEUTRAL)])
 

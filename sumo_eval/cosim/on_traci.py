@@ -176,18 +176,18 @@ class OnTraci:
         check_clock(self._traci, self._clock, time, self._step)
         if answer is None:
             self._wheel.release()
-            return None if self._actuation.is_direct else self._actuation.pass_on(None, time, took)
+            return self._actuation.pass_on(None, time, took)
         command = self._obeyed(answer, time)
         if GUARD.moved:
             world.note(0, "dropped_traci_call", 1.0, 0.0)
-        return command if self._actuation.is_direct else self._actuation.pass_on(command, time, took)
+        return self._actuation.pass_on(command, time, took)
 
     def _held(self, time: float) -> Command | None:
         """What holds between two calls."""
         if not self._wheel.holds:
             return None
         command = self._obeyed(HOLD, time)
-        return command if self._actuation.is_direct else self._actuation.pass_on(command, time, 0.0)
+        return self._actuation.pass_on(command, time, 0.0)
 
     def _obeyed(self, answer: object, time: float) -> Command:
         """What the vehicle is commanded."""

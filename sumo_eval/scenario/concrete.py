@@ -184,11 +184,6 @@ def smooth_step_rate(share: FloatArray | float) -> FloatArray:
     return np.asarray(motion.quintic_rate(np.clip(share, 0.0, 1.0)))
 
 
-def smooth_step_curvature(share: FloatArray | float) -> FloatArray:
-    """Second derivative of `smooth_step` by its argument; peaks at 10/sqrt(3)."""
-    return np.asarray(motion.quintic_bend(np.clip(share, 0.0, 1.0)))
-
-
 def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = False) -> Act:
     """A smooth lateral move: begins at `begin` s, takes `duration` s, ends `offset` m to the left (negative: right).
 

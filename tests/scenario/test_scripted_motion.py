@@ -11,7 +11,6 @@ from sumo_eval.scenario.concrete import (
     braked_speed,
     braking_time,
     smooth_step,
-    smooth_step_curvature,
     smooth_step_rate,
 )
 
@@ -23,7 +22,9 @@ def test_a_lane_change_is_the_smooth_step_to_the_last_bit(time, begin, duration,
     move, share = lane_change(begin, duration, offset), (time - begin) / duration
     assert motion.lateral(move, time) == float(offset * smooth_step(share))
     assert motion.lateral_speed(move, time) == float(offset / duration * smooth_step_rate(share))
-    assert motion.lateral_acceleration(move, time) == float(offset / duration**2 * smooth_step_curvature(share))
+    assert motion.lateral_acceleration(move, time) == float(
+        offset / duration**2 * motion.quintic_bend(min(max(share, 0.0), 1.0))
+    )
 
 
 @given(TIMES, st.floats(0.0, 5.0), st.floats(0.0, 60.0), st.floats(0.1, 12.0), st.sampled_from([math.inf, 12.65, 1.0]))
