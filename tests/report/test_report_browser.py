@@ -239,7 +239,7 @@ def test_the_case_panel_tells_the_criticality_measures_in_words(opened: Page, ev
     text = opened.run("document.getElementById('case-facts').textContent")
     assert "smallest gap ahead0.00\u00a0m" in text
     assert "largest inverse TTC" not in text, "it has no bound at contact"
-    place = evaluation.cases_of(case.ads, case.scenario).index(case)
+    place = list(evaluation.cases_of(case.ads, case.scenario)).index(case)
     judged = verdicts(evaluation, evaluation.score(case.ads, case.scenario))[place]
     assert f"verdict{LOOKS[str(judged)].words}" in text
 
