@@ -327,7 +327,7 @@ def _listed(data: bytes, rows: int) -> tuple[tuple[Any, ...], IntArray]:
     return decoded(body[4 * rows :], _RECORDS), np.frombuffer(body[: 4 * rows], dtype="<u4").astype(np.intp)
 
 
-@lru_cache(2_048)
+@lru_cache(256)
 def _array_of(chunk: Chunk, name: str, place: int) -> Column:
     """A column of a chunk, by its name and its place; those that were asked for last wait in some megabytes."""
     return _array(name, chunk.column(place), chunk.rows)

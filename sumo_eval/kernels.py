@@ -97,6 +97,12 @@ class Loop:
         return code
 
 
+def interpreted(loop: Function) -> Function:
+    """A loop over rows as plain Python, to the same bits: for a single row, which need not wait for numba."""
+    wrapped = getattr(loop, "__wrapped__", loop)
+    return cast("Function", _interpreted(wrapped)) if isinstance(loop, Loop) else loop
+
+
 def bound(loop: Function, *arguments: Any) -> Function:
     """A loop over rows for whoever calls it at every step, with arguments of one kind: a third of a call's cost.
 

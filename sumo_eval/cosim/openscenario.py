@@ -155,8 +155,9 @@ def openscenario_xml(
     ego = known.get(EGO)
     scripted = [actor for actor in concrete.actors if actor.acts and not actor.lively]
     recorded = [actor.name for actor in concrete.actors if actor.lively and actor.name in known]
-    moved = tracks([concrete], [(vehicle.length, vehicle.width)], VERTEX_INTERVAL, settings.time_limit).others[0]
-    for actor, rows in zip(concrete.actors, moved.tolist(), strict=True):
+    body = vehicle.length, vehicle.width
+    moved = tracks([concrete], [body], VERTEX_INTERVAL, settings.time_limit, in_python=True)
+    for actor, rows in zip(concrete.actors, moved.others[0].tolist(), strict=True):
         if actor in scripted and actor.name not in recorded:
             _follow(act, actor.name, _on_the_road(rows, concrete.road), concrete.road)
     for name in [*([] if ego is None else [EGO]), *recorded]:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.kernels import interpreted, kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.played import (
     AT_ONCE,
@@ -51,13 +51,22 @@ class Tracks(NamedTuple):
 
 
 def tracks(
-    concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]], step: float, until: float
+    concretes: Sequence[ConcreteScenario],
+    bodies: Sequence[tuple[float, float]],
+    step: float,
+    until: float,
+    *,
+    in_python: bool = False,
 ) -> Tracks:
-    """Tracks of cases with as many others each, while the egos keep their speed. bodies: of each, length and width."""
+    """Tracks of cases with as many others each, while the egos keep their speed. bodies: of each, length and width.
+
+    in_python: for a single case, whose caller shall not wait for machine code.
+    """
     n, m, count = len(concretes), len(concretes[0].actors), _looks(until, step)
     egos, others, found = _begun(concretes, bodies)
     way, theirs = np.zeros((n, count, 5)), np.zeros((n, m, count, 5))
-    _run_rows(egos, others, *found, way, theirs, step, np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line))
+    run = interpreted(_run_rows) if in_python else _run_rows
+    run(egos, others, *found, way, theirs, step, np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line))
     return Tracks(way, theirs, found.plays["first_begin"].copy())
 
 
