@@ -106,6 +106,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "site"
 
 
+@pytest.mark.campaign  # .ci/run has it
 def test_every_name_that_users_call_is_in_the_wheel_and_works(site: Path, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(site), "SUMO_EVAL_INTERPRETED": "1"}
     done = subprocess.run(

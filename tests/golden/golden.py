@@ -60,7 +60,7 @@ def _closed_form(scenario: str) -> bool:
 
 IN_THE_SUITE = {
     True: ("curve_cut_in",),
-    False: ("ramp_merge", "stop_and_go_stream"),
+    False: ("ramp_merge",),
 }
 """By whether their zones have a closed form: straight and curved roads, all kinds of road users, reacting traffic."""
 
