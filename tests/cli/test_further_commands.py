@@ -62,6 +62,13 @@ def test_what_is_no_command_is_one_sentence_and_status_2(site: Path, entry: str,
     assert sentence in done.output
 
 
+def test_our_command_without_its_entry_point_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "_plugins", dict)
+    done = CliRunner().invoke(cli.main, ["drive", "cut_in"])
+    assert done.exit_code == 2
+    assert "Command `drive` is not installed yet: `pip install -e .` once more." in done.output
+
+
 def test_no_package_takes_the_place_of_our_commands(site: Path) -> None:
     install(site, "run = weather_tool:weather")
     assert "EVALUATION" in CliRunner().invoke(cli.main, ["run", "--help"]).output
