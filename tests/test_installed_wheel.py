@@ -82,6 +82,8 @@ try:
     find("none.xosc")
 except InputError as error:
     assert "none.xosc" in str(error), error
+else:
+    raise AssertionError("a file that is not there was read")
 evaluation = {
     "name": "wheel", "scenario": [{"use": "front_vehicle_low_speed", "sampling": {"method": "sobol", "count": 1}}],
     "ads": [{"name": "none", "controller": "no_reaction"}], "drivers": {"count": 2},

@@ -110,7 +110,7 @@ class _Group(click.Group):
         refuse_command(args)
         if args and not args[0].startswith("-") and args[0] not in _FILES and args[0] not in _plugins():
             if args[0] in MEANT:  # ours, of a copy whose entry points are older than its sources
-                raise click.UsageError(f"Command `{args[0]}` is not installed yet: `pip install -e .` once more.")
+                raise click.UsageError(f"Command `{args[0]}` is not installed: run `pip install -e .` again.")
             raise click.UsageError(f"There is no command `{clean(args[0])}`.{_nearest(args[0])}")
         return super().resolve_command(ctx, args)
 

@@ -40,8 +40,8 @@ class Format:
 
 def format_of(path: str) -> Format | None:
     """The format of a file by its ending; None where no installed package reads it."""
-    ending = path.rpartition(".")[2]
-    return _loaded(ending) if ending in _points() and ending != path else None
+    _, dot, ending = path.rpartition(".")
+    return _loaded(ending) if dot and ending in _points() else None  # a shipped name looks at no other package
 
 
 def formats() -> Iterator[Format]:
@@ -64,7 +64,7 @@ def expanded(entries: Entries, folder: Path) -> Entries:
 
 
 def _form_of(use: str) -> Format | None:
-    """The format of an entry's file or catalogue. None for ours, and for Python; those load no other package."""
+    """The format of an entry's file or catalogue; None for a shipped name, a file of ours and Python."""
     plain = use.partition("?")[0]
     if "." in plain or ":" in plain or plain in scenario_files():
         return format_of(plain)

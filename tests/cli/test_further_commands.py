@@ -66,7 +66,7 @@ def test_our_command_without_its_entry_point_says_what_to_do(monkeypatch: pytest
     monkeypatch.setattr(cli, "_plugins", dict)
     done = CliRunner().invoke(cli.main, ["drive", "cut_in"])
     assert done.exit_code == 2
-    assert "Command `drive` is not installed yet: `pip install -e .` once more." in done.output
+    assert "Command `drive` is not installed: run `pip install -e .` again." in done.output
 
 
 def test_no_package_takes_the_place_of_our_commands(site: Path) -> None:

@@ -62,7 +62,7 @@ IN_THE_SUITE = {
     True: ("curve_cut_in",),
     False: ("ramp_merge",),
 }
-"""By whether their zones have a closed form: straight and curved roads, all kinds of road users, reacting traffic."""
+"""By whether their zones have a closed form: a bend, and a ramp. The campaign has all others."""
 
 
 def _others(closed: bool) -> tuple[str, ...]:
