@@ -195,7 +195,7 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
 def _check_evaluation(path: Path) -> None:
     """Ask of each part of the file what a run asks before it simulates; name every mistake, not only the first."""
     from sumo_eval.drivers.recorded.matching import known_match
-    from sumo_eval.drivers.recorded.reference import open_people
+    from sumo_eval.drivers.recorded.reference import open_people, reference
     from sumo_eval.errors import InputError
     from sumo_eval.method.severity import chosen_severity
     from sumo_eval.method.zone_partition import refuse_impossible_zones
@@ -259,6 +259,9 @@ def _check_evaluation(path: Path) -> None:
             name, recorded = space.logical.name, space.logical.recorded
             if people.events is not None and known_match(name, recorded) is not None:
                 found(f"recorded people of {name}", partial(_events, people.events, name, recorded))
+            safe = (space.concrete(number) for number in space.safe)
+            if not (wrong or any(reference(point, people, settings.drivers, recorded).drives for point in safe)):
+                tell(f"WARN  recorded people of {name}: none match any of its {len(space.safe)} safe points")
     found("severity", severity)
     if settings.method.ranking.weights:
         found("ranking", ranking)

@@ -140,12 +140,15 @@ def test_a_scenario_file_names_its_own_event_and_nobody_is_said_to_be_nobody(run
     (folder / "slow_evaluation.toml").write_text(text.replace("SPACE", "slow"))
     result = CliRunner().invoke(main, ["check", str(folder / "slow_evaluation.toml")])
     assert "recorded people of slow: 12 events like it" in result.output
+    assert "WARN  recorded people of slow: none match any of its 4 safe points" in result.output
+    assert result.exit_code == 0
     # The same file at the speeds of the recording has its people.
     fast = NOBODY.replace('"slow"', '"fast"').replace("low = 8.0\nhigh = 12.0", "low = 28.0\nhigh = 32.0")
     (folder / "fast.toml").write_text(fast.replace("low = 2.0\nhigh = 6.0", "low = 13.0\nhigh = 17.0"))
     (folder / "fast_evaluation.toml").write_text(text.replace("SPACE", "fast"))
     result = CliRunner().invoke(main, ["check", str(folder / "fast_evaluation.toml")])
     assert "recorded people of fast: 12 events like it" in result.output
+    assert "WARN" not in result.output
 
 
 def test_an_event_s_column_that_does_not_exist_is_refused_in_a_sentence(runs):
