@@ -1,4 +1,4 @@
-"""Records of plain values as JSON, and back to the last bit: nothing that is read can execute anything."""
+"""Records as plain values, as JSON too, and back to the last bit: nothing that is read can execute anything."""
 
 from __future__ import annotations
 
@@ -15,29 +15,31 @@ _IS, _OF, _MAP = "is", "of", "map"
 
 def encoded(value: object) -> bytes:
     """A value made of records, tuples, mappings, texts, numbers and None. Lists come back as tuples."""
-    return json.dumps(_plain(value), separators=(",", ":")).encode()
+    return json.dumps(plain(value), separators=(",", ":")).encode()
 
 
 def decoded(data: bytes, classes: Classes) -> Any:
     """What `encoded` wrote. classes: those of its records, by name."""
-    return _value(json.loads(data), classes)
+    return record_of(json.loads(data), classes)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A value made of lists, texts, numbers, None and mappings of these, as `record_of` reads it."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {_IS: type(value).__name__, _OF: [_plain(getattr(value, field.name)) for field in fields(value)]}
+        return {_IS: type(value).__name__, _OF: [plain(getattr(value, field.name)) for field in fields(value)]}
     if isinstance(value, Mapping):
-        return {_MAP: [[_plain(key), _plain(item)] for key, item in value.items()]}
+        return {_MAP: [[plain(key), plain(item)] for key, item in value.items()]}
     if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _value(plain: Any, classes: Classes) -> Any:
-    if isinstance(plain, list):
-        return tuple(_value(item, classes) for item in plain)
-    if not isinstance(plain, dict):
-        return plain
-    if _MAP in plain:
-        return {_value(key, classes): _value(item, classes) for key, item in plain[_MAP]}
-    return classes[plain[_IS]](*(_value(item, classes) for item in plain[_OF]))
+def record_of(value: Any, classes: Classes) -> Any:
+    """What `plain` was given. classes: those of its records, by name."""
+    if isinstance(value, list):
+        return tuple(record_of(item, classes) for item in value)
+    if not isinstance(value, dict):
+        return value
+    if _MAP in value:
+        return {record_of(key, classes): record_of(item, classes) for key, item in value[_MAP]}
+    return classes[value[_IS]](*(record_of(item, classes) for item in value[_OF]))

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Literal
 
 from sumo_eval.record.kept import KeptRecording
-from sumo_eval.record.reads import Reads
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettings
 from sumo_eval.text import clean, clean_log
@@ -85,7 +84,7 @@ class Outcome:
 
     `log`: the traceback of an exception, and beginning and end of what the case printed. `error_place`: file, line and
     function of the user's code that an exception came from. alone: why a case that was to be simulated together with
-    others was not. reads: what the process of an ADS of the user's had read by then.
+    others was not. reads: name of what the process of an ADS of the user's had read by then.
     """
 
     case: Case
@@ -95,7 +94,7 @@ class Outcome:
     log: str = ""
     error_place: str = ""
     alone: Alone | None = None
-    reads: Reads | None = None
+    reads: str | None = None
 
     def __post_init__(self) -> None:
         """Cleaned once more: what a process that runs users' code sends may be anything."""

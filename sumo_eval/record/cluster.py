@@ -13,6 +13,7 @@ from sumo_eval.record.engines import run_in_children
 from sumo_eval.record.identity import harness_identity
 from sumo_eval.record.packs import Pack, Packs
 from sumo_eval.record.progress import Stopping
+from sumo_eval.record.reads import LINKS, LOST, Told, links
 
 BATCH = 100  # cases a task at most: each starts a child, and a lost worker costs this many cases again
 _BATCHES_PER_THREAD = 3  # under way for each thread of the cluster: enough that none waits, few enough to bound memory
@@ -21,11 +22,14 @@ _CONNECT_TIME = 10.0  # s
 _OWN_LOG = "distributed.client"
 
 
-def run_batch(cases: Pack, setup: Setup, harness: str) -> list[Outcome] | str:
-    """On a worker: the outcomes of a batch, or a sentence when this worker would not make the same facts."""
+def run_batch(cases: Pack, setup: Setup, harness: str) -> tuple[list[Outcome], dict[str, Told]] | str:
+    """On a worker: the outcomes of a batch and what their processes told of files, or a sentence when this worker would
+    not make the same facts.
+    """
     if harness_identity() != harness:
         return "has another version of sumo_eval or of libsumo than the process that collects the facts"
-    return [outcome for outcomes in run_in_children(cases, setup) for outcome in outcomes]
+    done = [outcome for outcomes in run_in_children(cases, setup) for outcome in outcomes]
+    return done, {name: LINKS[name] for outcome in done for name in links(outcome.reads or LOST)}
 
 
 def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[list[Outcome], None, None]:
@@ -69,7 +73,9 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
                 found = future.result()
                 if isinstance(found, str):
                     raise InputError(f"A worker of the Dask cluster {setup.run.scheduler} {found}.")
-                yield found
+                outcomes, told = found
+                LINKS.update(told)
+                yield outcomes
             elif times < _TIMES:
                 submit(batch, times + 1)
             else:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import signal
 from collections.abc import Generator, Iterable, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -13,12 +12,12 @@ from typing import Any
 from sumo_eval.errors import InputError
 from sumo_eval.record import loops, reads
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status, on_its_own
-from sumo_eval.record.claims import OURS, Result, Results, believed, home, home_of_ads, with_reads
-from sumo_eval.record.identity import locator_identity, read_identity, tell_identity
+from sumo_eval.record.claims import OURS, home, home_of_ads, results_of
+from sumo_eval.record.identity import locator_identity
 from sumo_eval.record.packs import Pack, Packs, driven, largest_pack
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.progress import Stopping, never
-from sumo_eval.record.worker import answer, run_together, watch
+from sumo_eval.record.worker import answer
 from sumo_eval.settings import RunSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
@@ -63,13 +62,7 @@ def run_in_children(
     listed = cases if isinstance(cases, Sequence) else ()  # who hands them over one by one has seen to it
     loops.ready(loops.of_cases(listed))  # a case's time is for driving
     packs = Packs(cases, workers, min(largest_pack(setup), setup.run.cases_per_child))
-    work: Work[Pack] = Work(
-        answer,
-        setup,
-        read=lambda pack, message: believed(message, pack, setup),
-        home=lambda pack: home(pack[0], setup),
-        size=driven,
-    )
+    work: Work[Pack] = Work(answer, setup, lambda pack: home(pack[0], setup), driven)
     with _pool(workers, setup, setup.run.cases_per_child) as pool:
         settle = partial(_settled, packs=packs, setup=setup)
         for outcomes in pool.run(work, packs.take, settle, stopping, packs.look_ahead):
@@ -87,27 +80,16 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     if setup.run.engine == "serial":
         refuse_to_share(home_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
         if not hasattr(os, "fork"):
-            return {locator: _identity_here((kind, locator), setup) for kind, locator in named}
+            return {locator: locator_identity((kind, locator), setup.folder) for kind, locator in named}
     identities: dict[str, str] = {}
-    work: Work[tuple[str, str]] = Work(tell_identity, setup.folder, lambda _, message: read_identity(message), str)
     with _pool(1, setup, items_per_child=1) as pool:
-        waiting = iter(named)
-        for ended in pool.run(work, lambda: next(waiting, None), lambda ended: ended):
+        for ended in pool.each(Work(locator_identity, setup.folder), named):
             kind, locator = ended.item
-            if isinstance(ended.result, InputError):
-                raise ended.result
             if ended.how != "done":
                 happened = what_happened(ended, setup, "It", "loaded it")
                 raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}")
             identities[locator] = ended.result
     return identities
-
-
-def _identity_here(named: tuple[str, str], setup: Setup) -> str:
-    found = locator_identity(named, setup.folder)
-    if isinstance(found, InputError):
-        raise found
-    return found
 
 
 def refuse_to_share(homes: Iterable[str]) -> None:
@@ -128,10 +110,7 @@ def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Genera
     while not stopping() and (pack := packs.take()) is not None:
         served.add(home(pack[0], setup))
         refuse_to_share(served)
-        watch(pack, setup)
-        results = run_together(pack, setup)
-        ended = Ended(pack, "done", with_reads(results, reads.chained(reads.end())), None, "")
-        outcomes = _settled(ended, packs, setup)
+        outcomes = _settled(Ended(pack, "done", answer(pack, setup), ""), packs, setup)
         if outcomes:
             yield outcomes
         packs.look_ahead()
@@ -158,7 +137,7 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
         why = Alone("pack_lost" if pack[0].block is None else "block_lost", clean(happened))
         packs.did_not_come_through(pack, [why] * len(pack), printed, too_slow=ended.how == "overdue")
         return []
-    results: Results = ended.result
+    results = results_of(ended.result, pack)
     if results is None:
         packs.never_together(pack)
         return []
@@ -171,12 +150,10 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
     for case, result in zip(pack, results, strict=True):
         if isinstance(result, Alone):
             packs.run_alone(case, result)
+        elif case.block is None and is_late_by_chance(result, ended, setup):
+            packs.run_undisturbed(case, Alone(LATE, result.error or ""), result.log)
         else:
-            outcome = _of_result(case, result, result.log)
-            if case.block is None and is_late_by_chance(outcome, ended, setup):
-                packs.run_undisturbed(case, Alone(LATE, outcome.error or ""), outcome.log)
-            else:
-                found.append(outcome)
+            found.append(result)
     return [replace(outcome, log=outcome.log + printed) for outcome in found[:1]] + found[1:]
 
 
@@ -194,13 +171,10 @@ def _outcome(ended: Ended[Pack], alone: Alone | None, printed: str, setup: Setup
     if ended.how != "done":
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
         return Outcome(case, status, None, what_happened(ended, setup), remark + ended.log, alone=alone)
-    result: Result = ended.result[0]
-    log = remark + result.log + ended.log
-    return replace(_of_result(case, result, log), alone=alone)
-
-
-def _of_result(case: Case, result: Result, log: str) -> Outcome:
-    return Outcome(case, result.status, result.recording, result.error, log, result.error_place, reads=result.reads)
+    results = results_of(ended.result, ended.item)
+    outcome = results[0] if results else None
+    assert isinstance(outcome, Outcome), "a case alone is driven in any case"
+    return replace(outcome, log=remark + outcome.log + ended.log, alone=alone)
 
 
 def what_happened(ended: Ended[Any], setup: Setup, what: str = "The case", did: str = "ran the case") -> str:
@@ -212,15 +186,7 @@ def what_happened(ended: Ended[Any], setup: Setup, what: str = "The case", did: 
             f"The process that {did} and what it had started held {ended.why} MB, more than the "
             f"{setup.run.memory_limit:g} MB of `run.memory_limit`, and were ended."
         )
-    if ended.how == "garbled":
-        return f"The process that {did} {ended.why}."
-    if ended.exitcode is None:
-        return f"The process that {did} closed its connection."
-    name = ""
-    if ended.exitcode < 0:
-        with suppress(ValueError):
-            name = f" ({signal.Signals(-ended.exitcode).name})"
-    return f"The process that {did} died with exit code {ended.exitcode}{name}."
+    return f"The process that {did} {ended.why}."
 
 
 def _quoted(log: str) -> str:

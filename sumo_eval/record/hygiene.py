@@ -38,6 +38,15 @@ class Report(NamedTuple):
     exitcode: int
     held: float
 
+    @property
+    def words(self) -> str:
+        """`died with exit code -9 (SIGKILL)`."""
+        name = ""
+        if self.exitcode < 0:
+            with suppress(ValueError):
+                name = f" ({signal.Signals(-self.exitcode).name})"
+        return f"died with exit code {self.exitcode}{name}"
+
 
 def supervise(work: Callable[[], object], leash: int, report: int, memory_limit: float) -> None:
     """Fork a child that does `work`, wait for its end, end all that is left of it, report.

@@ -15,15 +15,12 @@ from types import ModuleType
 from typing import Any
 
 from sumo_eval.cosim.doors.controller import find_controller, takes_arrays
-from sumo_eval.errors import InputError, must_be
+from sumo_eval.errors import must_be
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.cases import Case
-from sumo_eval.record.frames import Message
 from sumo_eval.settings import AdsSettings, DriverSettings, SimulationSettings
 from sumo_eval.settings.locators import load_object
-from sumo_eval.text import clean
 
-_LONGEST_REFUSAL = 20_000  # characters
 _PACKAGE = Path(__file__).parent.parent
 _NOT_PYTHON = ("exec", "traci", "fmu", "onnx", "sumo", "given")  # locators of commands and files, not of Python objects
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
@@ -48,8 +45,8 @@ def sources_of_facts(package: Path) -> dict[str, str]:
     return {str(file.relative_to(package)): hash_of(file, "file") for file in files}
 
 
-def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
-    """Locator, version and hashes of the source files of what a user named; the error when it is not there.
+def locator_identity(named: tuple[str, str], folder: Path) -> str:
+    """Locator, version and hashes of the source files of what a user named. Raises InputError when it is not there.
 
     named: what it is (`ADS`, or else e.g. `Human reference`), and its locator.
 
@@ -58,10 +55,7 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
     """
     before = set(sys.modules)
     kind, locator = named
-    try:
-        found = find_controller(locator, folder) if kind == "ADS" else load_object(locator, folder, kind)
-    except InputError as error:
-        return InputError(str(error))
+    found = find_controller(locator, folder) if kind == "ADS" else load_object(locator, folder, kind)
     in_words = locator.partition(":")[0] in _NOT_PYTHON
     module = None if in_words else sys.modules.get(getattr(found, "__module__", ""), None)
     files = _own_files(module, before) if module is not None else named_files(locator, folder)
@@ -75,19 +69,6 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
 def is_over_arrays(identity: str) -> bool:
     """Whether this is the identity of a policy over arrays."""
     return json.loads(identity).get("batch") is True
-
-
-def tell_identity(named: tuple[str, str], folder: Path) -> Message:
-    """What `locator_identity` gives, as a child sends it."""
-    found = locator_identity(named, folder)
-    return Message(["refused", str(found)[:_LONGEST_REFUSAL]] if isinstance(found, InputError) else ["is", found])
-
-
-def read_identity(message: Message) -> str | InputError:
-    """The identity, or why there is none, in a child's message."""
-    word, text = message.plain
-    text = clean(text, len(text))
-    return InputError(text) if word == "refused" else text
 
 
 def files_identity(ads: AdsSettings, source: Path) -> str:

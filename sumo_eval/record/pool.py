@@ -18,7 +18,7 @@ import struct
 import sys
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -30,7 +30,7 @@ from typing import Any, Generic, Literal, TypeVar
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.children import child_context, started
-from sumo_eval.record.frames import FrameError, FrameReader, Message, frame
+from sumo_eval.record.frames import FrameError, FrameReader, frame
 from sumo_eval.record.hygiene import (
     MEGABYTE,
     Report,
@@ -42,37 +42,40 @@ from sumo_eval.record.hygiene import (
     supervise,
 )
 from sumo_eval.record.watch import COPY
-from sumo_eval.text import clean_log
+from sumo_eval.text import clean, clean_log
 
 Item = TypeVar("Item")
 Settled = TypeVar("Settled")
-Task = Callable[[Any, Any], Message]
-"""A function of the item and of what all items share; importable by name, like both arguments picklable."""
+Task = Callable[[Any, Any], Any]
+"""A function of the item and of what all items share; importable by name, like both arguments picklable. It answers
+with what a frame carries, or raises InputError.
+"""
 
-How = Literal["done", "died", "overdue", "overfull", "garbled"]
+How = Literal["done", "refused", "died", "overdue", "overfull", "garbled"]
 
 LOG_END = 7_900  # bytes that are kept of the beginning, and of the end, of what an item printed
 _READS_AT_ONCE = 16  # of one child's output, before another one's turn
 _LEAVE_TIME = 5.0  # s for a killed process to be gone
 _COPY_TIME = 0.2  # s for a copy of a child to be where the child is
 _LONGEST_WAIT = 3600.0  # s
+_LONGEST_REFUSAL = 20_000  # characters
 _WARNING_SHARE = 0.9  # of the deadline: then the child writes where it hangs
 _LENGTH = struct.Struct("<Q")
+_CLOSED = "closed its connection"
 
 
 @dataclass(frozen=True, slots=True)
 class Ended(Generic[Item]):
-    """What became of one item.
+    """Outcome of one item.
 
-    `done` with a result; `died` with an exit code, None if it only closed its connection; `overdue`, `overfull` or
-    `garbled` and killed. why: what was garbled, going on from "the process that ran the case ..."; how many MB filled.
+    how: `done` with a result; `refused` by an InputError; `died`; `overdue`, `overfull` or `garbled`, and killed.
+    why: the InputError's text; how many MB filled; else goes on from "the process that ran the case ...".
     idle: share of its wall time in which no processor worked on it.
     """
 
     item: Item
     how: How
     result: Any
-    exitcode: int | None
     log: str
     why: str = ""
     idle: float = 0.0
@@ -82,14 +85,12 @@ class Ended(Generic[Item]):
 class Work(Generic[Item]):
     """What is to be done with items: `task`, with what they all share.
 
-    read: makes a result of the message that the task answered with; raises FrameError if that is none. home: a child
-    serves items of one home only. size: as how many items an item counts.
+    home: a child serves items of one home only. size: as how many items an item counts.
     """
 
     task: Task
     shared: Any
-    read: Callable[[Item, Message], Any]
-    home: Callable[[Item], str]
+    home: Callable[[Item], str] = str
     size: Callable[[Item], int] = lambda item: 1
 
 
@@ -146,6 +147,14 @@ class Pool:
         self._children.clear()
         shutil.rmtree(self._scratch, ignore_errors=True)
 
+    def each(self, work: Work[Item], items: Iterable[Item]) -> Iterator[Ended[Item]]:
+        """What became of the items, as they end. Raises InputError for one that is refused."""
+        waiting = iter(items)
+        for ended in self.run(work, lambda: next(waiting, None), lambda ended: ended):
+            if ended.how == "refused":
+                raise InputError(ended.why)
+            yield ended
+
     def run(
         self,
         work: Work[Item],
@@ -173,7 +182,7 @@ class Pool:
                 return
             settled = []
             meanwhile()
-            for child, ended in self._next_ended(busy, work):
+            for child, ended in self._next_ended(busy):
                 del busy[child]
                 settled.append(settle(ended))
 
@@ -194,7 +203,7 @@ class Pool:
             child.give(work, item, next(self._numbers), self._deadline)
         return child
 
-    def _next_ended(self, busy: dict[_Child, Item], work: Work[Item]) -> list[tuple[_Child, Ended[Item]]]:
+    def _next_ended(self, busy: dict[_Child, Item]) -> list[tuple[_Child, Ended[Item]]]:
         """Wait until something happens; the items that have ended by then, often none.
 
         What this process did between two looks - ending a child, writing what came - is no child's time.
@@ -213,14 +222,14 @@ class Pool:
         self._looked = clock.monotonic()
         found: list[tuple[_Child, Ended[Item]]] = []
         for child, item in busy.items():
-            end = child.how_it_ended(partial(work.read, item))
+            end = child.how_it_ended()
             if end is None:
                 continue
-            how, result, exitcode, why, last = end
+            how, result, why, last = end
             idle = child.idle()
             if last:
                 self._drop(child)
-            found.append((child, Ended(item, how, result, exitcode, child.take_log(), why, idle)))
+            found.append((child, Ended(item, how, result, child.take_log(), why, idle)))
         return found
 
     def _drop(self, child: _Child) -> None:
@@ -252,7 +261,7 @@ class _Child:
         self._log = BoundedLog()
         self._to_send = memoryview(b"")
         self._reader: FrameReader | None = None
-        self._message: Message | None = None
+        self._answer: Any = None  # what its frame carries
         self._fault = ""
         self._ended: Report | None = None
         self._reported = False
@@ -273,7 +282,7 @@ class _Child:
     def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
         """Send an item, as much of it as goes at once. Raises OSError when the child is no more."""
         order = pickle.dumps((work.task, item, work.shared, deadline, number))
-        self._reader, self._message, self._fault = FrameReader(number), None, ""
+        self._reader, self._answer, self._fault = FrameReader(number), None, ""
         self._to_send = memoryview(_LENGTH.pack(len(order)) + order)
         self.items += work.size(item)
         self._begun, self._used = clock.monotonic(), processor_time(self._process.pid)
@@ -314,29 +323,28 @@ class _Child:
         else:
             self._read_output()
 
-    def how_it_ended(self, read: Callable[[Message], Any]) -> tuple[How, Any, int | None, str, bool] | None:
-        """How, with which result, exit code and fault, and whether the child with it; None while it goes on."""
-        if self._message is not None and not self._fault:
-            try:
-                last, twice, plain = self._message.plain
-                if not twice:
-                    result = read(Message(plain, self._message.blobs))
-                    return "done", result, None, "", last or self._reported
-                self._fault = "forked in a step, and both processes went on with the case"
-            except FrameError as error:
-                self._fault = str(error)
+    def how_it_ended(self) -> tuple[How, Any, str, bool] | None:
+        """How, with which result and fault, and whether the child with it; None while it goes on."""
+        if self._answer is not None and not self._fault:
+            last, twice, refusal, result = self._answer
+            if refusal:
+                return "refused", None, clean(refusal, _LONGEST_REFUSAL, lines=True), True
+            if not twice:
+                return "done", result, "", last or self._reported
+            self._fault = "forked in a step, and both processes went on with the case"
+        begun = self._reader is not None and self._reader.has_begun
         if self._fault:
-            return "garbled", None, None, self._fault, True
+            return "garbled", None, self._fault, True
         if self._reported:
-            if self._reader is not None and self._reader.has_begun:
-                return "garbled", None, None, "ended amid its result", True
+            if begun:
+                return "garbled", None, "ended amid its result", True
             if self._ended is not None and self._ended.held:
-                return "overfull", None, None, f"{self._ended.held:.0f}", True
-            return "died", None, None if self._ended is None else self._ended.exitcode, "", True
+                return "overfull", None, f"{self._ended.held:.0f}", True
+            return "died", None, _CLOSED if self._ended is None else self._ended.words, True
         if self.deadline <= clock.monotonic():
-            if self._reader is not None and self._reader.has_begun:
-                return "garbled", None, None, "began a result and did not end it", True
-            return ("died" if self._results.closed else "overdue"), None, None, "", True
+            if begun:
+                return "garbled", None, "began a result and did not end it", True
+            return "died" if self._results.closed else "overdue", None, _CLOSED, True
         return None
 
     def _read_results(self) -> None:
@@ -352,7 +360,7 @@ class _Child:
         try:
             if self._reader is None:
                 raise FrameError("wrote a result unasked")
-            self._message = self._reader.feed(data)
+            self._answer = self._reader.feed(data)
         except FrameError as error:
             self._fault = str(error)
 
@@ -424,14 +432,18 @@ def _serve(orders: int, results: int, output: int, memory_limit: float, scratch:
         task, item, shared, deadline, number = pickle.loads(order)  # noqa: S301 - from the owner
         os.makedirs(scratch, exist_ok=True)  # another ADS may have removed it
         faulthandler.dump_traceback_later(_WARNING_SHARE * deadline, file=2)
-        message = task(item, shared)
+        answer, refusal = None, ""
+        try:
+            answer = task(item, shared)
+        except InputError as error:
+            refusal = str(error)
         faulthandler.cancel_dump_traceback_later()
         if os.getpid() != me:
             os._exit(COPY)
         _flush(c_library)
         left, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
         last = left or len(sys._current_frames()) > threads
-        _write(results, frame(Message([last, twice, message.plain], message.blobs), number))
+        _write(results, frame([last, twice, refusal, answer], number))
         if last:
             return
 

@@ -20,13 +20,11 @@ import threading
 import time as clock
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 from sumo_eval.errors import InputError
-from sumo_eval.record.frames import FrameError
 from sumo_eval.record.hygiene import SCRATCH_PREFIX
 from sumo_eval.text import clean
 
@@ -41,7 +39,6 @@ _CODE = (*_PYTHON, ".pyd", ".so", ".zip", ".egg", ".whl", ".pyz")
 _EVENTS = frozenset({"open", "import", "os.rename", "sqlite3.connect", "ctypes.dlopen"})
 _HASHED_WHOLE = 256 << 20  # bytes; a larger file is known by its size and time
 _MOST_WRITTEN = 1_000  # files of one process that are noted as written
-_LONGEST_NAME = 10_000  # characters of a path
 _busy = threading.local()
 _BEGAN = clock.time()
 
@@ -51,15 +48,6 @@ Told = tuple[str, list[File]]
 """The name of what a process told before, and the files that it has read since."""
 State = tuple[int, int, int, int] | None
 NEVER: State = (-1, -1, -1, -1)
-
-
-@dataclass(frozen=True, slots=True)
-class Reads:
-    """What a process has read up to the end of a case. files: since `before`. name: a hash of all of it."""
-
-    before: Reads | None = field(repr=False, compare=False)
-    files: tuple[File, ...]
-    name: str
 
 
 class _Watch:
@@ -283,55 +271,38 @@ def content(place: str, state: State) -> str | None:
 
 # --- in the owner -----------------------------------------------------------------------------------------------------
 
-Links = Mapping[str, Told]
-"""The name of the link before and the files of each link, by its name."""
-
-_chains: dict[str, Reads] = {}
+LINKS: dict[str, Told] = {}
+"""What processes of this run have told, by the name of all that they had read by then."""
 
 
 def name_of(before: str, files: Iterable[File]) -> str:
-    """The name of a chain with these files behind what has the name `before`."""
-    return hashlib.blake2b(json.dumps([before, [*map(list, files)]]).encode(), digest_size=16).hexdigest()
+    """The name of what was read: these files after what has the name `before`."""
+    return hashlib.blake2b(json.dumps([before, list(files)]).encode(), digest_size=16).hexdigest()
 
 
-def chained(told: Any) -> Reads | None:
-    """What a process has read, by what it told. Raises FrameError for what cannot be."""
+def chained(told: Told | None) -> str | None:
+    """The name of all that a process has read, by what it tells now."""
     if told is None:
         return None
-    before, new = told
-    files = tuple((path, found) for path, found in new)
-    if not all(isinstance(text, str) and len(text) <= _LONGEST_NAME for file in files for text in file):
-        raise FrameError("named files that cannot be")
-    if before != LOST and before not in _chains:
-        raise FrameError("named files after some that it has not named")
-    if not files and before != LOST:
-        return _chains[before]
+    before, files = told
+    if before != LOST and not files:
+        return before
     name = name_of(before, files)
-    return _chains.setdefault(name, Reads(_chains.get(before), files, name))
+    LINKS[name] = told
+    return name
 
 
-NOT_KNOWN = Reads(None, (_NO_LIST := ("a file that no process lived to tell", UNKNOWN),), name_of(LOST, [_NO_LIST]))
-"""What a process had read that was lost before it told, where no other has told."""
+_NO_LIST: Told = (LOST, [("a file that no process lived to tell", UNKNOWN)])
+NOT_KNOWN = name_of(*_NO_LIST)
+LINKS[NOT_KNOWN] = _NO_LIST
+"""The name of what a process had read that was lost before it told, where no other has told."""
 
 
-def links(reads: Reads | None) -> Iterator[Reads]:
-    """The links of a chain, the last one first."""
-    while reads is not None:
-        yield reads
-        reads = reads.before
-
-
-def known_chain(chains: Links, name: str) -> Reads:
-    """The chain of that name among links, the first one first."""
-    way = [name]
-    while way[-1] not in _chains:
-        before = chains[way[-1]][0]
-        if before == LOST:
-            break
-        way.append(before)
-    for link in reversed(way):
-        chained(chains[link])
-    return _chains[name]
+def links(name: str) -> Iterator[str]:
+    """The names of a chain, the last one first."""
+    while name != LOST:
+        yield name
+        name = LINKS[name][0]
 
 
 class OneVersion:
@@ -341,13 +312,13 @@ class OneVersion:
         self._seen: set[tuple[str, str]] = set()
         self._files: dict[tuple[str, str], str] = {}
 
-    def check(self, ads: str, reads: Reads) -> None:
+    def check(self, ads: str, name: str) -> None:
         """Take in what a process of an ADS has read. Raises InputError for a file that was another one before."""
-        for link in links(reads):
-            if (ads, link.name) in self._seen:
+        for link in links(name):
+            if (ads, link) in self._seen:
                 return
-            self._seen.add((ads, link.name))
-            for path, found in sorted(link.files, key=lambda file: file[1] != WRITTEN):
+            self._seen.add((ads, link))
+            for path, found in sorted(LINKS[link][1], key=lambda file: file[1] != WRITTEN):
                 if found == WRITTEN:
                     self._files[ads, path] = WRITTEN
                 before = self._files.setdefault((ads, path), found)
@@ -358,10 +329,13 @@ class OneVersion:
                     )
 
 
-def changed(chains: Links, folder: Path) -> dict[str, list[str]]:
-    """Files that are not as they were read, by the name of a chain: only chains with such files."""
+def changed(chains: Mapping[str, Told], folder: Path) -> dict[str, list[str]]:
+    """Files that are not as they were read, by the name of a chain: only chains with such files.
+
+    chains: each after the one that it builds on.
+    """
     now: dict[str, str] = {}
-    found: dict[str, frozenset[str]] = {}
+    found: dict[str, frozenset[str]] = {LOST: frozenset()}
 
     def differs(path: str, was: str) -> bool:
         if path not in now:
@@ -369,17 +343,10 @@ def changed(chains: Links, folder: Path) -> dict[str, list[str]]:
             now[path] = content(place, _state(place)) or UNKNOWN
         return UNKNOWN in (was, now[path]) or now[path] != was
 
-    for name in chains:
-        way = [name]
-        while way[-1] in chains and way[-1] not in found:
-            way.append(chains[way[-1]][0])
-        last = way.pop()
-        before = found.get(last, frozenset() if last == LOST else frozenset({"an unknown file"}))
-        for link in reversed(way):
-            files = chains[link][1]
-            if name_of(chains[link][0], files) != link:  # a flipped bit
-                files = [*files, ("a damaged list", UNKNOWN)]
-            written = {path for path, was in files if was == WRITTEN}
-            other = {path for path, was in files if was != WRITTEN and differs(path, was)}
-            before = found[link] = (before | other) - written
+    for name, (before, files) in chains.items():
+        if name_of(before, files) != name:  # a flipped bit
+            files = [*files, ("a damaged list", UNKNOWN)]
+        written = {path for path, was in files if was == WRITTEN}
+        other = {path for path, was in files if was != WRITTEN and differs(path, was)}
+        found[name] = (found.get(before, frozenset({"an unknown file"})) | other) - written
     return {name: sorted(files) for name, files in found.items() if files}

@@ -27,7 +27,7 @@ from sumo_eval.record.identity import (
     with_fingerprint,
 )
 from sumo_eval.record.progress import Progress, Stopping, never
-from sumo_eval.record.reads import NOT_KNOWN, OneVersion, Reads, changed, known_chain
+from sumo_eval.record.reads import LINKS, NOT_KNOWN, OneVersion, changed
 from sumo_eval.record.store import RECORDED, Store
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
@@ -302,11 +302,11 @@ class _Work:
     def __init__(self, store: Store, setup: Setup, progress: Progress, stopping: Stopping) -> None:
         self._store, self._setup, self._progress, self._stopping = store, setup, progress, stopping
         self._versions = OneVersion()
-        self._latest: dict[str, Reads] = {}  # what the processes of each ADS have read
-        chains = store.reads()
+        self._latest: dict[str, str] = {}  # names of what the processes of each ADS have read
+        LINKS.update(store.reads())
         reused = {(ads, name) for case, ads, name in store.read_by() if case not in store.stale}
         for ads, name in sorted(reused):
-            self._take_in(ads, known_chain(chains, name))
+            self._take_in(ads, name)
 
     def do(self, stages: Sequence[_Stage]) -> None:
         """Bring stages to their end, all at a time, or raise StoppedError."""
@@ -348,7 +348,7 @@ class _Work:
             return replace(outcome, reads=self._latest.get(case.driver, NOT_KNOWN))
         return outcome
 
-    def _take_in(self, ads: str, reads: Reads) -> None:
+    def _take_in(self, ads: str, reads: str) -> None:
         self._versions.check(ads, reads)
         self._latest[ads] = reads
 

@@ -28,7 +28,7 @@ from sumo_eval.record.cases import Case, Outcome, Role, Status
 from sumo_eval.record.kept import EGO as EGO
 from sumo_eval.record.kept import KeptRecording, keep, unpack
 from sumo_eval.record.kept_results import KEPT, KeptResults
-from sumo_eval.record.reads import Reads, Told, links
+from sumo_eval.record.reads import LINKS, Told, links
 from sumo_eval.trajectory import Alone, Clip, Collision, Trajectory
 
 FORMAT_VERSION = 4
@@ -357,15 +357,15 @@ class Store:
         """Whether the case is recorded as it would be made now."""
         return case.key not in self.stale and self._fingerprint(case.key) == case.fingerprint
 
-    def _link(self, reads: Reads) -> int:
+    def _link(self, reads: str) -> int:
         """The row of what was read up to a case, made with those that it builds on where they are not there yet."""
-        new = list(takewhile(lambda link: link.name not in self._links, links(reads)))
+        new = list(takewhile(lambda link: link not in self._links, links(reads)))
         for link in reversed(new):
-            row = link.name, link.before.name if link.before else "", json.dumps(link.files)
-            self._connection.execute("INSERT OR IGNORE INTO reads VALUES (?,?,?)", row)
+            before, files = LINKS[link]
+            self._connection.execute("INSERT OR IGNORE INTO reads VALUES (?,?,?)", (link, before, json.dumps(files)))
             query = "SELECT rowid FROM reads WHERE name = ?"
-            ((self._links[link.name],),) = self._connection.execute(query, row[:1]).fetchall()
-        return self._links[reads.name]
+            ((self._links[link],),) = self._connection.execute(query, (link,)).fetchall()
+        return self._links[reads]
 
     def reads(self) -> dict[str, Told]:
         """Links of what processes have read: the name of the one before and the files, by name."""

@@ -19,8 +19,7 @@ from sumo_eval.drivers.synthetic.driver import SyntheticDriver, human_controller
 from sumo_eval.errors import InputError
 from sumo_eval.record import reads
 from sumo_eval.record.cases import IN_BLOCK, Block, Case, Outcome, Setup, Status, on_its_own
-from sumo_eval.record.claims import OURS, STATUS, Result, Results, as_message, home
-from sumo_eval.record.frames import Message
+from sumo_eval.record.claims import OURS, STATUS, Results, as_plain, home
 from sumo_eval.record.identity import named_files
 from sumo_eval.record.kept import keep
 from sumo_eval.record.watch import interrupted, watched
@@ -38,21 +37,16 @@ def run_case(case: Case, setup: Setup) -> Outcome:
     except InputError as error:
         status: Status = "ads_error" if isinstance(error.__cause__, KeyboardInterrupt) else "rejected"
         return Outcome(case, status, None, str(error), error_place=fault_place(error.__cause__, None, setup.folder))
-    return Outcome(case, STATUS[recording.end_reason], recording, recording.error, recording.log, recording.error_place)
+    return _ended(case, recording)
 
 
-def answer(cases: Sequence[Case], setup: Setup) -> Message:
-    """What `run_together` gives, as a child sends it."""
-    watch(cases, setup)
-    return as_message(run_together(cases, setup), reads.end())
-
-
-def watch(cases: Sequence[Case], setup: Setup) -> None:
-    """Note from now on what an ADS of the user's reads that drives these cases."""
+def answer(cases: Sequence[Case], setup: Setup) -> list[Any]:
+    """What `run_together` gives, as a child sends it, with what an ADS of the user's has read meanwhile."""
     if home(cases[0], setup) != OURS:
         locator = cases[0].controller
         named = [setup.folder / file for file in setup.files.get(locator, ())]
         reads.begin(setup.folder, [*named, *named_files(locator, setup.folder)])
+    return as_plain(run_together(cases, setup), reads.end())
 
 
 def run_together(cases: Sequence[Case], setup: Setup) -> Results:
@@ -63,9 +57,7 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
     """
     if on_its_own(cases):
         outcome = run_case(cases[0], setup)
-        recording = outcome.recording
-        kept = keep(recording) if isinstance(recording, Recording) else recording
-        return [Result(outcome.status, kept, outcome.error, loading() + outcome.log, outcome.error_place)]
+        return [replace(outcome, log=loading() + outcome.log)]
     try:
         found = list(_simulate_together(cases, setup))
     except (InputError, KeyboardInterrupt):  # each of them says why when it runs alone
@@ -73,15 +65,20 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
     if all(isinstance(one, Alone) and one.by_nature for one in found):
         return None
     loaded = loading()
-    results: list[Result | Alone] = []
-    for one in found:
+    results: list[Outcome | Alone] = []
+    for case, one in zip(cases, found, strict=True):
         if isinstance(one, Alone):
             results.append(one)
         else:
-            kept, log = keep(one), loaded + one.log
-            results.append(Result(STATUS[one.end_reason], kept, one.error, log, one.error_place))
+            results.append(_ended(case, one, loaded))
             loaded = ""
     return results
+
+
+def _ended(case: Case, recording: Recording, loaded: str = "") -> Outcome:
+    """Outcome of a case that was driven. loaded: what loading its ADS printed."""
+    status, log = STATUS[recording.end_reason], loaded + recording.log
+    return Outcome(case, status, keep(recording), recording.error, log, recording.error_place)
 
 
 def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:

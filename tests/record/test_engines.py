@@ -139,7 +139,7 @@ def test_only_lateness_without_a_processor_is_chance(
     assert isinstance(kept, KeptRecording)
     recording = None if simulated is None else kept._replace(simulated_time=simulated)
     outcome = replace(outcomes["raises"], status=status, recording=recording)
-    ended = Ended((outcome.case,), "done", None, None, "", idle=idle)
+    ended = Ended((outcome.case,), "done", None, "", idle=idle)
     assert is_late_by_chance(outcome, ended, Setup(SimulationSettings(), RunSettings(), HERE)) is again
 
 

@@ -297,21 +297,3 @@ def test_process_that_is_lost_leaves_what_others_had_read(tmp_path: Path) -> Non
     lost = ADS.replace("return self.plan()", "os._exit(3)")
     sumo_eval.evaluate(written(tmp_path / "source", lost), tmp_path / "run")
     assert "3 recorded cases" in stale(tmp_path)[0], "no process lived to tell what it had read"
-
-
-@pytest.mark.parametrize(
-    "told",
-    [
-        ["no such link", []],
-        ["", [["a"]]],
-        ["", [[1, "b"]]],
-        ["", [["a" * 20_000, "b"]]],
-        ["", "ab"],
-        7,
-        [None, []],
-        ["", [["a", "b", "c"]]],
-    ],
-)
-def test_list_that_cannot_be_is_not_believed(told: object) -> None:
-    with pytest.raises((reads.FrameError, ValueError, TypeError)):
-        reads.chained(told)
