@@ -15,6 +15,7 @@ NAMES = {"Brake": "brake_to_stop", "ConstantLateral": "constant_lateral", "LaneC
 """Classes of `sumo_eval.scenario`, and the functions that make the same act for `Actor(acts=...)`."""
 COMMANDS = {
     "bench --whole": "`time sumo-eval run --out DIR` measures a whole evaluation, and `run` says when each stage ends",
+    "nightly --install": "copy the files for cron, systemd or GitHub from docs/examples/nights",
     "humans coverage": "a run counts the recorded people behind each D_i: `recorded_drivers` in cases.csv",
     "humans population": "docs/humans.md has the comparison with people and says where its script stands",
     "humans similarity": "D and H compare drives; `export RUN` writes trajectories that tslearn can compare by DTW",

@@ -102,12 +102,6 @@ def _names(pair: str, base: Evaluation, new: Evaluation) -> tuple[str, str]:
     metavar="AGE",
     help="Run nothing: exit 1 if the last finished night is older, e.g. 26h, 90m or 2d.",
 )
-@click.option(
-    "--install",
-    "recipe",
-    metavar="WHAT",
-    help="Run nothing: write the files with which cron, systemd or github runs it.",
-)
 @trusting
 def nightly(
     evaluation: Path | None,
@@ -117,7 +111,6 @@ def nightly(
     workers: int | None,
     resume: bool,
     age: str | None,
-    recipe: str | None,
 ) -> None:
     """Evaluate EVALUATION, compare with the last good and the accepted night, write report and a line of history.
 
@@ -132,9 +125,6 @@ def nightly(
         sys.exit(DONE if recent else GATE_FAILED)
     if evaluation is None:
         raise click.UsageError("Missing argument 'EVALUATION'.")
-    if recipe is not None:
-        _install(recipe, evaluation, history, gate, workers, resume=resume)
-        return
     from sumo_eval.record.children import warm_up
 
     warm_up()  # before the imports below, which take a second
@@ -160,26 +150,6 @@ def nightly(
     tell(f"The report is {result.report}")
     tell(f"The trend is {result.trend}")
     sys.exit(result.night.exit_status)
-
-
-def _install(
-    recipe: str, evaluation: Path, history: Path, gate: Path | None, workers: int | None, *, resume: bool
-) -> None:
-    """Write the files of a recipe and say what is left to do."""
-    import shlex
-    import shutil
-
-    from sumo_eval.nightly.recipes import Night, install
-
-    options = [] if gate is None else ["--gate", str(gate if recipe == "github" else gate.resolve())]
-    options += [] if workers is None else ["--workers", str(workers)]
-    options += ["--resume"] if resume else []
-    found = shutil.which("sumo-eval")
-    program = shlex.quote(found) if found else f"{shlex.quote(sys.executable)} -m sumo_eval"
-    written = install(recipe, Night(program, evaluation, history, tuple(options)))
-    for path in written.files:
-        tell(str(path))
-    tell(written.left_to_do)
 
 
 @click.command(epilog='Example: sumo-eval accept nights --reason "brakes are softer on purpose" --until 2026-12-31')
