@@ -24,7 +24,7 @@ def test_large_amounts_are_written_out_and_small_ones_in_three_digits() -> None:
 
 
 def test_a_column_is_one_of_numbers_when_all_its_cells_are() -> None:
-    found = table(("who", "rate", "where"), [("a", "12 (3 to 40)", "as given"), ("b", "", "2 km")])
+    found = table([{"who": "a", "rate": "12 (3 to 40)", "where": "as given"}, {"who": "b", "where": "2 km"}])
     assert found.numbers == (False, True, False)
 
 
@@ -37,7 +37,7 @@ def test_a_chart_in_a_folded_section_is_drawn_when_it_opens_and_follows_the_them
         kicker="k",
         title=HOSTILE,
         sentences=["s"],
-        parts=[table(("a", "b"), [("c", 1)]), inside],
+        parts=[table([{"a": "c", "b": 1}]), inside],
     )
     with Page(tmp_path / "profile") as opened:
         opened.open(page.as_uri(), "document.documentElement.dataset.study === 'ready'")

@@ -60,7 +60,7 @@ def _plain_rate(rate: AdsRate) -> dict[str, Any]:
         "controller": rate.controller,
         **_plain_limits(rate),
         "upper_limit_whatever_collides": rate.limit,
-        "by_scenario": [_plain_part(part) for part in rate.parts],
+        "by_scenario": [_plain_part(part, rate.collisions[0]) for part in rate.parts],
     }
 
 
@@ -73,11 +73,13 @@ def _plain_limits(one: AdsRate | Part) -> dict[str, Any]:
     }
 
 
-def _plain_part(part: Part) -> dict[str, Any]:
+def _plain_part(part: Part, total: float) -> dict[str, Any]:
+    """A scenario of an ADS. total: of its collisions in all scenarios, per million km."""
     known = part.estimate
     return {
         "scenario": part.space.logical.name,
         **_plain_limits(part),
+        "share_of_collisions": part.collisions[0] / total if total > 0.0 else None,
         "collision_probability": known.probability,
         "collision_probability_interval": list(known.interval),
         "drives": known.drives,
@@ -125,32 +127,33 @@ def sentences(campaign: Campaign) -> list[str]:
 
 def parts(campaign: Campaign) -> list[Piece]:
     """The page, piece by piece."""
-    spaces = table(
-        ("scenario", "met per vehicle-km", "95 %", "events", "vehicle-km", "where", "distribution"),
-        [(space.logical.name, f"{space.per_km:.3g}", interval(*space.interval),
-          "" if space.events is None else space.events,
-          "" if space.vehicle_km is None else f"{space.vehicle_km:.1f}", space.where,
-          space.logical.exposure_about) for space in campaign.spaces],
-    )  # fmt: skip
+    known = plain(campaign)
+    collisions, loss = "collisions per million km (95 %)", "expected loss L per million km (95 %)"
+    rates = [
+        {"who": rate.ads, collisions: rate_words(rate.collisions), loss: rate_words(rate.loss)}
+        for rate in campaign.rates
+    ]
+    people_ = [
+        {"who": f"people ({where})", collisions: f"none in {km:.1f} km, at most {amount(limit)}"}
+        for where, km, limit in people(campaign.spaces)
+    ]
     out: list[Piece] = [
-        table(("who", "collisions per million km (95 %)", "expected loss L per million km (95 %)"),
-              [*((rate.ads, rate_words(rate.collisions), rate_words(rate.loss)) for rate in campaign.rates),
-               *((f"people ({where})", f"none in {km:.1f} km, at most {amount(limit)}", "")
-                 for where, km, limit in people(campaign.spaces))]),
+        table([*rates, *people_]),
         *(Text(f"{rate.ads}: {words}", "note") for rate in campaign.rates if (words := unseen_words(rate))),
         Text(OUTSIDE, "note"),
         Fold("What the rates rest on", "how often each scenario is met, and where that is known from",
-             (spaces, Text("Rates of ADSs hold the doubt of the drives, and where the recorded events are known that "
-                           "of how often the scenario is met and of the events' distribution, both by counting the "
-                           "events anew. Intervals hold what comes of a distribution that varies as much as its events "
-                           "do, and as much as its kernels make it; else its form is taken to be right."))),
+             (table(known["scenarios"]), Text(
+                 "Rates of ADSs hold the doubt of the drives, and where the recorded events are known that "
+                 "of how often the scenario is met and of the events' distribution, both by counting the "
+                 "events anew. Intervals hold what comes of a distribution that varies as much as its events "
+                 "do, and as much as its kernels make it; else its form is taken to be right."))),
     ]  # fmt: skip
-    return [*out, *map(_of_one, campaign.rates)]
+    return [*out, *map(_of_one, campaign.rates, known["ads"])]
 
 
-def _of_one(rate: AdsRate) -> Fold:
+def _of_one(rate: AdsRate, known: dict[str, Any]) -> Fold:
     """An ADS's rate by scenario, and what it rests on."""
-    inside: list[Text | Table] = [_split(rate)]
+    inside: list[Text | Table] = [table(known["by_scenario"])]
     if rate.lost:
         inside.append(Text(lost_words(rate.lost), "note"))
     if rate.collisions[0] == 0.0:
@@ -159,19 +162,3 @@ def _of_one(rate: AdsRate) -> Fold:
                  f"rests on the {DEFENSIVE:.0%} of the drives that are drawn as points are met.")
         )  # fmt: skip
     return Fold(rate.ads, "the rate by scenario, and the drives it rests on", tuple(inside))
-
-
-def _split(rate: AdsRate) -> Table:
-    total = rate.collisions[0]
-    rows = []
-    for part in rate.parts:
-        known = part.estimate
-        share = f"{part.collisions[0] / total:.0%}" if total > 0.0 else ""
-        rows.append(
-            (part.space.logical.name, rate_words(part.collisions), share, rate_words(part.loss),
-             f"{known.probability:.3g}" if known.hits else f"at most {known.upper_limit:.3g}", known.drives,
-             known.collisions, f"{known.hits} of {known.drawn}", part.stopped)
-        )  # fmt: skip
-    header = ("scenario", "collisions per million km (95 %)", "share", "expected loss (95 %)",
-              "probability in an encounter", "drives", "collided", "of those that count", "stopped by")  # fmt: skip
-    return table(header, rows)

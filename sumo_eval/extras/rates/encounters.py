@@ -21,6 +21,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -54,6 +55,10 @@ NOT_WHOLE, NO_OTHER, BESIDE, REAR_MOVES, LEAD_MOVES = (
 """Why an event has no parameters."""
 
 
+class NotMeasuredError(Exception):
+    """An event that counts but has no parameters; its text is one of the reasons above."""
+
+
 @dataclass(frozen=True, slots=True)
 class Moved:
     """How one of the others really moved: times from t = 0 on, s; place ahead of the ego's centre at t = 0 and to the
@@ -64,6 +69,10 @@ class Moved:
     x: FloatArray
     y: FloatArray
     bodies: float
+
+
+Measured = tuple[dict[str, float], Moved]
+"""Parameters of an event, and how the other vehicle of it moved."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +106,6 @@ class Found:
     recordings: tuple[str, ...]
     speeds: tuple[float, float, float]
     lane_width: float
-    lanes: int
     notes: tuple[str, ...]
 
 
@@ -110,14 +118,17 @@ class _Class:
     ghosts: int = 0
     left_out: Counter[str] = field(default_factory=Counter)
 
-    def add(self, who: dict[str, Any], found: tuple[dict[str, float], Moved] | str) -> None:
+    def add(self, who: dict[str, Any], measure: Callable[[], Measured]) -> None:
+        """Count an event that is no ghost, with its parameters where `measure` finds them."""
         self.events += 1
-        if isinstance(found, str):
-            self.left_out[found] += 1
-        else:
-            self.rows.append(found[0])
-            self.motions.append(found[1])
-            self.who.append(who)
+        try:
+            row, motion = measure()
+        except NotMeasuredError as reason:
+            self.left_out[str(reason)] += 1
+            return
+        self.rows.append(row)
+        self.motions.append(motion)
+        self.who.append(who)
 
 
 class _Tracks:
@@ -134,24 +145,54 @@ class _Tracks:
         settled = traffic.rows.groupby("lane")["y"].median()
         self.centres = {int(str(lane)): float(middle) for lane, middle in settled.items()}
 
-    def part(self, vehicle: str, begin: float, end: float) -> slice | None:
-        """The rows of a vehicle from one time to another; None where it is not recorded throughout."""
+    def part(self, vehicle: str, begin: float, duration: float) -> slice:
+        """The rows of a vehicle from `begin` on for `duration`, s; it must be recorded throughout."""
         whole = self.traffic.slices[vehicle]
         first = whole.start + int(np.ceil((begin - self.t[whole.start]) / INTERVAL - 1e-6))
-        last = whole.start + int(np.floor((end - self.t[whole.start]) / INTERVAL + 1e-6))
-        return slice(first, last + 1) if whole.start <= first < last < whole.stop else None
+        last = whole.start + int(np.floor((begin + duration - self.t[whole.start]) / INTERVAL + 1e-6))
+        if not whole.start <= first < last < whole.stop:
+            raise NotMeasuredError(NOT_WHOLE)
+        return slice(first, last + 1)
 
-    def at(self, vehicle: str, time: float, values: FloatArray) -> float | None:
-        """A value of a vehicle at a time; None where it is not recorded then."""
+    def at(self, vehicle: str, time: float) -> tuple[float, float] | None:
+        """Place, m, and speed, m/s, of a vehicle at a time; None where it is not recorded then."""
         whole = self.traffic.slices[vehicle]
         if not self.t[whole.start] - 1e-6 <= time <= self.t[whole.stop - 1] + 1e-6:
             return None
-        return float(np.interp(time, self.t[whole], values[whole]))
+        x, speed = (float(np.interp(time, self.t[whole], values[whole])) for values in (self.x, self.speed))
+        return x, speed
 
-    def motion(self, vehicle: str, time: float) -> tuple[float, float] | None:
-        """Place, m, and speed, m/s, of a vehicle at a time; None where it is not recorded then."""
-        x, speed = self.at(vehicle, time, self.x), self.at(vehicle, time, self.speed)
-        return None if x is None or speed is None else (x, speed)
+    def bodies(self, one: str, other: str) -> float:
+        """Half the lengths of two vehicles together, m."""
+        return float(sum(self.length[self.traffic.slices[name].start] for name in (one, other)) / 2.0)
+
+
+class _Pair:
+    """The ego at t = 0 (`begin`), and another vehicle's motion over the rows `part` with constant acceleration."""
+
+    def __init__(self, tracks: _Tracks, ego: str, begin: float, part: slice) -> None:
+        start = tracks.at(ego, begin)
+        if start is None:
+            raise NotMeasuredError(NOT_WHOLE)
+        self.ego_x, self.ego_speed = start
+        self.bodies = tracks.bodies(ego, str(tracks.names[part.start]))
+        self._tracks, self._part = tracks, part
+        self._time = tracks.t[part] - begin
+        self.x0, self.speed, self.acceleration = constant_acceleration(self._time, tracks.x[part])
+        self.gap = self.x0 - self.ego_x - self.bodies
+        self.closing = self.ego_speed - self.speed
+
+    def lane(self, changes: str) -> int:
+        """The lane of the other vehicle; one that changes it has no parameters, for the reason `changes`."""
+        lanes = self._tracks.lane[self._part]
+        if np.ptp(lanes):
+            raise NotMeasuredError(changes)
+        return int(lanes[0])
+
+    def moved(self, lane: int, mirror: float = 1.0) -> Moved:
+        """How the other vehicle moved, across the road from the centre of a lane."""
+        y = self._tracks.y[self._part] - self._tracks.centres[lane]
+        return Moved(self._time, self._tracks.x[self._part] - self.ego_x, mirror * y, self.bodies)
 
 
 def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], None] = lambda what, done: None) -> Found:
@@ -164,7 +205,7 @@ def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], Non
     kilometres = hours = 0.0
     names: list[str] = []
     notes: list[str] = []
-    speeds, gaps, lanes, vehicles = [np.zeros(0)], [], 1, 0
+    speeds, gaps, vehicles = [np.zeros(0)], [], 0
     for part in parts:
         notes += part.notes
         motor = part.table[part.table["class"].isin(MOTOR_CLASSES)]
@@ -180,7 +221,6 @@ def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], Non
                 hours += (tracks.t[track.stop - 1] - tracks.t[track.start]) / 3600.0
             speeds.append(tracks.speed[::SPEEDS_EVERY].copy())  # a view would hold the whole recording
             centres = [tracks.centres[lane] for lane in sorted(tracks.centres) if lane >= 0]
-            lanes = max(lanes, len(centres))
             gaps += [b - a for a, b in itertools.pairwise(centres) if 2.5 < b - a < 4.5]
             _of_recording(str(name), traffic, tracks, classes)
             watch(str(name), len(names))
@@ -194,7 +234,6 @@ def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], Non
         tuple(names),
         (float(low), float(middle), float(high)),
         round(float(np.median(gaps)), 2) if gaps else 3.5,
-        lanes,
         tuple(dict.fromkeys(notes)),
     )
 
@@ -213,38 +252,32 @@ def _of_recording(name: str, traffic: Traffic, tracks: _Tracks, classes: Mapping
     by_row = {(change.vehicle, round(change.t, 3)): change for change in changes}
     events = encounters(traffic, changes)
 
-    def counts(kind: str, event: Mapping[str, Any], other: str) -> dict[str, Any] | None:
-        """Who meets whom; None for a ghost, which is counted as one."""
+    def take(kind: str, event: Mapping[str, Any], other: str, measure: Callable[..., Measured], *more: Any) -> None:
+        """Count an event; a ghost is counted as one."""
         if event["ghost"]:
             classes[kind].ghosts += 1
-            return None
-        return {"recording": name, "ego": event["ego"], "other": other, "t": event["t"]}
+            return
+        who = {"recording": name, "ego": event["ego"], "other": other, "t": event["t"]}
+        classes[kind].add(who, partial(measure, tracks, event, *more))
 
     for event in events["cut_in"]:
         change = by_row[str(event["cut_in"]), round(float(event["t"]), 3)]
-        kind = _kind_of_cut_in(tracks, event, change)
-        if (who := counts(kind, event, change.vehicle)) is not None:
-            classes[kind].add(who, _cut_in(tracks, event, change))
+        take(_kind_of_cut_in(tracks, event, change), event, change.vehicle, _cut_in, change)
     for event in events["cut_out"]:
         change = by_row[str(event["cut_out"]), round(float(event["t"]), 3)]
-        if (who := counts("cut_out", event, change.vehicle)) is not None:
-            classes["cut_out"].add(who, _cut_out(tracks, event, change))
+        take("cut_out", event, change.vehicle, _cut_out, change)
     for event in events["lead_braking"]:
-        near = event["headway"] <= BRAKING_HEADWAY
-        if near and (who := counts("braking", event, str(event["lead"]))) is not None:
-            classes["braking"].add(who, _braking(tracks, event))
+        if event["headway"] <= BRAKING_HEADWAY:
+            take("braking", event, str(event["lead"]), _braking)
     for event in events["approach"]:
-        comes_up = event["start_kind"] == "range_crossing"
-        if comes_up and (who := counts("approach", event, str(event["lead"]))) is not None:
-            classes["approach"].add(who, _approach(tracks, event))
+        if event["start_kind"] == "range_crossing":
+            take("approach", event, str(event["lead"]), _approach)
     for change in changes:
         met = _neighbours(tracks, change) if change.to > change.origin >= 0 else None
-        if met is None:
-            continue
-        ghost = change.lateral_speed > RULES.ghost_lateral_speed
-        event = {"ego": change.vehicle, "t": change.t, "ghost": ghost}
-        if (who := counts("lane_change", event, met[1])) is not None:
-            classes["lane_change"].add(who, _lane_change(tracks, change, *met))
+        if met is not None:
+            ghost = change.lateral_speed > RULES.ghost_lateral_speed
+            event = {"ego": change.vehicle, "t": change.t, "ghost": ghost}
+            take("lane_change", event, met[1], _lane_change, change, *met)
 
 
 def _kind_of_cut_in(tracks: _Tracks, event: Mapping[str, Any], change: RecordedLaneChange) -> str:
@@ -253,21 +286,23 @@ def _kind_of_cut_in(tracks: _Tracks, event: Mapping[str, Any], change: RecordedL
     ego, begin = str(event["ego"]), float(event["t"])
     if event["cut_in_speed"] > event["ego_speed"]:
         for time in np.arange(begin - OVERTOOK, begin, 1.0):
-            mine, its = tracks.at(ego, time, tracks.x), tracks.at(change.vehicle, time, tracks.x)
-            if mine is not None and its is not None and its < mine:
+            ego_at, other_at = tracks.at(ego, time), tracks.at(change.vehicle, time)
+            if ego_at is not None and other_at is not None and other_at[0] < ego_at[0]:
                 return "overtaken_and_cut_off"
     return "cut_in"
 
 
-def _sideways(tracks: _Tracks, change: RecordedLaneChange) -> tuple[float, float, float] | str:
-    """Begin, duration, s, and offset, m, of the smooth step that a lane change fits best; or why there is none."""
+def _sideways(tracks: _Tracks, change: RecordedLaneChange) -> tuple[float, float, float]:
+    """Begin, duration, s, and offset, m, of the smooth step that a lane change fits best."""
     if not change.complete:
-        return NOT_WHOLE
+        raise NotMeasuredError(NOT_WHOLE)
     whole = tracks.traffic.slices[change.vehicle]
     t = tracks.t[whole]
     seen = (t >= change.onset - AROUND) & (t <= change.end + AROUND)
-    fitted = fit_smooth_step(t[seen], tracks.y[whole][seen], change.onset, change.duration)
-    return fitted if SHORTEST <= fitted[1] <= LONGEST and 1.5 <= abs(fitted[2]) <= 6.0 else BESIDE
+    begin, duration, offset = fit_smooth_step(t[seen], tracks.y[whole][seen], change.onset, change.duration)
+    if not (SHORTEST <= duration <= LONGEST and 1.5 <= abs(offset) <= 6.0):
+        raise NotMeasuredError(BESIDE)
+    return begin, duration, offset
 
 
 def fit_smooth_step(time: FloatArray, y: FloatArray, onset: float, duration: float) -> tuple[float, float, float]:
@@ -300,110 +335,65 @@ def constant_acceleration(time: FloatArray, x: FloatArray) -> tuple[float, float
     return float(x0), float(v0), float(a)
 
 
-def _moved(tracks: _Tracks, ego: str, part: slice, begin: float, ego_x: float, level: float, mirror: float) -> Moved:
-    bodies = _bodies(tracks, ego, str(tracks.names[part.start]))
-    return Moved(tracks.t[part] - begin, tracks.x[part] - ego_x, mirror * (tracks.y[part] - level), bodies)
-
-
-def _cut_in(
-    tracks: _Tracks, event: Mapping[str, Any], change: RecordedLaneChange
-) -> tuple[dict[str, float], Moved] | str:
-    fitted = _sideways(tracks, change)
-    if isinstance(fitted, str):
-        return fitted
-    begin, duration, offset = fitted
-    ego = str(event["ego"])
-    me, part = tracks.motion(ego, begin), tracks.part(change.vehicle, begin, begin + duration)
-    if me is None or part is None:
-        return NOT_WHOLE
-    ego_x, ego_speed = me
-    x0, speed, acceleration = constant_acceleration(tracks.t[part] - begin, tracks.x[part])
+def _cut_in(tracks: _Tracks, event: Mapping[str, Any], change: RecordedLaneChange) -> Measured:
+    begin, duration, offset = _sideways(tracks, change)
+    pair = _Pair(tracks, str(event["ego"]), begin, tracks.part(change.vehicle, begin, duration))
     values = {
-        "ego_speed": ego_speed,
-        "closing_speed": ego_speed - speed,
-        "gap": x0 - ego_x - _bodies(tracks, ego, change.vehicle),
+        "ego_speed": pair.ego_speed,
+        "closing_speed": pair.closing,
+        "gap": pair.gap,
         "duration": duration,
-        "acceleration": acceleration,
+        "acceleration": pair.acceleration,
     }
-    return values, _moved(tracks, ego, part, begin, ego_x, tracks.centres[change.to], -float(np.sign(offset)))
+    return values, pair.moved(change.to, -float(np.sign(offset)))
 
 
-def _cut_out(
-    tracks: _Tracks, event: Mapping[str, Any], change: RecordedLaneChange
-) -> tuple[dict[str, float], Moved] | str:
+def _cut_out(tracks: _Tracks, event: Mapping[str, Any], change: RecordedLaneChange) -> Measured:
     if not event["revealed"]:
-        return NO_OTHER
-    fitted = _sideways(tracks, change)
-    if isinstance(fitted, str):
-        return fitted
-    begin, duration, offset = fitted
+        raise NotMeasuredError(NO_OTHER)
+    begin, duration, offset = _sideways(tracks, change)
     ego, revealed = str(event["ego"]), str(event["revealed"])
-    me = tracks.motion(ego, begin)
-    part, ahead = (tracks.part(who, begin, begin + duration) for who in (change.vehicle, revealed))
-    if me is None or part is None or ahead is None:
-        return NOT_WHOLE
-    ego_x, ego_speed = me
-    x0, speed, acceleration = constant_acceleration(tracks.t[part] - begin, tracks.x[part])
-    there = tracks.t[ahead] - begin
-    its_speed, its_x = np.polyfit(there, tracks.x[ahead], 1)
+    pair = _Pair(tracks, ego, begin, tracks.part(change.vehicle, begin, duration))
+    ahead = tracks.part(revealed, begin, duration)
+    revealed_speed, revealed_x = np.polyfit(tracks.t[ahead] - begin, tracks.x[ahead], 1)
     values = {
-        "ego_speed": ego_speed,
-        "lead_closing": ego_speed - speed,
-        "lead_gap": x0 - ego_x - _bodies(tracks, ego, change.vehicle),
-        "lead_acceleration": acceleration,
+        "ego_speed": pair.ego_speed,
+        "lead_closing": pair.closing,
+        "lead_gap": pair.gap,
+        "lead_acceleration": pair.acceleration,
         "duration": duration,
-        "closing_speed": ego_speed - float(its_speed),
-        "gap": float(its_x) - ego_x - _bodies(tracks, ego, revealed),
+        "closing_speed": pair.ego_speed - float(revealed_speed),
+        "gap": float(revealed_x) - pair.ego_x - tracks.bodies(ego, revealed),
     }
-    return values, _moved(tracks, ego, part, begin, ego_x, tracks.centres[change.origin], float(np.sign(offset)))
+    return values, pair.moved(change.origin, float(np.sign(offset)))
 
 
-def _braking(tracks: _Tracks, event: Mapping[str, Any]) -> tuple[dict[str, float], Moved] | str:
-    ego, lead, begin = str(event["ego"]), str(event["lead"]), float(event["t"])
+def _braking(tracks: _Tracks, event: Mapping[str, Any]) -> Measured:
+    lead, begin = str(event["lead"]), float(event["t"])
     whole = tracks.traffic.slices[lead]
     acceleration = tracks.traffic.rows["acceleration"].to_numpy()[whole]
     first = round((begin - tracks.t[whole.start]) / INTERVAL)
     eased = np.flatnonzero(acceleration[first:] > -RULES.braking_below)
-    if not eased.size:
-        return NOT_WHOLE
-    last = first + int(eased[0])
-    if last - first < 3:
-        return NOT_WHOLE
-    me = tracks.motion(ego, begin)
-    if me is None:
-        return NOT_WHOLE
-    ego_x, ego_speed = me
-    part = slice(whole.start + first, whole.start + last + 1)
-    if np.ptp(tracks.lane[part]):
-        return LEAD_MOVES
-    duration = (last - first) * INTERVAL
-    x0, speed, rate = constant_acceleration(tracks.t[part] - begin, tracks.x[part])
+    steps = int(eased[0]) if eased.size else 0
+    if steps < 3:
+        raise NotMeasuredError(NOT_WHOLE)
+    pair = _Pair(tracks, str(event["ego"]), begin, slice(whole.start + first, whole.start + first + steps + 1))
+    lane = pair.lane(LEAD_MOVES)
     values = {
-        "ego_speed": ego_speed,
-        "closing_speed": ego_speed - speed,
-        "headway": (x0 - ego_x - _bodies(tracks, ego, lead)) / max(ego_speed, 0.1),
-        "deceleration": -rate,
-        "duration": duration,
+        "ego_speed": pair.ego_speed,
+        "closing_speed": pair.closing,
+        "headway": pair.gap / max(pair.ego_speed, 0.1),
+        "deceleration": -pair.acceleration,
+        "duration": steps * INTERVAL,
     }
-    return values, _moved(tracks, ego, part, begin, ego_x, tracks.centres[int(tracks.lane[part.start])], 1.0)
+    return values, pair.moved(lane)
 
 
-def _approach(tracks: _Tracks, event: Mapping[str, Any]) -> tuple[dict[str, float], Moved] | str:
-    ego, lead, begin = str(event["ego"]), str(event["lead"]), float(event["t"])
-    part = tracks.part(lead, begin, begin + APPROACH_WINDOW)
-    ego_x = tracks.at(ego, begin, tracks.x)
-    if part is None or ego_x is None:
-        return NOT_WHOLE
-    if np.ptp(tracks.lane[part]):
-        return LEAD_MOVES
-    _, speed, acceleration = constant_acceleration(tracks.t[part] - begin, tracks.x[part])
-    values = {
-        "ego_speed": float(event["ego_speed"]),
-        "closing_speed": float(event["ego_speed"]) - speed,
-        "acceleration": acceleration,
-    }
-    level = tracks.centres[int(tracks.lane[part.start])]
-    return values, _moved(tracks, ego, part, begin, ego_x, level, 1.0)
+def _approach(tracks: _Tracks, event: Mapping[str, Any]) -> Measured:
+    begin, speed = float(event["t"]), float(event["ego_speed"])
+    pair = _Pair(tracks, str(event["ego"]), begin, tracks.part(str(event["lead"]), begin, APPROACH_WINDOW))
+    values = {"ego_speed": speed, "closing_speed": speed - pair.speed, "acceleration": pair.acceleration}
+    return values, pair.moved(pair.lane(LEAD_MOVES))
 
 
 def _neighbours(tracks: _Tracks, change: RecordedLaneChange) -> tuple[str, str] | None:
@@ -420,33 +410,22 @@ def _neighbours(tracks: _Tracks, change: RecordedLaneChange) -> tuple[str, str] 
 
 
 def _lane_change(
-    tracks: _Tracks, change: RecordedLaneChange, lead: str, rear: str
-) -> tuple[dict[str, float], Moved] | str:
-    fitted = _sideways(tracks, change)
-    if isinstance(fitted, str):
-        return fitted
-    begin, duration, _ = fitted
-    ego = change.vehicle
-    me, leader = tracks.motion(ego, begin), tracks.motion(lead, begin)
-    behind = tracks.part(rear, begin, begin + duration)
-    if me is None or leader is None or behind is None:
-        return NOT_WHOLE
-    (ego_x, ego_speed), (lead_x, lead_speed) = me, leader
-    if np.ptp(tracks.lane[behind]):
-        return REAR_MOVES
-    x0, speed, acceleration = constant_acceleration(tracks.t[behind] - begin, tracks.x[behind])
+    tracks: _Tracks, event: Mapping[str, Any], change: RecordedLaneChange, lead: str, rear: str
+) -> Measured:
+    begin, duration, _ = _sideways(tracks, change)
+    start = tracks.at(lead, begin)
+    if start is None:
+        raise NotMeasuredError(NOT_WHOLE)
+    lead_x, lead_speed = start
+    pair = _Pair(tracks, change.vehicle, begin, tracks.part(rear, begin, duration))
+    pair.lane(REAR_MOVES)
     values = {
-        "ego_speed": ego_speed,
-        "lead_closing": ego_speed - lead_speed,
-        "lead_gap": lead_x - ego_x - _bodies(tracks, ego, lead),
-        "rear_closing": speed - ego_speed,
-        "rear_gap": ego_x - x0 - _bodies(tracks, ego, rear),
-        "rear_acceleration": acceleration,
+        "ego_speed": pair.ego_speed,
+        "lead_closing": pair.ego_speed - lead_speed,
+        "lead_gap": lead_x - pair.ego_x - tracks.bodies(change.vehicle, lead),
+        "rear_closing": -pair.closing,
+        "rear_gap": pair.ego_x - pair.x0 - pair.bodies,
+        "rear_acceleration": pair.acceleration,
         "duration": duration,
     }
-    return values, _moved(tracks, ego, behind, begin, ego_x, tracks.centres[change.origin], 1.0)
-
-
-def _bodies(tracks: _Tracks, one: str, other: str) -> float:
-    """Half the lengths of two vehicles together, m."""
-    return float(sum(tracks.length[tracks.traffic.slices[name].start] for name in (one, other)) / 2.0)
+    return values, pair.moved(change.origin)

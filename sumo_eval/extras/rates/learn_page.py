@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -71,6 +72,7 @@ def plain(lesson: Lesson) -> dict[str, Any]:
 def _plain_class(learnt: Learnt) -> dict[str, Any]:
     met = learnt.encounters
     known: dict[str, Any] = {
+        "class": met.name,
         "events": met.events,
         "per_vehicle_km": learnt.measured.rate[0],
         "per_vehicle_km_interval": list(learnt.measured.rate[1:]),
@@ -84,10 +86,12 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
         return known | {"file": None, "events_needed": learnt.measured.needed}
     quantiles = np.quantile(np.array(learnt.joint.events), [0.0, 0.05, 0.5, 0.95, 1.0], axis=0)
     replay = np.quantile(learnt.replay, [0.5, 0.9], axis=0)
+    best = learnt.models[0]
     return known | {
         "file": f"{met.name}.toml",
         "per_vehicle_km_interval_with_all_below": list(learnt.measured.rate_together),
-        "model": learnt.models[0].model,
+        "fitted": len(learnt.replay),
+        "model": best.model,
         "bandwidth": learnt.joint.factor,
         "parameters": {
             item.name: {
@@ -97,7 +101,7 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
                 "recorded_quantiles": quantiles[:, j].tolist(),
                 "lower_end_interval": list(learnt.measured.ends[item.name][0]),
                 "upper_end_interval": list(learnt.measured.ends[item.name][1]),
-                "kolmogorov_held_out": learnt.models[0].kolmogorov[item.name],
+                "kolmogorov_held_out": best.kolmogorov[item.name],
                 "kolmogorov_by_chance": kolmogorov_by_chance(len(learnt.replay)),
             }
             for j, item in enumerate(learnt.logical.parameters)
@@ -141,26 +145,18 @@ def sentences(lesson: Lesson) -> list[str]:
     return said
 
 
+SUMMARY: Final = (
+    "class", "events", "per_vehicle_km", "per_vehicle_km_interval", "fitted", "model", "replay_error",
+)  # fmt: skip
+"""Entries of a class that stand on the page side by side with those of the other classes."""
+
+
 def parts(lesson: Lesson) -> list[Piece]:
     """The page, piece by piece."""
-    rows = []
-    for name, learnt in lesson.learnt.items():
-        met = learnt.encounters
-        replay = "" if not len(learnt.replay) else f"{float(np.median(learnt.replay[:, 2])):.2f}"
-        best = learnt.models[0] if learnt.models else None
-        rate, low, high = learnt.measured.rate
-        rows.append(
-            (name, met.events, f"{rate:.3g}", interval(low, high), len(learnt.replay),
-             "" if best is None else f"{best.log_likelihood:z.2f}",
-             "" if best is None else f"{max(best.kolmogorov.values()):.3f}",
-             "" if best is None else f"{kolmogorov_by_chance(len(learnt.replay)):.3f}", replay)
-        )  # fmt: skip
+    classes = plain(lesson)["classes"]
     out: list[Piece] = [
         *(Text(note, "note") for note in lesson.notes),
-        table(
-            ("class", "events", "per vehicle-km", "95 % interval", "fitted", "held-out log-likelihood, nats an event",
-             "Kolmogorov distance, held out, at most", "by chance", "replay error, m (median)"), rows,
-        ),
+        table({name: known.get(name) for name in SUMMARY} for known in classes.values()),
         Text("By chance: what as many events exceed in one case of twenty though the distribution is their own. Below "
              "it, the events do not tell whether the distribution is another."),
         Text("Rates count every event that is no ghost of the tracker, with exact Poisson intervals: events are taken "
@@ -172,64 +168,45 @@ def parts(lesson: Lesson) -> list[Piece]:
     ]  # fmt: skip
     for name, learnt in lesson.learnt.items():
         charts = [] if learnt.joint is None else [Chart(f"{name}: recorded and modelled", _marginals(learnt))]
-        out.append(Fold(name, SCENES[name].about, (*charts, *_class_parts(learnt))))
+        out.append(Fold(name, SCENES[name].about, (*charts, *_class_parts(learnt, classes[name]))))
     return out
 
 
-def _class_parts(learnt: Learnt) -> list[Text | Table]:
+def _class_parts(learnt: Learnt, known: Mapping[str, Any]) -> list[Text | Table]:
     """What is known of a class, without its chart."""
     met = learnt.encounters
     out: list[Text | Table] = [
         Text(f"{met.events} events ({met.ghosts} ghosts dropped); {len(met.who)} with all parameters, "
-             f"{int((~learnt.measured.kept).sum())} of them against a constraint of the scenario.")
+             f"{known['against_a_constraint']} of them against a constraint of the scenario.")
     ]  # fmt: skip
     if met.left_out:
-        out.append(table(("without parameters because", "events"), met.left_out.items()))
+        out.append(table({"without parameters because": why, "events": count} for why, count in met.left_out.items()))
     if learnt.logical is None:
         return [
             *out,
-            Text(f"{learnt.measured.needed} events with all parameters are needed: no scenario file.", "note"),
+            Text(f"{known['events_needed']} events with all parameters are needed: no scenario file.", "note"),
         ]
-    best = learnt.models[0]
-    rows = np.array(learnt.joint.events) if learnt.joint is not None else np.zeros((0, 0))
-    parameters = [
-        (item.name, item.unit, f"{item.low:g} to {item.high:g}", f"{np.median(rows[:, j]):z.3g}",
-         interval(*learnt.measured.ends[item.name][0]), interval(*learnt.measured.ends[item.name][1]),
-         f"{best.kolmogorov[item.name]:.3f}")
-        for j, item in enumerate(learnt.logical.parameters)
-    ]  # fmt: skip
-    out.append(
-        table(("parameter", "unit", "range in the file", "median", "lower end (all at once, 95 %)",
-               "upper end (all at once, 95 %)", "Kolmogorov distance, held out"), parameters)
-    )  # fmt: skip
-    out.append(
+    out += [
+        table({"parameter": name, **values} for name, values in known["parameters"].items()),
         Text(
             "All intervals of these ends and correlations, and one of the rate, "
             f"{interval(*learnt.measured.rate_together)} per vehicle-km, hold at once with 95 %, where events do not "
             "grow rare towards the ends. By itself the rate has the narrower one above."
-        )
-    )
+        ),
+    ]
     if learnt.thinned:
-        out.append(Text(f"{learnt.thinned} events are left out of the distribution, evenly: it holds {len(rows)}."))
-    out += [Text(f"{name} does not vary: {value:g} in the file.") for name, value in learnt.measured.constants.items()]
-    if learnt.measured.correlations:
-        out.append(
-            table(("rank correlation of", "and", "value", "interval (all at once, 95 %)"),
-                  [(*pair, f"{values[0]:z.2f}", interval(values[1], values[2], 2))
-                   for pair, values in learnt.measured.correlations.items()])
-        )  # fmt: skip
-    out.append(
-        table(("model", "held-out log-likelihood, nats an event", "largest Kolmogorov distance"),
-              [(item.model, f"{item.log_likelihood:z.3f}",
-                f"{max(item.kolmogorov.values()):.3f}" if item.kolmogorov else "") for item in learnt.models])
-    )  # fmt: skip
-    middle, high = np.quantile(learnt.replay, [0.5, 0.9], axis=0)
-    out.append(
-        table(("replay error, m", "median", "90 %"),
-              [(what, f"{middle[j]:.2f}", f"{high[j]:.2f}")
-               for j, what in enumerate(("along", "across", "together"))])
-    )  # fmt: skip
-    return out
+        out.append(Text(f"{learnt.thinned} events are left out of the distribution, evenly."))
+    out += [Text(f"{name} does not vary: {value:g} in the file.") for name, value in known["constants"].items()]
+    return [
+        *out,
+        *([table(known["rank_correlations"])] if known["rank_correlations"] else []),
+        table(
+            {"model": item.model, "held-out log-likelihood, nats an event": item.log_likelihood,
+             "Kolmogorov distance": item.kolmogorov}
+            for item in learnt.models
+        ),
+        table({"replay error, m": what, **values} for what, values in known["replay_error"].items()),
+    ]  # fmt: skip
 
 
 def _marginals(learnt: Learnt) -> Any:

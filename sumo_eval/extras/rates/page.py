@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -74,14 +74,31 @@ def write_parts(path: Path, *, kicker: str, title: str, sentences: Sequence[str]
     return write_page(path, page, "The page")
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> Table:
-    """A table of whatever can be written as text."""
-    return Table(tuple(header), tuple(tuple(str(item) for item in row) for row in rows))
+def table(rows: Iterable[Mapping[str, Any]]) -> Table:
+    """A table of rows by column; a column that a row lacks is empty there."""
+    listed = list(rows)
+    names = list(dict.fromkeys(name for row in listed for name in row))
+    cells = tuple(tuple(_cell(row.get(name)) for name in names) for row in listed)
+    return Table(tuple(name.replace("_", " ") for name in names), cells)
+
+
+def _cell(value: Any) -> str:
+    """A value as text: two numbers are the limits of an interval."""
+    if value is None or isinstance(value, str):
+        return value or ""
+    if isinstance(value, float):
+        return amount(value)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_cell(of)}" for name, of in value.items())
+    if isinstance(value, Sequence):
+        is_interval = len(value) == 2 and isinstance(value[0], float)
+        return interval(*value) if is_interval else ", ".join(map(_cell, value))
+    return str(value)
 
 
 def amount(value: float, digits: int = 3) -> str:
     """A number in so many digits, a large one written out: 168,000."""
-    shown = f"{value:.{digits}g}"
+    shown = f"{value:z.{digits}g}"
     return f"{float(shown):,.0f}" if abs(value) >= 1000.0 else shown
 
 
