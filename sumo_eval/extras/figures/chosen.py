@@ -31,6 +31,11 @@ class Scene:
     people: Mapping[str, Trajectory]
     line: tuple[Piece, ...]
 
+    @property
+    def title(self) -> str:
+        """What stands above a figure of the scene."""
+        return f"{self.scenario.replace('_', ' ')}: {self.words}"
+
 
 @dataclass(frozen=True, slots=True)
 class Asked:

@@ -3,34 +3,24 @@
 from __future__ import annotations
 
 import math
-import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.ndimage import binary_erosion
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.cases import CaseTable
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.extras.figures.chosen import Asked, Scene, scene_of
-from sumo_eval.extras.figures.style import (
-    FAINT,
-    HAZARDOUS,
-    INK,
-    MUTED,
-    SAFE,
-    label,
-    line_of,
-    look_of,
-    new_figure,
-    styled,
-)
+from sumo_eval.extras.figures.style import label, look_of, new_figure, on_paper, styled
+from sumo_eval.extras.panels import FAINT, HAZARDOUS, INK, MUTED, SAFE, Marks, Panel, edge_of
+from sumo_eval.extras.panels import name as name_figure
 from sumo_eval.method.trajectory_field import trajectory_fields
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.page_data import View, choose_view, slice_points, telling_slice
-from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
+from sumo_eval.report.preventability import LOOKS, verdicts
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.trajectory import FloatArray, Trajectory
@@ -42,7 +32,7 @@ if TYPE_CHECKING:
 CELLS = 140  # on each axis of a map
 _STAIRS = 2  # cells beside what cannot be in which no learnt boundary is drawn
 MOST_COLUMNS = 4
-LONGEST_LINE = 100  # characters of a note above a figure of a page's width
+LEARNT = "#d55e00"  # colour of the learnt boundary
 INDEXES = {
     "T": "task_share",
     "A'": "avoidance_grade",
@@ -66,33 +56,47 @@ def zone_map(asked: Asked) -> Figure:
     cases = evaluation.cases_of(who, name)
     view = _telling(choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name)), zones, cases)
     judged = dict(zip(cases.case, verdicts(evaluation, evaluation.score(who, name)), strict=True))
-    panels = range(len(view.panels))
+    shown = [one for one in cases if view.shows(one)]
+    present = [verdict for verdict in LOOKS if verdict in {judged[one.case] for one in shown}]
+    learnt = []
+    panels = []
+    for number in range(len(view.panels)):
+        chance, predicted = _zones(zones, view, number)
+        learnt.append((*chance[:2], predicted))
+        marks = [
+            Marks("safe zone", [], [], SAFE, marker="s"),
+            Marks("hazardous zone", [], [], HAZARDOUS, marker="s"),
+            Marks("cannot be", [], [], "white", marker="s"),
+            Marks("boundary, exact", [], [], INK, "-"),
+            Marks("boundary, learnt", [], [], LEARNT, "--"),
+        ]
+        here = [one for one in shown if view.panel_of(zones.logical.row(one.values)) == number]
+        for verdict in present:
+            dots = [one.values for one in here if judged[one.case] == verdict]
+            x, y = ([0.0 if column is None else values[view.names[column]] for values in dots]
+                    for column in (view.x, view.y))  # fmt: skip
+            marker = {"avoided": "o", "better": "P"}.get(verdict, "X")
+            marks.append(Marks(LOOKS[verdict].words, x, y, LOOKS[verdict].colour, marker=marker))
+        axes = [zones.logical.parameters[column] for column in (view.x, view.y) if column is not None]
+        words = [label(item.name, item.behind.strip()) for item in axes]
+        panels.append(Panel(marks, words[0], "".join(words[1:]), _value(zones, view, number), chance=chance,
+                            range_=(axes[0].low, axes[0].high)))  # fmt: skip
     columns = min(len(panels), MOST_COLUMNS if asked.width == "page" else 2)
-    rows = math.ceil(len(panels) / columns)
-    with styled():
-        figure, axes = new_figure(asked.width, 0.12 + 0.9 * rows / columns, rows, columns)
-        for panel, ax in zip(panels, axes, strict=False):
-            _zones(ax, zones, view, panel)
-            shown = [one for one in cases if view.shows(one)]
-            here = [one for one in shown if view.panel_of(zones.logical.row(one.values)) == panel]
-            for verdict, look in LOOKS.items():
-                dots = [one for one in here if judged[one.case] == verdict]
-                x = [one.values[view.names[view.x]] for one in dots]
-                y = [0.0 if view.y is None else one.values[view.names[view.y]] for one in dots]
-                marker = {"avoided": "o", "better": "P"}.get(verdict, "X")
-                ax.scatter(
-                    x, y, s=9, marker=marker, c=look.colour, edgecolors=INK, linewidths=0.3, zorder=3, clip_on=False
-                )
-            if view.panel is not None:
-                parameter = zones.logical.parameters[view.panel]
-                ax.set_title(f"{label(parameter.name, '')} {view.panels[panel]:g}{parameter.behind}")
-        for ax in axes[len(panels) :]:
-            ax.set_visible(False)
-        present = [verdict for verdict in LOOKS if verdict in {judged[one.case] for one in cases if view.shows(one)}]
-        _legend_of_map(figure, present)
-        note = _in_lines(view.note, figure)
-        figure.suptitle("\n".join(filter(None, (f"{who} in {name.replace('_', ' ')}", note))), fontsize="medium")
+    note = "\n".join(filter(None, (f"{who} in {name.replace('_', ' ')}", view.note)))
+    figure = on_paper(panels, asked.width, 0.9, columns, note)
+    for ax, (x, y, predicted) in zip(figure.axes, learnt, strict=False):
+        edge_of(ax, (x, y, predicted), 0.0, LEARNT, "--")
+        if view.y is None:
+            ax.set_yticks([])
     return figure
+
+
+def _value(zones: ZonePartition, view: View, number: int) -> str:
+    """The value of the third parameter on a map."""
+    if view.panel is None:
+        return ""
+    parameter = zones.logical.parameters[view.panel]
+    return f"{label(parameter.name, '')} {view.panels[number]:g}{parameter.behind}"
 
 
 def _telling(view: View, zones: ZonePartition, cases: CaseTable) -> View:
@@ -107,63 +111,19 @@ def _telling(view: View, zones: ZonePartition, cases: CaseTable) -> View:
     return replace(there, note=f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases.")
 
 
-def _zones(ax: Axes, zones: ZonePartition, view: View, panel: int) -> None:
+def _zones(zones: ZonePartition, view: View, number: int) -> tuple[tuple[Any, Any, Any], FloatArray]:
+    """A map of the exact criticality y as `Panel.chance`, 0.5 - y, and y as it was learnt; nan where nothing can be."""
     logical = zones.logical
     ticks = np.linspace(0.0, 1.0, CELLS + 1)
-    points = slice_points(logical, view, panel, ticks, np.array([0.0, 1.0]) if view.y is None else ticks)
+    points = slice_points(logical, view, number, ticks, np.array([0.0, 1.0]) if view.y is None else ticks)
     rows = points.reshape(-1, points.shape[-1])
     shape = points.shape[:2]
-    x = points[0, :, view.x]
     y = np.array([-1.0, 1.0]) if view.y is None else points[:, 0, view.y]
     possible = logical.feasible(rows).reshape(shape)
     exact = np.where(possible, exact_target(logical, rows, zones.settings).reshape(shape), np.nan)
     within = binary_erosion(possible, iterations=_STAIRS, border_value=1)  # else each stair of the edge has a mark
     learnt = np.where(within, np.asarray(zones.predicted(rows)).reshape(shape), np.nan)
-    ax.contourf(x, y, exact, levels=[-np.inf, 0.0, np.inf], colors=[HAZARDOUS, SAFE])
-    for values, style, colour in ((exact, "-", INK), (learnt, "--", "#d55e00")):
-        known = values[np.isfinite(values)]
-        if known.size and known.min() <= 0.0 < known.max():
-            ax.contour(x, y, values, levels=[0.0], colors=[colour], linestyles=[style], linewidths=0.9)
-    parameter = logical.parameters[view.x]
-    ax.set_xlabel(label(parameter.name, parameter.behind.strip()))
-    ax.set_xlim(parameter.low, parameter.high)
-    if view.y is None:
-        ax.set_yticks([])
-    else:
-        other = logical.parameters[view.y]
-        ax.set_ylabel(label(other.name, other.behind.strip()))
-        ax.set_ylim(other.low, other.high)
-
-
-def _columns(figure: Figure) -> int:
-    """Columns of a legend that fit below it."""
-    return 2 if figure.get_figwidth() < 5.0 else 4
-
-
-def _in_lines(words: str, figure: Figure) -> str:
-    """Words above a figure, broken where it ends."""
-    return textwrap.fill(words, LONGEST_LINE * _columns(figure) // 4)
-
-
-def _legend_of_map(figure: Figure, present: Sequence[Verdict]) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    handles: list[Patch | Line2D] = [
-        Patch(facecolor=SAFE, edgecolor=MUTED, linewidth=0.4, label="safe zone"),
-        Patch(facecolor=HAZARDOUS, edgecolor=MUTED, linewidth=0.4, label="hazardous zone"),
-        Patch(facecolor="white", edgecolor=MUTED, linewidth=0.4, label="cannot be"),
-        Line2D([], [], color=INK, linewidth=0.9, label="boundary, exact"),
-        Line2D([], [], color="#d55e00", linewidth=0.9, linestyle="--", label="boundary, learnt"),
-    ]
-    for verdict in present:
-        look = LOOKS[verdict]
-        marker = {"avoided": "o", "better": "P"}.get(verdict, "X")
-        handles.append(
-            Line2D([], [], linestyle="", marker=marker, markerfacecolor=look.colour, markeredgecolor=INK,
-                   markeredgewidth=0.3, label=look.words)
-        )  # fmt: skip
-    figure.legend(handles=handles, loc="outside lower center", ncols=_columns(figure))
+    return (points[0, :, view.x], y, 0.5 - exact), learnt
 
 
 def field(asked: Asked) -> Figure:
@@ -206,67 +166,44 @@ def field(asked: Asked) -> Figure:
                 ax.set_aspect("equal")  # a bend keeps its radius
         axes[-1].set_xlabel(label("x", "m"))
         figure.colorbar(image, ax=axes, label="field strength S", extend="max")
-        figure.suptitle(f"{row.case}\n{_in_lines(scene.words, figure)}", fontsize=7.0)
+        name_figure(figure, f"{row.case}\n{scene.words}")
     return figure
+
+
+def _drives(scene: Scene, names: Sequence[str]) -> Iterator[tuple[str, Trajectory, str, Any]]:
+    """Whose drives are drawn in a scene: what the legend says, the drive, its colour and line; the ADSs last."""
+    for drive in scene.people.values():
+        yield "human drivers", drive, FAINT, "-"
+    for drive in scene.others.values():
+        yield "other vehicles", drive, MUTED, ":"
+    for who, drive in scene.runs.items():
+        colour, _, line = look_of(who, names)
+        yield who, drive, colour, line
 
 
 def trajectories(asked: Asked) -> Figure:
     """Everybody's way over the road in one concrete scenario: every ADS, the human drivers, the other vehicles."""
-    names = asked.names
-    scene = scene_of(asked, names)
-
-    def way(drive: Trajectory) -> tuple[FloatArray, FloatArray]:
-        return map_places(scene.line, drive.x, drive.y)[:2]
-
-    with styled():
-        figure, (ax,) = new_figure(asked.width, 0.55)
-        for drive in scene.people.values():
-            ax.plot(*way(drive), color=FAINT, linewidth=0.7, zorder=1)
-        for other in scene.others.values():
-            ax.plot(*way(other), color=MUTED, linewidth=0.8, linestyle=":", zorder=2)
-        for who, drive in scene.runs.items():
-            ax.plot(*way(drive), color=look_of(who, names)[0], linestyle=line_of(who, names), label=who, zorder=3)
-        _name_the_grey(ax, bool(scene.people), bool(scene.others))
-        ax.set_xlabel(label("x", "m"))
-        ax.set_ylabel(label("y", "m"))
-        ax.margins(y=0.25)
-        _name_the_scene(figure, scene)
+    scene = scene_of(asked, asked.names)
+    marks = [
+        Marks(who, *map_places(scene.line, drive.x, drive.y)[:2], colour, line)
+        for who, drive, colour, line in _drives(scene, asked.names)
+    ]
+    figure = on_paper([Panel(marks, label("x", "m"), label("y", "m"))], asked.width, 0.5, words=scene.title)
+    figure.axes[0].margins(y=0.25)
     return figure
-
-
-def _name_the_scene(figure: Figure, scene: Scene) -> None:
-    figure.legend(loc="outside lower center", ncols=_columns(figure))
-    figure.suptitle(_in_lines(f"{scene.scenario.replace('_', ' ')}: {scene.words}", figure), fontsize=7.0)
-
-
-def _name_the_grey(ax: Axes, people: bool, others: bool) -> None:
-    if people:
-        ax.plot([], [], color=FAINT, linewidth=0.7, label="human drivers")
-    if others:
-        ax.plot([], [], color=MUTED, linewidth=0.8, linestyle=":", label="other vehicles")
 
 
 def time_history(asked: Asked) -> Figure:
     """Speed, acceleration and lateral place over time in one concrete scenario: every ADS and the human drivers."""
-    names = asked.names
-    scene = scene_of(asked, names)
-    channels = (("speed", "m/s"), ("acceleration", "m/s²"), ("y", "m"))
-    with styled():
-        figure, axes = new_figure(asked.width, 1.05 if asked.width == "column" else 0.62, len(channels))
-        for ax, (channel, unit) in zip(axes, channels, strict=True):
-            for drive in scene.people.values():
-                ax.plot(drive.time, getattr(drive, channel), color=FAINT, linewidth=0.7, zorder=1)
-            for who, drive in scene.runs.items():
-                named = who if channel == "speed" else None
-                ax.plot(drive.time, getattr(drive, channel), label=named, zorder=3, color=look_of(who, names)[0],
-                        linestyle=line_of(who, names))  # fmt: skip
-            ax.set_ylabel(label("lateral place" if channel == "y" else channel, unit))
-            if ax is not axes[-1]:
-                ax.tick_params(labelbottom=False)
-        _name_the_grey(axes[0], bool(scene.people), others=False)
-        axes[-1].set_xlabel(label("time", "s"))
-        _name_the_scene(figure, scene)
-    return figure
+    scene = replace(scene_of(asked, asked.names), others={})
+    panels = [
+        Panel([Marks(who, drive.time, getattr(drive, channel), colour, line)
+               for who, drive, colour, line in _drives(scene, asked.names)], y=words)
+        for channel, words in (("speed", "speed (m/s)"), ("acceleration", "acceleration (m/s²)"),
+                               ("y", "lateral place (m)"))
+    ]  # fmt: skip
+    panels[-1] = replace(panels[-1], x=label("time", "s"))
+    return on_paper(panels, asked.width, 0.32 if asked.width == "column" else 0.18, words=scene.title)
 
 
 def collisions(asked: Asked) -> Figure:
@@ -274,36 +211,23 @@ def collisions(asked: Asked) -> Figure:
     line no better could have been done. One panel a scenario.
     """
     names, evaluation = asked.names, asked.evaluation
-    hits = [row for row in evaluation.cases if row.ads in names and row.collided and row.severity is not None]
-    places = [asked.place] if asked.place else [zone.scenario for zone in evaluation.zones]
-    columns = min(len(places), 2 if asked.width == "column" else 3)
-    rows = math.ceil(len(places) / columns)
-    with styled():
-        figure, axes = new_figure(asked.width, 0.18 + 0.85 * rows / columns, rows, columns)
-        for ax, place in zip(axes, places, strict=False):
-            here = [row for row in hits if row.scenario == place and row.ideal_severity is not None]
-            most = max((max(row.severity or 0.0, row.ideal_severity or 0.0) for row in here), default=1.0)
-            if here:
-                ax.plot([0.0, most], [0.0, most], color=MUTED, linewidth=0.7)
-            for who in names:
-                own: list[CaseResult] = [row for row in here if row.ads == who]
-                colour, marker = look_of(who, names)
-                ax.scatter(
-                    [row.ideal_severity or 0.0 for row in own], [row.severity or 0.0 for row in own],
-                    s=12, c=colour, marker=marker, linewidths=0, alpha=0.8,
-                )  # fmt: skip
-            if not here:
-                ax.text(0.5, 0.5, "no collision", ha="center", va="center", color=MUTED, transform=ax.transAxes)
-            ax.set_title(place.replace("_", " "))
-            ax.set_xlabel("U of the ideal vehicle")
-            ax.set_ylabel("U of the ADS")
-        for ax in axes[len(places) :]:
-            ax.set_visible(False)
-        for who in names:
-            colour, marker = look_of(who, names)
-            axes[0].scatter([], [], s=12, c=colour, marker=marker, label=who)
-        figure.legend(loc="outside lower center", ncols=4)
-    return figure
+    panels = []
+    for place in [asked.place] if asked.place else [zone.scenario for zone in evaluation.zones]:
+        hits = {
+            who: np.array([
+                (row.ideal_severity, row.severity) for row in evaluation.cases_of(who, place)
+                if row.collided and None not in (row.severity, row.ideal_severity)
+            ]).reshape(-1, 2)
+            for who in names
+        }  # fmt: skip
+        most = max((float(found.max()) for found in hits.values() if len(found)), default=0.0)
+        marks = [Marks("", [0.0, most], [0.0, most], MUTED, "-")] if most else []
+        for who, found in hits.items():
+            colour, marker, _ = look_of(who, names)
+            marks.append(Marks(who, found[:, 0], found[:, 1], colour, marker=marker))
+        title = place.replace("_", " ") + ("" if most else ": no collision")
+        panels.append(Panel(marks, "U of the ideal vehicle", "U of the ADS", title))
+    return on_paper(panels, asked.width, 0.85, min(len(panels), 2 if asked.width == "column" else 3))
 
 
 def intervals(asked: Asked) -> Figure:
@@ -335,7 +259,7 @@ def _name_the_scores(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
 
 def _interval(ax: Axes, one: ScenarioResult, name: str, place: int, names: list[str]) -> None:
     value, interval = getattr(one, name), getattr(one, f"{name}_interval")
-    colour, marker = look_of(one.ads, names)
+    colour, marker, _ = look_of(one.ads, names)
     if interval is not None:
         ax.plot(interval, [place, place], color=colour, linewidth=1.4, solid_capstyle="butt")
     if value is not None:
@@ -396,27 +320,22 @@ def boundary(asked: Asked) -> Figure:
     """
     name, names, rows = asked.one_place, asked.names, asked.evaluated
     zones = zone_partitions(asked.evaluation)[name]
-    with styled():
-        figure, (ax,) = new_figure(asked.width, 0.62)
-        ax.axvspan(-1.0, 0.0, color=HAZARDOUS, linewidth=0)
-        ax.axvspan(0.0, 1.0, color=SAFE, linewidth=0)
-        ax.axvline(0.0, color=INK, linewidth=0.9)
-        for who in names:
-            own = [row for row in rows if row.ads == who]
-            places = exact_target(
-                zones.logical, np.array([zones.logical.row(row.values) for row in own]), zones.settings
-            )
-            order = np.argsort(places)
-            hit = np.array([row.collided for row in own], dtype=np.float64)[order]
-            share = np.cumsum(hit) / max(hit.sum(), 1.0)
-            colour = look_of(who, names)[0]
-            steps = [-1.0, *places[order]], [0.0, *share]
-            ax.plot(*steps, color=colour, linestyle=line_of(who, names), drawstyle="steps-post",
-                    label=f"{who}: {int(hit.sum())} of {len(own)} collide")  # fmt: skip
-        ax.set_xlim(-1.0, 1.0)
-        ax.set_ylim(-0.03, 1.03)
-        ax.set_xlabel("criticality y of the concrete scenario (0: the boundary, above: safe)")
-        ax.set_ylabel("share of its collisions so far")
-        figure.legend(loc="outside lower center", ncols=1 if asked.width == "column" else 2)
-        figure.suptitle(name.replace("_", " "))
+    marks = [Marks("", [0.0, 0.0], [0.0, 1.0], INK, "-")]
+    for who in names:
+        own = [row for row in rows if row.ads == who]
+        points = np.array([zones.logical.row(row.values) for row in own])
+        places = exact_target(zones.logical, points, zones.settings)
+        order = np.argsort(places)
+        hit = np.array([row.collided for row in own], dtype=np.float64)[order]
+        share = np.cumsum(hit) / max(hit.sum(), 1.0)
+        x, y = np.repeat([-1.0, *places[order]], 2)[1:], np.repeat([0.0, *share], 2)[:-1]
+        colour, _, line = look_of(who, names)
+        marks.append(Marks(f"{who}: {int(hit.sum())} of {len(own)} collide", x, y, colour, line))
+    panel = Panel(
+        marks, "criticality y of the concrete scenario (0: the boundary, above: safe)",
+        "share of its collisions so far", range_=(-1.0, 1.0),
+    )  # fmt: skip
+    figure = on_paper([panel], asked.width, 0.52, words=name.replace("_", " "))
+    for begin, colour in ((-1.0, HAZARDOUS), (0.0, SAFE)):
+        figure.axes[0].axvspan(begin, begin + 1.0, color=colour, linewidth=0)
     return figure

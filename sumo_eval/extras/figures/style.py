@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from sumo_eval.errors import InputError, needs_extra, said, unknown
+from sumo_eval.extras.panels import COLOURS, INK, MUTED, Panel, draw, name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,11 +20,6 @@ WIDTHS: Final[dict[str, float]] = {"column": 88.0 * MM, "page": 180.0 * MM}
 """Widths of figures, inches: one column and both columns of a journal's page."""
 
 ENDINGS: Final = ("svg", "png", "pdf")
-
-INK, MUTED, FAINT = "#1b1f24", "#5b6670", "#c9d0d6"
-SAFE, HAZARDOUS = "#e6f1f8", "#fbd9b5"
-COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8a8f00")
-"""Okabe and Ito's colours (2008), which people of every colour vision tell apart, for ADSs in their order."""
 
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
@@ -97,6 +93,22 @@ def new_figure(width: str, height: float, rows: int = 1, columns: int = 1) -> tu
     return figure, [panel for row in panels for panel in row]
 
 
+def on_paper(
+    panels: Sequence[Panel], width: str, height: float, columns: int = 1, words: str = ""
+) -> Figure:  # fmt: skip
+    """Panels as a figure, `columns` beside each other. height: of each as a share of its width. words: above it."""
+    rows = -(-len(panels) // columns)
+    with styled():
+        figure, axes = new_figure(width, height * rows / columns + 0.1, rows, columns)
+        named = {""}
+        for ax, panel in zip(axes, panels, strict=False):
+            draw(ax, panel, named)
+        for ax in axes[len(panels) :]:
+            ax.set_visible(False)
+        name(figure, words)
+    return figure
+
+
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure as what its file's ending says. Raises InputError for another ending or a place that refuses."""
     ending = path.suffix.lower().lstrip(".")
@@ -114,15 +126,10 @@ def save(figure: Figure, path: Path) -> Path:
     return path
 
 
-def look_of(name: str, names: Sequence[str]) -> tuple[str, str]:
-    """Colour and marker of one of several ADSs."""
-    place = list(names).index(name)
-    return COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)]
-
-
-def line_of(name: str, names: Sequence[str]) -> Any:
-    """Line style of one of several ADSs, so that nothing hangs on colour."""
-    return LINES[list(names).index(name) % len(LINES)]
+def look_of(ads: str, names: Sequence[str]) -> tuple[str, str, Any]:
+    """Colour, marker and line style of one of several ADSs, so that nothing depends on colour alone."""
+    place = list(names).index(ads)
+    return COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)], LINES[place % len(LINES)]
 
 
 def label(name: str, unit: str) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
-import plotly.graph_objects as go
-
 from sumo_eval.errors import InputError
+from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.record.points import scenarios_of
 from sumo_eval.record.run_folder import FACTS, read_manifest, read_settings
 from sumo_eval.record.store import EGO, open_store
@@ -76,21 +76,18 @@ def departures_in(run: Path) -> list[Departure]:
 def write_departures(run: Path, path: Path) -> list[Departure]:
     """Write the page."""
     found = departures_in(run)
-    figure = go.Figure()
-    for one in found:
-        name = f"{one.ads}, {one.scenario}, {one.point}"
-        figure.add_trace(go.Scatter(x=one.time, y=one.apart, name=name, mode="lines"))
-        if one.reacted is not None:
-            figure.add_vline(x=one.reacted[0], line={"dash": "dot", "width": 1})
-    figure.update_xaxes(title="time, s").update_yaxes(title="distance from the recorded vehicle, m")
+    marks = [Marks(f"{one.ads}, {one.scenario}, {one.point}", one.time, one.apart, colour, "-")
+             for one, colour in zip(found, cycle(COLOURS))]  # fmt: skip
+    reacted = [one.reacted[0] for one in found if one.reacted is not None]
+    panel = Panel(marks, "time, s", "distance from the recorded vehicle, m", verticals=reacted)
     rows = [("ADS", "scene", "point", "most, m", "at, s", "at the end, m", "others react from, s", "how many", "end")]
     for one in found:
         most = int(one.apart.argmax())
-        reacted = ("", "") if one.reacted is None else (f"{one.reacted[0]:.2f}", str(one.reacted[1]))
+        reaction = ("", "") if one.reacted is None else (f"{one.reacted[0]:.2f}", str(one.reacted[1]))
         rows.append(
             (
                 one.ads, one.scenario, one.point, f"{one.apart[most]:.2f}", f"{one.time[most]:.1f}",
-                f"{one.apart[-1]:.2f}", *reacted, one.end,
+                f"{one.apart[-1]:.2f}", *reaction, one.end,
             )
         )  # fmt: skip
     sentences = (
@@ -102,7 +99,7 @@ def write_departures(run: Path, path: Path) -> list[Departure]:
         kicker=run.name,
         title="Departure from the recorded vehicle",
         sentences=sentences,
-        figures={"Departure from the recorded vehicle": figure},
+        figures={"Departure from the recorded vehicle": on_page([panel], 1, 520)},
         rows=rows,
     )
     return found

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from sumo_eval.errors import InputError
+from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.rates.intervals import kolmogorov_by_chance
 from sumo_eval.extras.rates.learned import Learnt, Lesson
 from sumo_eval.extras.rates.page import Chart, Fold, Piece, Table, Text, interval, table, write_parts
@@ -213,24 +212,15 @@ def _marginals(learnt: Learnt) -> Any:
     """Each parameter as recorded, and as the model has it."""
     joint = learnt.joint
     assert joint is not None
-    names = joint.names
-    across = min(len(names), 4)
-    down = -(-len(names) // across)
-    drawn = make_subplots(rows=down, cols=across, subplot_titles=names)
-    points = joint.draw(DRAWN, random_stream(0, "drawn", len(names)))
-    events = np.array(joint.events)
-    for j in range(len(names)):
-        place = {"row": j // across + 1, "col": j % across + 1}
+    points = joint.draw(DRAWN, random_stream(0, "drawn", len(joint.names)))
+    panels = []
+    for j, name in enumerate(joint.names):
         edges = np.linspace(joint.low[j], joint.high[j], BINS + 1)
+        data, model = (
+            np.histogram(values[:, j], edges, density=True)[0] for values in (np.array(joint.events), points)
+        )
         middle = (edges[1:] + edges[:-1]) / 2.0
-        for values, kind in ((events, "data"), (points, "model")):
-            height, _ = np.histogram(values[:, j], edges, density=True)
-            trace = (
-                go.Bar(x=middle, y=height, name=kind, marker={"color": "#0072b2"}, opacity=0.55, showlegend=j == 0)
-                if kind == "data"
-                else go.Scatter(x=middle, y=height, name=kind, line={"color": "#b23c00"}, showlegend=j == 0)
-            )
-            drawn.add_trace(trace, **place)
-    drawn.update_layout(height=240 * down + 60, bargap=0.0, margin={"t": 40, "b": 60, "l": 50, "r": 10})
-    drawn.update_layout(legend={"orientation": "h", "x": 0.0, "y": -0.08, "yanchor": "top"})
-    return drawn
+        marks = (Marks("data", middle, data, COLOURS[0], bars=True), Marks("model", middle, model, COLOURS[1], "-"))
+        panels.append(Panel(marks, title=name))
+    across = min(len(panels), 4)
+    return on_page(panels, across, 240 * -(-len(panels) // across) + 60)

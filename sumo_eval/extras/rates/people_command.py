@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
@@ -135,12 +134,10 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     from sumo_eval.evaluation import score
     from sumo_eval.extras.studies.opinion import (
         compare_opinion,
-        opinion_json,
         opinion_lines,
         read_ratings,
-        write_opinion_plot,
+        write_opinion,
     )
-    from sumo_eval.report.opinion_section import OPINION
 
     given = read_ratings(ratings)
     with Progress() as progress:
@@ -148,9 +145,8 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     result = compare_opinion(evaluation, given)
     say(opinion_lines(result))
     place = run / "opinion.html" if out is None else out
-    write_opinion_plot(result, place)
+    write_opinion(result, run, place)
     tell(f"Plot: {place}")
-    (run / OPINION).write_text(json.dumps(opinion_json(result), indent=2) + "\n", encoding="utf-8")
     tell(f"`sumo-eval report {run}` shows it in the report from now on.")
 
 

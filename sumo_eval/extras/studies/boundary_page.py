@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from sumo_eval.errors import InputError
+from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.boundary import FailureBoundary
 from sumo_eval.report.page import write_csv
 from sumo_eval.report.study_page import write_study
@@ -20,6 +19,7 @@ from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
+TRIALS, PLAIN, CHANCES = "trials.csv", "boundary.json", "chances.csv"
 CELLS = 80  # on each axis of a map
 PANELS = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the third parameter's range, one map each
 COUNTED = 8_192  # evenly spread points by which shares of the space are counted
@@ -54,8 +54,8 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
     held: the parameters that the search held fixed, by name.
     """
     held = dict(held or {})
-    table, plain, page = folder / "trials.csv", folder / "boundary.json", folder / "boundary.html"
-    chances = folder / "chances.csv"
+    table, plain, page = folder / TRIALS, folder / PLAIN, folder / "boundary.html"
+    chances = folder / CHANCES
     names, points = found.logical.names, found.points.tolist()
     write_csv(table, [*names, "collided"], ([*row, int(hit)] for row, hit in zip(points, found.collided, strict=True)))
     write_csv(
@@ -72,14 +72,13 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
         plain.write_text(json.dumps(told, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(f"The boundary cannot be written into {folder}: {error}.") from error
-    names = found.logical.names
-    title = f"{found.logical.name}: where {found.ads} collides"
+    title, panels = edge_panels(folder)
     write_study(
         page,
         kicker="The boundary of failure",
         title=title,
         sentences=_sentences(found, held),
-        figures={title: picture(found)},
+        figures={title: on_page(panels, len(panels), 560)},
         rows=[
             [*names, "collided"],
             *(
@@ -130,50 +129,34 @@ def _sentences(found: FailureBoundary, held: Mapping[str, float]) -> list[str]:
     return said
 
 
-def picture(found: FailureBoundary) -> go.Figure:
-    """Trials over the likelier outcome: one map for two parameters, one for each of some values of a third.
+def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
+    """The title, and trials over the likelier outcome: one map for two parameters, one for each of some values of a
+    third, on the nearest of which a trial is drawn.
 
-    With more parameters the maps are slices at the middle of the others' ranges; a trial is drawn on its nearest map.
+    Parameters behind the third are in the middle of their ranges. Raises InputError where a file is missing.
     """
-    logical = found.logical
-    k = len(logical.parameters)
-    maps = shares(found)
-    unit_trials = logical.to_unit(found.points)
-    nearest = np.argmin(np.abs(unit_trials[:, 2:3] - np.array(maps)), axis=1) if k > 2 else np.zeros(len(unit_trials))
-    titles = []
-    for share in maps:
-        at = logical.low + (logical.high - logical.low) * np.array([0.5, 0.5, share, *[0.5] * k])[:k]
-        held = [f"{p.name} = {value:z.3g}{p.behind}" for p, value in zip(logical.parameters[2:], at[2:], strict=True)]
-        titles.append(", ".join(held))
-    figure = make_subplots(rows=1, cols=len(maps), subplot_titles=titles, shared_yaxes=True)
-    ticks = np.linspace(0.0, 1.0, CELLS)
-    for number, share in enumerate(maps, start=1):
-        chance = chances_on(found, share)[1].reshape(-1, CELLS)
-        x = logical.from_unit(np.full((CELLS, k), 0.5) * 0 + ticks[:, None])
-        y = x[:, 1] if k > 1 else np.array([0.0])
-        if k > 1:
-            contour = go.Contour(
-                x=x[:, 0], y=y, z=chance, contours={"start": 0.5, "end": 0.5, "size": 1, "coloring": "heatmap"},
-                colorscale=[[0.0, "#e6f1f8"], [1.0, "#fbd9b5"]], zmin=0.0, zmax=1.0, showscale=False,
-                line={"color": "#1b1f24", "width": 2}, hoverinfo="skip", name="chance of a collision",
-            )  # fmt: skip
-            figure.add_trace(contour, row=1, col=number)
-        for name, kind, colour, symbol in (
-            ("no collision", False, "#0072b2", "circle"),
-            ("collision", True, "#b23c00", "x"),
-        ):
-            here = (found.collided == kind) & (nearest == number - 1)
-            figure.add_trace(
-                go.Scatter(
-                    x=found.points[here, 0], y=found.points[here, 1] if k > 1 else np.zeros(int(here.sum())),
-                    mode="markers", name=name, legendgroup=name, showlegend=number == 1,
-                    marker={"color": colour, "symbol": symbol, "size": 6},
-                ), row=1, col=number,
-            )  # fmt: skip
-        first = logical.parameters[0]
-        figure.update_xaxes(title_text=first.title, row=1, col=number)
-    if k > 1:
-        second = logical.parameters[1]
-        figure.update_yaxes(title_text=second.title, row=1, col=1)
-    figure.update_layout(height=560)
-    return figure
+    try:
+        told = json.loads((folder / PLAIN).read_text(encoding="utf-8"))
+        tables = [np.genfromtxt(folder / name, delimiter=",", skip_header=1, ndmin=2) for name in (CHANCES, TRIALS)]
+    except OSError as error:
+        raise InputError(f"The boundary in {folder} cannot be drawn: {error}. Search it again.") from error
+    chances, trials = tables
+    items = told["parameters"]
+    k = len(items)
+    maps = np.split(chances, np.flatnonzero(np.diff(chances[:, 2])) + 1) if k > 2 else [chances]
+    third = np.array([rows[0, 2] for rows in maps]) if k > 2 else np.zeros(1)
+    nearest = np.argmin(np.abs(trials[:, 2:3] - third), axis=1) if k > 2 else np.zeros(len(trials), dtype=int)
+    x, y = ([*(f"{it['name']} ({it['unit']})" if it["unit"] not in ("", "1") else it["name"] for it in items), ""])[:2]
+    panels = []
+    for number, rows in enumerate(maps):
+        across, along = (np.unique(rows[:, column]) if column < k else np.array([-1.0, 1.0]) for column in (0, 1))
+        chance = np.broadcast_to(rows[:, -1].reshape(-1, len(across)), (len(along), len(across)))
+        marks = []
+        for hit, (words, marker) in enumerate((("no collision", "o"), ("collision", "X"))):
+            here = trials[(trials[:, -1] == hit) & (nearest == number)]
+            marks.append(
+                Marks(words, here[:, 0], here[:, 1] if k > 1 else np.zeros(len(here)), COLOURS[hit], marker=marker)
+            )
+        title = ", ".join(f"{it['name']} = {value:z.3g}" for it, value in zip(items[2:], rows[0, 2:k], strict=True))
+        panels.append(Panel(marks, x, y, title, chance=(across, along, chance)))
+    return f"{told['scenario'].replace('_', ' ')}: where {told['ads']} collides", panels

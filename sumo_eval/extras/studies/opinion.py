@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,8 +13,11 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.extras.panels import Marks, Panel, on_page
 from sumo_eval.extras.studies.tables import aligned
 from sumo_eval.method.agreement import Agreement, concordance, rank_correlation, rank_interval
+from sumo_eval.report.opinion_section import OPINION, opinion_content
+from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
 
 LEAST, MOST = 1.0, 10.0
@@ -137,35 +141,36 @@ def opinion_json(opinion: Opinion) -> dict[str, Any]:
     }
 
 
-def write_opinion_plot(opinion: Opinion, path: Path) -> None:
-    """One panel for each of `INDEXES`: score against mean opinion, with the raters' deviation. Works offline."""
-    from plotly.subplots import make_subplots
+def opinion_panels(run: Path) -> list[Panel]:
+    """A panel for each of `INDEXES`: score against mean opinion, with the raters' deviation, from the run's folder.
 
-    titles = []
-    for name in INDEXES:
-        found = opinion.correlations[name]
-        titles.append(f"{name} (rho {found.value:z.2f})" if found else name)
-    figure = make_subplots(rows=1, cols=len(INDEXES), subplot_titles=titles)
-    for column, name in enumerate(INDEXES, start=1):
-        rows = [row for row in opinion.rows if row.scores[name] is not None]
-        figure.add_scatter(
-            x=[row.opinion for row in rows],
-            y=[row.scores[name] for row in rows],
-            error_x={"type": "data", "array": [row.deviation for row in rows]},
-            text=[f"{row.ads}, {row.scenario}" for row in rows],
-            mode="markers+text" if len(rows) <= 8 else "markers",
-            textposition="top center",
-            showlegend=False,
-            row=1,
-            col=column,
-        )
-        figure.update_xaxes(title_text="mean subjective score", range=[LEAST - 0.5, MOST + 0.5], row=1, col=column)
-        figure.update_yaxes(title_text=name, row=1, col=column)
-    figure.update_layout(title="People's opinion and the scores", template="plotly_white")
-    try:
-        figure.write_html(path, include_plotlyjs=True)
-    except OSError as error:
-        raise InputError(f"The plot {path} cannot be written: {error}.") from error
+    Raises InputError where nobody has been asked.
+    """
+    if opinion_content(run) is None:
+        raise InputError(f"Nobody's opinion is in {run}; ask people first and add it with: sumo-eval humans opinion.")
+    told = json.loads((run / OPINION).read_text(encoding="utf-8"))
+    panels = []
+    for name, rho in told["correlations"].items():
+        rows = [row for row in told["rows"] if row["scores"][name] is not None]
+        ends = told.get("intervals", {}).get(name)
+        within = "" if ends is None else f", {ends[0]:z.2f}..{ends[1]:z.2f}"
+        marks = Marks(
+            "", [row["opinion"] for row in rows], [row["scores"][name] for row in rows], marker="o",
+            spread=[row["deviation"] for row in rows], words=[f"{row['ads']}, {row['scenario']}" for row in rows],
+        )  # fmt: skip
+        title = f"{name} (no correlation)" if rho is None else f"{name} (rho {rho:z.2f}{within})"
+        panels.append(Panel([marks], "mean opinion (1-10)", name, title, range_=(LEAST - 0.5, MOST + 0.5)))
+    return panels
+
+
+def write_opinion(opinion: Opinion, run: Path, page: Path) -> None:
+    """Keep the comparison in the run's folder, whose report shows it from then on, and draw it as a page."""
+    (run / OPINION).write_text(json.dumps(opinion_json(opinion), indent=2) + "\n", encoding="utf-8")
+    title = "People's opinion and the scores"
+    write_study(
+        page, kicker=run.name, title=title, sentences=(), figures={title: on_page(opinion_panels(run), 4, 700)},
+        least_width=1000,
+    )  # fmt: skip
 
 
 def _interval(found: Agreement) -> str:

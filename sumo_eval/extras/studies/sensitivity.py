@@ -12,6 +12,7 @@ from scipy import stats
 
 from sumo_eval.errors import InputError
 from sumo_eval.evaluation import score
+from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.tables import aligned
 from sumo_eval.method.score_terms import ordering_score, paper_score
 from sumo_eval.report.study_page import write_study
@@ -162,7 +163,6 @@ def sensitivity_lines(rows: Sequence[SensitivityRow], *, by_wheel: bool = True) 
     return [*aligned(table), *([] if by_wheel else [NO_WHEEL])]
 
 
-_COLOURS = ("#0072b2", "#b26a00", "#4d9e7a", "#8a3d74", "#56b4e9", "#d55e00", "#8593a3")  # told apart by everybody
 _ACROSS = 4
 """Panels beside each other."""
 
@@ -196,27 +196,13 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
 
 def _chart(rows: Sequence[SensitivityRow]) -> go.Figure:
     """One panel for each score and constant of these."""
-    from plotly.subplots import make_subplots
-
-    panels, ads = list(dict.fromkeys((row.index, row.constant) for row in rows)), rows[0].ads
-    lines = -(-len(panels) // _ACROSS)
-    titles = [f"{index} over {constant}" for index, constant in panels]
-    figure = make_subplots(
-        rows=lines, cols=_ACROSS, subplot_titles=titles, vertical_spacing=0.3 / lines, horizontal_spacing=0.06
-    )
-    for place, panel in enumerate(panels):
-        part = [row for row in rows if (row.index, row.constant) == panel]
-        for number, name in enumerate(ads):
-            figure.add_scatter(
-                x=[row.value for row in part],
-                y=[row.scores[row.ads.index(name)] for row in part],
-                name=name,
-                legendgroup=name,
-                showlegend=place == 0,
-                line={"color": _COLOURS[number % len(_COLOURS)]},
-                row=place // _ACROSS + 1,
-                col=place % _ACROSS + 1,
-            )
-    figure.update_annotations(font_size=12)
-    figure.update_layout(height=240 * lines + 80)
-    return figure
+    panels = []
+    for index, constant in dict.fromkeys((row.index, row.constant) for row in rows):
+        part = [row for row in rows if (row.index, row.constant) == (index, constant)]
+        values = [row.value for row in part]
+        marks = [
+            Marks(ads, values, [row.scores[number] for row in part], COLOURS[number % len(COLOURS)], "-")
+            for number, ads in enumerate(part[0].ads)
+        ]
+        panels.append(Panel(marks, title=f"{index} over {constant}"))
+    return on_page(panels, _ACROSS, 240 * -(-len(panels) // _ACROSS) + 80)

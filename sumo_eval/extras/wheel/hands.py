@@ -18,7 +18,6 @@ from sumo_eval.settings import VehicleSettings
 LEFT, RIGHT, DRIVE, BRAKE, HARD, EVADE = (1 << bit for bit in range(6))
 KEYS: Final = {"left": LEFT, "right": RIGHT, "drive": DRIVE, "brake": BRAKE, "hard": HARD, "evade": EVADE}
 """What a key does: name -> its bit in the message of the page."""
-KINDS: Final = ("keys", "wheel", "stick")
 
 
 @dataclass(frozen=True, slots=True)
