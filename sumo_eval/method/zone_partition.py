@@ -876,7 +876,7 @@ class _DangerSearch:
         for _ in range(200):
             centre = self.logical.to_unit(best)
             around = self.logical.from_unit(np.clip(centre + width * offsets, 0.0, 1.0))
-            worst = self._worst(np.concatenate([best[None, :], self._members(zone, around)]))
+            worst = self._worse(zone, around, best)
             if np.array_equal(worst, best):
                 width *= 0.4
             best = worst
@@ -892,10 +892,22 @@ class _DangerSearch:
         return np.asarray(points[(self.surface.value(unit) <= 0.0) & (nearest == zone)])
 
     def _worst(self, points: FloatArray) -> FloatArray:
+        return np.asarray(points[self._by_danger(points)[0]])
+
+    def _worse(self, zone: int, points: FloatArray, best: FloatArray) -> FloatArray:
+        """The worst of the zone's members among points (n, k); `best` where none is worse."""
+        rows = np.concatenate([best[None, :], points[self.logical.feasible(points)]])
+        order = self._by_danger(rows)
+        # The surface costs most: it is asked only about what is worse.
+        members = self._members(zone, rows[order[: int(np.argmin(order))]])
+        return members[0] if len(members) else best
+
+    def _by_danger(self, points: FloatArray) -> IntArray:
+        """The numbers of points (n, k), the most dangerous first."""
         inverse, impact, gap = _criticality(self.logical, points, self.settings)
         # Rounded, so that equal danger is a tie and not a matter of the last digit.
         keys = (np.round(gap, 9), -np.round(inverse, 9), -np.round(impact, 9))
-        return np.asarray(points[np.lexsort((*points.T[::-1], *keys))[0]])
+        return np.lexsort((*points.T[::-1], *keys))
 
     def _rounded(self, zone: int, best: FloatArray) -> FloatArray:
         """The most dangerous point, to 1e-7 of the box (`SEARCHED_WINDOW` where it is searched), in the fewest digits
