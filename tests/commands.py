@@ -67,7 +67,8 @@ def typed(line: str, cwd: Path | None = None) -> Done:
 def in_a_process(*arguments: object, cwd: Path | None = None, **options: object) -> subprocess.CompletedProcess[str]:
     """Run one command in a process of its own: for signals, encodings, devices and exit statuses."""
     words = [sys.executable, "-m", "sumo_eval", *map(str, arguments)]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+    # GNU readline, which pytest loads, tells children a width of which os.environ knows nothing.
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": dict(os.environ), **options}
     return subprocess.run(words, cwd=cwd, text=True, timeout=300, check=False, **pipes)  # type: ignore[call-overload, no-any-return]
 
 

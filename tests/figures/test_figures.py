@@ -95,6 +95,7 @@ def test_axes_hold_what_is_drawn_and_no_more(done: Evaluation) -> None:
     assert mesh.get_clim()[0] > 0.0
 
 
+@pytest.mark.campaign
 def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path: Path) -> None:
     """Two levels of cut_in: `no_reaction` collides nowhere at the slow lateral speed and a gap of 0 m, the first slice;
     no stray piece of the learnt boundary stands at the stairs of the edge of what can be.

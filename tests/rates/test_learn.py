@@ -216,7 +216,7 @@ def test_a_joint_density_integrates_to_its_share_of_the_box_and_keeps_the_correl
     assert joint.density(np.array([[4.6, 0.0]])) == pytest.approx(0.0)
 
 
-@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("weighted", [pytest.param(False, marks=pytest.mark.campaign), True])
 @pytest.mark.parametrize("narrow", [False, True])
 @pytest.mark.parametrize("bandwidth", [0.2, pytest.param(0.85, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("kind", ["kde", "copula"])

@@ -281,7 +281,7 @@ def test_the_process_that_makes_children_leaves_what_its_owner_says_to_the_owner
     assert done.stderr.strip() == "ValueError: ended"
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.campaign), signal.SIGKILL])
 def test_a_signal_ends_a_run_whatever_its_children_do(tmp_path: Path, number: signal.Signals) -> None:
     ads = (
         "import os, time\nfrom sumo_eval import Command\n\n"

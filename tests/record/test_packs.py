@@ -65,7 +65,7 @@ def facts(outcomes: list[Outcome]) -> dict[str, tuple[object, ...]]:
     [
         ("Exits", "crashed", True),
         ("Hangs", "ads_timeout", False),
-        ("HangsInC", "timeout", True),
+        pytest.param("HangsInC", "timeout", True, marks=pytest.mark.campaign),
         ("Raises", "ads_error", False),
         ("Interrupts", "ads_error", False),
         ("FillsMemory", "ads_error", False),

@@ -97,6 +97,7 @@ def test_where_nothing_forks_the_engine_of_processes_is_refused_before_the_work(
     refuse_engine(RunSettings(engine="serial"))
 
 
+@pytest.mark.campaign
 def test_a_whole_run_and_its_report_are_made_without_posix_by_the_serial_engine(tmp_path: Path) -> None:
     (tmp_path / "evaluation.toml").write_text(EVALUATION)
     words = ["run", str(tmp_path / "evaluation.toml"), "--out", str(tmp_path / "run"), "--engine", "serial"]

@@ -48,7 +48,7 @@ def grid_of(logical, side=100):
     return points[logical.feasible(points)]
 
 
-@pytest.mark.parametrize("truth", [slanting_interval, two_pieces])
+@pytest.mark.parametrize("truth", [pytest.param(slanting_interval, marks=pytest.mark.campaign), two_pieces])
 def test_160_trials_class_99_per_cent_of_10000_points_rightly_whatever_the_shape(truth):
     logical = square("a", "b")
     search, points = run(logical, truth, 160), grid_of(logical)
