@@ -237,7 +237,9 @@ def test_a_night_of_another_evaluation_does_not_go_on_and_stays(tmp_path: Path) 
     assert len(nights(history)) == 1
 
 
-@pytest.mark.parametrize("fault", [OSError(errno.EIO, "Input/output error"), pytest.param(KeyboardInterrupt(), marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "fault", [OSError(errno.EIO, "Input/output error"), pytest.param(KeyboardInterrupt(), marks=pytest.mark.campaign)]
+)
 def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
     fault: BaseException, week: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
