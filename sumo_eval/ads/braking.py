@@ -114,19 +114,17 @@ def path_towards(path: Any, target: float, duration: float, rise: float, vehicle
 
 
 @kernel
-def path_command(
-    path: Any, lost: float, releases: bool, rise: float, strongest: float, vehicle: Any, step: float
-) -> float:
+def path_command(path: Any, lost: float, releases: bool, brakes: Any, vehicle: Any, step: float) -> float:
     """What to tell the vehicle, m/s2, where the coming step shall take off `lost` m/s. Call once a step.
 
-    releases: the braking ends in it, or has ended. Brakes that rise no faster than the driver asks (`rise`, m/s3) may
-    be told more than `strongest` m/s2, to be even with him.
+    releases: the braking ends in it, or has ended. Brakes that rise no faster than the driver asks (`brakes.jerk`,
+    m/s3) may be told more than its `brakes.braking` m/s2, to be even with it.
     """
     before, fall = path.brakes, vehicle.brake_jerk
     if releases and before == 0.0 and lost == 0.0:
         path.owed = 0.0
         return 0.0
-    most = min(strongest, vehicle.max_deceleration) if rise < fall else vehicle.max_deceleration
+    most = min(brakes.braking, vehicle.max_deceleration) if brakes.jerk < fall else vehicle.max_deceleration
     if releases:
         until_open = lost + path.owed + 0.5 * path.level * path.level / fall
         told = released_level(before, until_open, fall, step, most)
@@ -169,35 +167,31 @@ def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: flo
 
 @kernel
 def path_along(
-    path: Any, demand: Callable[..., float], scene: Any, begin: float, end: float, strongest: float, rise: float,
-    vehicle: Any,
-) -> float:  # fmt: skip
-    """Speed lost while the braking goes from `begin` to `end` (s after now) where a demand of up to `strongest` m/s2
-    takes it, m/s.
-    """
+    path: Any, demand: Callable[..., float], scene: Any, begin: float, end: float, brakes: Any, vehicle: Any
+) -> float:
+    """Speed lost while the braking goes from `begin` to `end` (s after now) where the demand takes it, m/s."""
     jump = demand_jump(demand, scene, begin, end)
     lost = 0.0
-    if jump > begin:
-        lost += path_towards(path, min(demand(scene, 0.5 * (begin + jump)), strongest), jump - begin, rise, vehicle)
-    if end > jump:
-        lost += path_towards(path, min(demand(scene, 0.5 * (jump + end)), strongest), end - jump, rise, vehicle)
+    for first, last in ((begin, jump), (jump, end)):
+        if last > first:
+            target = min(demand(scene, 0.5 * (first + last)), brakes.braking)
+            lost += path_towards(path, target, last - first, brakes.jerk, vehicle)
     return lost
 
 
 @kernel
 def follow_demand(
-    braking: Any, demand: Callable[..., float], scene: Any, time: float, reaction: float, strongest: float,
-    jerk: float, vehicle: Any, step: float,
-) -> float:  # fmt: skip
-    """What to tell the vehicle for the coming step, m/s2: brakes `reaction` s after the first demand, rising at `jerk`
-    m/s3, up to `strongest` m/s2. Call once a step.
+    braking: Any, demand: Callable[..., float], scene: Any, time: float, brakes: Any, vehicle: Any, step: float
+) -> float:
+    """What to tell the vehicle for the coming step, m/s2: brakes `response` s after the first demand, rising at `jerk`
+    m/s3, up to `braking` m/s2, which `brakes` holds. Call once a step.
 
     demand: called with the scene and a time (s) after now, from one and a half steps before now to a step after it, the
     deceleration that is demanded then, as far as it can be foreseen, m/s2; 0 for none. The first demand is looked for
     half a step ago, where speeds that are told from positions are known; one that began with a jump began with the last
     step. The reaction is waited for once: who has been alarmed stays alert.
     """
-    path = braking.path
+    path, jerk = braking.path, brakes.jerk
     if braking.is_alarmed == 0 and braking.looks == 0:
         if demand(scene, 0.0) > 0.0:
             braking.is_alarmed, braking.alarmed = 1, time
@@ -208,18 +202,18 @@ def follow_demand(
             began = first_instant(demand, scene, 0.0, earlier, -0.5 * step)
         braking.is_alarmed, braking.alarmed = 1, time + began
     braking.looks += 1
-    wait = max(braking.alarmed + reaction - time, 0.0) if braking.is_alarmed else math.inf
+    wait = max(braking.alarmed + brakes.response - time, 0.0) if braking.is_alarmed else math.inf
     if wait >= step:
-        return path_command(path, path_towards(path, 0.0, step, jerk, vehicle), True, jerk, strongest, vehicle, step)
+        return path_command(path, path_towards(path, 0.0, step, jerk, vehicle), True, brakes, vehicle, step)
     lost = path_towards(path, 0.0, wait, jerk, vehicle) if wait > 0.0 else 0.0
     before, after = demand(scene, wait) > 0.0, demand(scene, step) > 0.0
     change = step if before == after else first_instant(demand, scene, 0.0, wait, step)
     if change > wait and before:
-        lost += path_along(path, demand, scene, wait, change, strongest, jerk, vehicle)
+        lost += path_along(path, demand, scene, wait, change, brakes, vehicle)
     elif change > wait:
         lost += path_towards(path, 0.0, change - wait, jerk, vehicle)
     if step > change and after:
-        lost += path_along(path, demand, scene, change, step, strongest, jerk, vehicle)
+        lost += path_along(path, demand, scene, change, step, brakes, vehicle)
     elif step > change:
         lost += path_towards(path, 0.0, step - change, jerk, vehicle)
-    return path_command(path, lost, not after, jerk, strongest, vehicle, step)
+    return path_command(path, lost, not after, brakes, vehicle, step)

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import fields as fields_of
-from typing import Any
-
-import numpy as np
+from typing import Any, ClassVar
 
 from sumo_eval.ads.asked_change import change_if_free, is_waiting, lead_beside, road_left
-from sumo_eval.ads.cycle import cycles_of
 from sumo_eval.ads.lane_change import PATH, curvature_kept, keep_lane, path_at, rear_axle_next, steering
 from sumo_eval.ads.perception import bumper_gap, coming_into_path, lead_in_path
-from sumo_eval.cosim.compiled import Compiled, unknown
-from sumo_eval.cosim.records import Records, fields, flags
+from sumo_eval.cosim.compiled import Compiled, decides, each_row
+from sumo_eval.cosim.records import fields, flags
 from sumo_eval.errors import must_be
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.kernels import kernel
 
 EXPONENT = 4.0  # delta of the free-road term (Treiber, Hennecke, Helbing 2000)
 COOLNESS = 0.99  # c (Kesting, Treiber, Helbing 2010)
@@ -201,39 +197,31 @@ def change_as_asked(path: Any, way: Any, me: Any, others: Any, desired_speed: fl
 
 
 PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
-_MEMORY = np.dtype([*fields("desired_speed", "curvature", "told", "steered"), ("path", PATH), *flags("steps")])
-"""told: acceleration, m/s2, and steered: steering wheel angle, rad, in this cycle. steps: how many there have been."""
-
-_PARAMETERS = np.dtype([*PARAMETERS, *flags("watches")])
-_KNOWN = fields("last_speed")
 
 
 @kernel
-def idm(
-    me: Any, others: Any, memory: Any, known: Any, p: Any, way: Any, cycle: Any, scenario: Any
-) -> tuple[float, float]:
-    """Acceleration, m/s2, and steering wheel angle, rad, decided once a cycle: whoever comes into the path is the lead
-    from one cycle to the next. way: the lane change that the ego has to make, if it has to. cycle: the scenario, with a
-    cycle as its step.
+def idm(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+    """Acceleration and steering wheel angle, decided once a cycle: whoever comes into the path is the lead from one
+    cycle to the next.
     """
-    if memory.steps == 0:
-        memory.desired_speed = me.speed
-        keep_lane(memory.path, me, scenario.road)
-        memory.curvature = curvature_kept(memory.path, me)
-    if memory.steps % round(cycle.step / scenario.step) == 0:
-        memory.told, memory.steered = _decide(me, others, memory, known, p, way, cycle)
-    memory.steps += 1
-    return memory.told, memory.steered
+    me = ego.seen
+    if own.steps == 0:
+        own.desired_speed = me.speed
+        keep_lane(own.path, me, scenario[0].road)
+        own.curvature = curvature_kept(own.path, me)
+    if decides(own, scenario):
+        own.told, own.steered = _decide(me, others, own, known, ego.way, scenario[1])
+    ego.command.acceleration, ego.command.steering = own.told, own.steered
 
 
 @kernel
-def _decide(me: Any, others: Any, memory: Any, known: Any, p: Any, way: Any, scenario: Any) -> tuple[float, float]:
+def _decide(me: Any, others: Any, memory: Any, known: Any, way: Any, scenario: Any) -> tuple[float, float]:
     """IDM behind the lead in the path, in the middle of the cycle, along the lane's centre.
 
     Who watches takes whoever comes into the path for the lead, if that one is nearer.
     """
-    lead = lead_in_path(me, others)
-    if p.watches:
+    lead, p = lead_in_path(me, others), memory.p.idm
+    if memory.p.watches:
         coming = coming_into_path(me, others)
         if coming >= 0 and (lead < 0 or others[coming].x < others[lead].x):
             lead = coming
@@ -254,20 +242,6 @@ def _decide(me: Any, others: Any, memory: Any, known: Any, p: Any, way: Any, sce
     return max(wanted, -strongest), steering(memory, me, y, slope, bend, scenario)
 
 
-@rows
-def idm_rows(
-    egos: Records, seen: Records, memory: Records, known: Records, parameters: Records, cycles: Records,
-    scenario: Records, time: float,
-) -> None:  # fmt: skip
-    """`idm` for every row."""
-    for i in range(len(egos)):
-        if egos[i].live:
-            command = egos[i].command
-            command.acceleration, command.steering = idm(
-                egos[i].seen, seen[i], memory[i], known[i], parameters[i], egos[i].way, cycles[i], scenario[0]
-            )
-
-
 class Idm(Compiled):
     """ADS `idm`: keeps its lane and follows by the IDM alone. Its desired speed is the one it starts with.
 
@@ -276,21 +250,15 @@ class Idm(Compiled):
     b 2.0). It brakes as hard as the formula asks, up to the vehicle's brakes.
     """
 
-    loop = staticmethod(idm_rows)
+    loop = staticmethod(each_row(idm))
+    memory: ClassVar = [*fields("desired_speed", "curvature", "told", "steered"), ("path", PATH), *flags("steps")]
+    """told: acceleration, m/s2, and steered: steering wheel angle, rad, in this cycle. steps: driven so far."""
+    known = fields("last_speed")
+    numbers: ClassVar = [("idm", PARAMETERS), *flags("watches")]
     watches = False
 
     def __init__(self, parameters: IdmParameters | None = None) -> None:
-        self.parameters = parameters or IdmParameters()
-
-    @classmethod
-    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what is remembered of the others, parameters, what a cycle is."""
-        count = len(together)
-        parameters = np.zeros(count, _PARAMETERS)
-        for name, _ in PARAMETERS:
-            parameters[name] = [getattr(each.parameters, name) for each in together]
-        parameters["watches"] = [each.watches for each in together]
-        return np.zeros(count, _MEMORY), unknown(count, others, _KNOWN), parameters, cycles_of(scenario, count)
+        self.idm = parameters or IdmParameters()
 
 
 class Attentive(Idm):

@@ -7,31 +7,25 @@ constants as in the JRC's implementation. docs/controllers.md lists the readings
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
-import numpy as np
-
-from sumo_eval.ads.braking import follow_demand
-from sumo_eval.ads.cycle import cycles_of
-from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, is_in_sight
 from sumo_eval.ads.r157 import (
+    BRAKES,
     HUMAN_BRAKING,
     HUMAN_JERK,
     SAFETY_MEMORY,
     SHOWING,
-    SIGHTING,
+    SIGHTED,
+    Brakes,
+    brake,
     closing_across,
     foresee_all,
     lateral_gap,
-    sight_all,
 )
-from sumo_eval.cosim.compiled import Compiled, records, unknown
-from sumo_eval.cosim.records import MOVER, Records, fields, flags
-from sumo_eval.errors import must_be
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.cosim.compiled import Compiled, check_numbers, each_row
+from sumo_eval.cosim.records import fields, flags
+from sumo_eval.kernels import kernel
 
 REACTION = 0.75  # tau, s
 COMFORTABLE = 4.0  # bc, m/s2
@@ -110,24 +104,19 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
     return bool(across / lateral_closing < (bumper_gap(me, other) + lengths) / closing + CUT_IN_MARGIN)
 
 
-_PARAMETERS = [*fields("standstill_gap"), *flags("as_coded")]
-_MEMORY = [("safety", SAFETY_MEMORY), *fields("told"), *flags("steps")]
-"""safety: its brakes, and where the ego is. told: the acceleration told in this cycle, m/s2. steps: driven so far."""
-
-
 @kernel
 def fuzzy_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as the rule makes it."""
-    now, me, sightings, others, p, scenario = scene
-    foresee_all(now, me, sightings, others, after, scenario.step)
-    demanded = 0.0
+    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as `brake` makes it."""
+    own, known, others, scenario = scene
+    foresee_all(own, known, others, after, scenario.step)
+    me, demanded = own.then, 0.0
     for j in range(len(others)):
         other = others[j]
         if not is_in_sight(me, others, j, SHOWING):
             continue
         if other.x > me.x and considered(me, other, closing_across(me, other)):
             gap = bumper_gap(me, other)
-            left, as_coded = gap - p.standstill_gap, p.as_coded == 1
+            left, as_coded = gap - own.p.standstill_gap, own.p.as_coded == 1
             critical = critical_fuzzy_safety(left, me.along, other.along, -me.braking, as_coded)
             proactive = proactive_fuzzy_safety(gap, me.along, other.along)
             demanded = max(demanded, demanded_braking(critical, proactive))
@@ -135,37 +124,13 @@ def fuzzy_demand(scene: Any, after: float) -> float:
 
 
 @kernel
-def fuzzy_safety_model(
-    me: Any, others: Any, memory: Any, sightings: Any, later: Any, p: Any, cycle: Any, scenario: Any, time: float
-) -> float:
-    """The strongest braking that any vehicle ahead demands, as an acceleration, m/s2; decided once a cycle.
+def fuzzy_safety_model(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+    """The strongest braking that any vehicle ahead demands, decided once a cycle.
 
     CFS asks for more the harder the ego brakes already, so beside a limit of it the demand goes up and down from look
-    to look. cycle: the scenario, with a cycle as its step.
+    to look.
     """
-    if memory.steps % round(cycle.step / scenario.step) == 0:
-        safety = memory.safety
-        sight_all(safety, me, others, sightings, cycle.step)
-        scene = (safety.me, safety.then, sightings, later, p, cycle)
-        memory.told = -follow_demand(
-            safety.braking, fuzzy_demand, scene, time, REACTION, HUMAN_BRAKING, HUMAN_JERK, cycle.vehicle, cycle.step
-        )
-    memory.steps += 1
-    return float(memory.told)
-
-
-@rows
-def fuzzy_safety_model_rows(
-    egos: Records, seen: Records, memory: Records, sightings: Records, later: Records, parameters: Records,
-    cycles: Records, scenario: Records, time: float,
-) -> None:  # fmt: skip
-    """`fuzzy_safety_model` for every row."""
-    for i in range(len(egos)):
-        if egos[i].live:
-            egos[i].command.acceleration = fuzzy_safety_model(
-                egos[i].seen, seen[i], memory[i], sightings[i], later[i], parameters[i], cycles[i], scenario[0], time
-            )
-            egos[i].command.steering = lane_kept(egos[i], scenario[0])
+    brake(fuzzy_demand, ego, others, own, known, later, scenario, time)
 
 
 class FuzzySafetyModel(Compiled):
@@ -176,21 +141,11 @@ class FuzzySafetyModel(Compiled):
     the same outcomes. as_coded: CFS as the JRC's program has it (`critical_fuzzy_safety`), not as it is printed.
     """
 
-    loop = staticmethod(fuzzy_safety_model_rows)
+    loop = staticmethod(each_row(fuzzy_safety_model))
+    memory, known = SAFETY_MEMORY, SIGHTED
+    numbers: ClassVar = [BRAKES, *fields("standstill_gap"), *flags("as_coded")]
+    brakes = Brakes(REACTION, HUMAN_BRAKING, HUMAN_JERK)
 
     def __init__(self, standstill_gap: float = 0.01, as_coded: bool = False) -> None:
-        if not (math.isfinite(standstill_gap) and standstill_gap >= 0.0):
-            raise must_be("`standstill_gap`", "ADS `fsm`", "a finite number, at least 0 m", standstill_gap)
+        check_numbers("fsm", standstill_gap=standstill_gap)
         self.standstill_gap, self.as_coded = standstill_gap, as_coded
-
-    @classmethod
-    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what is remembered of the others, room for where they are foreseen to be, parameters, and what a
-        cycle is.
-        """
-        count = len(together)
-        later = np.zeros((count, others), MOVER)
-        return (
-            np.zeros(count, _MEMORY), unknown(count, others, SIGHTING), later, records(together, _PARAMETERS),
-            cycles_of(scenario, count),
-        )  # fmt: skip

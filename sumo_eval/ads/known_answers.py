@@ -12,43 +12,33 @@ from sumo_eval.ads.braking import switched
 from sumo_eval.ads.foresight import evasion, foresee
 from sumo_eval.ads.lane_change import PATH, curvature_kept, lane_kept, path_at, rear_axle_next, steering
 from sumo_eval.ads.perception import bumper_gap, lateral_overlap, lead_in_path, safe_gap
-from sumo_eval.cosim.compiled import Compiled, records
-from sumo_eval.cosim.records import Records, fields
+from sumo_eval.cosim.compiled import Compiled, each_row
+from sumo_eval.cosim.records import MOVER, Records, fields
 from sumo_eval.errors import ControllerError, must_be
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.kernels import kernel
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 
 
-@rows
-def no_reaction_rows(egos: Records, seen: Records, scenario: Records, time: float) -> None:
-    """No acceleration and no steering but the road's own, for every row."""
-    for i in range(len(egos)):
-        if egos[i].live:
-            egos[i].command.steering = lane_kept(egos[i], scenario[0])
-        egos[i].settled = 1
+@kernel
+def _no_reaction(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+    """No acceleration and no steering but the road's own."""
+    ego.command.steering = lane_kept(ego, scenario[0])
+    ego.settled = 1
 
 
 class NoReaction(Compiled):
     """ADS `no_reaction`: keeps its speed and its wheel straight, whatever is ahead; where the road bends, its lane."""
 
-    loop = staticmethod(no_reaction_rows)
-
-    @classmethod
-    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """It remembers nothing."""
-        return ()
+    loop = staticmethod(each_row(_no_reaction))
 
 
 no_reaction = NoReaction()
 """ADS `no_reaction`, ready-made: it holds nothing of a case."""
 
-_PARAMETERS = fields("deceleration")
 _TURNED = 0.2  # m by which somebody who turns into the lane comes to reach further along it than he does now
 _KNOWN = fields("noticed", "meets", "speed", "hidden")
 """A `Foresight`."""
-_EVASION = np.dtype([("path", PATH), *fields("curvature")])
-"""path: to the lane on the left, if it steers. curvature: that is steered now, 1/m."""
 
 
 @kernel
@@ -66,7 +56,7 @@ def is_too_close_to_see(me: Any, others: Any, known: Any, p: Any, scenario: Any,
 
 
 @kernel
-def ideal_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float) -> float:
+def full_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float) -> float:
     """Full braking for anybody who calls for it, from within the step in which he first does, as an acceleration, m/s2.
 
     Before that, too close behind the vehicle that hides him, it brakes as hard. known: of each of the others, a
@@ -89,25 +79,21 @@ def ideal_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time:
     return -float(switched(level, p.deceleration, begins - time, scenario.vehicle.brake_jerk, scenario.step))
 
 
-@rows
-def ideal_braking_rows(
-    egos: Records, seen: Records, known: Records, parameters: Records, evasions: Records, scenario: Records, time: float
-) -> None:
-    """`ideal_braking` for every row, or the lane change of one that steers at the speed it has. It has always settled:
-    while nothing comes nearer it does nothing.
+@kernel
+def ideal_braking(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+    """`full_braking`, or the lane change of one that steers at the speed it has. It has always settled: while nothing
+    comes nearer it does nothing.
     """
-    for i in range(len(egos)):
-        if egos[i].live:
-            command, evades = egos[i].command, evasions[i]
-            if evades.path.offset == 0.0:
-                command.acceleration = ideal_braking(egos[i].seen, seen[i], known[i], parameters[i], scenario[0], time)
-                command.steering = lane_kept(egos[i], scenario[0])
-            else:
-                if time == 0.0:
-                    evades.curvature = curvature_kept(evades.path, egos[i].seen)
-                y, slope, bend = path_at(evades.path, rear_axle_next(egos[i].seen, scenario[0]))
-                command.steering = steering(evades, egos[i].seen, y, slope, bend, scenario[0])
-            egos[i].settled = 1
+    me, command = ego.seen, ego.command
+    if own.path.offset == 0.0:
+        command.acceleration = full_braking(me, others, known, own.p, scenario[0], time)
+        command.steering = lane_kept(ego, scenario[0])
+    else:
+        if time == 0.0:
+            own.curvature = curvature_kept(own.path, me)
+        y, slope, bend = path_at(own.path, rear_axle_next(me, scenario[0]))
+        command.steering = steering(own, me, y, slope, bend, scenario[0])
+    ego.settled = 1
 
 
 class IdealBraking(Compiled):
@@ -131,7 +117,9 @@ class IdealBraking(Compiled):
     `criticality.ideal_impact_speed(..., deceleration=deceleration, delay=0, build_up=0.15)`.
     """
 
-    loop = staticmethod(ideal_braking_rows)
+    loop = staticmethod(each_row(ideal_braking))
+    memory, known, numbers = [("path", PATH), *fields("curvature")], _KNOWN, fields("deceleration")
+    """path: to the lane on the left, if it steers. curvature: that is steered now, 1/m."""
 
     def __init__(self, deceleration: float = 9.0) -> None:
         if not (math.isfinite(deceleration) and deceleration > 0.0):
@@ -147,10 +135,10 @@ class IdealBraking(Compiled):
     def foreseeing(
         cls, together: Sequence[Any], cases: Sequence[ConcreteScenario], settings: SimulationSettings
     ) -> tuple[Records, ...]:
-        """What is known of the others of each case, parameters, and the evasion of each case."""
-        known = [foresee(concrete, settings) for concrete in cases]
-        told = np.array([[tuple(other) for other in others] for others in known], dtype=_KNOWN)
-        evasions = np.zeros(len(cases), _EVASION)
+        """`arrays`, with the evasion of each case and what is known of its others."""
+        known, own = [foresee(concrete, settings) for concrete in cases], cls.own_records(together)
         for i, (ads, concrete, others) in enumerate(zip(together, cases, known, strict=True)):
-            evasions[i]["path"] = evasion(concrete, settings, others, ads.deceleration)
-        return told.reshape(len(cases), len(cases[0].actors)), records(together, _PARAMETERS), evasions
+            own[i]["path"] = evasion(concrete, settings, others, ads.deceleration)
+        told = np.array([[tuple(other) for other in others] for others in known], dtype=_KNOWN)
+        told = told.reshape(len(cases), len(cases[0].actors))
+        return own, told, np.zeros(told.shape, MOVER)

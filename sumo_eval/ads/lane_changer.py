@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
+from typing import Any, ClassVar
 
 from sumo_eval.ads.braking import JUMP, first_instant
 from sumo_eval.ads.car_following import PARAMETERS, IdmParameters, free_acceleration
-from sumo_eval.ads.cycle import cycles_of
 from sumo_eval.ads.lane_change import path_at, rear_axle_next, steering
 from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
 from sumo_eval.ads.pedals import PEDALS, gained_towards, pedal_command
 from sumo_eval.ads.perception import is_visible, take
-from sumo_eval.ads.r157 import SIGHTING, foresee, sight
-from sumo_eval.cosim.compiled import Compiled, records, unknown
-from sumo_eval.cosim.records import MOVER, Records, fields, flags
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.ads.r157 import SIGHTED, foresee, sight
+from sumo_eval.cosim.compiled import Compiled, decides, each_row
+from sumo_eval.cosim.records import MOVER, fields, flags
+from sumo_eval.kernels import kernel
 
 SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
-
-_MEMORY = np.dtype(
-    [
-        ("decided", OVERTAKING), ("tried", OVERTAKING), ("pedals", PEDALS), ("then", MOVER),
-        *fields("desired_speed", "told"), *flags("steps"),
-    ]
-)  # fmt: skip
-"""decided: what it is about. tried: what it would be about at some instant of the cycle. then: where the ego is at it,
-as far as can be foreseen. told: acceleration, m/s2. steps: how many there have been."""
 
 
 @kernel
@@ -52,25 +39,24 @@ def _foresee_ego(then: Any, me: Any, acceleration: float, time: float) -> None:
 
 @kernel
 def wanted_at(scene: Any, after: float) -> float:
-    """Acceleration wanted `after` s from now, if everybody goes on as now, m/s2. What would be decided then is in
-    `memory.tried`. scene: as the rule makes it.
+    """Acceleration wanted `after` s from now, if all continue as now, m/s2. What would be decided then is in
+    `own.tried`. scene: as the rule makes it.
     """
-    me, memory, sightings, watched, later, tried, habits, p, way, scenario = scene
-    _foresee_ego(memory.then, me, memory.pedals.level, after)
+    me, own, known, later, way, scenario = scene
+    _foresee_ego(own.then, me, own.pedals.level, after)
     for j in range(len(later)):
-        foresee(later[j], sightings[j], after, scenario.step)
+        foresee(later[j], known[j].sighting, after, scenario.step)
     for j in range(len(later)):
-        tried[j].leads = 1 if is_visible(memory.then, later, j, 0.0) else 0
-        tried[j].accepted = watched[j].accepted
+        known[j].leads = 1 if is_visible(own.then, later, j, 0.0) else 0
+        known[j].accepted = known[j].kept
     for j in range(len(later)):
         later[j].braking = 0.0
-        if tried[j].leads == 0:
+        if known[j].leads == 0:
             later[j].x = math.nan
-    _remember(memory.tried, memory.decided)
-    free = free_acceleration(memory.then.speed, memory.desired_speed, p)
-    return float(
-        overtake(memory.tried, memory.then, later, tried, habits, p, memory.desired_speed, free, way, scenario)
-    )
+    _remember(own.tried, own.decided)
+    idm, desired = own.p.idm, own.desired_speed
+    free = free_acceleration(own.then.speed, desired, idm)
+    return float(overtake(own.tried, own.then, later, known, own.p.habits, idm, desired, free, way, scenario))
 
 
 @kernel
@@ -84,10 +70,10 @@ def _changes_at(scene: Any, after: float) -> float:
 def _decide_at(scene: Any, after: float) -> float:
     """Decide as `after` s from now; the acceleration wanted then, m/s2. Call once a step."""
     wanted = wanted_at(scene, after)
-    _, memory, _, watched, _, tried, _, _, _, _ = scene
-    _remember(memory.decided, memory.tried)
-    for j in range(len(watched)):
-        watched[j].accepted = tried[j].accepted
+    own, known = scene[1], scene[2]
+    _remember(own.decided, own.tried)
+    for j in range(len(known)):
+        known[j].kept = known[j].accepted
     return wanted
 
 
@@ -113,7 +99,7 @@ def _decide(scene: Any) -> float:
     What is wanted counts as in the middle of the parts of the cycle before and after the instant at which it jumps or
     the lane change begins; that begins at that instant.
     """
-    me, memory, _, _, _, _, _, _, _, scenario = scene
+    me, memory, _, _, _, scenario = scene
     step, vehicle = scenario.step, scenario.vehicle
     turn = _turn_in(scene, step)
     gained, lasts = 0.0, step
@@ -130,39 +116,21 @@ def _decide(scene: Any) -> float:
 
 
 @kernel
-def lane_changer(
-    me: Any, others: Any, memory: Any, sightings: Any, watched: Any, later: Any, tried: Any, habits: Any, p: Any,
-    way: Any, cycle: Any, scenario: Any,
-) -> tuple[float, float]:  # fmt: skip
-    """Acceleration, m/s2, and steering wheel angle, rad: decide once a cycle, then steer along the path decided on.
+def lane_changer(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+    """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided on.
 
     Beside a lead that it passes the rule brakes or does not: who is just clear is let go, and is not clear any more.
-    way: the lane change that the ego has to make, if it has to. cycle: the scenario, with a cycle as its step.
     """
-    if memory.steps == 0:
-        memory.desired_speed = me.speed
-    if memory.steps % round(cycle.step / scenario.step) == 0:
+    me = ego.seen
+    if own.steps == 0:
+        own.desired_speed = me.speed
+    if decides(own, scenario):
         for j in range(len(others)):
-            sight(sightings[j], others[j], cycle.step)
-        memory.told = _decide((me, memory, sightings, watched, later, tried, habits, p, way, cycle))
-    memory.steps += 1
-    y, slope, bend = path_at(memory.decided.path, rear_axle_next(me, scenario))
-    return memory.told, steering(memory.decided, me, y, slope, bend, scenario)
-
-
-@rows
-def lane_changer_rows(
-    egos: Records, seen: Records, memory: Records, sightings: Records, watched: Records, later: Records,
-    tried: Records, habits: Records, parameters: Records, cycles: Records, scenario: Records, time: float,
-) -> None:  # fmt: skip
-    """`lane_changer` for every row."""
-    for i in range(len(egos)):
-        if egos[i].live:
-            command = egos[i].command
-            command.acceleration, command.steering = lane_changer(
-                egos[i].seen, seen[i], memory[i], sightings[i], watched[i], later[i], tried[i], habits[i],
-                parameters[i], egos[i].way, cycles[i], scenario[0],
-            )  # fmt: skip
+            sight(known[j].sighting, others[j], scenario[1].step)
+        own.told = _decide((me, own, known, later, ego.way, scenario[1]))
+    y, slope, bend = path_at(own.decided.path, rear_axle_next(me, scenario[0]))
+    ego.command.acceleration = own.told
+    ego.command.steering = steering(own.decided, me, y, slope, bend, scenario[0])
 
 
 class LaneChanger(Compiled):
@@ -175,25 +143,17 @@ class LaneChanger(Compiled):
     nothing covers any of it.
     """
 
-    loop = staticmethod(lane_changer_rows)
+    loop = staticmethod(each_row(lane_changer))
+    memory: ClassVar = [
+        ("decided", OVERTAKING), ("tried", OVERTAKING), ("pedals", PEDALS), ("then", MOVER),
+        *fields("desired_speed", "told"), *flags("steps"),
+    ]  # fmt: skip
+    """decided: what it is about. tried: what it would be about at some instant of the cycle. then: where the ego is at
+    it, as far as can be foreseen. told: acceleration, m/s2. steps: driven so far."""
+    known: ClassVar = [*WATCHED, *fields("kept"), *SIGHTED]
+    """`WATCHED` is of what is tried; kept: the headway accepted by what is decided, s."""
+    numbers: ClassVar = [("idm", PARAMETERS), ("habits", HABITS)]
 
     def __init__(self, habits: OvertakingHabits = SMOOTH, parameters: IdmParameters | None = None) -> None:
         self.habits = habits
-        self.parameters = parameters or IdmParameters()
-
-    @classmethod
-    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what is remembered of the others, room for where they are foreseen to be, habits, parameters and what
-        a cycle is.
-        """
-        count = len(together)
-        return (
-            np.zeros(count, _MEMORY),
-            unknown(count, others, SIGHTING),
-            unknown(count, others, WATCHED),
-            np.zeros((count, others), MOVER),
-            unknown(count, others, WATCHED),
-            records([each.habits for each in together], HABITS),
-            records([each.parameters for each in together], PARAMETERS),
-            cycles_of(scenario, count),
-        )
+        self.idm = parameters or IdmParameters()

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
-from sumo_eval.ads.braking import SAFETY_BRAKING
+from sumo_eval.ads.braking import SAFETY_BRAKING, follow_demand
+from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, carry_on, take
-from sumo_eval.cosim.records import MOVER, fields
+from sumo_eval.cosim.compiled import decides
+from sumo_eval.cosim.records import MOVER, fields, flags
 from sumo_eval.kernels import kernel
 
 GRAVITY = 9.81  # m/s2
@@ -75,9 +78,19 @@ last_speed, last_y: of the last look. mover: with its braking, and the mean of i
 step (across), which it had in the middle of it. gain: of that speed on the one in the middle of the step before, m/s2;
 0 if the motion began or turned round in between.
 """
-SAFETY_MEMORY = [("braking", SAFETY_BRAKING), ("me", MOVER), ("then", MOVER)]
+SIGHTED = [("sighting", SIGHTING)]
+SAFETY_MEMORY = [("braking", SAFETY_BRAKING), ("me", MOVER), ("then", MOVER), *fields("told"), *flags("steps")]
 """What a driver with safety braking remembers; all 0 at the beginning. me: the ego as it is, with the driver's braking.
-then: where the ego is foreseen to be at some instant."""
+then: where the ego is foreseen to be at some instant. told: acceleration of this cycle, m/s2. steps: driven so far."""
+BRAKES = ("brakes", fields("response", "braking", "jerk"))
+
+
+class Brakes(NamedTuple):
+    """How a driver brakes: `response` s after a demand, with up to `braking` m/s2, rising at `jerk` m/s3."""
+
+    response: float
+    braking: float
+    jerk: float
 
 
 @kernel
@@ -113,18 +126,30 @@ def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
 
 
 @kernel
-def sight_all(memory: Any, me: Any, others: Any, sightings: Any, step: float) -> None:
-    """Take in the ego, with where its driver's braking is, and everybody else. memory: of `SAFETY_MEMORY`."""
-    take(memory.me, me)
-    memory.me.braking = memory.braking.path.level
-    for j in range(len(others)):
-        sight(sightings[j], others[j], step)
+def foresee_all(own: Any, known: Any, later: Any, time: float, step: float) -> None:
+    """Write into `own.then` and `later` the ego, `own.me`, and all others `time` s from now, if all continue as now."""
+    take(own.then, own.me)
+    carry_on(own.then, time)
+    for j in range(len(known)):
+        foresee(later[j], known[j].sighting, time, step)
 
 
 @kernel
-def foresee_all(me: Any, then: Any, sightings: Any, later: Any, time: float, step: float) -> None:
-    """Write into `then` and `later` the ego and everybody else `time` s from now, if all go on as now."""
-    take(then, me)
-    carry_on(then, time)
-    for j in range(len(sightings)):
-        foresee(later[j], sightings[j], time, step)
+def brake(
+    demand: Callable[..., float], ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+) -> None:
+    """Command the braking that `demand` asks for, decided once in the step of the last scenario, and keep the lane.
+
+    demand: called with (own, known, later, scenario) and a time after now, s; the deceleration demanded then if all
+    continue as now, m/s2. own: of `SAFETY_MEMORY`, with `BRAKES` in `p`.
+    """
+    if decides(own, scenario):
+        cycle = scenario[-1]
+        take(own.me, ego.seen)
+        own.me.braking = own.braking.path.level
+        for j in range(len(others)):
+            sight(known[j].sighting, others[j], cycle.step)
+        scene = (own, known, later, cycle)
+        own.told = -follow_demand(own.braking, demand, scene, time, own.p.brakes, cycle.vehicle, cycle.step)
+    ego.command.acceleration = own.told
+    ego.command.steering = lane_kept(ego, scenario[0])

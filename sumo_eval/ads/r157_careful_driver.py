@@ -11,20 +11,19 @@ docs/controllers.md lists the readings.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
+from typing import Any, ClassVar
 
 from sumo_eval.ads.braking import BRAKE_PATH, Braked, first_instant, moved, path_command
 from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, carry_on, is_in_sight, is_visible, lateral_overlap, next_ahead, take
 from sumo_eval.ads.r157 import (
+    BRAKES,
     FOLLOWING_HEADWAY,
     GRAVITY,
     HUMAN_BRAKING,
     SHOWING,
-    SIGHTING,
+    SIGHTED,
+    Brakes,
     brake_ramp,
     brake_ramp_lost,
     foresee_all,
@@ -32,10 +31,9 @@ from sumo_eval.ads.r157 import (
     time_to_collision,
     within_headway,
 )
-from sumo_eval.cosim.compiled import Compiled, records, unknown
-from sumo_eval.cosim.records import MOVER, Records, fields, flags
-from sumo_eval.errors import must_be
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.cosim.compiled import Compiled, check_numbers, each_row
+from sumo_eval.cosim.records import MOVER, fields, flags
+from sumo_eval.kernels import kernel
 
 BUILD_UP = 0.6  # s, of the driver's brakes and of the emergency brakes
 AEB_BRAKING = 0.85 * GRAVITY  # m/s2
@@ -61,25 +59,19 @@ def needed_deceleration(gap: float, speed: float, lead_speed: float, lead_brakin
 
 
 @kernel
-def ramped(level: float, build_up: float, path: Any, begins: float, ends: float, vehicle: Any, step: float) -> Braked:
+def ramped(level: float, path: Any, begins: float, ends: float, vehicle: Any, step: float) -> Braked:
     """What a brake ramp takes off in a step, m/s, and the deceleration at the step's end, m/s2.
 
-    level: of the ramp, m/s2. build_up: of it, s. path: of the driver's braking so far. begins, ends: of the ramp, s
-    from the beginning of the step; after its end the brakes are released as fast as they can be, and so are those of an
-    earlier ramp.
+    level: of the ramp, m/s2. path: of the driver's braking so far. begins, ends: of the ramp, s from the beginning of
+    the step. After its end the brakes are released as fast as they can be, and so are those of an earlier ramp.
     """
     ends = min(ends, step)
-    lost = brake_ramp_lost(ends - begins, level, build_up) - brake_ramp_lost(-begins, level, build_up)
-    released = moved(brake_ramp(ends - begins, level, build_up), 0.0, vehicle.brake_jerk, step - ends)
+    lost = brake_ramp_lost(ends - begins, level, BUILD_UP) - brake_ramp_lost(-begins, level, BUILD_UP)
+    released = moved(brake_ramp(ends - begins, level, BUILD_UP), 0.0, vehicle.brake_jerk, step - ends)
     earlier = moved(path.level, 0.0, vehicle.brake_jerk, step)
     return Braked(max(lost + released.lost, earlier.lost), max(released.level, earlier.level))
 
 
-_MEMORY = np.dtype(
-    [("path", BRAKE_PATH), ("me", MOVER), ("then", MOVER), *fields("aeb_began"), *flags("aeb_brakes", "looked")]
-)
-"""me: the ego as it is, with the driver's braking. then: where it is at some other instant."""
-_PARAMETERS = [*fields("wander", "evaluation", "reaction", "lead_braking", "in_path_limit"), *flags("aeb")]
 _WATCHED = fields(
     "lane", "offset", "time", "speed", "strayed", "braking", "braked", "evaluated", "necessary"
 )  # fmt: skip
@@ -93,45 +85,37 @@ evaluated, s. necessary: when braking for it became necessary, s.
 
 
 @kernel
-def careful_driver(
-    seen: Any, others: Any, memory: Any, watched: Any, sightings: Any, later: Any, p: Any, scenario: Any, time: float
-) -> float:
-    """Braking for the vehicle that made it necessary first, else the speed is kept; as an acceleration, m/s2."""
-    me, path, vehicle, step = memory.me, memory.path, scenario.vehicle, scenario.step
-    take(me, seen)
+def careful_driver(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+    """Braking for the vehicle that made it necessary first, else the speed is kept."""
+    me, path, vehicle, step = own.me, own.path, scenario[0].vehicle, scenario[0].step
+    take(me, ego.seen)
     me.braking = path.level
-    began = _braking_necessary(me, others, memory, watched, later, p, scenario, time) + p.reaction
-    memory.looked = 1
-    ends = _brakes_end(me, others, watched, step)
+    began = _braking_necessary(own, others, known, later, scenario[0], time) + own.p.reaction
+    own.looked = 1
+    ends = _brakes_end(me, others, known, step)
     begins = math.inf if math.isnan(began) else began - time
-    braked = ramped(HUMAN_BRAKING, BUILD_UP, path, begins, ends, vehicle, step)
+    braked = ramped(HUMAN_BRAKING, path, begins, ends, vehicle, step)
     lost, level = braked.lost, braked.level
-    if p.aeb:
-        _watch_over(others, memory, sightings, later, step, time)
-        if memory.aeb_brakes:
-            braked = ramped(AEB_BRAKING, BUILD_UP, path, memory.aeb_began - time, step, vehicle, step)
+    if own.p.aeb:
+        _watch_over(others, own, known, later, step, time)
+        if own.aeb_brakes:
+            braked = ramped(AEB_BRAKING, path, own.aeb_began - time, step, vehicle, step)
             if braked.lost > lost or (braked.lost == lost and braked.level > level):
                 lost, level = braked.lost, braked.level
     path.level = level
-    releases = (math.isnan(began) or ends < step) and memory.aeb_brakes == 0
-    strongest = AEB_BRAKING if p.aeb else HUMAN_BRAKING
-    return -path_command(path, lost, releases, strongest / BUILD_UP, strongest, vehicle, step)
+    releases = (math.isnan(began) or ends < step) and own.aeb_brakes == 0
+    ego.command.acceleration = -path_command(path, lost, releases, own.p.brakes, vehicle, step)
+    ego.command.steering = lane_kept(ego, scenario[0])
+    ego.settled = 1 - own.aeb_brakes
+    for j in range(len(others)):
+        if not math.isnan(known[j].necessary):
+            ego.settled = 0
 
 
 @kernel
-def has_settled(memory: Any, watched: Any) -> bool:
-    """Whether it brakes for nothing, nor is about to."""
-    for j in range(len(watched)):
-        if not math.isnan(watched[j].necessary):
-            return False
-    return bool(memory.aeb_brakes == 0)
-
-
-@kernel
-def _braking_necessary(
-    me: Any, others: Any, memory: Any, watched: Any, later: Any, p: Any, scenario: Any, time: float
-) -> float:
+def _braking_necessary(own: Any, others: Any, watched: Any, later: Any, scenario: Any, time: float) -> float:
     """When braking became necessary for any vehicle ahead, s; nan when nothing calls for it."""
+    me, p = own.me, own.p
     for j in range(len(others)):
         if not math.isnan(others[j].x):
             _look_at(others[j], watched[j], p, scenario, time)
@@ -140,7 +124,7 @@ def _braking_necessary(
         if not math.isnan(known.necessary) and _is_over(me, others[j], known, scenario):
             known.braked = known.evaluated = known.necessary = math.nan
     _judge_cut_ins(me, others, watched, p, scenario, time)
-    _judge_path(me, others, memory, watched, later, p, scenario, time)
+    _judge_path(own, others, watched, later, scenario, time)
     first = math.nan
     for j in range(len(others)):
         call = watched[j].necessary
@@ -205,17 +189,21 @@ def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, ti
 
 
 @kernel
-def _judge_path(
-    me: Any, others: Any, memory: Any, watched: Any, later: Any, p: Any, scenario: Any, time: float
-) -> None:
-    """The vehicles in the ego's lane, nearest first, down to the first that hides what is beyond it."""
-    leaves = -1
+def _judge_path(own: Any, others: Any, watched: Any, later: Any, scenario: Any, time: float) -> None:
+    """The vehicles in the ego's lane, nearest first, down to the first that hides what is beyond it: revealed by one
+    that leaves, braking within 2 s of headway, or approached for long.
+    """
+    me, leaves = own.me, -1
     j = next_ahead(me, others, -1)
     while j >= 0:
         known = watched[j]
         in_path = lateral_overlap(me, others[j]) > 0.0
         if in_path and math.isnan(known.necessary) and not _comes_towards(me, known, scenario):
-            _judge_lead(me, others, memory, watched, later, j, leaves, p, scenario, time)
+            if math.isnan(known.evaluated):
+                perceived = _perceived(own, others, watched, later[j], j, leaves, scenario.step, time)
+                known.evaluated = perceived + own.p.evaluation
+            if not math.isnan(known.evaluated) and time >= known.evaluated - 0.5 * scenario.step:
+                known.necessary = known.evaluated
         if not math.isnan(known.strayed) and _is_from_own_lane(me, known, scenario):
             leaves = j if leaves < 0 else leaves
         elif in_path:
@@ -224,24 +212,9 @@ def _judge_path(
 
 
 @kernel
-def _judge_lead(
-    me: Any, others: Any, memory: Any, watched: Any, later: Any, j: int, leaves: int, p: Any, scenario: Any, time: float
-) -> None:
-    """A vehicle in the path: revealed by one that leaves, braking within 2 s of headway, or approached for long."""
-    known = watched[j]
-    if math.isnan(known.evaluated):
-        perceived = _perceived(me, others, memory, watched, later, j, leaves, p, scenario, time)
-        known.evaluated = perceived + p.evaluation
-    if not math.isnan(known.evaluated) and time >= known.evaluated - 0.5 * scenario.step:
-        known.necessary = known.evaluated
-
-
-@kernel
-def _perceived(
-    me: Any, others: Any, memory: Any, watched: Any, later: Any, j: int, leaves: int, p: Any, scenario: Any, time: float
-) -> float:
+def _perceived(own: Any, others: Any, watched: Any, then: Any, j: int, leaves: int, step: float, time: float) -> float:
     """When the driver perceived what calls for braking behind a vehicle, s; nan while nothing does."""
-    other, known = others[j], watched[j]
+    me, p, other, known = own.me, own.p, others[j], watched[j]
     near = within_headway(me, other, FOLLOWING_HEADWAY)
     if leaves >= 0 and me.along > other.along and not math.isnan(watched[leaves].strayed):
         near_lead = within_headway(me, others[leaves], FOLLOWING_HEADWAY)
@@ -252,16 +225,16 @@ def _perceived(
     needed = _needed(me, other, known, p)
     if not needed > p.in_path_limit:
         return math.nan
-    if memory.looked == 0:
+    if own.looked == 0:
         return float(time)
-    take(memory.then, me)
-    carry_on(memory.then, -scenario.step)
-    take(later[j], other)
-    later[j].braking = known.braking
-    carry_on(later[j], -scenario.step)
-    earlier = _needed(memory.then, later[j], known, p)
+    take(own.then, me)
+    carry_on(own.then, -step)
+    take(then, other)
+    then.braking = known.braking
+    carry_on(then, -step)
+    earlier = _needed(own.then, then, known, p)
     share = (p.in_path_limit - earlier) / (needed - earlier) if earlier < p.in_path_limit else 0.0
-    return float(time - (1.0 - share) * scenario.step)
+    return float(time - (1.0 - share) * step)
 
 
 @kernel
@@ -302,44 +275,29 @@ def _aeb_ttc(me: Any, other: Any) -> float:
 @kernel
 def _aeb_demand(scene: Any, after: float) -> float:
     """1 where the AEB stage demands braking `after` s from now, if everybody goes on as now, else 0."""
-    now, me, sightings, others, step = scene
-    foresee_all(now, me, sightings, others, after, step)
+    own, known, others, step = scene
+    foresee_all(own, known, others, after, step)
     for j in range(len(others)):
-        if 0.0 <= _aeb_ttc(me, others[j]) < AEB_TTC and is_visible(me, others, j, SHOWING):
+        if 0.0 <= _aeb_ttc(own.then, others[j]) < AEB_TTC and is_visible(own.then, others, j, SHOWING):
             return 1.0
     return 0.0
 
 
 @kernel
-def _watch_over(others: Any, memory: Any, sightings: Any, later: Any, step: float, time: float) -> None:
+def _watch_over(others: Any, own: Any, known: Any, later: Any, step: float, time: float) -> None:
     """The AEB stage: for a vehicle in sight and fully in the path at TTC < 1.5 s, until no longer closing."""
     for j in range(len(others)):
-        sight(sightings[j], others[j], step)
-    if memory.aeb_brakes == 0:
-        scene = (memory.me, memory.then, sightings, later, step)
+        sight(known[j].sighting, others[j], step)
+    if own.aeb_brakes == 0:
+        scene = (own, known, later, step)
         if _aeb_demand(scene, step) > 0.0:
             begins = 0.0 if _aeb_demand(scene, 0.0) > 0.0 else first_instant(_aeb_demand, scene, 0.0, 0.0, step)
-            memory.aeb_brakes, memory.aeb_began = 1, time + begins
+            own.aeb_brakes, own.aeb_began = 1, time + begins
         return
     for j in range(len(others)):
-        if _aeb_ttc(memory.me, others[j]) < math.inf:
+        if _aeb_ttc(own.me, others[j]) < math.inf:
             return
-    memory.aeb_brakes = 0
-
-
-@rows
-def careful_driver_rows(
-    egos: Records, seen: Records, memory: Records, watched: Records, sightings: Records, later: Records,
-    parameters: Records, scenario: Records, time: float,
-) -> None:  # fmt: skip
-    """`careful_driver` for every row."""
-    for i in range(len(egos)):
-        if egos[i].live:
-            egos[i].command.acceleration = careful_driver(
-                egos[i].seen, seen[i], memory[i], watched[i], sightings[i], later[i], parameters[i], scenario[0], time
-            )
-            egos[i].command.steering = lane_kept(egos[i], scenario[0])
-            egos[i].settled = 1 if has_settled(memory[i], watched[i]) else 0
+    own.aeb_brakes = 0
 
 
 class CarefulDriver(Compiled):
@@ -351,7 +309,15 @@ class CarefulDriver(Compiled):
     is an event; the regulation has no such case.
     """
 
-    loop = staticmethod(careful_driver_rows)
+    loop = staticmethod(each_row(careful_driver))
+    memory: ClassVar = [
+        ("path", BRAKE_PATH), ("me", MOVER), ("then", MOVER), *fields("aeb_began"), *flags("aeb_brakes", "looked"),
+    ]  # fmt: skip
+    """me: the ego as it is, with the driver's braking. then: where it is at some other instant."""
+    known: ClassVar = [*_WATCHED, *SIGHTED]
+    numbers: ClassVar = [
+        BRAKES, *fields("wander", "evaluation", "reaction", "lead_braking", "in_path_limit"), *flags("aeb"),
+    ]  # fmt: skip
 
     def __init__(
         self,
@@ -363,13 +329,10 @@ class CarefulDriver(Compiled):
         lead_braking: float = 5.0,
         in_path_limit: float = 3.0,
     ) -> None:
-        given = {
-            "wander": wander, "evaluation": evaluation, "reaction": reaction, "lead_braking": lead_braking,
-            "in_path_limit": in_path_limit,
-        }  # fmt: skip
-        for name, value in given.items():
-            if not (math.isfinite(value) and value >= 0.0):
-                raise must_be(f"`{name}`", "ADS `careful_driver`", "a finite number, at least 0", value)
+        check_numbers(
+            "careful_driver", wander=wander, evaluation=evaluation, reaction=reaction, lead_braking=lead_braking,
+            in_path_limit=in_path_limit,
+        )  # fmt: skip
         self.aeb = aeb
         self.wander = wander
         self.evaluation = evaluation
@@ -377,17 +340,11 @@ class CarefulDriver(Compiled):
         self.lead_braking = lead_braking
         self.in_path_limit = in_path_limit
 
-    @classmethod
-    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what driver and emergency brakes remember of the others, room for where they are foreseen to be,
-        parameters.
-        """
-        count = len(together)
-        later, parameters = np.zeros((count, others), MOVER), records(together, _PARAMETERS)
-        return (
-            np.zeros(count, _MEMORY), unknown(count, others, _WATCHED), unknown(count, others, SIGHTING), later,
-            parameters,
-        )  # fmt: skip
+    @property
+    def brakes(self) -> Brakes:
+        """Of the driver, and of the emergency brakes where they are stronger."""
+        strongest = AEB_BRAKING if self.aeb else HUMAN_BRAKING
+        return Brakes(self.reaction, strongest, strongest / BUILD_UP)
 
 
 class CarefulDriverWithAeb(CarefulDriver):

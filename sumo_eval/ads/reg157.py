@@ -8,31 +8,25 @@ lists the readings.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from sumo_eval.ads.braking import follow_demand
-from sumo_eval.ads.cycle import cycles_of
-from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import is_in_sight, lateral_overlap
 from sumo_eval.ads.r157 import (
+    BRAKES,
     FOLLOWING_HEADWAY,
     SAFETY_MEMORY,
     SHOWING,
-    SIGHTING,
+    SIGHTED,
+    brake,
     foresee_all,
     lateral_gap,
-    sight_all,
     time_to_collision,
     within_headway,
 )
-from sumo_eval.cosim.compiled import Compiled, records, unknown
-from sumo_eval.cosim.records import MOVER, Records, fields, flags
-from sumo_eval.errors import must_be
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.cosim.compiled import Compiled, check_numbers, each_row
+from sumo_eval.cosim.records import fields
+from sumo_eval.kernels import kernel
 
 RESPONSE = 0.35  # s
 BRAKING = 6.0  # m/s2
@@ -47,6 +41,11 @@ class LastMoment:
     braking: float
     response: float
     build_up: float = 0.0
+
+    @property
+    def jerk(self) -> float:
+        """Rate at which the braking builds up, m/s3."""
+        return self.braking / self.build_up if self.build_up > 0.0 else math.inf
 
     def critical_ttc(self, closing_speed: float) -> float:
         """TTC above which a collision has to be avoided, s: `avoidable_ttc`. closing_speed: m/s."""
@@ -67,14 +66,8 @@ def critical_ttc(closing_speed: float) -> float:
     return Reg157.last_moment.critical_ttc(closing_speed)
 
 
-_PARAMETERS = fields("margin", "lead_braking", "standstill_gap")
-_GRANTED = fields("braking", "response", "build_up")
-_MEMORY = [("safety", SAFETY_MEMORY), *fields("told"), *flags("steps")]
-"""safety: its brakes, and where the ego is. told: the acceleration told in this cycle, m/s2. steps: driven so far."""
-
-
 @kernel
-def demands_braking(me: Any, other: Any, p: Any, granted: Any, scenario: Any) -> bool:
+def demands_braking(me: Any, other: Any, p: Any, scenario: Any) -> bool:
     """Whether a vehicle demands braking."""
     intruding = 0.5 * scenario.road.lane_width - me.half_width - INTRUSION  # m, lateral gap of who is in the lane
     if other.x <= me.x or lateral_gap(me, other) > intruding:
@@ -84,55 +77,24 @@ def demands_braking(me: Any, other: Any, p: Any, granted: Any, scenario: Any) ->
         return within_headway(me, other, FOLLOWING_HEADWAY)
     if closing <= 0.0:
         return False
-    return bool(left <= avoidable_ttc(closing, granted) + p.margin + p.standstill_gap / closing)
+    return bool(left <= avoidable_ttc(closing, p.brakes) + p.margin + p.standstill_gap / closing)
 
 
 @kernel
 def reg157_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as the rule makes it."""
-    now, me, sightings, others, p, granted, scenario = scene
-    foresee_all(now, me, sightings, others, after, scenario.step)
+    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as `brake` makes it."""
+    own, known, others, scenario = scene
+    foresee_all(own, known, others, after, scenario.step)
     for j in range(len(others)):
-        if is_in_sight(me, others, j, SHOWING) and demands_braking(me, others[j], p, granted, scenario):
-            return float(granted.braking)
+        if is_in_sight(own.then, others, j, SHOWING) and demands_braking(own.then, others[j], own.p, scenario):
+            return float(own.p.brakes.braking)
     return 0.0
 
 
 @kernel
-def reg157(
-    me: Any, others: Any, memory: Any, sightings: Any, later: Any, p: Any, granted: Any, cycle: Any, scenario: Any,
-    time: float,
-) -> float:  # fmt: skip
-    """Braking while a vehicle ahead demands it, else the speed is kept, as an acceleration, m/s2; decided once a cycle.
-
-    cycle: the scenario, with a cycle as its step.
-    """
-    if memory.steps % round(cycle.step / scenario.step) == 0:
-        safety = memory.safety
-        sight_all(safety, me, others, sightings, cycle.step)
-        scene = (safety.me, safety.then, sightings, later, p, granted, cycle)
-        jerk = granted.braking / granted.build_up if granted.build_up > 0.0 else math.inf
-        memory.told = -follow_demand(
-            safety.braking, reg157_demand, scene, time, granted.response, granted.braking, jerk, cycle.vehicle,
-            cycle.step,
-        )  # fmt: skip
-    memory.steps += 1
-    return float(memory.told)
-
-
-@rows
-def reg157_rows(
-    egos: Records, seen: Records, memory: Records, sightings: Records, later: Records, parameters: Records,
-    granted: Records, cycles: Records, scenario: Records, time: float,
-) -> None:  # fmt: skip
-    """`reg157` for every row."""
-    for i in range(len(egos)):
-        if egos[i].live:
-            egos[i].command.acceleration = reg157(
-                egos[i].seen, seen[i], memory[i], sightings[i], later[i], parameters[i], granted[i], cycles[i],
-                scenario[0], time,
-            )  # fmt: skip
-            egos[i].command.steering = lane_kept(egos[i], scenario[0])
+def reg157(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+    """Braking while a vehicle ahead demands it, else the speed is kept; decided once a cycle."""
+    brake(reg157_demand, ego, others, own, known, later, scenario, time)
 
 
 class Reg157(Compiled):
@@ -144,26 +106,21 @@ class Reg157(Compiled):
     vehicle, a contact at 0 m/s.
     """
 
-    loop = staticmethod(reg157_rows)
+    loop = staticmethod(each_row(reg157))
+    memory, known = SAFETY_MEMORY, SIGHTED
+    numbers: ClassVar = [
+        ("brakes", [*BRAKES[1], *fields("build_up")]),
+        *fields("margin", "lead_braking", "standstill_gap"),
+    ]
     last_moment: ClassVar[LastMoment] = LastMoment("reg157", braking=BRAKING, response=RESPONSE)
 
     def __init__(self, margin: float = 0.1, lead_braking: float = 1.0, standstill_gap: float = 0.1) -> None:
-        for name, value in (("margin", margin), ("lead_braking", lead_braking), ("standstill_gap", standstill_gap)):
-            if not (math.isfinite(value) and value >= 0.0):
-                raise must_be(f"`{name}`", f"ADS `{self.last_moment.ads}`", "a finite number, at least 0", value)
+        check_numbers(self.last_moment.ads, margin=margin, lead_braking=lead_braking, standstill_gap=standstill_gap)
         self.margin = margin
         self.lead_braking = lead_braking
         self.standstill_gap = standstill_gap
 
-    @classmethod
-    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what is remembered of the others, room for where they are foreseen to be, parameters, what is granted
-        and what a cycle is.
-        """
-        count = len(together)
-        granted = records([each.last_moment for each in together], _GRANTED)
-        later = np.zeros((count, others), MOVER)
-        return (
-            np.zeros(count, _MEMORY), unknown(count, others, SIGHTING), later, records(together, _PARAMETERS),
-            granted, cycles_of(scenario, count),
-        )  # fmt: skip
+    @property
+    def brakes(self) -> LastMoment:
+        """What is granted."""
+        return self.last_moment

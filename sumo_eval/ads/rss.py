@@ -7,28 +7,24 @@ constants as in the JRC's implementation. docs/controllers.md lists the readings
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from sumo_eval.ads.braking import follow_demand
-from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, is_in_sight
 from sumo_eval.ads.r157 import (
+    BRAKES,
     HUMAN_BRAKING,
     HUMAN_JERK,
     SAFETY_MEMORY,
     SHOWING,
-    SIGHTING,
+    SIGHTED,
+    Brakes,
+    brake,
     closing_across,
     foresee_all,
     lateral_gap,
-    sight_all,
 )
-from sumo_eval.cosim.compiled import Compiled, unknown
-from sumo_eval.cosim.records import MOVER, Records
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.cosim.compiled import Compiled, each_row
+from sumo_eval.kernels import kernel
 
 RESPONSE = 0.75  # rho, s
 ACCELERATION = 3.0  # a, m/s2, of the ego within the response time
@@ -56,9 +52,10 @@ def lateral_safe_distance(lateral_speed: float) -> float:
 
 @kernel
 def rss_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as the rule makes it."""
-    now, me, sightings, others, scenario = scene
-    foresee_all(now, me, sightings, others, after, scenario.step)
+    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as `brake` makes it."""
+    own, known, others, scenario = scene
+    foresee_all(own, known, others, after, scenario.step)
+    me = own.then
     for j in range(len(others)):
         other = others[j]
         if not is_in_sight(me, others, j, SHOWING):
@@ -72,37 +69,15 @@ def rss_demand(scene: Any, after: float) -> float:
 
 @kernel
 def responsibility_sensitive_safety(
-    me: Any, others: Any, memory: Any, sightings: Any, later: Any, scenario: Any, time: float
-) -> float:
-    """0.774 g while unsafe, the speed kept while safe, as an acceleration, m/s2."""
-    sight_all(memory, me, others, sightings, scenario.step)
-    scene = (memory.me, memory.then, sightings, later, scenario)
-    return -follow_demand(
-        memory.braking, rss_demand, scene, time, RESPONSE, HUMAN_BRAKING, HUMAN_JERK, scenario.vehicle, scenario.step
-    )
-
-
-@rows
-def rss_rows(
-    egos: Records, seen: Records, memory: Records, sightings: Records, later: Records, scenario: Records,
-    time: float,
-) -> None:  # fmt: skip
-    """`responsibility_sensitive_safety` for every row."""
-    for i in range(len(egos)):
-        if egos[i].live:
-            egos[i].command.acceleration = responsibility_sensitive_safety(
-                egos[i].seen, seen[i], memory[i], sightings[i], later[i], scenario[0], time
-            )
-            egos[i].command.steering = lane_kept(egos[i], scenario[0])
+    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+) -> None:
+    """0.774 g while unsafe, the speed kept while safe, decided at every step."""
+    brake(rss_demand, ego, others, own, known, later, scenario[:1], time)
 
 
 class ResponsibilitySensitiveSafety(Compiled):
     """ADS `rss`: full braking while a vehicle ahead violates both distances, `RESPONSE` s after one first did."""
 
-    loop = staticmethod(rss_rows)
-
-    @classmethod
-    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what is remembered of the others, and room for where they are foreseen to be."""
-        count = len(together)
-        return np.zeros(count, SAFETY_MEMORY), unknown(count, others, SIGHTING), np.zeros((count, others), MOVER)
+    loop = staticmethod(each_row(responsibility_sensitive_safety))
+    memory, known, numbers = SAFETY_MEMORY, SIGHTED, [BRAKES]
+    brakes = Brakes(RESPONSE, HUMAN_BRAKING, HUMAN_JERK)

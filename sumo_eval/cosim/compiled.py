@@ -6,16 +6,19 @@ that the loop keeps, a row each. The same object can be driven through TraCI, a 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
-from sumo_eval.cosim.records import EGO, MOVER, Records
+from sumo_eval.cosim.records import EGO, MOVER, Layout, Records, fields, flags
 from sumo_eval.cosim.step_rules import show
 from sumo_eval.cosim.sumo.insides import vehicles
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import described, write_way
+from sumo_eval.errors import must_be
+from sumo_eval.kernels import kernel
 from sumo_eval.kernels import rows as compiled_rows
 from sumo_eval.scenario.road.reference_line import frame_places, knots_of
 
@@ -28,19 +31,51 @@ def _show_rows(movers: Records, bodies: Any, line: Records, rear: float) -> None
         show(movers[i], body[0], body[1], body[2], body[3], body[4], body[5], line, own)
 
 
-def records(objects: Sequence[Any], layout: list[tuple[str, Any]]) -> Records:
-    """A record for each object, of its attributes."""
-    rows = [tuple(getattr(each, name) for name, _ in layout) for each in objects]
-    return np.array(rows, dtype=layout)
+def each_row(rule: Callable[..., None]) -> Callable[..., None]:
+    """Loop of a rule: calls it for every live row.
+
+    rule: kernel of the ego, the `MOVER` records of the others, the row's own record, one of each other vehicle, room
+    for where those are foreseen, the two `SCENARIO` records, and the time, s.
+    """
+
+    @compiled_rows
+    def loop(
+        egos: Records, seen: Records, own: Records, known: Records, later: Records, scenario: Records, time: float
+    ) -> None:
+        for i in range(len(egos)):
+            if egos[i].live:
+                rule(egos[i], seen[i], own[i], known[i], later[i], scenario, time)
+
+    return loop
 
 
-def unknown(count: int, others: int, layout: list[tuple[str, Any]]) -> Records:
-    """Memories of vehicles that nobody has seen yet, (count, others): nan in every field that is a number."""
-    found = np.zeros((count, others), layout)
-    for name, kind in layout:
-        if kind == "f8":
-            found[name] = np.nan
-    return found
+@kernel
+def decides(own: Any, scenario: Any) -> bool:
+    """Whether a cycle, the step of the last scenario, begins now. Call once a step. own: holds `steps` so far."""
+    own.steps += 1
+    return bool((own.steps - 1) % round(scenario[-1].step / scenario[0].step) == 0)
+
+
+def _numbers(thing: Any, layout: Layout) -> tuple[Any, ...]:
+    """Attributes of an object as a record."""
+    values = ((getattr(thing, name), kind) for name, kind in layout)
+    return tuple(_numbers(value, kind) if isinstance(kind, list) else value for value, kind in values)
+
+
+def unknown(count: int, others: int, layout: Layout) -> Records:
+    """Memories of vehicles that no rule has seen yet, (count, others): nan in every field that is a number."""
+
+    def row(layout: Layout) -> tuple[Any, ...]:
+        return tuple(row(kind) if isinstance(kind, list) else math.nan if kind == "f8" else 0 for _, kind in layout)
+
+    return np.full((count, others), np.array(row(layout), layout))
+
+
+def check_numbers(ads: str, **numbers: float) -> None:
+    """Raises InputError for a number of an ADS that is not finite or negative."""
+    for name, value in numbers.items():
+        if not (math.isfinite(value) and value >= 0.0):
+            raise must_be(f"`{name}`", f"ADS `{ads}`", "a finite number, at least 0", value)
 
 
 class Compiled:
@@ -48,17 +83,31 @@ class Compiled:
 
     loop: the rows of its rule, called with the egos, what is seen of the others, the arrays, the scenario and the time;
     writes the egos' commands, and whether they have settled.
+    memory, known: layouts of what the rule remembers of a case, 0 at first, and of each other vehicle, nan at first.
+    numbers: layout of `p` in the memory, which holds the attributes of the object.
     """
 
     loop: ClassVar[Callable[..., None]]
+    memory: ClassVar[Layout] = flags("steps")
+    known: ClassVar[Layout] = fields("last_speed")
+    numbers: ClassVar[Layout] = fields()
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
         """What the loop wants between what is seen and the scenario, a row for each of these objects.
 
-        scenario: a `SCENARIO` record in an array of one. others: how many other vehicles there are.
+        scenario: the `SCENARIO` records. others: how many other vehicles there are.
         """
-        raise NotImplementedError
+        known = unknown(len(together), others, cls.known)
+        return cls.own_records(together), known, np.zeros(known.shape, MOVER)
+
+    @classmethod
+    def own_records(cls, together: Sequence[Any]) -> Records:
+        """Memory and parameters of each object, (n,)."""
+        own = np.zeros(len(together), [*cls.memory, ("p", cls.numbers)] if cls.numbers else cls.memory)
+        if cls.numbers:
+            own["p"] = np.array([_numbers(each, cls.numbers) for each in together], cls.numbers)
+        return own
 
     @classmethod
     def rides(cls, target: Any) -> bool:

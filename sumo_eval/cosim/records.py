@@ -20,12 +20,16 @@ Records = NDArray[Any]
 """A structured array; each is made in one place, as every other type of it would be compiled again."""
 
 
-def fields(*names: str) -> list[tuple[str, Any]]:
+Layout = list[tuple[str, Any]]
+"""Fields of a record and their types."""
+
+
+def fields(*names: str) -> Layout:
     """Fields of a record that are numbers."""
     return [(name, "f8") for name in names]
 
 
-def flags(*names: str) -> list[tuple[str, Any]]:
+def flags(*names: str) -> Layout:
     """Fields of a record that are counts, codes, or 0 and 1."""
     return [(name, "i8") for name in names]
 
@@ -88,7 +92,12 @@ SCENARIO = np.dtype(
         *fields("step", "time_limit", "standstill_speed", "standstill_time"), *flags("end_when_decided"),
     ]
 )  # fmt: skip
-"""What all rows share; `road`, `vehicle` and `step` as in a `Briefing`."""
+"""What all rows share; `road`, `vehicle` and `step` as in a `Briefing`. There are two: the second has a cycle as its
+step, in which a rule that jumps decides once."""
+CYCLE = 0.05
+"""s from one decision to the next, or a step where that is longer. A rule that releases the brake below a threshold
+exceeds it again at once: the finer the step, the more often. So what it does depends on when it looks: once a cycle, as
+a control unit does. The step of the simulation may be any part of that."""
 
 SUMO, MODEL, PLANT = 0, 1, 2  # who moves the ego
 REASONS: tuple[EndReason | None, ...] = (

@@ -22,6 +22,7 @@ from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.cosim.latency import Latencies
 from sumo_eval.cosim.records import (
     CLIP,
+    CYCLE,
     EGO,
     LIMITS,
     MODEL,
@@ -58,7 +59,7 @@ _ARRIVED = 0.101  # m before the end of the last lane, nearer than which SUMO ta
 
 
 def described(road: Road, vehicle: VehicleSettings, step: float, settings: SimulationSettings | None = None) -> Records:
-    """What the rows of a case, or of many like it, share: a `SCENARIO` record in an array of one.
+    """What the rows of a case, or of many like it, share: the two `SCENARIO` records.
 
     settings: when cases end; None: nobody asks.
     """
@@ -68,7 +69,7 @@ def described(road: Road, vehicle: VehicleSettings, step: float, settings: Simul
 
 @lru_cache(maxsize=16)
 def _described(road: Road, vehicle: VehicleSettings, step: float, ends: tuple[float, ...] | None) -> Records:
-    found = np.zeros(1, SCENARIO)
+    found = np.zeros(2, SCENARIO)
     for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
         found["road"][name] = getattr(road, name)
     for side, lane in (("right", 0), ("left", road.lanes - 1)):
@@ -77,7 +78,7 @@ def _described(road: Road, vehicle: VehicleSettings, step: float, ends: tuple[fl
             found["road"][f"{side}_{name}"] = place
     for name, _ in LIMITS:
         found["vehicle"][name] = getattr(vehicle, name)
-    found["step"] = step
+    found["step"] = step, max(round(CYCLE / step), 1) * step
     for name, value in zip(_ENDS, ends or (), strict=ends is not None):
         found[name] = value
     return found

@@ -17,6 +17,7 @@ from sumo_eval.ads.braking import (
     released_level,
     switched,
 )
+from sumo_eval.ads.r157 import Brakes
 from sumo_eval.cosim.vehicle_model import drive
 from sumo_eval.settings import VehicleSettings
 
@@ -85,7 +86,7 @@ def test_law_a_release_takes_off_what_it_is_to(step):
 def test_law_a_demand_that_ends_within_every_step_is_braked_for_all_the_same():
     # As one does that ends when the ego stands: 0.2 m/s2 on the mean of 40 steps are 0.4 m/s, owed for a step at most.
     path = SimpleNamespace(level=0.0, brakes=0.0, owed=0.0)
-    told = [(path_command(path, 0.01, True, math.inf, 6.0, VEHICLE, 0.05), 0.05) for _ in range(40)]
+    told = [(path_command(path, 0.01, True, Brakes(0.0, 6.0, math.inf), VEHICLE, 0.05), 0.05) for _ in range(40)]
     assert lost(0.0, told) == pytest.approx(0.4, abs=0.01)
 
 
@@ -103,8 +104,9 @@ def test_a_demand_that_jumps_within_a_step_counts_from_there(step, jumps_at):
     for count in range(round(1.0 / step)):
         time = count * step
         told = follow_demand(
-            brakes, lambda now, after: 4.0 if now + after < jumps_at else 6.0, time, time, 0.1, 7.0, 12.0, VEHICLE, step
-        )
+            brakes, lambda now, after: 4.0 if now + after < jumps_at else 6.0, time, time, Brakes(0.1, 7.0, 12.0),
+            VEHICLE, step,
+        )  # fmt: skip
         acceleration, speed, _ = drive(speed, acceleration, -told, VEHICLE, step)
     expected = 4.0 * 0.9 - 16.0 / 24.0 + 2.0 * (1.0 - jumps_at) - 4.0 / 24.0
     assert 40.0 - speed == pytest.approx(expected, abs=1e-3)

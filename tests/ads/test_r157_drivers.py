@@ -17,6 +17,7 @@ from sumo_eval.ads.fuzzy_safety_model import (
 )
 from sumo_eval.ads.r157 import (
     SIGHTING,
+    Brakes,
     brake_ramp,
     brake_ramp_lost,
     closing_across,
@@ -155,7 +156,8 @@ def safety_braking():
 
 def told(brakes, demand, time, reaction):
     """What brakes that rise at 20 m/s3 to 6 m/s2 are told in a step of 0.1 s while `demand` m/s2 is demanded."""
-    return follow_demand(brakes, lambda scene, after: demand, None, time, reaction, 6.0, 20.0, VehicleSettings(), 0.1)
+    human = Brakes(reaction, 6.0, 20.0)
+    return follow_demand(brakes, lambda scene, after: demand, None, time, human, VehicleSettings(), 0.1)
 
 
 def test_safety_braking_begins_and_rises_within_its_step():
@@ -272,7 +274,7 @@ def test_the_fuzzy_model_as_printed_comes_to_rest_against_a_standing_vehicle_and
 
 
 def test_the_margin_of_the_fuzzy_model_is_a_distance():
-    with pytest.raises(InputError, match="`standstill_gap` of ADS `fsm` must be a finite number, at least 0 m"):
+    with pytest.raises(InputError, match="`standstill_gap` of ADS `fsm` must be a finite number, at least 0"):
         FuzzySafetyModel(standstill_gap=-0.1)
 
 
