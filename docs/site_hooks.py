@@ -122,6 +122,38 @@ def _board_rows(path: Path, suite: dict[str, Any], parts: dict[str, str]) -> lis
     return rows
 
 
+MOVED = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>Moved</title><meta http-equiv="refresh" content="0; url={to}">
+<link rel="canonical" href="{to}"></head><body><p>This page moved to <a href="{to}">{to}</a>.</p></body></html>
+"""
+"""A page at an old address."""
+
+
+def moved_pages(rows: dict[str, str], pages: set[str]) -> dict[str, str]:
+    """The pages at old addresses, by address. Raises ValueError for a row that names no page or hides one.
+
+    rows: new address, perhaps with a heading, by old address, both ending in `.md`.
+    pages: addresses of the site's pages, ending in `.md`.
+    """
+    made = {}
+    for old, new in rows.items():
+        page, mark, heading = new.partition("#")
+        if old in pages or page not in pages:
+            raise ValueError(f"mkdocs.yml, redirects: must lead from no page to a page, got `{old}: {new}`.")
+        to = f"{'../' * old.count('/')}{page.removesuffix('.md')}.html{mark}{heading}"
+        made[f"{old.removesuffix('.md')}.html"] = MOVED.format(to=to)
+    return made
+
+
+def on_env(env: Any, config: Any, files: Files) -> None:
+    """Write the pages at old addresses."""
+    pages = {file.src_uri for file in files.documentation_pages()}
+    for address, text in moved_pages(config.extra["redirects"] or {}, pages).items():
+        place = Path(config.site_dir, address)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text, encoding="utf-8")
+
+
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Turn links, render formulas."""
     here = page.file.src_uri

@@ -57,6 +57,30 @@ def test_every_page_is_in_the_menu() -> None:
     assert {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")} <= set(listed)
 
 
+def redirects() -> dict[str, str]:
+    """The rows of mkdocs.yml: new address by old address."""
+    rows = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("  redirects:\n")[1].split("\nvalidation:")[0]
+    return dict(re.findall(r"^    (\S+): (\S+)$", rows, flags=re.M))
+
+
+def test_old_addresses_lead_to_pages() -> None:
+    pages = {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")}
+    made = hooks().moved_pages(redirects(), {*pages, "gallery.md", "project/glossary.md"})
+    assert len(made) == len(redirects())
+
+
+def test_old_address_leads_up_and_to_a_heading() -> None:
+    (page,) = hooks().moved_pages({"ads/old.md": "run.md#part"}, {"run.md"}).items()
+    assert page[0] == "ads/old.html"
+    assert 'url=../run.html#part"' in page[1]
+
+
+@pytest.mark.parametrize("row", [{"run.md": "run.md"}, {"old.md": "gone.md"}])
+def test_wrong_redirect_is_refused(row: dict[str, str]) -> None:
+    with pytest.raises(ValueError, match="redirects"):
+        hooks().moved_pages(row, {"run.md"})
+
+
 def hooks() -> Any:
     """What the site does to its pages, as a module."""
     spec = importlib.util.spec_from_file_location("site_hooks", DOCS / "site_hooks.py")
