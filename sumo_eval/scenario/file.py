@@ -12,11 +12,8 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.scenario.builder import built
 from sumo_eval.scenario.first_places import STANDARD_EGO, misplaced
-from sumo_eval.scenario.logical import (
-    LogicalScenario,
-)
+from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.reachable import leaves_at, never_begin
 from sumo_eval.scenario.tables import ScenarioFile
 from sumo_eval.settings import SimulationSettings
@@ -47,7 +44,7 @@ def scenario_from(
     except ValidationError as error:
         raise InputError(mistakes(error, where, ScenarioFile)) from None
     table, options = _with_options(table, given or {})
-    return built(table, options, where, folder)
+    return table.logical(options, where, folder)
 
 
 def _with_options(table: ScenarioFile, given: Mapping[str, str]) -> tuple[ScenarioFile, dict[str, float]]:

@@ -207,7 +207,7 @@ class LogicalScenario:
     constraints: tuple[Constraint, ...]
     road: Road
     place: Callable[[Mapping[str, float]], tuple[Start, tuple[Actor, ...]]]
-    approach: Callable[[Values], Approach] | None
+    approach: Callable[[Values], Approach] | None = None
     exposure: Callable[[Values], FloatArray] = uniform_exposure
     exposure_about: str = "uniform: every concrete scenario counts the same"
     ego_body: EgoBody | None = None

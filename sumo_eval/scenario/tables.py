@@ -1,18 +1,49 @@
-"""What may stand in a scenario file: its tables and keys, each with its unit, checked as they are read."""
+"""What may stand in a scenario file: its tables and keys, each with its unit, and what each table makes of itself."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Annotated, Literal
+import hashlib
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, MinLen
 
-from sumo_eval.scenario.road.lanes import CrossingTable, LaneTable
-from sumo_eval.scenario.road.table import PieceTable
+from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.distribution import Distribution
+from sumo_eval.scenario.expression import checked_names, condition, number
+from sumo_eval.scenario.joint import Joint, read_joint
+from sumo_eval.scenario.logical import (
+    Constraint,
+    Counterpart,
+    LogicalScenario,
+    Met,
+    NamedSample,
+    Option,
+    Parameter,
+)
+from sumo_eval.scenario.parts import (
+    Condition,
+    Definitions,
+    Exposure,
+    Formula,
+    Formulas,
+    Names,
+    Quantity,
+)
+from sumo_eval.scenario.requirement import Requirements, requirement
+from sumo_eval.scenario.road.lanes import CrossingTable, LaneTable, crossings_of, spans_of
+from sumo_eval.scenario.road.opendrive import read_opendrive
+from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, line_of
+from sumo_eval.scenario.streams import StreamTable
+from sumo_eval.scenario.sumo_network import read_road
+from sumo_eval.scenario.units import check_unit, check_uses, factor_to
+from sumo_eval.scenario.vehicle_tables import EgoTable, Place, VehicleTable
+from sumo_eval.scenario.zone_table import ZoneTable
 from sumo_eval.settings import About, Checked, Positive
-
-Formula = str | float
-"""In a file: a number, or an expression of the parameters and definitions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +62,46 @@ class ParameterTable(Checked):
         About("how often values are met: `name` of a continuous distribution of scipy.stats, and its arguments"),
     ] = None
 
+    def read(self, where: str) -> Parameter:
+        """The axis. where: how errors call the file."""
+        owner = f"parameter `{self.name}` of {where}"
+        if not self.name.isidentifier():
+            raise must_be("The name", owner, "letters, digits and underscores", self.name)
+        ranged = {"low": self.low, "high": self.high, "step": self.step}
+        check_unit(self.unit, owner, ranged)
+        low, high, step = self.low, self.high, self.step
+        if bool(self.values) == any(value is not None for value in ranged.values()):
+            raise InputError(f"{owner} must have either low, high and step, or values.".capitalize())
+        if self.values:
+            if len(self.values) < 2:
+                raise must_be("`values`", owner, "at least two numbers", list(self.values))
+            low, high = self.values[0], self.values[-1]
+            step = min(b - a for a, b in itertools.pairwise(self.values))
+            if step <= 0:
+                raise must_be("`values`", owner, "ascending", list(self.values))
+        elif missing := [key for key, value in ranged.items() if value is None]:
+            raise InputError(f"`{missing[0]}` of {owner} is missing.")
+        assert low is not None
+        assert high is not None
+        assert step is not None
+        spread = self._spread(owner)
+        parameter = Parameter(self.name, low, high, step, self.unit, self.about, self.values, spread)
+        if spread is not None and not spread.inside(low, high) > 0.0:
+            raise must_be(f"Distribution {spread}", owner, f"possible within {low:g}..{high:g}", 0.0)
+        return parameter
+
+    def _spread(self, owner: str) -> Distribution | None:
+        if self.distribution is None:
+            return None
+        arguments = dict(self.distribution)
+        name = arguments.pop("name", None)
+        if not isinstance(name, str):
+            raise InputError(f"The distribution of {owner} must have a `name`.")
+        for key, value in arguments.items():
+            if isinstance(value, str):
+                raise must_be(f"`{key}`", f"the distribution of {owner}", "a number", value)
+        return Distribution.of(name, arguments, owner)  # type: ignore[arg-type]  # no texts are left
+
 
 @dataclass(frozen=True, slots=True)
 class ConstraintTable(Checked):
@@ -38,6 +109,12 @@ class ConstraintTable(Checked):
 
     require: Annotated[str, About("a condition on the parameters, e.g. `lead_speed < ego_speed`")]
     about: Annotated[str, About("the same in words: the point must be ...")] = ""
+
+    def read(self, names: Names, definitions: Definitions) -> Constraint:
+        """The condition on points."""
+        expression = checked_names(condition(self.require, names.where), names.known, names.where)
+        holds = Condition(Formulas.of(definitions, expression))
+        return Constraint(self.about or f"one where {self.require}", holds, holds.room)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,162 +142,53 @@ class RoadTable(Checked):
     lane: Annotated[tuple[LaneTable, ...], About("lanes that open, end, or are ramps; `lanes` counts them")] = ()
     crossing: Annotated[tuple[CrossingTable, ...], About("roads that cross this one")] = ()
 
+    def read(self, end: float, options: Mapping[str, float], where: str, folder: Path, *, reacts: bool) -> Road:
+        """The road, judged to x = `end`, m. reacts: whether a model of SUMO's drives somebody on it."""
+        owner = f"[road] of {where}"
+        for source in ("network", "opendrive"):
+            for key in ("lane", "crossing", "line") if getattr(self, source) is not None else ():
+                if getattr(self, key):
+                    does = f"`road.{key}` of {where} {'draws' if key == 'line' else 'shapes'} a road that is written"
+                    raise InputError(f"{does}, and there is one already: `{source}`.")
+        if self.opendrive_road is not None and self.opendrive is None:
+            raise InputError(f"`road.opendrive_road` of {where} names a road of an `opendrive`: there is none.")
+        if self.opendrive is not None:
+            if self.network is not None or self.edges:
+                raise InputError(f"{owner} must have either `network` or `opendrive`.")
+            return self._of_opendrive(folder / self.opendrive, end, where)
+        if self.network is not None:
+            read = read_road(folder / self.network, self.edges, end)
+            return replace(read, network=None) if reacts else read  # shadows of bodies have lanes in ours alone
+        if self.edges:
+            raise InputError(f"`road.edges` of {where} name edges of a `network`, and there is none.")
+        if end > self.length:
+            raise must_be("`end.x`", where, f"at most the road's length {self.length:g}", end)
+        line = line_of(self.line, options, self.lanes, self.lane_width, self.length, where)
+        name = self.name or f"road_{self.lanes}x{self.lane_width:g}m_{end:g}m_of_{self.length:g}m"
+        name += bend_name(line, named=self.name is not None)
+        spans = spans_of(self.lane, self.lanes, self.length, where)
+        crossings = crossings_of(self.crossing, self.length, line, where)
+        if self.name is None and (spans or crossings):
+            name += _hashed((spans, crossings))
+        return Road(
+            name, end, self.lanes, self.lane_width, self.length - end, line=line, spans=spans, crossings=crossings
+        )
 
-@dataclass(frozen=True, slots=True)
-class EgoTable(Checked):
-    """The vehicle under test."""
-
-    speed: Annotated[Formula, About("speed at the start", "m/s")]
-    x: Annotated[Formula, About("centre along the road at the start", "m")] = 50.0
-    y: Annotated[Formula, About("centre across the road, left of the right lane's centre line", "m")] = 0.0
-    lateral_speed: Annotated[
-        Formula, About("speed to the left with which it starts, below `speed`; it heads that way", "m/s")
-    ] = 0.0
-    length: Annotated[float | None, Positive, About("body; default: as in the vehicle settings", "m")] = None
-    width: Annotated[float | None, Positive, About("body; default: as in the vehicle settings", "m")] = None
-    goal_lane: Annotated[int | None, Ge(0), About("lane beside its first one that it has to change to; 0: right")] = (
-        None
-    )
-    change_from: Annotated[
-        float | None, Positive, About("with `goal_lane`: its centre's x from which on it may", "m")
-    ] = None
-    change_by: Annotated[
-        float | None,
-        Positive,
-        About("by which it must; default: where its lane ends or the ramp of the other begins", "m"),
-    ] = None
-    recorded: Annotated[
-        tuple[tuple[float, float], ...],
-        About(
-            "where somebody was who drove here in its place: its centre along and across the road, every 0.1 s from "
-            "the start on; `departed` in a condition is the ego's distance from it",
-            "m",
-        ),
-    ] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class ManoeuvreTable(Checked):
-    """What another vehicle does, from `begin` on."""
-
-    do: Annotated[
-        Literal[
-            "keep_speed",
-            "brake",
-            "change_lane",
-            "move_sideways",
-            "accelerate",
-            "speed_profile",
-            "sinus",
-            "path",
-            "follow",
-            "change_lane_cosine",
-        ],
-        About(
-            "keep_speed; brake to a standstill; change_lane smoothly in `duration`; change_lane_cosine along half a "
-            "cosine, OpenSCENARIO's sinusoidal; move_sideways at `speed`; "
-            "accelerate to `speed`; speed_profile through `speeds` at `times` or `places`; sinus, a swing to both "
-            "sides; path through `points` or `lanes` at `places`; follow, as a model of SUMO's that reacts, from the "
-            "start on or, as the last of several, from `when` on"
-        ),
-    ]
-    name: Annotated[str, About("name, for `ended(vehicle, name)` in a condition")] = ""
-    begin: Annotated[Formula, About("when it begins; with `when`: how long after its condition holds", "s")] = 0.0
-    when: Annotated[
-        str | None, MinLen(1), About("it begins when this holds, e.g. `ttc(ego, child) < 2`; default: at `begin`")
-    ] = None
-    deceleration: Annotated[Formula | None, About("of `brake`; of `follow`: comfortable", "m/s2")] = None
-    jerk: Annotated[
-        Formula | None, About("of `brake`, `accelerate`: how fast it builds up; default: at once", "m/s3")
-    ] = None
-    duration: Annotated[Formula | None, About("of `change_lane`, `change_lane_cosine`", "s")] = None
-    speed: Annotated[
-        Formula | None,
-        About("of `move_sideways`; `accelerate`: the one it leads to; `follow`: the one that it wants", "m/s"),
-    ] = None
-    acceleration: Annotated[
-        Formula | None,
-        About(
-            "of `move_sideways`: how fast its speed builds up, default at once; of `accelerate`, either sign of the "
-            "change; of `sinus`, the largest; of `follow`, the largest",
-            "m/s2",
-        ),
-    ] = None
-    offset: Annotated[Formula | None, About("of moves to a side: how far to the left, negative to the right", "m")] = (
-        None
-    )
-    cycles: Annotated[float | None, Positive, About("of `sinus`: swings, each to one side and back")] = None
-    times: Annotated[tuple[Formula, ...], About("of `speed_profile`: since its begin", "s")] = ()
-    places: Annotated[tuple[Formula, ...], About("of `speed_profile`, `path`: of its centre along the road", "m")] = ()
-    speeds: Annotated[tuple[Formula, ...], About("of `speed_profile`, at its times or places", "m/s")] = ()
-    points: Annotated[
-        tuple[tuple[Formula, Formula], ...],
-        About("of `path`: along and across the road, straight from one to the next", "m"),
-    ] = ()
-    lanes: Annotated[
-        tuple[int, ...],
-        About("of `path`, instead of points: in the middle of which lane it is at its places; 0: right"),
-    ] = ()
-    model: Annotated[
-        Literal["Krauss", "IDM", "EIDM"] | None, About("of `follow`: SUMO's car-following model, without noise")
-    ] = None
-    headway: Annotated[Formula | None, About("of `follow`: time headway that it keeps, default 1", "s")] = None
-    min_gap: Annotated[Formula | None, About("of `follow`: gap to a standing vehicle, default 2.5", "m")] = None
+    def _of_opendrive(self, path: Path, end: float, where: str) -> Road:
+        read = read_opendrive(path, self.opendrive_road)
+        if end > read.length:
+            raise must_be("`end.x`", where, f"at most the road's length {read.length:.1f} m", end)
+        check_line(read.line, read.lanes, read.lane_width, f"the road of {path.name}")
+        if read.spans and read.line:
+            raise InputError(f"The road of {path.name} must be straight where its outermost lane opens or ends.")
+        name = (self.name or path.stem) + bend_name(read.line, named=False)
+        name += _hashed(read.spans) if read.spans else ""
+        return Road(name, end, read.lanes, read.lane_width, read.length - end, line=read.line, spans=read.spans)
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleTable(Checked):
-    """Another vehicle: keeps its speed, unless a manoeuvre says otherwise."""
-
-    name: Annotated[str, MinLen(1), About("name")]
-    speed: Annotated[Formula, About("speed at the start", "m/s")]
-    gap: Annotated[Formula | None, About("from the ego's front bumper to its rear at the start", "m")] = None
-    gap_behind: Annotated[
-        Formula | None, About("instead of gap: from its front bumper to the ego's rear at the start", "m")
-    ] = None
-    x: Annotated[Formula | None, About("instead of gap: its centre along the road", "m")] = None
-    y: Annotated[Formula, About("centre across the road, left of the right lane's centre line", "m")] = 0.0
-    heading: Annotated[
-        Formula | None, About("where it points and drives, to the left of the road; default 0", "deg")
-    ] = None
-    lateral_speed: Annotated[
-        Formula | None, About("instead of heading: across the road at the start, to the left; `speed` is along", "m/s")
-    ] = None
-    body: Annotated[
-        Literal["car", "van", "truck", "motorcycle", "bicycle", "pedestrian", "child"],
-        About("what it is: its size, its class in SUMO, how it is drawn"),
-    ] = "car"
-    length: Annotated[float | None, Positive, About("body; default: as the body has it, 4.5 of a car", "m")] = None
-    width: Annotated[float | None, Positive, About("body; default: as the body has it, 1.8 of a car", "m")] = None
-    slides: Annotated[bool, About("keeps its heading while it moves across, instead of pointing where it goes")] = False
-    on_map: Annotated[
-        bool,
-        About(
-            "x, y and heading are on the map of a road that bends, from the line's beginning: it drives straight there"
-        ),
-    ] = False
-    manoeuvre: Annotated[tuple[ManoeuvreTable, ...], About("what it does")] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class StreamTable(Checked):
-    """Traffic of a given density: vehicles one behind the other in a lane, each driven by a model of SUMO's."""
-
-    name: Annotated[str, MinLen(1), About("name; its vehicles are name_1, name_2, ... from the foremost back")]
-    lane: Annotated[int, Ge(0), About("lane; 0 is the right-hand one")]
-    begin: Annotated[Formula, About("its end at the back, ahead of the ego's centre; negative: behind", "m")]
-    end: Annotated[Formula, About("its end at the front, ahead of the ego's centre", "m")]
-    density: Annotated[Formula, About("vehicles on a kilometre of the lane", "1/km")]
-    speed: Annotated[Formula, About("mean speed, which each keeps where nobody is in its way", "m/s")]
-    speed_spread: Annotated[float, Ge(0.0), About("speeds differ by at most that, evenly", "m/s")] = 0.0
-    spacing_spread: Annotated[float, Ge(0.0), About("distances differ by at most that share of their mean")] = 0.3
-    seed: Annotated[int, Ge(0), About("what speeds and distances are drawn from")] = 0
-    model: Annotated[Literal["Krauss", "IDM", "EIDM"], About("SUMO's car-following model, without noise")] = "IDM"
-    headway: Annotated[Formula, About("time headway that each keeps", "s")] = 1.0
-    min_gap: Annotated[Formula, About("gap to a standing vehicle", "m")] = 2.5
-    acceleration: Annotated[Formula, About("largest acceleration", "m/s2")] = 2.6
-    deceleration: Annotated[Formula, About("comfortable deceleration", "m/s2")] = 4.5
-    body: Annotated[Literal["car", "van", "truck", "motorcycle"], About("what they are")] = "car"
+def _hashed(shape: object) -> str:
+    """What the shape of a road adds to its name."""
+    return f"_{hashlib.sha256(repr(shape).encode()).hexdigest()[:6]}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,31 +201,6 @@ class EndTable(Checked):
         float | None,
         Positive,
         About("how long the ego must stand, for scenes in which it has to go on; default: the simulation's own", "s"),
-    ] = None
-
-
-@dataclass(frozen=True, slots=True)
-class ZoneTable(Checked):
-    """What the zones are computed from: the approach to one vehicle under ideal braking (Eqs. 1-6), or a margin."""
-
-    obstacle: Annotated[str, About("the vehicle that is in the way")] = ""
-    margin: Annotated[
-        Formula | None,
-        About("instead of all else here: what is left to spare of a limit that is known; hazardous from 0 down", "m"),
-    ] = None
-    delay: Annotated[Formula, About("before ideal braking begins", "s")] = 0.0
-    gap: Annotated[Formula | None, About("bumper to bumper at the start; default: the obstacle's", "m")] = None
-    conflict_begin: Annotated[Formula, About("before it the obstacle is not in the way", "s")] = 0.0
-    passing_length: Annotated[
-        float | None, Positive, About("an ego further ahead than that when the conflict begins has passed", "m")
-    ] = None
-    conflict: Annotated[
-        bool,
-        About("criticality by the time until both would touch on their ways, from all sides; default: along the road"),
-    ] = False
-    coordinates: Annotated[
-        dict[str, Formula] | None,
-        About("in words = expression: in which the criticality is smooth; default: the parameters"),
     ] = None
 
 
@@ -280,6 +223,38 @@ class SampleTable(Checked):
     set: Annotated[dict[str, Formula], About("parameter = expression of those that rows and `each` hold")] = field(
         default_factory=dict
     )
+
+    def read(self, names: Names, units: Mapping[str, str]) -> NamedSample:
+        """The points, each in the order of the parameters. units: of the parameters by name."""
+        owner = f"sample `{self.name}` of {names.where}"
+        for name in (*self.columns, *self.each, *self.set):
+            if name not in units:
+                raise unknown(f"parameter in {owner}:", name, units)
+        columns = self.columns or [name for name in units if name not in self.each and name not in self.set]
+        held = names.distinct([*columns, *self.each, *self.set], "parameter", owner)
+        for name in units:
+            if name not in held:
+                raise InputError(f"Parameter `{name}` of {owner} is missing: `columns`, `each` or `set` must have it.")
+        for name in self.units:
+            if name not in columns:
+                raise unknown(f"column in `units` of {owner}:", name, columns)
+        factors = [
+            factor_to(units[name], self.units.get(name, units[name]), f"column `{name}` of {owner}") for name in columns
+        ]
+        given = [*self.each, *columns]
+        derived = {
+            name: Quantity(name, owner, checked_names(number(formula, f"`set.{name}` of {owner}"), given, owner))
+            for name, formula in self.set.items()
+        }
+        points = []
+        for further, row in itertools.product(itertools.product(*self.each.values()), self.points):
+            if len(row) != len(columns):
+                raise must_be("Each point", owner, f"{len(columns)} numbers", list(row))
+            scaled = [value * factor for value, factor in zip(row, factors, strict=True)]
+            values = dict(zip(given, (*further, *scaled), strict=True))
+            values |= {name: quantity.at(values) for name, quantity in derived.items()}
+            points.append(tuple(values[name] for name in units))
+        return NamedSample(self.name, self.about or self.name, tuple(points))
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,6 +296,17 @@ class JointTable(Checked):
     ] = "kde"
     bandwidth: Annotated[float | None, Positive, About("kernel deviation over the data's; default: Scott's")] = None
 
+    def read(self, parameters: Sequence[Parameter], where: str, folder: Path) -> Joint:
+        """The density. folder: where the path of its events starts."""
+        for item in parameters:
+            if item.distribution is not None or item.values:
+                raise InputError(
+                    f"Parameter `{item.name}` of {where} must have a range and no distribution: [joint] says how often "
+                    "its values are met."
+                )
+        box = [item.low for item in parameters], [item.high for item in parameters]
+        return read_joint(folder / self.events, self.kind, [item.name for item in parameters], box, self.bandwidth)
+
 
 @dataclass(frozen=True, slots=True)
 class MetTable(Checked):
@@ -346,6 +332,19 @@ class RecordedTable(Checked):
     ] = field(default_factory=dict)
     start: Annotated[str, About("column with the time that is the scenario's t = 0; default by event")] = ""
     only: Annotated[dict[str, str], About("column = value that an event must have")] = field(default_factory=dict)
+
+    def read(self, parameters: Sequence[Parameter], where: str) -> Counterpart:
+        """The events by the parameters' names."""
+        names = [item.name for item in parameters]
+        for name in (*self.columns, *self.tolerance):
+            if name not in names:
+                raise unknown(f"parameter in [recorded] of {where}:", name, names)
+        tolerance = {item.name: self.tolerance.get(item.name, (item.high - item.low) / 10.0) for item in parameters}
+        for name, within in tolerance.items():
+            if not within > 0.0:
+                raise must_be(f"`recorded.tolerance.{name}`", where, "above 0", within)
+        columns = tuple((name, self.columns.get(name, name)) for name in names)
+        return Counterpart(self.event, columns, tuple(tolerance.items()), self.start, tuple(self.only.items()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -397,3 +396,122 @@ class ScenarioFile(Checked):
         About("none: no synthetic driver knows this scene, so without recorded ones there is no D and no H"),
     ] = "drivers"
     require: Annotated[tuple[RequireTable, ...], About("what must hold in every drive")] = ()
+
+    def logical(self, options: Mapping[str, float], where: str, folder: Path) -> LogicalScenario:
+        """The logical scenario. options: the value of every option. where: how errors call the file. folder: where its
+        paths start.
+        """
+        parameters = tuple(item.read(where) for item in self.parameter)
+        if not parameters:
+            raise InputError(f"{where} must have at least one [[parameter]].")
+        names, definitions = self._names(parameters, options, where)
+        road = self.road.read(self.end.x, options, where, folder, reacts=self._reacts())
+        place = self._place(names, definitions, road)
+        constraints = tuple(item.read(names, definitions) for item in self.constraint)
+        requirements = self._requirements(names, definitions)
+        self._check_used(names, definitions, requirements)
+        searched = place.lively or road.shaped or self.ego.goal_lane is not None
+        zones: dict[str, Any] = {"notes": ("It declares no zones, so every point counts as safe.",)}
+        if self.zone != "none":
+            zones = self.zone.read(names, definitions, place, searched=searched or self.zone.conflict)
+        units = {item.name: item.unit for item in parameters}
+        return LogicalScenario(
+            name=self.name,
+            about=self.about or self.name,
+            source=self.source,
+            parameters=parameters,
+            constraints=constraints,
+            road=road,
+            place=place,
+            recorded=None if self.recorded is None else self.recorded.read(parameters, where),
+            met=None if self.met is None else Met(self.met.events, self.met.vehicle_km, self.met.where),
+            ego_body=self.ego.body,
+            time_limit=self.end.time,
+            standstill_time=self.end.standstill,
+            samples=tuple(item.read(names, units) for item in self.sample),
+            default_sample=self.default_sample,
+            has_drivers=self.people == "drivers",
+            options=tuple(Option(option.name, option.unit, option.about) for option in self.option),
+            requirements=requirements,
+            **self._exposure(parameters, names, definitions, folder),
+            **zones,
+        )
+
+    def _names(
+        self, parameters: Sequence[Parameter], options: Mapping[str, float], where: str
+    ) -> tuple[Names, Definitions]:
+        """What formulas may name, and the definitions."""
+        for option in self.option:
+            check_unit(option.unit, f"option `{option.name}` of {where}", {"default": option.default})
+            if not option.name.isidentifier():
+                raise must_be("The name", f"an option of {where}", "letters, digits and underscores", option.name)
+        moves = {
+            item.name: {move.name: index for index, move in enumerate(item.manoeuvre) if move.name}
+            for item in self.vehicle
+        }
+        names = Names(where, f"scenario `{self.name}`", [], moves)
+        units = [*((item.name, item.unit) for item in parameters), *((item.name, item.unit) for item in self.option)]
+        names.known.extend(names.distinct((name for name, _ in units), "parameter and option"))
+        check_uses(self, dict(units), where)
+        entries = []
+        for name, formula in self.define.items():
+            if name in names.known:
+                raise InputError(f"`{name}` in [define] of {where} must differ from parameters and options.")
+            entries.append((name, names.expression(formula, f"[define] {name}")))
+            names.known.append(name)
+        return names, Definitions(tuple(entries), tuple(options.items()))
+
+    def _place(self, names: Names, definitions: Definitions, road: Road) -> Place:
+        departs = bool(self.ego.recorded)
+        vehicles = tuple(item.read(names, road, departs=departs) for item in self.vehicle)
+        streams = tuple((item, item.read(names, road)) for item in self.stream)
+        if not vehicles and not streams and self.zone != "none":
+            raise InputError(f"{names.where} must have at least one [[vehicle]] or [[stream]].")
+        names.distinct(["ego", *(item.name for item in self.vehicle)], "vehicle")
+        self.ego.check(names.where, road)
+        numbers = names.quantities(self.ego, "the ego")
+        place = Place(definitions, names.owner, road, self.ego, numbers, vehicles, streams)
+        return replace(place, definitions=definitions.needed_by(*names.scene))
+
+    def _reacts(self) -> bool:
+        """Whether somebody in it is driven by a model of SUMO's."""
+        vehicles = [*self.vehicle, *(it for option in self.option for it in option.given.vehicle)]
+        return bool(self.stream) or any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
+
+    def _requirements(self, names: Names, definitions: Definitions) -> Requirements | None:
+        if not self.require:
+            return None
+        found = tuple(
+            requirement(item.name or item.check, item.check, item.about, names.where, names.known, list(names.vehicles))
+            for item in self.require
+        )
+        names.distinct((item.name for item in found), "requirement")
+        return Requirements(found, definitions)
+
+    def _check_used(self, names: Names, definitions: Definitions, requirements: Requirements | None) -> None:
+        """A parameter that nothing depends on would only repeat cases. InputError naming it."""
+        zone = self.zone
+        texts = [] if zone == "none" else [zone.delay, zone.gap, zone.conflict_begin, zone.margin]
+        texts += [text for item in self.sample for text in item.set.values()]
+        expressions = [*names.scene, *(number(text, names.where) for text in texts if text is not None)]
+        for one in () if requirements is None else requirements.all:
+            expressions += one.expressions
+        needed = definitions.needed_by(*expressions)
+        used = set().union(*(it.names for it in expressions), *(it.names for _, it in needed.entries))
+        for item in self.parameter:
+            if item.name not in used:
+                raise InputError(
+                    f"Parameter `{item.name}` of {names.where} must be used: nothing in the scene depends on it."
+                )
+
+    def _exposure(
+        self, parameters: tuple[Parameter, ...], names: Names, definitions: Definitions, folder: Path
+    ) -> dict[str, Any]:
+        """`exposure` of the logical scenario and what it is in words; nothing where all points count the same."""
+        density = None if self.exposure is None else names.expression(self.exposure, "`exposure`")
+        joint = None if self.joint is None else self.joint.read(parameters, names.where, folder)
+        about = [f"{item.name} as {item.distribution}" for item in parameters if item.distribution is not None]
+        about += [] if joint is None else [str(joint)]
+        about += [] if density is None else [f"times `{density.text}`"]
+        exposure = Exposure(parameters, density, definitions, joint)
+        return {"exposure": exposure, "exposure_about": ", ".join(about)} if about else {}

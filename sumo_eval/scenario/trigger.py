@@ -8,12 +8,13 @@ says in plain numbers is worked out once for a case.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario import played
 from sumo_eval.scenario.expression import Expression, checked_names, number
+from sumo_eval.scenario.parts import Names
 
 OF_ONE = {"x": played.X, "y": played.Y, "speed": played.ALONG, "lateral_speed": played.ACROSS}
 OF_TWO = {"gap": played.GAP, "distance": played.DISTANCE, "ttc": played.TTC, "thw": played.THW}
@@ -51,32 +52,18 @@ class Trigger:
             (op, one, two, 0.0 if value is None else float(value.at(known))) for op, one, two, value in self.steps
         )
 
-    @property
-    def expressions(self) -> tuple[Expression, ...]:
-        """The numbers that a point decides."""
-        return tuple(value for *_, value in self.steps if value is not None)
 
-
-def trigger(
-    text: str,
-    owner: str,
-    known: Iterable[str],
-    vehicles: Mapping[str, int],
-    moves: Mapping[str, Mapping[str, int]],
-    *,
-    departs: bool = False,
-) -> Trigger:
+def trigger(text: str, owner: str, names: Names, *, departs: bool) -> Trigger:
     """The condition in a text.
 
-    known: names of the point's numbers. vehicles: numbers of the others by name. moves: of each vehicle, numbers of
-    its manoeuvres by name. departs: whether it may ask how far the ego is from a recorded one. Raises InputError naming
-    what is wrong, and the nearest word.
+    departs: whether it may ask how far the ego is from a recorded one. Raises InputError naming what is wrong, and the
+    nearest word.
     """
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError(f"Condition `{text[:200]}` of {owner} cannot be read.") from None
-    steps = _Writer(text, owner, list(known), dict(vehicles), moves, departs).condition(tree)
+    steps = _Writer(text, owner, names, departs).condition(tree)
     if len(steps) > 4 * played.DEEPEST:
         raise InputError(f"Condition `{text[:200]}` of {owner} is too long.")
     return Trigger(text, tuple(steps))
@@ -86,10 +73,8 @@ def trigger(
 class _Writer:
     text: str
     owner: str
-    known: list[str]
-    vehicles: dict[str, int]
-    moves: Mapping[str, Mapping[str, int]]
-    departs: bool = False
+    names: Names
+    departs: bool
 
     def condition(self, node: ast.expr, depth: int = 0) -> list[Step]:
         """Steps that leave on the stack whether it holds."""
@@ -121,7 +106,7 @@ class _Writer:
                 one = self._vehicle(vehicle)
                 if one == played.EGO:
                     raise self._wrong(node, "of a vehicle with manoeuvres: the ego has none")
-                named = self.moves[vehicle]
+                named = self.names.vehicles[vehicle]
                 if move not in named:
                     raise unknown(f"manoeuvre of vehicle `{vehicle}` in `{self.text}` of {self.owner}:", move, named)
                 return [(played.ENDED, one, named[move], None)]
@@ -133,7 +118,8 @@ class _Writer:
         if not self._of_the_moment(node):
             text = ast.unparse(node)
             owner = f"`{self.text}` of {self.owner}"
-            return [(played.VALUE, 0, 0, checked_names(number(text, owner), [*self.known, "time"], owner))]
+            self.names.scene.append(checked_names(number(text, owner), [*self.names.known, "time"], owner))
+            return [(played.VALUE, 0, 0, self.names.scene[-1])]
         match node:
             case ast.Name(id="time"):
                 return [_step(played.TIME)]
@@ -170,7 +156,7 @@ class _Writer:
 
     def _of_the_moment(self, node: ast.expr) -> bool:
         for part in ast.walk(node):
-            if isinstance(part, ast.Name) and part.id in ("time", "departed") and part.id not in self.known:
+            if isinstance(part, ast.Name) and part.id in ("time", "departed") and part.id not in self.names.known:
                 return True
             if isinstance(part, ast.Call) and not (
                 isinstance(part.func, ast.Name) and part.func.id in ("min", "max", "abs", "sqrt", "exp", "log", "tanh")
@@ -181,9 +167,9 @@ class _Writer:
     def _vehicle(self, name: str) -> int:
         if name == EGO_NAME:
             return played.EGO
-        if name not in self.vehicles:
-            raise unknown(f"vehicle in `{self.text}` of {self.owner}:", name, [EGO_NAME, *self.vehicles])
-        return self.vehicles[name]
+        if name not in self.names.vehicles:
+            raise unknown(f"vehicle in `{self.text}` of {self.owner}:", name, [EGO_NAME, *self.names.vehicles])
+        return list(self.names.vehicles).index(name)
 
     def _shallow(self, depth: int) -> None:
         if depth >= played.DEEPEST - 2:

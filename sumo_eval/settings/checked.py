@@ -34,13 +34,14 @@ NotNegative = Ge(0.0)
 
 
 @functools.lru_cache(maxsize=64)
-def _hints(cls: Any) -> dict[str, Any]:
+def hints_of(cls: Any) -> dict[str, Any]:
+    """The annotations of a table of settings by key."""
     return get_type_hints(cls, include_extras=True)
 
 
 def about(cls: type, name: str) -> About:
     """The `About` of a setting (an empty one where a setting has none)."""
-    hint = _hints(cls)[name]
+    hint = hints_of(cls)[name]
     for extra in getattr(hint, "__metadata__", ()):
         if isinstance(extra, About):
             return extra
@@ -100,7 +101,7 @@ def _rules(cls: Any) -> tuple[_Rule, ...]:
     """Worked out once for a class: settings are made for every case."""
     found = []
     for item in fields(cls):
-        hint = _hints(cls)[item.name]
+        hint = hints_of(cls)[item.name]
         base = get_args(hint)[0] if get_origin(hint) is Annotated else hint
         choices = get_args(base) if get_origin(base) is Literal else ()
         kind, words = _KINDS.get(base, (object, ""))

@@ -1,0 +1,119 @@
+"""The zone rule of a scenario file: what the zones are computed from, or searched from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Annotated, Any
+
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.scenario.expression import Expression
+from sumo_eval.scenario.logical import Approach, Values, ZoneCoordinates
+from sumo_eval.scenario.parts import Definitions, Formula, Formulas, Names
+from sumo_eval.scenario.vehicle_tables import Place
+from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.trajectory import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneTable(Checked):
+    """What the zones are computed from: the approach to one vehicle under ideal braking (Eqs. 1-6), or a margin."""
+
+    obstacle: Annotated[str, About("the vehicle that is in the way")] = ""
+    margin: Annotated[
+        Formula | None,
+        About("instead of all else here: what is left to spare of a limit that is known; hazardous from 0 down", "m"),
+    ] = None
+    delay: Annotated[Formula, About("before ideal braking begins", "s")] = 0.0
+    gap: Annotated[Formula | None, About("bumper to bumper at the start; default: the obstacle's", "m")] = None
+    conflict_begin: Annotated[Formula, About("before it the obstacle is not in the way", "s")] = 0.0
+    passing_length: Annotated[
+        float | None, Positive, About("an ego further ahead than that when the conflict begins has passed", "m")
+    ] = None
+    conflict: Annotated[
+        bool,
+        About("criticality by the time until both would touch on their ways, from all sides; default: along the road"),
+    ] = False
+    coordinates: Annotated[
+        dict[str, Formula] | None,
+        About("in words = expression: in which the criticality is smooth; default: the parameters"),
+    ] = None
+
+    def read(self, names: Names, definitions: Definitions, place: Place, *, searched: bool) -> dict[str, Any]:
+        """`margin`, `search` or `approach` of the logical scenario, and its `zone_coordinates`."""
+        found: dict[str, Any] = {}
+        if self.coordinates:
+            told = [names.expression(it, f"zone.coordinates `{name}`") for name, it in self.coordinates.items()]
+            found["zone_coordinates"] = ZoneCoordinates(tuple(self.coordinates), Formulas.of(definitions, *told))
+        numbers = {
+            key: names.expression(value, f"`zone.{key}`")
+            for key in ("delay", "conflict_begin", "gap", "margin")
+            if (value := getattr(self, key)) is not None
+        }
+        if self.margin is not None:
+            self._refuse(" beside `margin`, which says all", names.where, "obstacle", "delay")
+            return found | {"margin": Margin(Formulas.of(definitions, numbers["margin"]))}
+        if not self.obstacle:
+            raise InputError(f"[zone] of {names.where} must have an `obstacle`, or a `margin`.")
+        if self.obstacle not in names.vehicles:
+            raise unknown(f"vehicle in `zone.obstacle` of {names.where}:", self.obstacle, names.vehicles)
+        number = list(names.vehicles).index(self.obstacle)
+        if searched:
+            self._refuse(": what a vehicle does that is played is searched as it is", names.where)
+            return found | {"search": SearchRule(number, Formulas.of(definitions, numbers["delay"]), self.conflict)}
+        obstacle = place.vehicles[number]
+        if self.gap is None and obstacle.table.gap is None:
+            raise InputError(f"[zone] of {names.where} must have a `gap`: vehicle `{self.obstacle}` starts at an x.")
+        brakes = [move.numbers["deceleration"] for move in obstacle.moves if move.table.do == "brake"]
+        formulas = Formulas.of(
+            definitions, place.numbers["speed"], obstacle.numbers["speed"],
+            numbers.get("gap") or obstacle.numbers["gap"], numbers["delay"], *(brakes[:1] or [Expression("0.0")]),
+            numbers["conflict_begin"],
+        )  # fmt: skip
+        return found | {"approach": ZoneRule(formulas, self.passing_length or math.inf)}
+
+    def _refuse(self, why: str, where: str, *further: str) -> None:
+        """Refuse keys that say nothing here."""
+        defaults = {item.name: item.default for item in fields(self)}
+        for key in (*further, "gap", "conflict_begin", "passing_length"):
+            if getattr(self, key) != defaults[key]:
+                raise InputError(f"[zone] of {where} has no `{key}`{why}.")
+
+
+@dataclass(frozen=True, slots=True)
+class Margin:
+    """Values by name (arrays) -> what is left to spare of a limit, m: hazardous where that is 0 or less."""
+
+    formulas: Formulas
+
+    def __call__(self, values: Values) -> FloatArray:
+        """The margin at every point, m."""
+        return self.formulas(values)[0]
+
+
+@dataclass(frozen=True, slots=True)
+class SearchRule:
+    """What zones are searched from where somebody is played: the number of the obstacle among the others, and the delay
+    between its first move and ideal braking; from the start on where it makes none. conflict: as in `ZoneTable`.
+    """
+
+    obstacle: int
+    formulas: Formulas
+    conflict: bool = False
+
+    def delay(self, values: Mapping[str, float]) -> float:
+        """The delay at a point, s."""
+        return float(self.formulas.at(values))
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneRule:
+    """Values by name (arrays) -> the approach that criticality is computed from."""
+
+    formulas: Formulas
+    passing_length: float
+
+    def __call__(self, values: Values) -> Approach:
+        """The approach at every point."""
+        return Approach(*self.formulas(values), passing_length=self.passing_length)  # type: ignore[arg-type, misc]
