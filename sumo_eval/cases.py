@@ -204,20 +204,20 @@ class CaseResult(Outcome):
     latency_mean: float | None
     latency_max: float | None
     collided: bool
-    impact_speed: float | None
-    overlap: float | None
-    side: str | None
-    severity: float | None
-    loss: float | None
-    ideal_severity: float | None
-    weight: float | None
-    beats_ideal: bool
-    index: float | None
-    length_factor: float | None
-    operation_factor: float | None
-    similarity: float | None
-    index_note: tuple[IndexNote, ...]
-    clips: str
+    impact_speed: float | None = None
+    overlap: float | None = None
+    side: str | None = None
+    severity: float | None = None
+    loss: float | None = None
+    ideal_severity: float | None = None
+    weight: float | None = None
+    beats_ideal: bool = False
+    index: float | None = None
+    length_factor: float | None = None
+    operation_factor: float | None = None
+    similarity: float | None = None
+    index_note: tuple[IndexNote, ...] = ()
+    clips: str = ""
     ideal_collided: bool | None = None
     min_ttc: float | None = None
     max_ittc: float | None = None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.severity import chosen_severity
 from sumo_eval.record import run_folder
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.record.points import scenarios_of
+from sumo_eval.record.points import Resolved
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.store import open_store, vouch
 from sumo_eval.results import Evaluation
@@ -113,10 +114,10 @@ def _further_rounds(done: Evaluation, settings: EvaluationSettings) -> Evaluatio
     from sumo_eval.record.points import choose_points
     from sumo_eval.scoring.confidence.next_round import further_round
 
-    source, entries = Path(done.manifest["source_folder"]), []
-    for entry in settings.scenario:
+    entries = []
+    for entry, logical in zip(settings.scenario, done.scenarios.values(), strict=True):
         if entry.sampling.method == "adaptive":
-            logical, points = choose_points(entry, source, settings)
+            points = choose_points(logical, entry, done.source, settings)
             entry = replace(entry, sampling=further_round(logical, entry.sampling, points, done))
         entries.append(entry)
     return replace(settings, scenario=tuple(entries))
@@ -137,17 +138,15 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 "Only `method`, `report` and `run` can; run the evaluation again for the rest."
             )
     settings = with_changes(run_folder.read_settings(folder), changes)
-    manifest = run_folder.read_manifest(folder)
-    source, method = Path(manifest["source_folder"]), settings.method
-    exposures = run_folder.read_exposures(folder)
-    severity = chosen_severity(method.collision, source)
-    made_with = {"name": method.collision.severity, "unit": severity.unit, "sha256": severity.sha256}
-    manifest = {**manifest, "severity": made_with}
+    resolved, exposures = Resolved.of(settings, run_folder.source_of(folder)), run_folder.read_exposures(folder)
+    severity = chosen_severity(settings.method.collision, resolved.source)
+    made_with = {"name": settings.method.collision.severity, "unit": severity.unit, "sha256": severity.sha256}
+    manifest = {**run_folder.read_manifest(folder), "severity": made_with}
     facts = folder / run_folder.FACTS
     with open_store(facts) as store:
         run_folder.check_complete(store, folder)
         kept = KeptResults(folder)
-        key = scores_key(settings, store.content, source, severity.sha256, exposures)
+        key = scores_key(settings, store.content, resolved.source, severity.sha256, exposures)
         found = kept_scores(kept, key)
         if found is None:
             from sumo_eval.record.human_reference import point_processes
@@ -155,7 +154,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
 
             store.check_all()
             with point_processes(store, settings.run.workers) as spread:
-                scoring = Scoring(settings, source, exposures, severity, store, kept, spread, progress)
+                scoring = Scoring(resolved, exposures, severity, store, kept, spread, progress)
                 found = keep_scores(kept, key, scoring.scores(RowWriter(kept, key)))
         vouch(facts, kept)
     return Evaluation(
@@ -168,17 +167,8 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
         table_of(kept, key, found.chunks),
         exposures,
         found.ranking,
-        _checks(settings, source),
+        resolved.scenarios,
     )
-
-
-def _checks(settings: EvaluationSettings, source: Path) -> dict[str, dict[str, str]]:
-    """Names and conditions of what scenarios require, by scenario."""
-    return {
-        name: {one.name: one.text for one in logical.requirements.all}
-        for name, logical in scenarios_of(settings, source).items()
-        if logical.requirements is not None
-    }
 
 
 def refuse_to_score(run: str | os.PathLike[str]) -> None:
@@ -200,13 +190,13 @@ def let_go(evaluation: Evaluation) -> int:
         return 0
     from sumo_eval.scoring.critical import critical_points
 
-    facts, source = folder / run_folder.FACTS, Path(evaluation.manifest["source_folder"])
+    facts = folder / run_folder.FACTS
     with run_folder.only_writer(folder, resume=True):
         with open_store(facts, create=True) as store:
             critical: set[tuple[str, int]] = set()
             if keep == "critical":
                 numbers = {case: number for case, number, _ in store.names("ads")}
-                critical = critical_points(evaluation, scenarios_of(evaluation.settings, source), numbers)
+                critical = critical_points(evaluation, numbers)
             gone = store.let_go(lambda scenario, number: (scenario, number) in critical)
         kept = KeptResults(folder)
         with open_store(facts, whole=True):
@@ -217,14 +207,7 @@ def let_go(evaluation: Evaluation) -> int:
 
 def zone_partitions(evaluation: Evaluation) -> dict[str, ZonePartition]:
     """The partition of every scenario of an evaluation, by scenario name."""
-    from sumo_eval.scenario import catalogue
-    from sumo_eval.scoring.zones import zones_of_entry
+    from sumo_eval.scoring.zones import zones_of
 
-    settings, source = evaluation.settings, Path(evaluation.manifest["source_folder"])
-    kept = KeptResults(evaluation.folder)
-    found = {}
-    for entry in settings.scenario:
-        logical = catalogue.find(entry.use, source)
-        found[logical.name] = zones_of_entry(entry, logical, settings, source, kept)
-    kept.close()
-    return found
+    with closing(KeptResults(evaluation.folder)) as kept:
+        return zones_of(Resolved(evaluation.settings, evaluation.source, evaluation.scenarios), kept)

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable, Zone
+from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import Alone
@@ -353,8 +354,10 @@ class Ranking:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """A scored run. cases: of every ADS in every scenario, read from the run's folder when they are asked for. ranking:
-    None where nobody ranked its ADSs. checks: of each scenario that has requirements, their names and conditions.
+    """A scored run.
+
+    cases: of every ADS in every scenario, read from the run's folder when they are asked for. ranking: None where there
+    is no order of its ADSs. scenarios: the logical scenarios by name.
     """
 
     name: str
@@ -368,10 +371,24 @@ class Evaluation:
         default_factory=dict
     )  # by scenario, as `drivers.exposure.Exposure.plain` has it
     ranking: Ranking | None = None
-    checks: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    scenarios: Mapping[str, LogicalScenario] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cases", CaseTable.of(self.cases))  # records may be given in its place
+
+    @property
+    def source(self) -> Path:
+        """Where relative paths of its settings start."""
+        return Path(str(self.manifest.get("source_folder", ".")))
+
+    @property
+    def checks(self) -> dict[str, dict[str, str]]:
+        """Names and conditions of what scenarios require, by scenario."""
+        return {
+            name: {one.name: one.text for one in logical.requirements.all}
+            for name, logical in self.scenarios.items()
+            if logical.requirements is not None
+        }
 
     @property
     def not_evaluated(self) -> int:

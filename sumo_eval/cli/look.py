@@ -75,13 +75,11 @@ def find(run: Path, values: tuple[str, ...], ads: str | None, scenario: str | No
 @trusting
 def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bool, gui: bool) -> None:
     """Write an animation of CASE of RUN: one HTML file that plays in any browser, without a server."""
-    from sumo_eval.record.points import scenarios_of
-    from sumo_eval.record.run_folder import read_manifest, read_settings
+    from sumo_eval.record.run_folder import resolved_run
     from sumo_eval.report.replay import recorded, write_replay
 
-    settings, source = read_settings(run), Path(read_manifest(run)["source_folder"])
-    fact = recorded(run, case)
-    logical = scenarios_of(settings, source)[fact.scenario]
+    scenarios, fact = resolved_run(run).scenarios, recorded(run, case)
+    logical = scenarios[fact.scenario]
     if gui:
         from sumo_eval.cosim.sumo.gui_replay import replay_in_gui
         from sumo_eval.record.run_folder import FACTS

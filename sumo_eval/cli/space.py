@@ -70,6 +70,7 @@ def sample(
     """
     from sumo_eval.record.points import choose_points
     from sumo_eval.report.points_page import write_points
+    from sumo_eval.scenario.catalogue import find
     from sumo_eval.scenario.sampling.samples import METHODS
     from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 
@@ -77,7 +78,8 @@ def sample(
         raise click.UsageError(f"`--method {method}` needs `--count`, the number of points, e.g. --count 64.")
     entry = ScenarioSettings(scenario, SamplingSettings(method, levels, count=count, strength=strength, file=file))
     settings = EvaluationSettings("sample", (entry,), (AdsSettings("none", "no_reaction"),), seed)
-    logical, chosen = choose_points(entry, Path.cwd(), settings)
+    logical = find(scenario, Path.cwd())
+    chosen = choose_points(logical, entry, Path.cwd(), settings)
     how = method or ("grid" if levels else "file" if file else logical.default_sample)
     title = f"{logical.name}: {how}, {len(chosen.points)} points"
     table, page = write_points(logical, chosen, out or out_folder.default(logical.name, "points"), title)

@@ -45,7 +45,7 @@ def repeats_of(done: Evaluation, settings: GateSettings, place: Path, progress: 
     """
     if not settings.noise.cases:
         return {}
-    plan = planner(done.settings, Path(done.manifest["source_folder"]))
+    plan = planner(done.settings, done.source)
     sample = _sample(done, plan, settings.noise.cases)
     alike: dict[str, list[bool]] = {ads.name: [] for ads in done.settings.ads}
     with open_store(done.folder / FACTS) as store, open_store(Path(":memory:"), create=True) as again:
@@ -87,7 +87,7 @@ def _driven_anew(done: Evaluation, cases: Collection[str], place: Path) -> dict[
             store.unseal()
             store.note(COMPLETE, "")
             store.remove(cases)
-        record_facts(done.settings, Path(done.manifest["source_folder"]), place, resume=True)
+        record_facts(done.settings, done.source, place, resume=True)
         wanted = set(cases)
         return {row.case: row for row in score(place).cases if row.case in wanted}
     finally:

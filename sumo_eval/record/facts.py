@@ -28,7 +28,7 @@ from sumo_eval.record.claims import OURS, home
 from sumo_eval.record.engines import refuse_engine, run_cases
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.only import narrowed, points_only
-from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of
+from sumo_eval.record.points import Resolved, choose_points, scenario_weights
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.recording import (
@@ -272,7 +272,7 @@ def _record_beside(
 
 def _check_scenarios(evaluation: EvaluationSettings, source: Path) -> None:
     """Tell a misspelt scenario, and a bend too tight for the ego's steering, before anything is compiled or driven."""
-    for name, logical in scenarios_of(evaluation, source).items():
+    for name, logical in Resolved.of(evaluation, source).scenarios.items():
         road = logical.road
         check_line(road.line, road.lanes, road.lane_width, f"scenario `{name}`", evaluation.simulation.vehicle)
 
@@ -541,9 +541,9 @@ def space_of(
     Raises InputError for whatever makes the scenario impossible to run, at any of its points; `check` and `run` ask it
     alike. offset: the scenario's place in the evaluation, so that shards share the points of all evenly.
     """
-    known = catalogue.find(entry.use, source)
-    exposure = exposure_of(known, entry.exposure, settings.drivers, source)
-    logical, points = choose_points(entry, source, settings, exposure.density)
+    logical = catalogue.find(entry.use, source)
+    exposure = exposure_of(logical, entry.exposure, settings.drivers, source)
+    points = choose_points(logical, entry, source, settings, exposure.density)
     every = 1 if looked_at is None else -(-len(points.points) // looked_at)
     check_points(logical, points.points[::every])
     for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,20 +55,42 @@ def kept_zones(logical: LogicalScenario, settings: ZoneSettings, kept: KeptResul
     return zones
 
 
-def scenarios_of(settings: EvaluationSettings, source: Path) -> dict[str, LogicalScenario]:
-    """The logical scenarios of an evaluation, by name. Raises InputError for one that is not there."""
-    return {logical.name: logical for logical in (catalogue.find(entry.use, source) for entry in settings.scenario)}
+@dataclass(frozen=True, slots=True)
+class Resolved:
+    """An evaluation whose scenarios have been looked up.
+
+    source: where its relative paths start. scenarios: by name, in the order of `settings.scenario`.
+    """
+
+    settings: EvaluationSettings
+    source: Path
+    scenarios: Mapping[str, LogicalScenario]
+
+    @classmethod
+    def of(cls, settings: EvaluationSettings, source: Path) -> Resolved:
+        """Look up its scenarios. Raises InputError for one that is not there."""
+        found = (catalogue.find(entry.use, source) for entry in settings.scenario)
+        return cls(settings, source, {logical.name: logical for logical in found})
+
+    @property
+    def entries(self) -> Iterator[tuple[ScenarioSettings, LogicalScenario]]:
+        """What the evaluation says of each scenario, and the scenario."""
+        return zip(self.settings.scenario, self.scenarios.values(), strict=True)
 
 
 def choose_points(
-    entry: ScenarioSettings, source: Path, settings: EvaluationSettings, exposure: Exposure | None = None
-) -> tuple[LogicalScenario, Sample]:
-    """A logical scenario and the points of its space that are simulated. exposure: in place of the scenario's own."""
+    logical: LogicalScenario,
+    entry: ScenarioSettings,
+    source: Path,
+    settings: EvaluationSettings,
+    exposure: Exposure | None = None,
+) -> Sample:
+    """The points of a scenario's space that are simulated. exposure: in place of the scenario's own."""
     from sumo_eval.method.danger import danger
     from sumo_eval.scenario.sampling.request import Request
     from sumo_eval.scenario.sampling.samples import sample
 
-    logical, sampling = catalogue.find(entry.use, source), entry.sampling
+    sampling = entry.sampling
     request = Request(
         levels=sampling.levels,
         steps=sampling.steps,
@@ -90,7 +112,7 @@ def choose_points(
             f"The sampling of scenario `{entry.use}` must choose at least one possible point, got none."
             f"{_refusals(weighted, points)}"
         )
-    return logical, points
+    return points
 
 
 def _refusals(logical: LogicalScenario, points: Sample) -> str:

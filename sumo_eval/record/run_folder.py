@@ -16,6 +16,7 @@ from typing import Any
 from sumo_eval.errors import InputError
 from sumo_eval.record.build import builds_of
 from sumo_eval.record.lock import HeldError, held
+from sumo_eval.record.points import Resolved
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
 from sumo_eval.record.store import FORMAT_VERSION, Store
@@ -175,6 +176,11 @@ def read_settings(folder: Path) -> EvaluationSettings:
     if code_of(settings, folder):
         refuse_foreign_code(folder, settings, source_of(folder))
     return settings
+
+
+def resolved_run(folder: Path) -> Resolved:
+    """The evaluation of a run with its scenarios."""
+    return Resolved.of(read_settings(folder), source_of(folder))
 
 
 def source_of(folder: Path) -> Path:

@@ -54,8 +54,7 @@ def _key(evaluation: Evaluation) -> bytes | None:
     """A hash of all that the page shows; None for an evaluation that was not read from a run's folder."""
     if evaluation.cases.key is None:
         return None
-    source, cases = Path(str(evaluation.manifest.get("source_folder", "."))), evaluation.settings.drivers.cases
-    told = _hash(evaluation.folder / OPINION, source / cases / STUDY)
+    told = _hash(evaluation.folder / OPINION, evaluation.source / evaluation.settings.drivers.cases / STUDY)
     return key_of(
         "report", evaluation.cases.key, evaluation.settings, evaluation.manifest, evaluation.folder, told, _sources()
     )

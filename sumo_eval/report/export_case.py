@@ -14,8 +14,15 @@ from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, rout
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record import run_folder
 from sumo_eval.record.store import Fact, open_store
-from sumo_eval.scenario.catalogue import find, is_file
-from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, ExposureSettings, SamplingSettings
+from sumo_eval.scenario.catalogue import is_file
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    ExposureSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
 from sumo_eval.settings.config import to_toml
 from sumo_eval.text import cell
 from sumo_eval.trajectory import Trajectory
@@ -36,16 +43,15 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     The files are called like the case, with `_` for what is no letter, digit, dot, plus or single hyphen. The line that
     drives it again stands in the .xosc header as well. Raises InputError for a case that the run does not have.
     """
-    settings, source = run_folder.read_settings(run), Path(run_folder.read_manifest(run)["source_folder"])
-    fact, driven = _fact(run, settings, case)
-    uses = {find(entry.use, source).name: entry for entry in settings.scenario}
-    entry = uses[fact.scenario]
-    logical = find(entry.use, source)
+    resolved = run_folder.resolved_run(run)
+    settings, source = resolved.settings, resolved.source
+    fact, driven = _fact(run, case)
+    entry, logical = next(named for named in resolved.entries if named[1].name == fact.scenario)
     concrete = replace(logical.concrete(**fact.values), exposure=fact.exposure)
     simulation = concrete.simulation(settings.simulation)
     stem = re.sub(r"[^\w.+-]|-(?=-)", "_", case)
     road, view = f"{concrete.road.name}.net.xml", f"{concrete.road.name}.view.xml"
-    alone = _evaluation(settings, fact, entry.use, source, f"{stem}.csv")
+    alone = _evaluation(settings, fact, entry, source, f"{stem}.csv")
     line = f"{_importing(alone, source)}sumo-eval run {stem}.toml --out again"
     texts = {
         road: network_xml(concrete.road),
@@ -79,7 +85,7 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     return Exported(tuple(out / name for name in (*texts, f"{stem}.csv")), line)
 
 
-def _fact(run: Path, settings: EvaluationSettings, case: str) -> tuple[Fact, dict[str, Trajectory] | None]:
+def _fact(run: Path, case: str) -> tuple[Fact, dict[str, Trajectory] | None]:
     """What is recorded of a case, and how everybody drove in it; None where it did not come to drive or was let go."""
     with open_store(run / run_folder.FACTS) as store:
         fact = store.fact(case)
@@ -89,12 +95,13 @@ def _fact(run: Path, settings: EvaluationSettings, case: str) -> tuple[Fact, dic
         return fact, dict(store.trajectories(case)) if driven else None
 
 
-def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path, points: str) -> EvaluationSettings:
+def _evaluation(
+    settings: EvaluationSettings, fact: Fact, entry: ScenarioSettings, source: Path, points: str
+) -> EvaluationSettings:
     """The run's settings with this scenario, this point and this ADS alone; paths of its files made absolute."""
-    entry = next(item for item in settings.scenario if item.use == use)
     ads = next(item for item in settings.ads if item.name == fact.driver)
     sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
-    space = str(source / use) if is_file(use) else made_absolute(use, source)
+    space = str(source / entry.use) if is_file(entry.use) else made_absolute(entry.use, source)
     plant = settings.simulation.plant
     if plant is not None:
         plant = replace(plant, file=str(source / plant.file))

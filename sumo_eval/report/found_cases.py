@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 import numpy as np
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.record.points import scenarios_of
 from sumo_eval.report.words import count, one_line, outcome, point
 from sumo_eval.results import Evaluation
 
@@ -21,7 +19,7 @@ def nearest_cases(
     Distance: in the unit box, over the parameters that are given. ads, scenario: only those; None: every ADS, and the
     first scenario that has all of these parameters. Raises InputError for one that the run does not have.
     """
-    scenarios = scenarios_of(evaluation.settings, Path(str(evaluation.manifest.get("source_folder", "."))))
+    scenarios = evaluation.scenarios
     if scenario is not None and scenario not in scenarios:
         raise unknown("scenario of this run", scenario, scenarios)
     everybody = list(dict.fromkeys(score.ads for score in evaluation.scores))

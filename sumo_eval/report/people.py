@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -74,7 +73,7 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
     cases = evaluation.settings.drivers.cases
     if not cases:
         return []
-    path = Path(str(evaluation.manifest.get("source_folder", "."))) / cases / STUDY
+    path = evaluation.source / cases / STUDY
     if not path.exists():
         return []
     text = read_input_text(path, "study")

@@ -8,16 +8,13 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from sumo_eval.results import Evaluation
-from sumo_eval.scenario.logical import LogicalScenario
 
 LEAST_HUMAN = 100
 """Cases of an ADS in a scenario, the least human-like ones, whose points are critical."""
 
 
-def critical_points(
-    evaluation: Evaluation, spaces: Mapping[str, LogicalScenario], numbers: Mapping[str, int]
-) -> set[tuple[str, int]]:
-    """Scenario and number of every critical point. spaces: the scenarios by name. numbers: of each case's point.
+def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[tuple[str, int]]:
+    """Scenario and number of every critical point. numbers: of each case's point.
 
     Critical is where, with some ADS, there was a collision; where its drive could not be evaluated or left the road;
     where the nearest other point of the space ended otherwise, with a collision or without; and where it is among its
@@ -25,7 +22,7 @@ def critical_points(
     """
     found: set[tuple[str, int]] = set()
     for score in evaluation.scores:
-        name, logical = score.scenario, spaces[score.scenario]
+        name, logical = score.scenario, evaluation.scenarios[score.scenario]
         cases = evaluation.cases_of(score.ads, name)
         points = np.array([numbers[case] for case in cases.case.tolist()], dtype=np.intp)
         ended, likeness = cases.collided, cases.human_likeness

@@ -12,30 +12,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from sumo_eval.cases import EVALUATED
+from sumo_eval.cases import EVALUATED, CaseResult
 from sumo_eval.method.conflict import conflicting
 from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, conflict_pet, course_of, lane_keeping, measures
 from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
 from sumo_eval.record.human_reference import method_sources
-from sumo_eval.record.kept_results import KeptResults, key_of
-from sumo_eval.record.spread import Spread
+from sumo_eval.record.kept_results import key_of
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.space import Space
 from sumo_eval.trajectory import Collision
 
 _AT_ONCE = 32  # drives that a process measures before it answers
-
-
-@dataclass(frozen=True, slots=True)
-class DriveMeasures:
-    """What an evaluated case's trajectories tell besides D_i. conflict_pet: s to whoever's way conflicts with the
-    ego's, nan without one.
-    """
-
-    criticality: CriticalityMeasures
-    plausibility: float
-    lane: LaneKeeping
-    conflict_pet: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,31 +36,24 @@ class _Drive:
 
 
 def drive_measures(
-    facts: Sequence[Fact],
-    store: Store,
-    people: Quantiles,
-    logical: LogicalScenario,
-    kept: KeptResults,
-    space: str,
-    spread: Spread,
-) -> dict[str, DriveMeasures]:
-    """The measures of every evaluated case, by case. people: among whom it is more or less plausible.
+    facts: Sequence[Fact], space: Space, people: Quantiles, files: str
+) -> dict[str, dict[str, float | None]]:
+    """The fields of every evaluated case that its trajectories tell, by case.
 
-    kept: where what was measured of a drive is looked up, and put. space: stands for the files of the scenario.
-    spread: where drives are measured, as in `human_reference.compute_points`.
+    people: among whom it is more or less plausible. files: a hash of those of the scenario.
     """
-    lane_width = logical.road.lane_width
+    store, kept, lane_width = space.store, space.kept, space.logical.road.lane_width
     evaluated = [fact for fact in facts if fact.status in EVALUATED]
-    keys = [key_of("drive", store.case_hash(fact.case), lane_width, space, method_sources()) for fact in evaluated]
+    keys = [key_of("drive", store.case_hash(fact.case), lane_width, files, method_sources()) for fact in evaluated]
     found = {
         fact.case: data
         for fact, key in zip(evaluated, keys, strict=True)
         if (data := kept.get("drive", key)) is not None
     }
     missing = [(fact, key) for fact, key in zip(evaluated, keys, strict=True) if fact.case not in found]
-    drives = [_Drive(fact.case, fact.collision, _conflicting(logical, fact)) for fact, _ in missing]
+    drives = [_Drive(fact.case, fact.collision, _conflicting(space.logical, fact)) for fact, _ in missing]
     parts = [(store.path, drives[first : first + _AT_ONCE], lane_width) for first in range(0, len(drives), _AT_ONCE)]
-    new = [data for part in (spread(_measured_part, parts) if parts else ()) for data in part]
+    new = [data for part in (space.spread(_measured_part, parts) if parts else ()) for data in part]
     kept.put(("drive", key, 0, data) for (_, key), data in zip(missing, new, strict=True))
     found |= {drive.case: data for drive, data in zip(drives, new, strict=True)}
     return {fact.case: _measures_in(found[fact.case], people) for fact in evaluated}
@@ -118,13 +99,22 @@ def _values(measured: CriticalityMeasures | LaneKeeping) -> Iterable[float]:
     return (getattr(measured, field.name) for field in fields(measured))
 
 
-def _measures_in(data: bytes, people: Quantiles) -> DriveMeasures:
-    """What `_measured` wrote."""
+def finite(value: float) -> float | None:
+    """None for what a table cannot hold: not defined, or unbounded."""
+    return value if math.isfinite(value) else None
+
+
+_MEASURED = tuple(item.name for part in (CriticalityMeasures, LaneKeeping) for item in fields(part))
+_COLUMNS = frozenset(item.name for item in fields(CaseResult))
+
+
+def _measures_in(data: bytes, people: Quantiles) -> dict[str, float | None]:
+    """What `_measured` wrote, without what no case has a field of."""
     *numbers, pet = _NUMBERS.unpack(data)
     extremes = dict(zip(EXTREMES, numbers[_CRITICALITY:-_LANE], strict=True))
-    return DriveMeasures(
-        CriticalityMeasures(*numbers[:_CRITICALITY]),
-        plausibility(extremes, people),
-        LaneKeeping(*numbers[-_LANE:]),
-        pet,
-    )
+    found = zip(_MEASURED, numbers[:_CRITICALITY] + numbers[-_LANE:], strict=True)
+    return {
+        **{name: finite(value) for name, value in found if name in _COLUMNS},
+        "plausibility": plausibility(extremes, people),
+        "conflict_pet": finite(pet),
+    }

@@ -20,11 +20,11 @@ from sumo_eval.method.driving_task import (
 )
 from sumo_eval.method.measures import STANDING
 from sumo_eval.record.human_reference import method_sources
-from sumo_eval.record.kept_results import KeptResults, key_of
-from sumo_eval.record.spread import Spread
+from sumo_eval.record.kept_results import key_of
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.space import Space
 from sumo_eval.trajectory import Trajectory
 
 _AT_ONCE = 16  # points that a process works on before it answers
@@ -53,33 +53,25 @@ class _Point:
 _RECORDS = {one.__name__: one for one in (TaskOfDrive, Departure)}
 
 
-def tasks_of_drives(
-    drives: Sequence[Fact],
-    references: Iterable[Fact],
-    logical: LogicalScenario,
-    margin: float,
-    store: Store,
-    kept: KeptResults,
-    spread: Spread,
-) -> dict[str, TaskOfDrive]:
+def tasks_of_drives(drives: Sequence[Fact], references: Iterable[Fact], space: Space) -> dict[str, TaskOfDrive]:
     """Departure and t_i of every evaluated drive at some points of a scenario, by case.
 
-    references: the drives of drivers and of the reference car there. margin: `road_margin`, m.
-    kept: where results are looked up, and put. spread: where they are computed.
+    references: the drives of drivers and of the reference car there.
     """
+    store, kept, margin = space.store, space.kept, space.method.task.road_margin
     beside: dict[int, list[str]] = {}
     for fact in references:
         if fact.status == "ok":
             beside.setdefault(fact.point, []).append(fact.case)
     wanted = [
-        _point(list(facts), tuple(beside.get(point, ())), logical, margin)
+        _point(list(facts), tuple(beside.get(point, ())), space.logical, margin)
         for point, facts in groupby(sorted(drives, key=lambda fact: fact.point), key=lambda fact: fact.point)
     ]
     keys = {case: key for point in wanted for case, key in _keys(point, store)}
     found = {case: data for case, key in keys.items() if (data := kept.get("task", key)) is not None}
     missing = [point for point in wanted if any(case not in found for case, _ in point.drives)]
     parts = [(store.path, missing[first : first + _AT_ONCE]) for first in range(0, len(missing), _AT_ONCE)]
-    new = {case: data for part in (spread(_some_points, parts) if parts else ()) for case, data in part}
+    new = {case: data for part in (space.spread(_some_points, parts) if parts else ()) for case, data in part}
     kept.put(("task", keys[case], 0, data) for case, data in new.items())
     return {case: decoded(data, _RECORDS) for case, data in {**found, **new}.items()}
 

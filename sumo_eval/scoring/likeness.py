@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, replace
-from typing import Literal, TypeVar
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cases import EVALUATED, CaseResult, CaseTable, ThinReference
+from sumo_eval.cases import EVALUATED, CaseTable, ThinReference, Zone
 from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.leave_one_out import HumanBand
@@ -19,13 +18,11 @@ from sumo_eval.method.manoeuvres import words
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.human_reference import CaseIndex, LeftOut, PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults, key_of
-from sumo_eval.record.progress import Progress
-from sumo_eval.record.spread import Spread
-from sumo_eval.record.store import RECORDED, Fact, Store
+from sumo_eval.record.store import RECORDED, Fact
 from sumo_eval.results import OutsideSupport, ScoreNote, ThinReferences
-from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.confidence.drivers import exchanges
-from sumo_eval.settings import DriverSettings, EvaluationSettings
+from sumo_eval.scoring.space import Space
+from sumo_eval.settings import DriverSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 FEWEST_DRIVERS = 2  # a deviation needs two
@@ -67,18 +64,14 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
     return found
 
 
-def _zone_and_weight(
-    values: FloatArray, zones: ZonePartition, zones_key: bytes, kept: KeptResults
-) -> tuple[BoolArray, FloatArray]:
-    """Of points (n, k), kept or computed: whether each is hazardous, (n,), and its r (Eq. 16), (n,)."""
+def _zone_and_weight(values: FloatArray, zones: ZonePartition, zones_key: bytes, kept: KeptResults) -> FloatArray:
+    """Of points (n, k), kept or computed: whether each is hazardous, 1 or 0, and its r (Eq. 16), (2, n)."""
     key = key_of("weights", zones_key, values.tobytes())
-    known = kept.get("weights", key)
-    if known is not None:
-        inside, weights = np.frombuffer(known).reshape(2, len(values))
-        return inside > 0.0, weights
-    hazardous, weights = zones.exactly_hazardous(values), collision_weight(values, zones)
-    kept.put([("weights", key, 0, np.stack([hazardous, weights]).tobytes())])
-    return hazardous, weights
+    data = kept.get("weights", key)
+    if data is None:
+        data = np.stack([zones.exactly_hazardous(values), collision_weight(values, zones)]).tobytes()
+        kept.put([("weights", key, 0, data)])
+    return np.frombuffer(data).reshape(2, len(values))
 
 
 def _usable(drivers: int, recorded: int, settings: DriverSettings) -> tuple[ThinReference | None, bool]:
@@ -95,60 +88,54 @@ def _usable(drivers: int, recorded: int, settings: DriverSettings) -> tuple[Thin
 class Survey:
     """A scenario of a run at a glance, before its cases are looked at some points at a time.
 
-    points: how many there are; hazardous: flags, (points,), and weights: r, by the number of the point. compared:
-    whether anybody is compared with. driven: the points of each ADS's cases, in their order. left_out: the points at
-    which each ADS's cases have drivers left out one by one.
+    hazardous: flags, (points,), and weights: r, times the points that each stands for, by the number of the point.
+    people: whether an ADS can be compared with drivers. driven: the points of each ADS's cases, in their order.
+    left_out: the points at which each ADS's cases have drivers left out one by one.
     """
 
-    points: int
     hazardous: BoolArray
     weights: FloatArray
-    compared: bool
+    people: bool
     driven: Mapping[str, IntArray]
     left_out: Mapping[str, frozenset[int]]
 
 
-def survey(
-    logical: LogicalScenario,
-    zones: ZonePartition,
-    zones_key: bytes,
-    store: Store,
-    settings: EvaluationSettings,
-    kept: KeptResults,
-    progress: Progress,
-) -> Survey:
-    """What must be known of all points of a scenario before any. zones_key: a hash of all that the zones depend on.
-    Raises InputError for an ADS without a case.
+def survey(space: Space, zones: ZonePartition, zones_key: bytes) -> Survey:
+    """All points of a scenario, before any case is looked at.
+
+    zones_key: a hash of all that the zones depend on. Raises InputError for an ADS without a case.
     """
+    store, settings, names = space.store, space.settings, space.logical.names
     numbers, flat = array("q"), array("d")  # of a million points as lists they would be half a gigabyte
-    for fact in store.each_fact("ideal", logical.name):  # every point has one
+    for fact in store.each_fact("ideal", space.name):  # every point has one
         numbers.append(fact.point)
-        flat.extend(fact.values[name] for name in logical.names)
-    values, there = np.array(flat).reshape(len(numbers), len(logical.names)), np.array(numbers, dtype=np.intp)
+        flat.extend(fact.values[name] for name in names)
+    values, there = np.array(flat).reshape(len(numbers), len(names)), np.array(numbers, dtype=np.intp)
     points = int(there.max(initial=-1)) + 1
-    hazardous, weights = np.zeros(points, dtype=np.bool_), np.zeros(points)
+    inside, usable, compared = np.zeros((2, points)), np.zeros(points, dtype=np.bool_), False
     for first in range(0, len(there), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        hazardous[there[some]], weights[there[some]] = _zone_and_weight(values[some], zones, zones_key, kept)
-        progress(f"{logical.name}: weights of the points", min(some.stop, len(there)), len(there))
-    usable, compared = np.zeros(points, dtype=np.bool_), False
-    for point, drivers, recorded in store.drivers_at_points(logical.name, RECORDED):
+        inside[:, there[some]] = _zone_and_weight(values[some], zones, zones_key, space.kept)
+        space.progress(f"{space.name}: weights of the points", min(some.stop, len(there)), len(there))
+    hazardous, weights = inside[0] > 0.0, inside[1]
+    if space.points.stands_for is not None:
+        weights = weights * space.points.stands_for[:points]
+    for point, drivers, recorded in store.drivers_at_points(space.name, RECORDED):
         usable[point], compared = _usable(drivers, recorded, settings.drivers)[1], True
     driven: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}
     counted: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}
-    for point, name, status, hit in store.outcomes("ads", logical.name):
+    for point, name, status, hit in store.outcomes("ads", space.name):
         if name in driven:
             driven[name].append(point)
             if not hit and not hazardous[point] and status in EVALUATED and usable[point]:
                 counted[name].append(point)
     for name, its in driven.items():
         if not len(its):
-            raise InputError(f"Run {store.path.parent} holds no case of ADS `{name}` in scenario `{logical.name}`.")
+            raise InputError(f"Run {store.path.parent} holds no case of ADS `{name}` in scenario `{space.name}`.")
     return Survey(
-        points,
         hazardous,
         weights,
-        compared,
+        space.logical.has_drivers or compared,
         {name: np.array(its, dtype=np.intp) for name, its in driven.items()},
         {name: frozenset(jackknifed(its)) for name, its in counted.items()},
     )
@@ -156,11 +143,13 @@ def survey(
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What comes of putting people beside cases. indexes: D_i by case. bands: what the drivers of a point score among
-    themselves, each left out once, by point. left_out: what evenly chosen cases get without each driver, and
-    present: who drove there, by case.
+    """Cases beside the drivers at their points. references: those drivers, by point. indexes: D_i by case.
+
+    bands: what the drivers of a point score among themselves, each left out once, by point.
+    left_out: what evenly chosen cases get without each driver, and present: who drove there, by case.
     """
 
+    references: Mapping[int, PointReference]
     indexes: Mapping[str, CaseIndex]
     bands: Mapping[int, HumanBand]
     left_out: Mapping[str, LeftOut]
@@ -168,21 +157,18 @@ class Comparison:
 
 
 def compare_with_people(
-    logical: LogicalScenario,
+    space: Space,
+    known: Survey,
+    points: range,
     compared: Mapping[int, PointReference],
     judged: Mapping[str, Sequence[Fact]],
-    known: Survey,
-    store: Store,
-    settings: EvaluationSettings,
-    spread: Spread,
-    progress: Callable[[float], None],
-    kept: KeptResults,
 ) -> Comparison:
-    """D_i of every evaluated case that has enough drivers to compare with, and the drivers' bands. compared: the
-    drivers of some points. judged: the cases of each ADS there that are to have a D_i. spread, kept: as in
-    `compute_points`. progress: is told which share of the points is done.
+    """D_i of every evaluated case that has enough drivers to compare with, and the drivers' bands.
+
+    compared: the drivers of `points`. judged: the cases of each ADS there that are to have a D_i.
     """
-    usable = {point: reference for point, reference in compared.items() if reference.usable}
+    settings = space.settings
+    usable = {point: compared[point] for point in sorted(compared) if compared[point].usable}
     cases: dict[int, list[str]] = {point: [] for point in usable}
     left_out: dict[int, list[str]] = {point: [] for point in usable}
     for name, facts in judged.items():
@@ -191,26 +177,32 @@ def compare_with_people(
                 cases[fact.point].append(fact.case)
                 if fact.point in known.left_out[name]:
                     left_out[fact.point].append(fact.case)
-    points = [point for point in sorted(usable) if cases[point] or len(usable[point].cases) >= FEWEST_FOR_A_BAND]
-    jobs = [
-        PointJob(
-            usable[point].cases,
-            logical.road,
+    jobs = {
+        point: PointJob(
+            reference.cases,
+            space.logical.road,
             tuple(cases[point]),
             tuple(left_out[point]),
-            len(usable[point].cases) >= FEWEST_FOR_A_BAND,
-            exchanges(usable[point].drivers, settings.drivers, settings.seed),
+            len(reference.cases) >= FEWEST_FOR_A_BAND,
+            exchanges(reference.drivers, settings.drivers, settings.seed),
         )
-        for point in points
-    ]
+        for point, reference in usable.items()
+        if cases[point] or len(reference.cases) >= FEWEST_FOR_A_BAND
+    }
+
+    def progress(done: int) -> None:
+        first, share = points.start, done / len(jobs) * len(points)
+        space.progress(f"{space.name}: comparison with the drivers", first + round(share), len(known.weights))
+
     results = compute_points(
-        store.path, jobs, settings.method.anthropomorphic, spread, lambda done: progress(done / len(jobs)), kept
+        space.store.path, list(jobs.values()), settings.method.anthropomorphic, space.spread, progress, space.kept
     )
     return Comparison(
+        compared,
         {case: index for result in results for case, index in result.indexes.items()},
-        {point: result.band for point, result in zip(points, results, strict=True) if result.band is not None},
+        {point: result.band for point, result in zip(jobs, results, strict=True) if result.band is not None},
         {case: found for result in results for case, found in result.left_out.items()},
-        {case: usable[point].drivers for point in points for case in left_out[point]},
+        {case: usable[point].drivers for point in jobs for case in left_out[point]},
     )
 
 
@@ -220,44 +212,31 @@ def jackknifed(cases: Sequence[Judged]) -> list[Judged]:
     return [cases[place] for place in sorted(chosen)]
 
 
-def with_people(
-    rows: Sequence[CaseResult],
-    facts: Sequence[Fact],
-    people: Comparison,
-    compared: Mapping[int, PointReference],
-    outside: AbstractSet[int],
-    settings: DriverSettings,
-) -> list[CaseResult]:
-    """The rows with what is known of their human reference and of their exposure. outside: points outside the support
-    of recorded events.
-    """
-    full = []
-    for row, fact in zip(rows, facts, strict=True):
-        note: Literal["", "outside_support"] = "outside_support" if fact.point in outside else ""
-        if row.zone == "hazardous":
-            full.append(replace(row, exposure_note=note))
-            continue
-        reference, band = compared.get(fact.point), people.bands.get(fact.point)
-        index = people.indexes.get(fact.case)
-        thin = reference.note if reference else None
-        if reference is None and settings.source == RECORDED:
-            thin = ThinReference(0, settings.least, None)
-        full.append(
-            replace(
-                row,
-                drivers=len(reference.cases) if reference else 0,
-                recorded_drivers=reference.recorded if reference else 0,
-                reference_note=thin,
-                human_low=band.low if band else None,
-                human_mean=band.mean if band else None,
-                human_high=band.high if band else None,
-                bimodal=bool(index and any(one.kind == "two_groups" for one in index.notes)),
-                manoeuvre=words(index.manoeuvre) if index and index.manoeuvre else "",
-                manoeuvre_share=index.share if index and index.manoeuvre else None,
-                exposure_note=note,
-            )
-        )
-    return full
+def beside_people(fact: Fact, zone: Zone, people: Comparison, settings: DriverSettings) -> dict[str, Any]:
+    """The fields of a case that tell of its D_i and its human reference; none in the hazardous zone."""
+    if zone == "hazardous":
+        return {}
+    reference, band = people.references.get(fact.point), people.bands.get(fact.point)
+    index = people.indexes.get(fact.case)
+    thin = reference.note if reference else None
+    if reference is None and settings.source == RECORDED:
+        thin = ThinReference(0, settings.least, None)
+    found: dict[str, Any] = {}
+    if index is not None:
+        found = {name: getattr(index, name) for name in ("length_factor", "operation_factor", "similarity")}
+        found |= {"index": index.value, "index_note": index.notes}
+        found["bimodal"] = any(one.kind == "two_groups" for one in index.notes)
+    if index is not None and index.manoeuvre:
+        found |= {"manoeuvre": words(index.manoeuvre), "manoeuvre_share": index.share}
+    if index is not None and (likeness := index.likeness) is not None:
+        found |= {"operation_tolerance": likeness.operation_tolerance, "mixture_similarity": likeness.similarity}
+    if band is not None:
+        found |= {f"human_{end}": getattr(band, end) for end in ("low", "mean", "high")}
+    return found | {
+        "drivers": len(reference.cases) if reference else 0,
+        "recorded_drivers": reference.recorded if reference else 0,
+        "reference_note": thin,
+    }
 
 
 def reference_notes(cases: CaseTable) -> tuple[ScoreNote, ...]:

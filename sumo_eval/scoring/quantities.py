@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Literal
+from dataclasses import fields, replace
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.record.cases import IN_BLOCK
 from sumo_eval.record.human_reference import CaseIndex
-from sumo_eval.record.store import Fact, Store
+from sumo_eval.record.store import Fact
 from sumo_eval.results import (
     ActorsLeft,
     BeyondRange,
@@ -46,11 +45,14 @@ from sumo_eval.results import (
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
-from sumo_eval.scoring.drive_measures import DriveMeasures
+from sumo_eval.scoring.drive_measures import finite
 from sumo_eval.scoring.driving_task import TaskOfDrive
+from sumo_eval.scoring.likeness import Comparison, Survey, beside_people, reference_notes
+from sumo_eval.scoring.requirements import requirements_missed
+from sumo_eval.scoring.space import Space
 from sumo_eval.settings import CollisionSettings, MethodSettings
 from sumo_eval.text import without_numbers
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray
 
 _RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in fields(Fact)} - {"clips"}
 """What a row has of its fact as it is."""
@@ -59,81 +61,44 @@ LEFT_THE_NETWORK = "actor_left_the_network"
 """The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
 
 
-def drivers_left_out(logical: LogicalScenario, store: Store) -> tuple[ScoreNote, ...]:
-    """Drivers' drives that are no reference: a skilled driver's safe-zone case ends well."""
-    ended = [
-        (status, number)
-        for scenario, role, _, status, number, _ in store.counts()
-        if (scenario, role) == (logical.name, "human")
-    ]
-    left_out = [(status, number) for status, number in ended if status != "ok"]
-    if not left_out:
-        return ()
-    return (DrivesLeftOut(sum(n for _, n in left_out), sum(n for _, n in ended), tuple(sorted(left_out))),)
-
-
-def simulated_alone(logical: LogicalScenario, ads: str, store: Store) -> tuple[ScoreNote, ...]:
-    """Drives that were to be simulated together with others, and had to be done again alone."""
-    reasons = store.simulated_alone(logical.name, ads)
-    return (DrivenAlone(tuple(reasons.items())),) if reasons else ()
-
-
 class Remarks:
-    """What is to be said of all drives of an ADS in a scenario, gathered some drives at a time."""
+    """What must be said of the drives of an ADS in a scenario, gathered some drives at a time."""
 
-    def __init__(self, severity: Severity) -> None:
-        self._severity = severity
+    def __init__(self) -> None:
         self._blocks: Counter[int] = Counter()
-        self._left = 0
         self._beyond: Counter[str] = Counter()
-        self._safe, self._struck = 0, 0
+        self._left, self._safe, self._struck = 0, 0, 0
 
-    def add(self, facts: Sequence[Fact]) -> None:
-        """Take in some drives."""
+    def add(self, facts: Sequence[Fact], references: Sequence[Fact], severity: Severity) -> None:
+        """Take in some drives. references: those of drivers and of the reference car at points of the safe zone."""
         self._blocks.update(int(clip.requested) for fact in facts for clip in fact.clips if clip.what == IN_BLOCK)
         self._left += sum(any(clip.what == LEFT_THE_NETWORK for clip in fact.clips) for fact in facts)
-        self._beyond.update(self._severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
+        self._beyond.update(severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
+        self._safe += len({fact.point for fact in references})
+        self._struck += len({fact.point for fact in references if fact.status == "collision"})
 
-    def add_references(self, facts: Sequence[Fact]) -> None:
-        """Take in the drives of drivers and of the reference car at some points of the safe zone."""
-        self._safe += len({fact.point for fact in facts})
-        self._struck += len({fact.point for fact in facts if fact.status == "collision"})
-
-    @property
-    def references_collide(self) -> tuple[ScoreNote, ...]:
-        """Points called safe at which those who are compared with collide."""
-        return (ReferencesCollide(self._struck, self._safe),) if self._struck else ()
-
-    @property
-    def in_blocks(self) -> tuple[ScoreNote, ...]:
-        """Drives of a policy over arrays, and how many cases it was shown together."""
-        return (DrivenInBlocks(self._blocks.total(), tuple(sorted(self._blocks))),) if self._blocks else ()
-
-    @property
-    def actors_left(self) -> tuple[ScoreNote, ...]:
-        """Cases in which an actor came to the end of the network."""
-        return (ActorsLeft(self._left),) if self._left else ()
-
-    @property
-    def beyond_range(self) -> tuple[ScoreNote, ...]:
-        """Collisions outside the range that the severity is known for."""
-        reasons = {reason: number for reason, number in self._beyond.items() if reason}
-        return (BeyondRange(self._severity.name, tuple(sorted(reasons.items()))),) if reasons else ()
-
-
-@dataclass(frozen=True, slots=True)
-class PointTerms:
-    """One concrete scenario in Eqs. 14-17, whoever drives there. weight: r. ideal_severity: Ug, of contacts, and
-    no_reaction_severity: U0, of contacts and departures, 0 without them, None where their drive could not be evaluated;
-    ideal_error and no_reaction_error: why not. conflict: of its ways, None where none conflicts with the ego's.
-    """
-
-    weight: float
-    ideal_severity: float | None
-    no_reaction_severity: float | None
-    conflict: Conflict | None = None
-    ideal_error: str = ""
-    no_reaction_error: str = ""
+    def notes(self, ads: str, space: Space, plausible: Sequence[ScoreNote], cases: CaseTable) -> Iterator[ScoreNote]:
+        """The notes. plausible: on the people of the plausibility. cases: all of the ADS."""
+        ended = {
+            status: number
+            for scenario, role, _, status, number, _ in space.store.counts()
+            if (scenario, role) == (space.name, "human")
+        }
+        left_out = [(status, number) for status, number in sorted(ended.items()) if status != "ok"]
+        if left_out:
+            yield DrivesLeftOut(sum(number for _, number in left_out), sum(ended.values()), tuple(left_out))
+        yield from plausible
+        if alone := space.store.simulated_alone(space.name, ads):
+            yield DrivenAlone(tuple(alone.items()))
+        if self._blocks:
+            yield DrivenInBlocks(self._blocks.total(), tuple(sorted(self._blocks)))
+        if self._left:
+            yield ActorsLeft(self._left)
+        if self._struck:
+            yield ReferencesCollide(self._struck, self._safe)
+        yield from reference_notes(cases)
+        if reasons := sorted((reason, number) for reason, number in self._beyond.items() if reason):
+            yield BeyondRange(space.severity.name, tuple(reasons))
 
 
 def struck_by_other(fact: Fact, settings: CollisionSettings) -> bool:
@@ -146,57 +111,50 @@ def struck_by_other(fact: Fact, settings: CollisionSettings) -> bool:
     return any(clip.what == STRUCK_FROM_BEHIND and clip.applied >= enough for clip in fact.clips)
 
 
-def point_terms(
-    weights: FloatArray,
-    points: range,
-    logical: LogicalScenario,
-    store: Store,
-    severity: Severity,
-    method: MethodSettings,
-    idle: Sequence[Fact],
-    tasks: Mapping[str, TaskOfDrive],
-) -> dict[int, PointTerms]:
-    """r, Ug and U0 of some concrete scenarios of a run, by point. weights: r, by the number of the point. severity:
-    what stands in the place of U. idle: the drives of `no_reaction` there. tasks: departures by case.
+def harm_at(
+    space: Space, known: Survey, points: range, idle: Sequence[Fact], tasks: Mapping[str, TaskOfDrive]
+) -> dict[int, dict[str, Any]]:
+    """The fields that cases at one point share, by point: r, Ug, U0, and how their ways conflict.
+
+    idle: the drives of `no_reaction` there. tasks: departures by case.
     """
-    found, settings = store.facts_at(points, "ideal", logical.name), method.collision
-    unreacting = {
-        fact.point: (
-            None
-            if (contact := _reference_severity(fact, severity, settings)) is None
-            else max(contact, _of_departure(fact, tasks, severity, method)),
-            _reference_error(fact),
-        )
-        for fact in idle
-    }
-    nobody: tuple[None, str] = (None, "")
+    unreacting = {fact.point: fact for fact in idle}
     return {
-        fact.point: PointTerms(
-            float(weights[fact.point]),
-            _reference_severity(fact, severity, settings),
-            unreacting.get(fact.point, nobody)[0],
-            conflict_at(logical, fact.values),
-            _reference_error(fact),
-            unreacting.get(fact.point, nobody)[1],
-        )
-        for fact in found
+        fact.point: {
+            "weight": float(known.weights[fact.point]),
+            **_reference("ideal", fact, 0.0, space),
+            **_idle(unreacting.get(fact.point), tasks, space),
+            **_conflict(conflict_at(space.logical, fact.values)),
+        }
+        for fact in space.facts_at(points, "ideal")
     }
 
 
-def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], severity: Severity, method: MethodSettings) -> float:
+def _reference(who: Literal["ideal", "no_reaction"], fact: Fact, least: float, space: Space) -> dict[str, Any]:
+    """Ug or U0 of a reference's drive, at least `least`: 0 where it avoids; why it could not be evaluated."""
+    if fact.status not in EVALUATED:
+        return {f"{who}_severity": None, f"{who}_error": fact.error or fact.status}
+    hit = None if struck_by_other(fact, space.method.collision) else _severity(fact, space.severity)
+    return {f"{who}_severity": max(hit or 0.0, least)}
+
+
+def _idle(fact: Fact | None, tasks: Mapping[str, TaskOfDrive], space: Space) -> dict[str, Any]:
+    """U0 of the drive of `no_reaction`, departures included."""
+    return {} if fact is None else _reference("no_reaction", fact, _of_departure(fact, tasks, space), space)
+
+
+def _conflict(conflict: Conflict | None) -> dict[str, Any]:
+    if conflict is None:
+        return {}
+    return {"undisturbed_pet": finite(conflict.pet), "time_to_conflict": finite(conflict.time_to)}
+
+
+def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: Space) -> float:
     """U of a drive's departure, as a contact beside the road; 0 where it stayed on the road."""
     departure = tasks[fact.case].departure if fact.case in tasks else None
     if departure is None:
         return 0.0
-    return severity.of(roadside_contact(departure, method.task.roadside_overlap), fact.case)
-
-
-def _loss(fact: Fact) -> float | None:
-    """L of a case's collision, None without one."""
-    hit = fact.collision
-    if hit is None:
-        return None
-    return float(collision_loss(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)))
+    return space.severity.of(roadside_contact(departure, space.method.task.roadside_overlap), fact.case)
 
 
 def _severity(fact: Fact, severity: Severity) -> float | None:
@@ -204,102 +162,64 @@ def _severity(fact: Fact, severity: Severity) -> float | None:
     return None if fact.collision is None else severity.of(fact.collision, fact.case)
 
 
-def _reference_severity(fact: Fact, severity: Severity, settings: CollisionSettings) -> float | None:
-    """Ug or U0: U of a reference's drive, 0 where it avoids, None where it could not be evaluated."""
-    if struck_by_other(fact, settings):
-        return 0.0
-    return (_severity(fact, severity) or 0.0) if fact.status in EVALUATED else None
-
-
-def _reference_error(fact: Fact) -> str:
-    """Why a reference's drive could not be evaluated: its error, its status where it has none; else nothing."""
-    return "" if fact.status in EVALUATED else fact.error or fact.status
-
-
 def tabulate(
     facts: Sequence[Fact],
-    hazardous: BoolArray,
-    indexes: Mapping[str, CaseIndex],
-    points: Mapping[int, PointTerms],
-    measured: Mapping[str, DriveMeasures],
-    chosen: Severity,
-    method: MethodSettings,
+    space: Space,
+    known: Survey,
+    people: Comparison,
+    harm: Mapping[int, Mapping[str, Any]],
     tasks: Mapping[str, TaskOfDrive],
-) -> list[CaseResult]:
-    """One row a case. indexes, measured, tasks: by case. points: by point. chosen: what stands in the place of U."""
-    rows, settings, nothing = [], method.collision, TaskOfDrive(None, None)
-    for fact, dangerous in zip(facts, hazardous, strict=True):
-        index, hit, there = indexes.get(fact.case), fact.collision, points[fact.point]
-        struck = struck_by_other(fact, settings)
-        severity, ideal = None if struck else _severity(fact, chosen), there.ideal_severity
-        likeness = index.likeness if index else None
-        gave_up, task = fact.status in GAVE_UP, tasks.get(fact.case, nothing)
-        departure = task.departure
-        rows.append(
-            CaseResult(
-                ads=fact.driver,
-                zone="hazardous" if dangerous else "safe",
-                **{name: getattr(fact, name) for name in _RECORDED},
-                latency_relative=fact.latency_median / fact.latency_reference
-                if fact.latency_median is not None and fact.latency_reference
-                else None,
-                collided=hit is not None and not struck,
-                struck_from_behind=struck,
-                impact_speed=hit.relative_speed if hit else None,
-                overlap=hit.overlap if hit else None,
-                side=hit.side if hit else None,
-                severity=severity,
-                loss=None if struck else _loss(fact),
-                ideal_severity=ideal,
-                no_reaction_severity=there.no_reaction_severity,
-                ideal_error=there.ideal_error,
-                no_reaction_error=there.no_reaction_error,
-                weight=there.weight,
-                beats_ideal=severity is not None and ideal is not None and severity < ideal,
-                index=index.value if index else None,
-                length_factor=index.length_factor if index else None,
-                operation_factor=index.operation_factor if index else None,
-                similarity=index.similarity if index else None,
-                operation_tolerance=likeness.operation_tolerance if likeness else None,
-                mixture_similarity=likeness.similarity if likeness else None,
-                index_note=index.notes if index else (),
-                clips="; ".join(f"{clip.what} x{clip.count}" for clip in fact.clips),
-                ideal_collided=None if ideal is None else ideal > 0.0,
-                undisturbed_pet=None if there.conflict is None else _finite(there.conflict.pet),
-                time_to_conflict=None if there.conflict is None else _finite(there.conflict.time_to),
-                task_share=0.0 if gave_up else task.share,
-                departure_time=None if departure is None else departure.time,
-                departure_speed=None if departure is None else departure.speed,
-                departure_severity=None if departure is None else _of_departure(fact, tasks, chosen, method),
-            )
+    measured: Mapping[str, Mapping[str, Any]],
+) -> Iterator[CaseResult]:
+    """One row a case. harm: fields of the cases at each point. tasks, measured: by case."""
+    for fact in facts:
+        zone: Zone = "hazardous" if known.hazardous[fact.point] else "safe"
+        struck, hit, task = struck_by_other(fact, space.method.collision), fact.collision, tasks.get(fact.case)
+        severity, ideal = None if struck else _severity(fact, space.severity), harm[fact.point]["ideal_severity"]
+        fields_: dict[str, Any] = {
+            **{name: getattr(fact, name) for name in _RECORDED},
+            **harm[fact.point],
+            **beside_people(fact, zone, people, space.settings.drivers),
+            **measured.get(fact.case, {}),
+        }
+        if fact.latency_median is not None and fact.latency_reference:
+            fields_["latency_relative"] = fact.latency_median / fact.latency_reference
+        if hit is not None:
+            fields_ |= {"impact_speed": hit.relative_speed, "overlap": hit.overlap, "side": hit.side}
+        if hit is not None and not struck:
+            fields_["loss"] = float(collision_loss(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)))
+        if task is not None and (departure := task.departure) is not None:
+            fields_ |= {
+                "departure_time": departure.time,
+                "departure_speed": departure.speed,
+                "departure_severity": _of_departure(fact, tasks, space),
+            }
+        row = CaseResult(
+            ads=fact.driver,
+            zone=zone,
+            collided=hit is not None and not struck,
+            struck_from_behind=struck,
+            severity=severity,
+            beats_ideal=severity is not None and ideal is not None and severity < ideal,
+            ideal_collided=None if ideal is None else ideal > 0.0,
+            task_share=0.0 if fact.status in GAVE_UP else None if task is None else task.share,
+            clips="; ".join(f"{clip.what} x{clip.count}" for clip in fact.clips),
+            exposure_note="outside_support" if fact.point in space.outside else "",
+            requirements_missed=requirements_missed(fact, space),
+            **fields_,
         )
-    return [_judged(row, indexes.get(row.case), measured.get(row.case)) for row in rows]
+        index = people.indexes.get(fact.case)
+        yield replace(row, human_likeness=_human_likeness(row, index) if known.people else None)
 
 
-def _judged(row: CaseResult, index: CaseIndex | None, found: DriveMeasures | None) -> CaseResult:
-    """The row with what its trajectories tell."""
-    harmful = row.zone == "safe" and row.incident and row.ideal_severity == 0.0
-    if found is None:
-        return replace(row, human_likeness=0.0) if harmful else row
-    likeness: float | None = None
-    if harmful:
-        likeness = 0.0
-    elif row.counts_for_index and not row.incident and index is not None and index.likeness is not None:
-        likeness = index.likeness.value * found.plausibility
-    columns = [(item.name, part) for part in (found.criticality, found.lane) for item in fields(part)]
-    measured = {name: _finite(getattr(part, name)) for name, part in columns if hasattr(row, name)}
-    return replace(
-        row,
-        plausibility=found.plausibility,
-        human_likeness=likeness,
-        conflict_pet=_finite(found.conflict_pet),
-        **measured,  # type: ignore[arg-type]
-    )
-
-
-def _finite(value: float) -> float | None:
-    """None for what a table cannot hold: not defined, or unbounded."""
-    return value if math.isfinite(value) else None
+def _human_likeness(row: CaseResult, index: CaseIndex | None) -> float | None:
+    """The case's part in H: 0 with an incident that the ideal vehicle avoids."""
+    if row.safe and row.incident and row.ideal_severity == 0.0:
+        return 0.0
+    likeness = None if index is None else index.likeness
+    if likeness is None or row.plausibility is None or row.incident or not row.counts_for_index:
+        return None
+    return likeness.value * row.plausibility
 
 
 def combine(

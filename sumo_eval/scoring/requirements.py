@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from sumo_eval.cases import EVALUATED, CaseResult, CaseTable
+from sumo_eval.cases import EVALUATED, CaseTable
 from sumo_eval.method.measures import time_headway, time_to_collision, vehicle_ahead
-from sumo_eval.record.store import EGO, Fact, Store
+from sumo_eval.record.store import EGO, Fact
 from sumo_eval.results import RequirementMissed, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.requirement import Requirement
+from sumo_eval.scoring.space import Space
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory
 
 
@@ -54,30 +55,21 @@ def series_of_others(
     return found
 
 
-def with_requirements(
-    rows: Sequence[CaseResult], facts: Sequence[Fact], logical: LogicalScenario, store: Store
-) -> list[CaseResult]:
-    """The rows with the names of the requirements that each drive misses; None where nothing is required."""
-    if logical.requirements is None:
-        return list(rows)
-    found = []
-    for row, fact in zip(rows, facts, strict=True):
-        if fact.status not in EVALUATED:
-            found.append(row)
-            continue
-        actors = store.trajectories(fact.case)
-        if EGO not in actors:
-            raise store.no_trajectory(fact.case)
-        ego = actors.pop(EGO)
-        known = logical.requirements.known(fact.values) | {
-            "collided": float(fact.collision is not None),
-            "reached_end": float(ego.x[-1] >= logical.road.length),
-        }
-        series = series_of(ego, actors, fact.collision)
-        series |= series_of_others(logical.requirements.all, ego, actors)
-        missed = [one.name for one in logical.requirements.all if not one.holds(series, known)]
-        found.append(replace(row, requirements_missed="; ".join(missed)))
-    return found
+def requirements_missed(fact: Fact, space: Space) -> str | None:
+    """Names of the requirements that a drive misses; None where nothing is required or nothing was evaluated."""
+    required = space.logical.requirements
+    if required is None or fact.status not in EVALUATED:
+        return None
+    actors = space.store.trajectories(fact.case)
+    if EGO not in actors:
+        raise space.store.no_trajectory(fact.case)
+    ego = actors.pop(EGO)
+    known = required.known(fact.values) | {
+        "collided": float(fact.collision is not None),
+        "reached_end": float(ego.x[-1] >= space.logical.road.length),
+    }
+    series = series_of(ego, actors, fact.collision) | series_of_others(required.all, ego, actors)
+    return "; ".join(one.name for one in required.all if not one.holds(series, known))
 
 
 def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario) -> ScenarioResult:

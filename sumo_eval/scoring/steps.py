@@ -7,16 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sumo_eval.method.plausibility import Quantiles
 from sumo_eval.method.severity import Severity
 from sumo_eval.record.human_reference import LeftOut
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.record.points import choose_points, kept_zones
+from sumo_eval.record.points import Resolved, choose_points, kept_zones
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
@@ -31,28 +31,13 @@ from sumo_eval.scoring.drive_measures import drive_measures
 from sumo_eval.scoring.driving_task import recorded_with, tasks_of_drives
 from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.scoring.kept_scores import RowWriter, Scores
-from sumo_eval.scoring.likeness import (
-    Comparison,
-    Survey,
-    compare_with_people,
-    reference_notes,
-    references,
-    survey,
-    with_people,
-)
+from sumo_eval.scoring.likeness import Comparison, Survey, compare_with_people, references, survey
 from sumo_eval.scoring.plausible_people import plausible_people
-from sumo_eval.scoring.quantities import (
-    Remarks,
-    combine,
-    describe_zones,
-    drivers_left_out,
-    point_terms,
-    simulated_alone,
-    tabulate,
-)
-from sumo_eval.scoring.requirements import with_counts, with_requirements
+from sumo_eval.scoring.quantities import Remarks, combine, describe_zones, harm_at, tabulate
+from sumo_eval.scoring.requirements import with_counts
+from sumo_eval.scoring.space import Space
 from sumo_eval.scoring.zones import zones_key
-from sumo_eval.settings import EvaluationSettings, ScenarioSettings
+from sumo_eval.settings import ScenarioSettings
 
 POINTS_AT_ONCE = 512
 """Concrete scenarios whose cases are in memory at a time while a run is scored."""
@@ -62,8 +47,7 @@ POINTS_AT_ONCE = 512
 class Scoring:
     """One reading of a run's facts. spread: where D_i are computed. kept: what was computed before."""
 
-    settings: EvaluationSettings
-    source: Path
+    run: Resolved
     exposures: Mapping[str, Any]
     severity: Severity
     store: Store
@@ -76,141 +60,93 @@ class Scoring:
         # One thread: these matrices gain little from more, several wait for each other where the machine is busy (five
         # times the processor time at a load of six), and sums may differ by a bit with their number.
         with threadpool_limits(1):
-            return self._all_scenarios(rows)
+            found = [score_scenario(self._space(*named), rows) for named in self.run.entries]
+        spreads = {(one.ads, one.scenario): spread for _, scored in found for one, spread in scored}
+        scores = [one for _, scored in found for one, _ in scored]
+        ranking = rank(scores, spreads, self.run.settings.method.ranking)
+        return Scores(tuple(zones for zones, _ in found), tuple(scores), ranking, rows.chunks(list(spreads)))
 
-    def _all_scenarios(self, rows: RowWriter) -> Scores:
-        zones: list[ZoneResult] = []
-        scores: list[ScenarioResult] = []
-        spreads: dict[tuple[str, str], ScoreIntervals | None] = {}
-        for entry in self.settings.scenario:
-            result, finished, found = self._scenario(entry, rows)
-            zones.append(result)
-            scores += finished
-            spreads |= {(one.ads, one.scenario): spread for one, spread in zip(finished, found, strict=True)}
-        ranking = rank(scores, spreads, self.settings.method.ranking)
-        order = [(one.ads, one.scenario) for one in scores]
-        return Scores(tuple(zones), tuple(scores), ranking, rows.chunks(order))
-
-    def _scenario(
-        self, entry: ScenarioSettings, rows: RowWriter
-    ) -> tuple[ZoneResult, list[ScenarioResult], list[ScoreIntervals | None]]:
-        settings, store, method = self.settings, self.store, self.settings.method
-        logical, points = choose_points(entry, self.source, settings)
-        key = zones_key(entry, settings, self.source)
-        zones = kept_zones(logical, method.zones, self.kept, key)  # step 1: safe and hazardous zones
-        known = survey(  # step 2: the ADSs in every concrete scenario
-            logical, zones, key, store, settings, self.kept, self.progress
-        )
-        if points.stands_for is not None:
-            known = replace(known, weights=known.weights * points.stands_for[: known.points])
-        nobody = not logical.has_drivers and not known.compared
-        plausible = plausible_people(logical, store, method.plausibility)
-        remarks = {ads.name: Remarks(self.severity) for ads in settings.ads}
-        car = method.task.task_reference if recorded_with(store, method.task.task_reference) else ""
-        space = f"{entry.use} {space_key(entry, self.source)} {sources('scenario', 'settings')}"
-        left_out: dict[str, LeftOut] = {}
-        present: dict[str, Sequence[str]] = {}
-        for first in range(0, known.points, POINTS_AT_ONCE):
-            at_once = range(first, min(first + POINTS_AT_ONCE, known.points))
-            people = self._some_points(
-                logical, known, plausible.people, at_once, remarks, rows, space, car, nobody=nobody
-            )
-            left_out |= people.left_out
-            present |= people.present
-        combined: list[ScenarioResult] = []
-        tables = [rows.rows(ads.name, logical.name) for ads in settings.ads]
-        for ads, table in zip(settings.ads, tables, strict=True):
-            notes = (
-                *drivers_left_out(logical, store),
-                *plausible.notes,
-                *simulated_alone(logical, ads.name, store),
-                *remarks[ads.name].in_blocks,
-                *remarks[ads.name].actors_left,
-                *remarks[ads.name].references_collide,
-                *reference_notes(table),
-                *remarks[ads.name].beyond_range,
-            )
-            scored = combine(  # step 6: C, D, S; T, A, H, S+
-                ads.name, logical.name, table, method, notes, people=not nobody, task_reference=car
-            )
-            combined.append(with_counts(scored, table, logical))
-        finished, found = with_intervals(
-            combined,
-            tables,
-            [known.driven[ads.name] for ads in settings.ads],
-            [driver_deviations(table, left_out, present, settings.drivers, settings.seed) for table in tables],
-            logical.to_unit(points.points),
-            points.method,
-            settings,
-            points.stratum,
-            self.progress,
-        )
-        described = describe_zones(logical, zones, points)
-        if settings.run.only:
-            few = len({point for places in known.driven.values() for point in places.tolist()})
-            told = f"`run.only` asks for {few} of {len(points.points)} points: every number is of these alone."
-            described = replace(described, notes=(*described.notes, told))
-        if entry.sampling.method == ADAPTIVE:
-            stands = standing(
-                entry.sampling, points, finished, tables, [known.driven[ads.name] for ads in settings.ads], method,
-                logical.name,
-            )  # fmt: skip
-            described = replace(described, notes=(*described.notes, stands.sentence))
-        return described, finished, found
-
-    def _some_points(
-        self,
-        logical: LogicalScenario,
-        known: Survey,
-        plausible: Quantiles,
-        points: range,
-        remarks: Mapping[str, Remarks],
-        rows: RowWriter,
-        space: str,
-        car: str,
-        *,
-        nobody: bool,
-    ) -> Comparison:
-        """Steps 3 to 5 at some points: the rows of every ADS's cases there. space: stands for the scenario's files.
-        car: the reference car, "" where the run holds none.
-        """
-        settings, store, method = self.settings, self.store, self.settings.method
-        drives: dict[str, list[Fact]] = {ads.name: [] for ads in settings.ads}
-        for fact in store.facts_at(points, "ads", logical.name):
-            if fact.driver in drives:
-                drives[fact.driver].append(fact)
-        drivers = store.facts_at(points, "human", logical.name)
-        compared = references(drivers, settings.drivers)
-        judged = {  # step 3: collisions have no D_i
-            name: [fact for fact in facts if not known.hazardous[fact.point] and fact.collision is None]
-            for name, facts in drives.items()
-        }
-        stage = f"{logical.name}: comparison with the drivers"
-        people = compare_with_people(  # step 4: D_i
-            logical, compared, judged, known, store, settings, self.spread,
-            lambda share: self.progress(stage, points.start + round(share * len(points)), known.points), self.kept,
+    def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> Space:
+        settings, source = self.run.settings, self.run.source
+        reference = settings.method.task.task_reference
+        return Space(
+            entry, logical, choose_points(logical, entry, source, settings), settings, source, self.severity,
+            self.store, self.kept, self.spread, self.progress,
+            reference if recorded_with(self.store, reference) else "",
+            frozenset(self.exposures.get(logical.name, {}).get("outside_support", ())),
         )  # fmt: skip
-        idle = store.facts_at(points, "no_reaction", logical.name)
-        cars = store.facts_at(points, "task_reference", logical.name) if car else []
-        everyone = [*idle, *(fact for facts in drives.values() for fact in facts)]
-        tasks = tasks_of_drives(  # beside the paper: departures and t_i
-            everyone, [*drivers, *cars], logical, method.task.road_margin, store, self.kept, self.spread
+
+
+Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
+"""The result of each ADS in a scenario, and what a ranking needs of it."""
+
+
+def score_scenario(space: Space, rows: RowWriter) -> tuple[ZoneResult, Scored]:
+    """The six steps in one scenario, steps 3 to 5 some points at a time."""
+    method, key = space.method, zones_key(space.entry, space.settings, space.source)
+    zones = kept_zones(space.logical, method.zones, space.kept, key)  # 1  safe and hazardous zones, Eqs. 1-8
+    known = survey(space, zones, key)  # 2  the ADSs in every concrete scenario
+    people = plausible_people(space.logical, space.store, method.plausibility)
+    remarks = {ads.name: Remarks() for ads in space.settings.ads}
+    left_out: dict[str, LeftOut] = {}
+    present: dict[str, Sequence[str]] = {}
+    for first in range(0, len(known.weights), POINTS_AT_ONCE):
+        some = range(first, min(first + POINTS_AT_ONCE, len(known.weights)))
+        compared = score_points(space, known, some, people.people, remarks, rows)  # 3 to 5
+        left_out |= compared.left_out
+        present |= compared.present
+    tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
+    deviations = [
+        driver_deviations(one, left_out, present, space.settings.drivers, space.settings.seed) for one in tables
+    ]
+    scores = [  # 6  Eqs. 13, 17, 18; T, A', H, S+
+        combine(
+            name, space.name, table, method, tuple(remark.notes(name, space, people.notes, table)),
+            people=known.people, task_reference=space.car,
         )
-        there = point_terms(  # step 5: U, L, Ug, r, and U0 beside the paper
-            known.weights, points, logical, store, self.severity, method, idle, tasks
-        )
-        outside = set(self.exposures.get(logical.name, {}).get("outside_support", ()))
-        for name, facts in drives.items():
-            measured = drive_measures(
-                facts, store, plausible, logical, self.kept, space, self.spread
-            )  # beside the paper: TTC, DRAC, PET, plausibility ...
-            inside = known.hazardous[[fact.point for fact in facts]]
-            table = tabulate(facts, inside, people.indexes, there, measured, self.severity, method, tasks)
-            if nobody:
-                table = [replace(row, human_likeness=None) for row in table]
-            table = with_people(table, facts, people, compared, outside, settings.drivers)
-            rows.add(with_requirements(table, facts, logical, store))
-            remarks[name].add(facts)
-            remarks[name].add_references([fact for fact in (*drivers, *cars) if not known.hazardous[fact.point]])
-        self.progress(stage, points.stop, known.points)
-        return people
+        for (name, remark), table in zip(remarks.items(), tables, strict=True)
+    ]  # fmt: skip
+    scores = [with_counts(score, table, space.logical) for score, table in zip(scores, tables, strict=True)]
+    places, points = [known.driven[name] for name in remarks], space.points
+    scores, spreads = with_intervals(
+        scores, tables, places, deviations, space.logical.to_unit(points.points), points.method, space.settings,
+        points.stratum, space.progress,
+    )  # fmt: skip
+    described = describe_zones(space.logical, zones, points)
+    notes = list(described.notes)
+    if space.settings.run.only:
+        few = len(np.unique(np.concatenate(places)))
+        notes.append(f"`run.only` asks for {few} of {len(points.points)} points: every number is of these alone.")
+    if space.entry.sampling.method == ADAPTIVE:
+        stands = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
+        notes.append(stands.sentence)
+    return replace(described, notes=tuple(notes)), list(zip(scores, spreads, strict=True))
+
+
+def score_points(
+    space: Space, known: Survey, points: range, people: Quantiles, remarks: Mapping[str, Remarks], rows: RowWriter
+) -> Comparison:
+    """Steps 3 to 5 at some points: the rows of every ADS's cases there. people: of the plausibility."""
+    drives: dict[str, list[Fact]] = {ads.name: [] for ads in space.settings.ads}
+    for fact in space.facts_at(points, "ads"):
+        if fact.driver in drives:
+            drives[fact.driver].append(fact)
+    drivers, idle = space.facts_at(points, "human"), space.facts_at(points, "no_reaction")
+    cars = space.facts_at(points, "task_reference") if space.car else []
+    judged = {  # 3  collisions have no D_i
+        name: [fact for fact in facts if not known.hazardous[fact.point] and fact.collision is None]
+        for name, facts in drives.items()
+    }
+    beside = references(drivers, space.settings.drivers)
+    compared = compare_with_people(space, known, points, beside, judged)  # 4  D_i, Eqs. 9-12
+    everyone = [*idle, *(fact for facts in drives.values() for fact in facts)]
+    tasks = tasks_of_drives(everyone, [*drivers, *cars], space)  # beside the paper: departures and t_i
+    harm = harm_at(space, known, points, idle, tasks)  # 5  U, L, Ug, r, Eqs. 14-16
+    files = f"{space.entry.use} {space_key(space.entry, space.source)} {sources('scenario', 'settings')}"
+    safe = [fact for fact in (*drivers, *cars) if not known.hazardous[fact.point]]
+    for name, facts in drives.items():
+        measured = drive_measures(facts, space, people, files)  # beside the paper: TTC, PET, plausibility ...
+        rows.add(list(tabulate(facts, space, known, compared, harm, tasks, measured)))
+        remarks[name].add(facts, safe, space.severity)
+    space.progress(f"{space.name}: comparison with the drivers", points.stop, len(known.weights))
+    return compared

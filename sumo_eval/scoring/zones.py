@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.kept_results import KeptResults, key_of
-from sumo_eval.record.points import ZONES, kept_zones
-from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.record.points import ZONES, Resolved, kept_zones
 from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
@@ -16,11 +15,13 @@ ROOMS_OF_ZONES = ("method", "scenario", "settings")
 """Rooms of this package that a partition comes from."""
 
 
-def zones_of_entry(
-    entry: ScenarioSettings, logical: LogicalScenario, settings: EvaluationSettings, source: Path, kept: KeptResults
-) -> ZonePartition:
-    """The partition of a scenario, kept or computed."""
-    return kept_zones(logical, settings.method.zones, kept, zones_key(entry, settings, source))
+def zones_of(run: Resolved, kept: KeptResults) -> dict[str, ZonePartition]:
+    """The partition of each scenario by its name, kept or computed."""
+    settings = run.settings
+    return {
+        logical.name: kept_zones(logical, settings.method.zones, kept, zones_key(entry, settings, run.source))
+        for entry, logical in run.entries
+    }
 
 
 def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Path) -> bytes:
@@ -35,7 +36,5 @@ def zones_are_known(settings: EvaluationSettings, source: Path) -> bool:
 
 def find_zones(settings: EvaluationSettings, source: Path, folder: Path) -> None:
     """Compute the partition of every scenario of a run that its folder does not keep yet."""
-    kept = KeptResults(folder)
-    for entry in settings.scenario:
-        zones_of_entry(entry, catalogue.find(entry.use, source), settings, source, kept)
-    kept.close()
+    with closing(KeptResults(folder)) as kept:
+        zones_of(Resolved.of(settings, source), kept)

@@ -60,7 +60,7 @@ def test_rounds_go_where_cases_differ_and_scores_are_weighted_by_what_points_sta
     assert min(min(row) for row in rounds) >= 2
     assert len(run.cases) == 40
     settings = read_settings(run.folder)
-    _, points = choose_points(settings.scenario[0], Path(), settings)
+    points = choose_points(run.scenarios[run.zones[0].scenario], settings.scenario[0], Path(), settings)
     assert points.stands_for.sum() == pytest.approx(40.0)
     cases = list(run.cases)
     assert [case.exposure for case in cases] == points.exposure.tolist()
@@ -98,7 +98,7 @@ def test_rounds_that_look_for_the_boundary_of_collisions_go_where_some_collide_a
     rounds = np.array(sampling_of(done.folder).rounds)
     assert rounds.sum() == len(done.cases) == 96
     kept = read_settings(done.folder)
-    _, points = choose_points(kept.scenario[0], Path(), kept)
+    points = choose_points(done.scenarios[done.zones[0].scenario], kept.scenario[0], Path(), kept)
     cells = rounds.shape[1]
     collided = np.array([case.collided for case in done.cases], dtype=np.float64)
     cell = points.stratum % cells

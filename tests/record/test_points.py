@@ -4,6 +4,7 @@ import pytest
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.points import choose_points
+from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 
 
@@ -12,7 +13,7 @@ def test_an_empty_sampling_names_the_constraint_that_ruled_out_how_many(tmp_path
     entry = ScenarioSettings("front_vehicle_cut_out", SamplingSettings(method="file", file="points.csv"))
     settings = EvaluationSettings("x", (entry,), (AdsSettings("idm", "idm"),))
     with pytest.raises(InputError) as refused:
-        choose_points(entry, tmp_path, settings)
+        choose_points(load(entry.use), entry, tmp_path, settings)
     sentence = str(refused.value)
     assert sentence.startswith(
         "The sampling of scenario `front_vehicle_cut_out` must choose at least one possible point"

@@ -214,7 +214,7 @@ def test_critical_points_are_collisions_flips_and_the_least_human(
     )  # fmt: skip
     one = replace(done, scores=(done.score("idm", logical.name),), cases=cases)
     numbers = {case.case: int(case.case) for case in cases}
-    found = critical.critical_points(one, {logical.name: logical}, numbers)
+    found = critical.critical_points(one, numbers)
     assert {number for _, number in found} <= {1, 2, 3, 6}
     assert {number for _, number in found} == {1, 2, 6}
 

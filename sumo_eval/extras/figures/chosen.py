@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.record.points import scenarios_of
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -124,5 +122,5 @@ def scene_of(asked: Asked, ads: Sequence[str]) -> Scene:
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")
     words = ", ".join(f"{name} = {value:g}" for name, value in case.values.items())
-    logical = scenarios_of(evaluation.settings, Path(evaluation.manifest["source_folder"]))[case.scenario]
+    logical = evaluation.scenarios[case.scenario]
     return Scene(case.scenario, words, runs, others, people, logical.placed(case.values).road.line)

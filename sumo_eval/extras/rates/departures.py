@@ -8,8 +8,7 @@ from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
-from sumo_eval.record.points import scenarios_of
-from sumo_eval.record.run_folder import FACTS, read_manifest, read_settings
+from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import EGO, open_store
 from sumo_eval.report.study_page import write_study
 from sumo_eval.report.words import point
@@ -48,7 +47,7 @@ class Departure:
 
 def departures_in(run: Path) -> list[Departure]:
     """Every drive of an ADS in a recorded scene. Raises InputError where there is none."""
-    spaces = scenarios_of(read_settings(run), Path(read_manifest(run)["source_folder"]))
+    spaces = resolved_run(run).scenarios
     found = []
     with open_store(run / FACTS) as store:
         for fact in store.facts("ads"):

@@ -11,9 +11,8 @@ from annotated_types import Ge, Le, MinLen
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.extras.wheel.quality import QualitySettings
-from sumo_eval.record.run_folder import FACTS, read_manifest, read_settings
+from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import Fact, open_store
-from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings.checked import About, Checked, Positive
 from sumo_eval.settings.config import read_checked
@@ -129,8 +128,8 @@ def read_study(path: Path) -> Plan:
     """The plan of a study file. Raises InputError with a sentence for each mistake."""
     settings = read_checked(path, StudySettings, "study file")
     run = (path.parent / settings.run).resolve()
-    source, evaluation = Path(read_manifest(run)["source_folder"]), read_settings(run)
-    uses = {find(entry.use, source).name: entry.use for entry in evaluation.scenario}
+    resolved = resolved_run(run)
+    uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     with open_store(run / FACTS) as store:
         driven = {(fact.scenario, fact.point) for fact in store.facts("human")}
         facts = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
@@ -153,10 +152,9 @@ def read_study(path: Path) -> Plan:
     cases = []
     for key in keys:
         one = points[key][0]
-        found = uses[one.scenario]
-        concrete = find(found, source).concrete(**one.values)
-        use = str(source / found) if (source / found).is_file() else found
-        cases.append(StudyCase(key, use, concrete, {fact.driver: fact for fact in points[key]}))
+        use, logical = uses[one.scenario]
+        file, drives = resolved.source / use, {fact.driver: fact for fact in points[key]}
+        cases.append(StudyCase(key, str(file) if file.is_file() else use, logical.concrete(**one.values), drives))
     folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).resolve()
     return Plan(settings, run, folder, tuple(cases), settings.ads or tuple(known))
 

@@ -1,0 +1,53 @@
+"""One logical scenario of a run while it is scored: where each step finds what it needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sumo_eval.method.severity import Severity
+from sumo_eval.record.cases import Role
+from sumo_eval.record.kept_results import KeptResults
+from sumo_eval.record.progress import Progress
+from sumo_eval.record.spread import Spread
+from sumo_eval.record.store import Fact, Store
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling.samples import Sample
+from sumo_eval.settings import EvaluationSettings, MethodSettings, ScenarioSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Space:
+    """A logical scenario of a run, with its points and the run's facts.
+
+    entry: the scenario in the evaluation. severity: U, or what stands for it. kept: earlier results of the run.
+    spread: `map`, or that of `point_processes`. car: the reference car of T, "" where the run holds none.
+    outside: numbers of the points outside the support of recorded events.
+    """
+
+    entry: ScenarioSettings
+    logical: LogicalScenario
+    points: Sample
+    settings: EvaluationSettings
+    source: Path
+    severity: Severity
+    store: Store
+    kept: KeptResults
+    spread: Spread
+    progress: Progress
+    car: str
+    outside: frozenset[int]
+
+    @property
+    def name(self) -> str:
+        """Of the scenario."""
+        return self.logical.name
+
+    @property
+    def method(self) -> MethodSettings:
+        """Settings of the method."""
+        return self.settings.method
+
+    def facts_at(self, points: range, role: Role) -> list[Fact]:
+        """The recorded drives of a role at some points."""
+        return self.store.facts_at(points, role, self.name)
