@@ -30,6 +30,8 @@ _CASE = "sumo_eval.report.notebook:case_html"  # a text, because words are made 
 
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases whose outcome counts; all others could not be evaluated."""
+OUTCOMES = ("no contact", "collision", "off road", "not evaluated")
+"""What became of a case, in the order in which the report shows it."""
 GAVE_UP = ("ads_error", "ads_timeout", "timeout", "crashed", "rejected")
 """Statuses of cases that their ADS gave up: they count in T, A, A', H and S+ all the same."""
 
@@ -139,6 +141,19 @@ class Outcome:
     def caused(self: Any) -> Any:
         """Whether it is a collision that neither the ideal vehicle nor doing nothing has."""
         return self.avoidable & (self.no_reaction_severity == 0.0)
+
+    @_rule
+    def outcome(self: Any) -> Any:
+        """Which of `OUTCOMES` it had."""
+        gone = self.departed | self.off_road
+        flags = [self.collided, np.logical_not(self.evaluated), gone]
+        return np.select(flags, ("collision", "not evaluated", "off road"), OUTCOMES[0])
+
+    @_rule
+    def kind(self: Any) -> Any:
+        """Of a collision: caused, avoidable or unavoidable; "not known" of one without the ideal vehicle's outcome."""
+        kinds = ("caused", "avoidable", "unavoidable")
+        return np.select([getattr(self, name) for name in kinds], kinds, "not known")
 
     @_rule
     def voids_index(self: Any) -> Any:

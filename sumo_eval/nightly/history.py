@@ -15,8 +15,9 @@ from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.gate_settings import NearMissSettings
-from sumo_eval.report.words import SCORES, cases_of
+from sumo_eval.report.words import cases_of
 from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring.case_terms import SCORES
 
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1

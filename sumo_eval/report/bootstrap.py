@@ -11,25 +11,14 @@ from __future__ import annotations
 import numpy as np
 
 from sumo_eval.method.score_terms import AskedTerms, Counts, KnownSums
-from sumo_eval.scoring.case_terms import CaseTerms, point_values, scores_of
+from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, scores_of
 from sumo_eval.scoring.confidence.resamples import one_list, resamples
 from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
 MOST_DRAWN, BLOCKS = 10_000, 2_000
-COMPARED = {
-    "T": "task_share",
-    "A": "avoided_share",
-    "A'": "avoidance_grade",
-    "regret": "regret",
-    "H": "human_likeness",
-    "S+": "s_plus",
-    "C": "c",
-    "D": "d",
-    "S": "s",
-    "collision_probability": "collision_probability",
-}
+COMPARED = {name: field for name, (field, _) in SCORES.items()} | {"collision_probability": "collision_probability"}
 """What two runs are compared by, and its name among the scores."""
 
 

@@ -7,7 +7,7 @@ import json
 import shlex
 
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.scoring.case_terms import COMPUTED
 from sumo_eval.settings.config import suite_of
 
 DIGITS = 6
@@ -28,7 +28,7 @@ def digest(evaluation: Evaluation) -> str:
     """Twelve digits of a SHA-256 of every score and count of every ADS; equal ones are equal results."""
     rows = [
         [score.ads, score.scenario, score.cases, score.collisions, score.departures, score.gave_up]
-        + [None if (value := getattr(score, name)) is None else round(value, DIGITS) for name in SCORES]
+        + [None if (value := getattr(score, name)) is None else round(value, DIGITS) for name in COMPUTED]
         for score in sorted(evaluation.scores, key=lambda score: (score.ads, score.scenario))
     ]
     return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:12]

@@ -9,20 +9,11 @@ from typing import Any
 from sumo_eval.errors import InputError
 from sumo_eval.report.page import CONFIDENCE
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.confidence.assessment import Assessment, Confidence
 from sumo_eval.scoring.confidence.coverage import PairCoverage, SpaceCoverage
 from sumo_eval.scoring.confidence.intervals import Interval
 
-SHOWN_SCORES = {
-    "task_share": 3,
-    "avoidance_grade": 3,
-    "avoided_share": 3,
-    "human_likeness": 3,
-    "s_plus": 1,
-    "c": 3,
-    "d": 3,
-    "s": 1,
-}  # and their digits
 SHOWN = 8  # further cases that the page lists; the file has all of them
 CELL = 17  # pixels of a bucket in the picture
 
@@ -62,8 +53,8 @@ def _row(item: Assessment) -> dict[str, Any]:
     return row | {
         "known": True,
         "scores": {
-            name: _words(item.intervals[name], digits) if name in item.intervals else None
-            for name, digits in SHOWN_SCORES.items()
+            name: _words(item.intervals[field], digits) if field in item.intervals else None
+            for name, (field, digits) in SCORES.items()
         },
         "sources": dict.fromkeys(("cases", "drivers"), "–")
         | {name: f"{width:z.1f}" for name, width in item.sources.get("s_plus", {}).items()},

@@ -32,7 +32,6 @@ from sumo_eval.report.words import (
     index_note_words,
     not_computed,
     number,
-    outcome,
     placed,
     point,
     ratio_of,
@@ -72,7 +71,7 @@ def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
         assert fact is not None, "every case is of a recorded drive"
         return [
             f"{case.case}: {case.ads} in {case.scenario} at {point(case.values)}",
-            f"  {outcome(case)}; {end_reason(case)}"
+            f"  {case.outcome}; {end_reason(case)}"
             + (f" after {case.simulated_time:z.2f} s" if case.simulated_time is not None else "")
             + (f"; {placed(case.error, case)}" if case.error else ""),
             *(f"  {line}" for line in driving_words(evaluation, case, fact, zones.logical, store)),
@@ -250,8 +249,8 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
         yield f"A: left the road at t = {case.departure_time:z.2f} s with {case.departure_speed:z.3f} m/s"
     if case.gave_up:
         yield "A: the ADS gave the case up, which counts as doing nothing, U0, at least"
-    kinds = ((case.caused, "caused by the ADS"), (case.avoidable, "avoidable"), (case.unavoidable, "unavoidable"))
-    which = next((f": the collision is {words}" for holds, words in kinds if holds), "")
+    kind = {"caused": "caused by the ADS"}.get(case.kind, case.kind)
+    which = "" if kind == "not known" else f": the collision is {kind}"
     beside = f"ideal vehicle Ug = {ideal:z.3f}{unit}, doing nothing U0 = {nothing:z.3f}{unit}"
     yield f"A: U = {u:z.3f}{unit}, {beside}{which}"
     taken = float(losses[row])

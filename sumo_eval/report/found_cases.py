@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.report.words import count, one_line, outcome, point
+from sumo_eval.report.words import count, one_line, point
 from sumo_eval.results import Evaluation
 
 
@@ -43,4 +43,4 @@ def nearest_cases(
         yield f"{one_line(one)} in {name}, {count(len(cases), 'case')}:"
         for place in order:
             case = cases[place]
-            yield f"  {one_line(case.case)}: {point(case.values)}; {outcome(case)}, {case.zone} zone"
+            yield f"  {one_line(case.case)}: {point(case.values)}; {case.outcome}, {case.zone} zone"

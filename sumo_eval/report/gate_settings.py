@@ -10,22 +10,21 @@ from annotated_types import Ge, Gt, Le, Lt
 
 from sumo_eval.cases import NUMBERS
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.settings import About, Checked, NotNegative
 from sumo_eval.settings.config import read_checked
 
-QUANTITIES: Final = (
-    "T", "A", "A'", "H", "S+", "regret", "C", "D", "S", "collision_probability", "collisions", "avoidable_collisions",
-    "unavoidable_collisions", "caused_collisions", "safe_collisions", "off_road", "departures", "gave_up",
-    "not_evaluated", "requirements_missed",
-    "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
-)  # fmt: skip
-"""Numbers of an ADS in a logical scenario that a limit may be about."""
-
-HIGHER_IS_BETTER: Final = ("T", "A", "A'", "H", "S+", "C", "D", "S")
+HIGHER_IS_BETTER: Final = tuple(name for name in SCORES if name != "regret")
 WITH_INTERVAL: Final = (*HIGHER_IS_BETTER, "regret", "collision_probability")
 OF_THE_COMPARISON: Final = (
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
 )  # fmt: skip
+
+QUANTITIES: Final = (
+    *WITH_INTERVAL, "collisions", "avoidable_collisions", "unavoidable_collisions", "caused_collisions",
+    "safe_collisions", "off_road", "departures", "gave_up", "not_evaluated", "requirements_missed", *OF_THE_COMPARISON,
+)  # fmt: skip
+"""Numbers of an ADS in a logical scenario that a limit may be about."""
 
 COLUMNS: Final = (*NUMBERS, "d_i", "departed", "incident_severity")
 """Columns of cases.csv that a limit may be about, case by case, beside `QUANTITIES`."""

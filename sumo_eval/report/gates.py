@@ -19,7 +19,6 @@ from sumo_eval.report.rule import QUIET, Noise
 from sumo_eval.report.rule_limits import end_words, judge_rule
 from sumo_eval.report.words import (
     REASON_WITHOUT_T,
-    SCORES,
     cases_of,
     count,
     not_computed,
@@ -29,6 +28,7 @@ from sumo_eval.report.words import (
     reason_without_h,
 )
 from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring.case_terms import SCORES
 
 _CHANGES: dict[str, Change] = {
     "new_collisions": "new collision",
@@ -37,9 +37,6 @@ _CHANGES: dict[str, Change] = {
     "newly_off_road": "left the road",
     "newly_not_evaluated": "not evaluated any more",
 }
-_DIGITS: dict[str, int] = {
-    "T": 4, "A": 4, "A'": 4, "H": 4, "S+": 2, "regret": 4, "S": 2, "C": 4, "D": 4, "collision_probability": 6,
-}  # fmt: skip
 
 
 def judge(
@@ -206,4 +203,5 @@ def _named(cases: Sequence[ChangedCase]) -> str:
 
 
 def _number(quantity: str, value: float) -> str:
-    return number(value, _DIGITS.get(quantity, 0))
+    digits = SCORES[quantity][1] + 1 if quantity in SCORES else 6 if quantity == "collision_probability" else 0
+    return number(value, digits)

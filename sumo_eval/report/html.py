@@ -13,7 +13,7 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.cases import OUTCOMES, CaseResult, CaseTable
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
@@ -29,8 +29,6 @@ from sumo_eval.report.words import (
     FACTORS,
     GLOSSARY,
     LIKENESS_FACTORS,
-    OUTCOMES,
-    SCORES,
     cases_of,
     collision_shares,
     collision_words,
@@ -64,6 +62,7 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.settings import SamplingSettings
 
 NOTHING_BESIDE = Beside()
@@ -222,13 +221,7 @@ def _group(
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     scores = [score for score in evaluation.scores if score.scenario == logical.name]
     found = {verdict for score in scores for verdict in np.unique(verdicts(evaluation, score)).tolist()}
-    collided, evaluated, off_road = cases.collided, cases.evaluated, cases.off_road | cases.departed
-    became = {
-        "collision": collided,
-        "not evaluated": ~collided & ~evaluated,
-        "off road": ~collided & off_road,
-        "no contact": ~collided & evaluated & ~off_road,
-    }
+    outcomes = set(cases.outcome.tolist())
     behind = {item.name: item.behind for item in logical.parameters}
     return {
         "index": index,
@@ -243,8 +236,8 @@ def _group(
         "looks": [verdict for verdict in LOOKS if verdict in found],
         "map_note": "" if view.projected or view.fixed else view.note,
         "constraints": [constraint.about for constraint in logical.constraints],
-        "outcomes": [outcome for outcome in OUTCOMES if became[outcome].any()],
-        "has_collisions": bool(collided.any()),
+        "outcomes": [outcome for outcome in OUTCOMES if outcome in outcomes],
+        "has_collisions": "collision" in outcomes,
         "has_index": bool(np.isfinite(cases.index).any()),
         **_left_out(logical, evaluation, shown, view),
         "share_of_space": percent(sum(zones.zone_shares)),
@@ -350,9 +343,8 @@ def _value(score: ScenarioResult, name: str) -> dict[str, str]:
 
 
 def _collision(case: CaseResult, avoided: float, lost: float, a_lost: float) -> dict[str, Any]:
-    kinds = ((case.caused, "caused"), (case.avoidable, "avoidable"), (case.unavoidable, "unavoidable"))
     return {
-        "kind": next((words for holds, words in kinds if holds), "not known"),
+        "kind": case.kind,
         "unreacting": "not known" if case.no_reaction_severity is None else number(case.no_reaction_severity, 1),
         "a_lost": number(a_lost, 4),
         "key": quote(case.case, safe=""),

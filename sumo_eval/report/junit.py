@@ -36,6 +36,7 @@ from sumo_eval.report.words import (
     why_missing,
 )
 from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.settings import ReportSettings
 
 JUNIT = "junit.xml"
@@ -78,14 +79,11 @@ def _suite_of(score: ScenarioResult) -> tuple[str, str]:
     return f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"
 
 
-_PARTS = {"T": "task_share", "A'": "avoidance_grade", "H": "human_likeness", "S+": "s_plus", "S": "s"}
-
-
 def score_parts(evaluation: Evaluation) -> Properties:
     """The scores of each ADS in each scenario, with how S+ is made of its parts."""
     return {
         _suite_of(score): {
-            **{name: number(getattr(score, field), 4) for name, field in _PARTS.items()},
+            **{name: number(getattr(score, SCORES[name][0]), 4) for name in ("T", "A'", "H", "S+", "S")},
             "S+ of its parts": explain_s_plus(score, evaluation.settings),
         }
         for score in evaluation.scores
@@ -220,8 +218,7 @@ def _case_test(case: CaseResult, missing: bool, report: ReportSettings) -> Test:
         return Test(name, "failure", "off_road", f"{case.ads} left the road", _facts(case), seconds)
     # Where the ideal vehicle's case is not known, nobody can say that the collision was unavoidable.
     if case.collided and (report.junit_failures == "any" or not case.unavoidable):
-        kind = "caused" if case.caused else "avoidable" if case.avoidable else "unavoidable"
-        which = f"{kind} collision" if case.ideal_severity is not None else "collision"
+        which = "collision" if case.kind == "not known" else f"{case.kind} collision"
         message = f"{which} of {case.ads} in the {case.zone} zone at {number(case.impact_speed, 1)} m/s"
         return Test(name, "failure", "collision", message, _facts(case), seconds)
     if case.requirements_missed:

@@ -11,7 +11,7 @@ from sumo_eval.report.citation import citation
 from sumo_eval.report.headline import headline
 from sumo_eval.report.score_table import FIRST, MORE, WORDS, cells_of
 from sumo_eval.report.terminal import closing_lines
-from sumo_eval.report.words import number, outcome, point
+from sumo_eval.report.words import number, point
 from sumo_eval.results import Evaluation, ScenarioResult
 
 
@@ -49,7 +49,7 @@ def case_html(case: CaseResult) -> str:
     """One case: where it lies, how it ended, what it was worth."""
     known = {
         "case": case.case, "ADS": case.ads, "scenario": case.scenario, "at": point(case.values), "zone": case.zone,
-        "outcome": outcome(case), "U": number(case.severity, 2), "Ug": number(case.ideal_severity, 2),
+        "outcome": case.outcome, "U": number(case.severity, 2), "Ug": number(case.ideal_severity, 2),
         "D_i": number(case.index, 3), "in H": number(case.human_likeness, 3),
     }  # fmt: skip
     rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(words)}</td></tr>" for name, words in known.items())

@@ -10,8 +10,8 @@ from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import read_input_text
 
 OPINION = "opinion.json"
-_MOST = {"S+": 100.0, "A": 1.0, "H": 1.0, "S": 100.0, "D": 1.0, "C": 1.0}
-"""The scores beside the opinion and the most that each can be; a file of an earlier version may lack some."""
+_BESIDE = ("S+", "A", "H", "S", "D", "C")
+"""The scores beside the opinion; a file of an earlier version may lack some."""
 
 
 def opinion_content(folder: Path) -> dict[str, Any] | None:
@@ -29,12 +29,12 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
         panels = [
             {
                 "name": name,
-                "most": f"{most:g}",
+                "most": f"{_most(name):g}",
                 "rho": rho[name],
                 "interval": ends.get(name),
-                "dots": _dots(rows, name, most),
+                "dots": _dots(rows, name, _most(name)),
             }
-            for name, most in _MOST.items()
+            for name in _BESIDE
             if name in rho
         ]
         return {
@@ -47,6 +47,11 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
         raise InputError(
             f"{path} cannot be read ({said(error)}); delete it, or ask again with: sumo-eval humans opinion."
         ) from error
+
+
+def _most(name: str) -> float:
+    """The most that a score can be."""
+    return 100.0 if name.startswith("S") else 1.0
 
 
 def _dots(rows: list[dict[str, Any]], name: str, most: float) -> list[dict[str, Any]]:

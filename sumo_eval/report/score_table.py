@@ -7,8 +7,9 @@ from itertools import groupby
 
 import click
 
-from sumo_eval.report.words import SCORES, interval_words, number, one_line
+from sumo_eval.report.words import interval_words, number, one_line
 from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring.case_terms import SCORES
 
 FIRST = ("avoidable\nof all\ncollisions", "T", "A'", "H", "S+ (95 %)", "S")
 """Headings of the first table, beside the ADS and the scenario."""

@@ -36,6 +36,7 @@ from sumo_eval.report.words import (
     why_missing,
 )
 from sumo_eval.results import CasesMissing, Evaluation, Ranking, ReferenceMissing
+from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.text import without_numbers
 
 NOT_COMPUTED = "not computed"
@@ -179,7 +180,6 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
 # --- two runs ---------------------------------------------------------------------------------------------------------
 
 MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
-_COMPARED = {"T": 4, "A": 4, "A'": 4, "regret": 4, "H": 4, "S+": 2, "S": 2, "C": 4, "D": 4, "collision_probability": 4}
 
 
 def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evaluation: Evaluation) -> list[str]:
@@ -281,7 +281,7 @@ def _unjudged_line(ads: str, reason: str, alike: Sequence[GateResult]) -> str:
 
 def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     """`71.20 -> 70.10, -1.10 (95 %: -2.00 to -0.40)`."""
-    digits = _COMPARED.get(name, 3)
+    digits = 1 + (SCORES[name][1] if name in SCORES else 3)
     if change.base is None and change.new is None:
         return f"{NOT_COMPUTED} in either run"
     values = " -> ".join(

@@ -52,9 +52,6 @@ WITHOUT_REFERENCE_CAR = (
     "`sumo-eval run --resume` adds it."
 )
 
-OUTCOMES = ("no contact", "collision", "off road", "not evaluated")
-"""What became of a case, in the order in which the report shows it."""
-
 FACTORS = {
     "length": ("length_factor", "f_L, min(1, L / mean L of the drivers)"),
     "operations": ("operation_factor", "f_n, min(1, operations of the drivers / operations of the ADS)"),
@@ -167,18 +164,6 @@ _END = {
     "ads_timeout": "the controller took too long over one step",
     "sim_error": "SUMO failed",
 }
-SCORES = {
-    "T": ("task_share", 3),
-    "A'": ("avoidance_grade", 3),
-    "A": ("avoided_share", 3),
-    "H": ("human_likeness", 3),
-    "S+": ("s_plus", 1),
-    "C": ("c", 3),
-    "D": ("d", 3),
-    "S": ("s", 1),
-    "regret": ("regret", 3),
-}
-"""The scores by the letters that people read: (field of ScenarioResult, digits)."""
 NEGLIGIBLE_LIMIT = 0.995  # a factor above this limits nothing that three digits would show
 SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
 
@@ -226,15 +211,6 @@ def collision_words(known: bool) -> str:
 def one_line(text: str) -> str:
     """Without line breaks and without control characters, which would repaint a terminal."""
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
-
-
-def outcome(case: CaseResult) -> str:
-    """Which of OUTCOMES a case had."""
-    if case.collided:
-        return "collision"
-    if not case.evaluated:
-        return "not evaluated"
-    return "off road" if case.departed or case.status == "off_road" else "no contact"
 
 
 def end_reason(case: CaseResult) -> str:
@@ -337,11 +313,6 @@ def drivers_sentence(settings: EvaluationSettings) -> str:
 # --- what could not be evaluated --------------------------------------------------------------------------------------
 
 
-def _wants_no_index(score: ScenarioResult) -> bool:
-    """Whether there is no D whatever the cases' D_i are, so that nobody misses one."""
-    return score.d_reason is not None and score.d_reason.why in ("collisions", "no_drivers")
-
-
 def cases_of(evaluation: Evaluation, score: ScenarioResult) -> CaseTable:
     """The cases of one ADS in one logical scenario."""
     return evaluation.cases_of(score.ads, score.scenario)
@@ -355,15 +326,16 @@ def unevaluated(evaluation: Evaluation) -> list[CaseTable]:
 def missing_from_means(evaluation: Evaluation, score: ScenarioResult) -> BoolArray:
     """Which cases of one ADS in one scenario are missing from a mean, (n,)."""
     cases = cases_of(evaluation, score)
-    if _wants_no_index(score):
-        return np.asarray(cases.missing)
-    return np.asarray(cases.missing | (cases.counts_for_index & np.isnan(cases.index)))
+    missed = cases.counts_for_index & np.isnan(cases.index)
+    if score.d_reason is not None and score.d_reason.why in ("collisions", "no_drivers"):
+        missed = np.zeros(len(cases), dtype=np.bool_)  # there is no D whatever the D_i are
+    return np.asarray(cases.missing | missed)
 
 
 def why_missing(case: CaseResult) -> str:
     """Why a case is missing from a mean, of one that is."""
     if not case.evaluated:
-        return case.error or _status_sentence(case.status)
+        return case.error or _STATUS.get(case.status, f"Its status is {case.status}.")
     if case.ideal_severity is None:
         return f"The ideal vehicle's case here could not be evaluated, so Ug is not known.{because(case.ideal_error)}"
     if case.no_reaction_severity is None:
@@ -375,10 +347,6 @@ def why_missing(case: CaseResult) -> str:
         or "Fewer than two human drivers could be compared with here."
     )
     return f"There is no D_i: {why}"
-
-
-def _status_sentence(status: str) -> str:
-    return _STATUS.get(status, f"Its status is {status}.")
 
 
 def because(error: str) -> str:
@@ -443,15 +411,8 @@ def explain_h(score: ScenarioResult, cases: CaseTable) -> list[str]:
         return [f"H is not computed: {reason_without_h(score)}. Its term counts 0 points."]
     counted, hits = likened(cases)
     means = likeness_means(cases)
-    said = f"H = {number(score.human_likeness, 3)}: mean over {count(counted, 'safe case')}"
-    if means:
-        name = min(means, key=lambda factor: means[factor])
-        others = ", ".join(f"{factor} {mean:z.2f}" for factor, mean in means.items() if factor != name)
-        said += (
-            ", no factor limits it"
-            if means[name] >= NEGLIGIBLE_LIMIT
-            else f", limited most by {name} (mean {means[name]:z.2f}; {others})"
-        )
+    limit = f", {_limit(means, '{}')}" if means else ""
+    said = f"H = {number(score.human_likeness, 3)}: mean over {count(counted, 'safe case')}{limit}"
     lost = f"{count(hits, 'case')} with an avoidable incident {'counts' if hits == 1 else 'count'} 0."
     return [f"{said}.", *([lost] if hits else [])]
 
@@ -569,13 +530,7 @@ def explain_d(score: ScenarioResult, cases: CaseTable) -> list[str]:
     index = cases.index
     safe = cases.safe
     indexed = int(np.count_nonzero(safe & np.isfinite(index)))
-    name = min(means, key=lambda factor: means[factor])
-    if means[name] >= NEGLIGIBLE_LIMIT:
-        limit = "no factor limits it"
-    else:
-        others = ", ".join(f"{factor} {mean:z.2f}" for factor, mean in means.items() if factor != name)
-        limit = f"limited most by the {name} factor (mean {means[name]:z.2f}; {others})"
-    sentences = [f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, {limit}."]
+    sentences = [f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, {_limit(means, 'the {} factor')}."]
     low = int(np.count_nonzero(safe & (index < 0.1)))
     if 0 < low < indexed:
         sentences.append(f"{low} of them {'scores' if low == 1 else 'score'} below 0.1.")
@@ -586,6 +541,15 @@ def explain_d(score: ScenarioResult, cases: CaseTable) -> list[str]:
             "with all of them at once there, so nearly any path between the two counts as human."
         )
     return sentences
+
+
+def _limit(means: Mapping[str, float], words: str) -> str:
+    """Which factor limits a mean most, with the mean of each. words: `{}`, or around it."""
+    name = min(means, key=lambda factor: means[factor])
+    if means[name] >= NEGLIGIBLE_LIMIT:
+        return "no factor limits it"
+    others = ", ".join(f"{factor} {mean:z.2f}" for factor, mean in means.items() if factor != name)
+    return f"limited most by {words.format(name)} (mean {means[name]:z.2f}; {others})"
 
 
 def reason_without_d(score: ScenarioResult) -> str:
@@ -606,18 +570,15 @@ def parts_of_total(ranking: Ranking) -> str:
 
 
 def _reason(found: NotComputed | None, what: str) -> str:
-    match found:
-        case NotComputed("collisions", number):
-            return f"{count(number, 'collision')} in the safe zone"
-        case NotComputed("no_safe_case"):
-            return "no case lies in the safe zone"
-        case NotComputed("no_drivers"):
-            return "no drivers for it: the synthetic ones do not know this scene, and none are recorded in it"
-        case NotComputed("nothing_compared"):
-            return "no safe case could be evaluated and compared with drivers"
-        case NotComputed("no_exposure"):
-            return f"every safe case with a {what} has exposure 0"
-    return ""
+    if found is None:
+        return ""
+    return {
+        "collisions": f"{count(found.collisions, 'collision')} in the safe zone",
+        "no_safe_case": "no case lies in the safe zone",
+        "no_drivers": "no drivers for it: the synthetic ones do not know this scene, and none are recorded in it",
+        "nothing_compared": "no safe case could be evaluated and compared with drivers",
+        "no_exposure": f"every safe case with a {what} has exposure 0",
+    }[found.why]
 
 
 def not_computed(reason: str) -> str:
@@ -790,21 +751,15 @@ def index_notes(evaluation: Evaluation) -> list[GatheredNote]:
     """The notes on D_i, gathered by kind and manoeuvre, the most frequent first."""
     gathered = []
     for score in evaluation.scores:
-        number: Counter[tuple[NoteKind, Manoeuvre]] = Counter()
-        ends: dict[
-            tuple[NoteKind, Manoeuvre], tuple[int, int, int, int]
-        ] = {}  # least and most count, least and most of
-        for notes in cases_of(evaluation, score).index_note:
-            for note in notes:
-                kind = note.kind, note.manoeuvre
-                number[kind] += 1
-                low, high, least, most = ends.get(kind, (note.count, note.count, note.of, note.of))
-                ends[kind] = min(low, note.count), max(high, note.count), min(least, note.of), max(most, note.of)
-        for kind in sorted(ends, key=lambda kind: (-number[kind], kind)):
-            low, high, least, most = ends[kind]
-            both = [IndexNote(kind[0], number_of, of, kind[1]) for number_of, of in ((low, least), (high, most))]
-            sentence = _notes_sentence(both)
-            gathered.append(GatheredNote(score.ads, score.scenario, number[kind], sentence))
+        found = Counter(note for notes in cases_of(evaluation, score).index_note for note in notes)
+        alike: dict[tuple[NoteKind, Manoeuvre], list[IndexNote]] = {}
+        for note in found:
+            alike.setdefault((note.kind, note.manoeuvre), []).append(note)
+        cases = {kind: sum(found[note] for note in notes) for kind, notes in alike.items()}
+        gathered += [
+            GatheredNote(score.ads, score.scenario, cases[kind], _notes_sentence(alike[kind]))
+            for kind in sorted(alike, key=lambda kind: (-cases[kind], kind))
+        ]
     return gathered
 
 

@@ -14,19 +14,22 @@ from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-SCORES = (
-    "c",
-    "d",
-    "s",
-    "avoided_share",
-    "avoided_share_exposure",
-    "regret",
-    "human_likeness",
-    "task_share",
-    "avoidance_grade",
-    "s_plus",
-    "collision_probability",
-)
+SCORES = {
+    "T": ("task_share", 3),
+    "A": ("avoided_share", 3),
+    "A'": ("avoidance_grade", 3),
+    "regret": ("regret", 3),
+    "H": ("human_likeness", 3),
+    "S+": ("s_plus", 1),
+    "C": ("c", 3),
+    "D": ("d", 3),
+    "S": ("s", 1),
+}
+"""The scores by the letters that people read: (field of ScenarioResult, digits). Comparisons show one digit more."""
+COMPUTED = (
+    "c", "d", "s", "avoided_share", "avoided_share_exposure", "regret", "human_likeness", "task_share",
+    "avoidance_grade", "s_plus", "collision_probability",
+)  # fmt: skip
 """What `scores_of` computes, by the names of `ScenarioResult`."""
 SUMMED_AT_ONCE = 8_192  # cases whose terms are in memory at a time: memory that is touched for the first time costs
 
@@ -107,7 +110,7 @@ def scores_of(
     *,
     exposed: bool | None = None,
 ) -> dict[str, FloatArray]:
-    """Every score of `SCORES` in each sample, (m,), nan where it does not exist. counts: (m, n), see `score_terms`.
+    """Every score of `COMPUTED` in each sample, (m,), nan where it does not exist. counts: (m, n), see `score_terms`.
 
     hits: how often each case's collision stands in each sample, (m, n), which C is made of; then a sample without the
     collisions in the safe zone that leave no D has one. Without hits that is a fact of all cases. exposed: whether any
@@ -152,7 +155,7 @@ def avoided_share_losses(terms: CaseTerms) -> FloatArray:
 
 
 def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
-    """Every score of `SCORES` of the cases themselves; None where it does not exist."""
+    """Every score of `COMPUTED` of the cases themselves; None where it does not exist."""
     n, exposed = len(terms.exposure), bool(terms.exposure.any())
 
     def scores(rows: slice, counts: score_terms.Counts) -> dict[str, FloatArray]:

@@ -10,7 +10,6 @@ import pytest
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.report.failure_groups import failure_kinds
 from sumo_eval.report.headline import finding, harm_beside, headline, safety_words
-from sumo_eval.report.words import outcome
 from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
 
 NAME = builders.SCENARIOS[1]
@@ -117,6 +116,6 @@ def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation: Evaluation) -> 
 def test_a_departure_is_off_road_on_every_picture(evaluation: Evaluation) -> None:
     first, *rest = clean(evaluation, builders.CALM)
     gone = replace(first, **ALARMS["left the road in 1 case"])  # type: ignore[arg-type]
-    assert (outcome(first), outcome(gone)) == ("no contact", "off road")
+    assert (first.outcome, gone.outcome) == ("no contact", "off road")
     kinds, words = failure_kinds(CaseTable.of([gone, *rest]))
     assert [words[kind] for kind in kinds] == ["off road", "", "", ""]

@@ -45,7 +45,7 @@ from sumo_eval.method.score_terms import (
     paper_score,
 )
 from sumo_eval.record.progress import Progress, quiet
-from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, ratios, scores_of
+from sumo_eval.scoring.case_terms import COMPUTED, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.resamples import IntArray, Resampled, Strata, resamples
 from sumo_eval.settings import MethodSettings
@@ -56,7 +56,7 @@ LEVEL = 0.95
 REPLICATES = 2_000
 ONE_MORE = 0.5  # cases that the one more, as bad as doing nothing, weighs in the mean
 UNSEEN = 3.0  # rule of three: with none seen among n, at most 3/n with 95 % confidence
-SCORED = tuple(name for name in SCORES if name != "collision_probability")
+SCORED = tuple(name for name in COMPUTED if name != "collision_probability")
 BAD_SIDE_UP = frozenset({"regret"})  # more is worse
 
 
