@@ -459,6 +459,22 @@ class CaseTable(Outcome):
         return records_of(chunk)[row - self._ends[number] + chunk.rows]
 
 
+def counts(cases: CaseTable) -> dict[str, int]:
+    """How many cases are what, by the names of `ScenarioResult`."""
+    flags = {
+        "collisions": cases.collided,
+        "avoidable_collisions": cases.avoidable,
+        "unavoidable_collisions": cases.unavoidable,
+        "caused_collisions": cases.caused,
+        "safe_collisions": cases.collided & cases.safe,
+        "off_road": cases.off_road,
+        "departures": cases.departed,
+        "gave_up": cases.gave_up,
+        "not_evaluated": ~cases.evaluated,
+    }
+    return {name: int(np.count_nonzero(found)) for name, found in flags.items()}
+
+
 def point_numbers(tables: Sequence[CaseTable]) -> list[IntArray]:
     """A number for each point of the space that some cases lie at, the same in all tables: (n,) for each table.
 

@@ -14,7 +14,7 @@ from typing import Final, Literal, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cases import CaseResult, CaseTable, point_numbers
+from sumo_eval.cases import CaseResult, CaseTable, counts, point_numbers
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.score_terms import excess
 from sumo_eval.record.run_folder import FACTS
@@ -344,7 +344,7 @@ def _compare_ads(
     if not len(paired.new_rows):
         return None
     terms = case_terms(paired.base, base.settings.method), case_terms(paired.new, new.settings.method)
-    counts = _counts(paired.base), _counts(paired.new)
+    then, now = _counts(paired.base), _counts(paired.new)
     return AdsComparison(
         ads=ads,
         base_ads=base_ads,
@@ -355,7 +355,7 @@ def _compare_ads(
         identical=identical_pairs(paired, base.folder, new.folder),
         changed=_changes(paired, terms, settings),
         quantities=_quantity_changes(*terms, base, new, settings),
-        counts={name: (then, counts[1][name]) for name, then in counts[0].items()},
+        counts={name: (then[name], now[name]) for name in then},
         moved_zone=int(np.sum(paired.base.safe != paired.new.safe)),
         new_cases=paired.new,
     )
@@ -411,20 +411,8 @@ def _drove_alike(old: Store, before: str, now: Store, after: str) -> bool:
 
 
 def _counts(cases: CaseTable) -> dict[str, int]:
-    """How many cases are what."""
-    flags = {
-        "collisions": cases.collided,
-        "avoidable_collisions": cases.avoidable,
-        "unavoidable_collisions": cases.unavoidable,
-        "caused_collisions": cases.caused,
-        "safe_collisions": cases.collided & cases.safe,
-        "off_road": cases.off_road,
-        "departures": cases.departed,
-        "gave_up": cases.gave_up,
-        "not_evaluated": ~cases.evaluated,
-        "requirements_missed": cases.requirements_missed != "",
-    }
-    return {name: int(np.count_nonzero(found)) for name, found in flags.items()}
+    """How many cases are what, and miss a requirement."""
+    return counts(cases) | {"requirements_missed": int(np.count_nonzero(cases.requirements_missed != ""))}
 
 
 def _changes(paired: Paired, terms: tuple[CaseTerms, CaseTerms], settings: GateSettings) -> Changes:

@@ -18,6 +18,7 @@ from sumo_eval.report.words import cases_of, count, number, percent, point
 from sumo_eval.results import Evaluation
 from sumo_eval.trajectory import FloatArray
 
+MOST_WORST = 10  # cases
 STUDY: Final = "study.json"
 """Beside the drives of a study: who took part, what was left out and why."""
 
@@ -153,11 +154,11 @@ def _warnings(cases: CaseTable) -> tuple[str, ...]:
     return tuple(told)
 
 
-def worst_cases(evaluation: Evaluation, most: int = 10) -> list[WorstCase]:
+def worst_cases(evaluation: Evaluation) -> list[WorstCase]:
     """The cases in which an ADS scores furthest below the drivers' own mean."""
     cases, below = evaluation.cases, evaluation.cases.index - evaluation.cases.human_mean
     places = np.flatnonzero(below < 0.0)
-    rows = cases[places[np.lexsort((cases.case[places], below[places]))[:most]]]
+    rows = cases[places[np.lexsort((cases.case[places], below[places]))[:MOST_WORST]]]
     return [
         WorstCase(
             case.ads,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss
+from sumo_eval.method.score import score_of
 from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -31,6 +32,7 @@ COMPUTED = (
     "avoidance_grade", "s_plus", "collision_probability",
 )  # fmt: skip
 """What `scores_of` computes, by the names of `ScenarioResult`."""
+_SEVEREST = 100.0  # m/s: past every class of severity
 SUMMED_AT_ONCE = 8_192  # cases whose terms are in memory at a time: memory that is touched for the first time costs
 
 
@@ -171,53 +173,84 @@ def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | 
     return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in found.items()}
 
 
-def missing_bounds(
-    terms: CaseTerms, safe: BoolArray, method: MethodSettings, *, people: bool = True
-) -> dict[str, tuple[float, float]]:
-    """Worst and best of T, A, A', regret, H and S+ with every missing case counted in; empty where none of them moves.
+Ends = tuple[float, float]
 
-    A case that could not be evaluated counts as doing nothing, or as the ideal vehicle where that is harder; at best as
-    the ideal vehicle. Where the ideal vehicle's own drive is missing, at worst it avoids, or the point has no part in A
-    as in the score itself, whichever is lower; at best it hits as hard as the ADS. Where that of doing nothing is
-    missing, it hits at worst as hard as the ADS, at best as hard as anywhere else. A safe case without a
-    human-likeness that could have one counts 0, and 1; one with a collision of which nobody knows whether the ideal
-    vehicle avoids it counts 0, and not at all. safe: flags, (n,). people: whether there is anybody to be like.
+
+def missing_bounds(
+    cases: CaseTable,
+    terms: CaseTerms,
+    values: Mapping[str, float | None],
+    method: MethodSettings,
+    *,
+    people: bool = True,
+) -> dict[str, Ends]:
+    """Worst and best of the scores with every missing case counted in; empty where none of them moves.
+
+    T, A, A', regret, H, S+: a case that could not be evaluated counts as doing nothing, or as the ideal vehicle where
+    that is harder; at best as the ideal vehicle. Where the ideal vehicle's own drive is missing, at worst it avoids, or
+    the point has no part in A as in the score itself, whichever is lower; at best it hits as hard as the ADS. Where
+    that of doing nothing is missing, it hits at worst as hard as the ADS, at best as hard as anywhere else. A safe case
+    without a human-likeness that could have one counts 0, and 1; one with a collision of which nobody knows whether the
+    ideal vehicle avoids it counts 0, and not at all.
+
+    C: a missing case is a collision, one that the ideal vehicle avoids, or as gentle as its own. Both are bounds: a
+    collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it. D: a safe case without a collision
+    that has no D_i counts 0, and 1. S: a missing safe case may have been a collision, after which there is no D.
+
+    values: the scores as they are. people: whether there is anybody to be like.
     """
-    no_ideal, no_unreacting = np.isnan(terms.ideal), np.isnan(terms.unreacting)
+    safe, no_ideal, no_unreacting = cases.safe, np.isnan(terms.ideal), np.isnan(terms.unreacting)
     lost, unsure = ~terms.counted, no_ideal | no_unreacting
     unlike = safe & np.isnan(terms.likeness) & (~terms.incident | no_ideal) & people
     untimed = safe & lost
-    if not (lost.any() or unsure.any() or unlike.any()):
-        return {}
+    gone = ~terms.collided & ~terms.evaluated
+    unrated = gone | (terms.collided & np.isnan(terms.ratio))
+    unindexed = cases.counts_for_index & np.isnan(terms.index) & people
     hardest = float(np.max(terms.unreacting, initial=0.0, where=~no_unreacting))
     gentlest = np.where(no_ideal, 0.0, terms.ideal)
     hit = np.where(lost, np.maximum(np.where(no_unreacting, hardest, terms.unreacting), gentlest), terms.severity)
+    avoided = ratios(np.where(gone, _SEVEREST, cases.severity), np.zeros(len(cases)), method)
     worst = replace(
         terms,
         severity=hit,
         ideal=gentlest,
         unreacting=np.where(no_unreacting, hit, terms.unreacting),
+        ratio=np.where(unrated, avoided, terms.ratio),
+        collided=terms.collided | gone,
+        weight=np.where(unrated & np.isnan(terms.weight), 1.0, terms.weight),
+        index=np.where(unindexed, 0.0, terms.index),
         likeness=np.where(unlike, 0.0, terms.likeness),
         task=np.where(untimed, 0.0, terms.task),
     )
     severity = np.where(lost, gentlest, terms.severity)
     best = replace(
-        terms,
+        worst,
         severity=severity,
         ideal=np.where(no_ideal, severity, terms.ideal),
         unreacting=np.where(no_unreacting, np.maximum(hardest, severity), terms.unreacting),
+        ratio=np.where(unrated, 1.0, terms.ratio),
+        index=np.where(unindexed, 1.0, terms.index),
         likeness=np.where(unlike & ~terms.incident, 1.0, terms.likeness),
         task=np.where(untimed, 1.0, terms.task),
     )
     found = [point_values(one, method) for one in (worst, _without_what_lifts(worst, unsure, method), best)]
-    bounds: dict[str, tuple[float, float]] = {}
-    for name in (
-        "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret", "human_likeness",
-        "s_plus",
-    ):  # fmt: skip
+    moved: list[str] = ["c"] if unrated.any() else []
+    moved += ["d"] if unindexed.any() else []
+    if lost.any() or unsure.any() or unlike.any():
+        moved += [
+            "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret", "human_likeness",
+            "s_plus",
+        ]  # fmt: skip
+    bounds: dict[str, Ends] = {}
+    for name in moved:
         ends = [value for value in (one[name] for one in found) if value is not None]
         if ends:
             bounds[name] = min(ends), max(ends)
+    if "c" in bounds or "d" in bounds:
+        (c, most_c), (d, most_d) = (bounds.get(name, (values[name], values[name])) for name in ("c", "d"))
+        d = None if (safe & ~terms.evaluated).any() else d
+        low, high = (score_of(*both, method.score).total or 0.0 for both in ((c, d), (most_c, most_d)))
+        bounds["s"] = low, high
     return bounds
 
 

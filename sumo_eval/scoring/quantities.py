@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
@@ -9,10 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Column, Zone
-from sumo_eval.method.anthropomorphic import exposure_weighted_index
+from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Column, Zone, counts
 from sumo_eval.method.collision_avoidance import (
-    collision_avoidance_index,
     collision_loss,
     impact_severity,
 )
@@ -247,15 +246,12 @@ def combine(
     if not voiding and people:
         lacks = lacks | (cases.counts_for_index & ~indexed)
     missing = +Counter[Zone]({"safe": _number(lacks & safe), "hazardous": _number(lacks & ~safe)})
-    c_interval = _c_interval(cases, method)
-    d_interval = _d_interval(cases) if safe_cases and not voiding and people else None
-    s_interval = _s_interval(c, d, c_interval, d_interval, _number(safe & ~cases.evaluated), method)
-    others = missing_bounds(terms, safe, method, people=people) if missing else {}
+    bounds = missing_bounds(cases, terms, values, method, people=people) if missing else {}
     if missing:
         notes.append(CasesMissing(tuple(sorted(missing.items()))))
         notes += _references_missing(cases)
-    if s_interval:
-        notes.append(WorstAndBest(c_interval, d_interval, s_interval))
+    if "s" in bounds:
+        notes.append(WorstAndBest(bounds.get("c"), bounds.get("d"), bounds["s"]))
     if struck := _number(cases.struck_from_behind):
         notes.append(StruckFromBehind(struck))
     if beaten := _number(collided & cases.beats_ideal):
@@ -265,45 +261,26 @@ def combine(
     human, likened = values["human_likeness"], _number(safe & np.isfinite(cases.human_likeness))
     total = score_of(c, d, method.score)
     plus = plus_of(values["task_share"], values["avoidance_grade"], human, method.score)
+    found: dict[str, Any] = {f"{name}_interval": ends for name, ends in bounds.items()}
+    found |= values | counts(cases) | {"not_evaluated": missing.total()}
+    if values["collision_probability"] is None:
+        found["collision_probability"] = math.nan
     return ScenarioResult(
         ads=ads,
         scenario=scenario,
-        c=c,
-        d=d,
+        **found,
         d_reason=None if d is not None else _without_mean(safe_cases, voiding, _number(safe & indexed), people=people),
-        s=total.total,
+        h_reason=None if human is not None else _without_mean(safe_cases, 0, likened, people=people),
         c_points=total.c_points,
         d_points=total.d_points,
+        a_points=plus.a_points,
+        h_points=plus.h_points,
         cases=len(cases),
         safe_cases=safe_cases,
         hazardous_cases=len(cases) - safe_cases,
-        collisions=_number(collided),
-        safe_collisions=safe_hits,
-        avoidable_collisions=_number(cases.avoidable),
-        unavoidable_collisions=_number(cases.unavoidable),
-        caused_collisions=_number(cases.caused),
-        collision_probability=_or_nan(values["collision_probability"]),
         struck_from_behind=struck,
-        off_road=_number(cases.off_road),
-        not_evaluated=missing.total(),
         notes=tuple(notes),
-        c_interval=c_interval,
-        d_interval=d_interval,
-        s_interval=s_interval,
-        task_share=values["task_share"],
-        avoidance_grade=values["avoidance_grade"],
-        departures=_number(cases.departed),
-        gave_up=_number(cases.gave_up),
         task_reference=task_reference,
-        avoided_share=values["avoided_share"],
-        avoided_share_exposure=values["avoided_share_exposure"],
-        regret=values["regret"],
-        human_likeness=human,
-        h_reason=None if human is not None else _without_mean(safe_cases, 0, likened, people=people),
-        s_plus=values["s_plus"],
-        a_points=plus.a_points,
-        h_points=plus.h_points,
-        **{f"{name}_interval": ends for name, ends in others.items()},  # type: ignore[arg-type]
     )
 
 
@@ -334,65 +311,6 @@ def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotCo
     if not safe:
         return NotComputed("no_safe_case")
     return NotComputed("no_exposure" if known else "nothing_compared")
-
-
-def _or_nan(value: float | None) -> float:
-    return float("nan") if value is None else value
-
-
-_SEVEREST = 100.0  # m/s: past every class of severity
-
-
-def _c_interval(cases: CaseTable, method: MethodSettings) -> tuple[float, float] | None:
-    """C with everything that is missing as a collision: one that the ideal vehicle avoids, or as gentle as its own.
-
-    Both are bounds: a collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it.
-    """
-    severity, weight, known = cases.severity, cases.weight, np.isfinite(cases.ideal_severity)
-    hit = cases.collided & np.isfinite(severity) & np.isfinite(weight)
-    lost = ~hit & ~cases.evaluated
-    if not (lost | (hit & ~known)).any():
-        return None
-    u = np.where(hit, severity, _SEVEREST)
-    counted = np.where(np.isnan(weight), 1.0, weight)
-    worst, best = (np.where(hit & known, cases.ideal_severity, other) for other in (0.0, u))
-    part = hit | lost
-    low, high = (
-        collision_avoidance_index(u[part], ideal[part], counted[part], loss=method.collision.loss)
-        for ideal in (worst, best)
-    )
-    return low, high
-
-
-def _d_interval(cases: CaseTable) -> tuple[float, float] | None:
-    """D with every safe case without a collision that has no D_i as 0, and as 1."""
-    index, exposures = (column[cases.counts_for_index] for column in (cases.index, cases.exposure))
-    if np.isfinite(index).all() or not exposures.any():
-        return None
-    low, high = (exposure_weighted_index(np.where(np.isnan(index), fill, index), exposures) for fill in (0.0, 1.0))
-    return low, high
-
-
-def _s_interval(
-    c: float | None,
-    d: float | None,
-    c_interval: tuple[float, float] | None,
-    d_interval: tuple[float, float] | None,
-    safe_not_evaluated: int,
-    method: MethodSettings,
-) -> tuple[float, float] | None:
-    """S at both ends; a missing safe case may have been a collision, after which there is no D."""
-    if c_interval is None and d_interval is None:
-        return None
-    lowest_d = None if safe_not_evaluated else (d_interval[0] if d_interval else d)
-    low, high = (
-        score_of(at_c, at_d, method.score).total or 0.0
-        for at_c, at_d in (
-            (c_interval[0] if c_interval else c, lowest_d),
-            (c_interval[1] if c_interval else c, d_interval[1] if d_interval else d),
-        )
-    )
-    return low, high
 
 
 def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:

@@ -14,7 +14,7 @@ from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
 from sumo_eval.scoring.confidence.coverage import SpaceCoverage, space_coverage
 from sumo_eval.scoring.confidence.further_cases import FurtherCases, further_cases
-from sumo_eval.scoring.confidence.intervals import LEVEL, SCORED, Interval
+from sumo_eval.scoring.confidence.intervals import SCORED, Interval
 from sumo_eval.scoring.confidence.risk import Risk, risk
 from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import FloatArray
@@ -97,7 +97,7 @@ def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
     """The intervals of a result by the name of the score, without those that it does not have."""
     found = {name: (getattr(score, name), getattr(score, f"{name}_interval")) for name in SCORED}
     return {
-        name: Interval(value, ends[0], ends[1], LEVEL)
+        name: Interval(value, ends[0], ends[1])
         for name, (value, ends) in found.items()
         if value is not None and ends is not None
     }

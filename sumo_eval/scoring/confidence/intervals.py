@@ -67,7 +67,7 @@ class Interval:
     value: float
     low: float
     high: float
-    level: float
+    level: float = LEVEL
 
     @property
     def half_width(self) -> float:
@@ -109,7 +109,6 @@ def score_intervals(
     seed: int,
     scenario: str,
     *,
-    level: float = LEVEL,
     replicates: int = REPLICATES,
     even: FloatArray | None = None,
     progress: Progress = quiet,
@@ -128,7 +127,7 @@ def score_intervals(
     found = []
     for one, of_one in zip(judged, sums, strict=True):
         drawn = _Draws.of(one, seed, scenario, replicates)
-        found.append(_intervals(one, of_one.replicates(drawn), drawn, groups, method, level))
+        found.append(_intervals(one, of_one.replicates(drawn), drawn, groups, method))
     return found
 
 
@@ -365,7 +364,6 @@ def _intervals(
     drawn: _Draws,
     groups: Strata,
     method: MethodSettings,
-    level: float,
 ) -> ScoreIntervals:
     values = point_values(one.terms, method)
     free = _freedom(one, groups)
@@ -379,7 +377,7 @@ def _intervals(
         if value is None:
             continue
         low, high = (found.better, found.worse) if name in BAD_SIDE_UP else (found.worse, found.better)
-        ends = _limits(low[name], high[name], free[name], level)
+        ends = _limits(low[name], high[name], free[name])
         if ends is None:
             continue
         if name in unseen:  # none was seen: what they would cost is known, and nothing of it is drawn
@@ -393,7 +391,7 @@ def _intervals(
         "drivers": _with_drivers(plain, drawn.index, drawn.likeness, method),
     }
     sources: dict[str, Mapping[str, float]] = {
-        name: {source: _half(scores[name], free[name], level) for source, scores in alone.items()}
+        name: {source: _half(scores[name], free[name]) for source, scores in alone.items()}
         for name in ("s", "s_plus")
         if name in limits
     }
@@ -420,15 +418,15 @@ def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
     }
 
 
-def _limits(low: FloatArray, high: FloatArray, freedom: int, level: float) -> tuple[float, float] | None:
+def _limits(low: FloatArray, high: FloatArray, freedom: int) -> tuple[float, float] | None:
     """Percentiles, widened for so many degrees of freedom: by the quantile of t in place of the normal one."""
     low, high = low[np.isfinite(low)], high[np.isfinite(high)]
     if not (len(low) and len(high)):
         return None
-    tail = float(ndtr(stdtrit(freedom, (1.0 - level) / 2.0)))
+    tail = float(ndtr(stdtrit(freedom, (1.0 - LEVEL) / 2.0)))
     return float(np.quantile(low, tail)), float(np.quantile(high, 1.0 - tail))
 
 
-def _half(values: FloatArray, freedom: int, level: float) -> float:
-    ends = _limits(values, values, freedom, level)
+def _half(values: FloatArray, freedom: int) -> float:
+    ends = _limits(values, values, freedom)
     return 0.0 if ends is None else (ends[1] - ends[0]) / 2.0

@@ -26,7 +26,7 @@ from sumo_eval.trajectory import FloatArray
 Found = Mapping[tuple[str, str], ScoreIntervals | None]
 
 
-def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettings, level: float = LEVEL) -> Ranking:
+def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettings) -> Ranking:
     """The ranking of an evaluation's ADSs. found: the replicates of each ADS in each scenario, by (ADS, scenario).
 
     Scenarios without any S+ are left out.
@@ -45,7 +45,7 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
         (name for name in names if totals[name] is not None), key=lambda name: (-(totals[name] or 0.0), name)
     )
     pairs = [
-        _pair(above, below, (totals[above] or 0.0) - (totals[below] or 0.0), spreads[above], spreads[below], level)
+        _pair(above, below, (totals[above] or 0.0) - (totals[below] or 0.0), spreads[above], spreads[below])
         for above, below in itertools.combinations(ranked, 2)
     ]
     apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
@@ -61,7 +61,7 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
         rows.append(RankedAds(name, place, totals[name], interval, from_a, from_h))
     rows += [RankedAds(name, None, None, None) for name in sorted(names) if totals[name] is None]
     taskless = tuple(name for name in weighing if name not in known)
-    return Ranking(weights, level, tuple(rows), tuple(pairs), bare, taskless)
+    return Ranking(weights, LEVEL, tuple(rows), tuple(pairs), bare, taskless)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ def _interval(
         return own[next(iter(means.weights))].s_plus_interval
     if total is None or spread is None:
         return None
-    low, high = _percentiles(spread.worse + spread.lower, spread.better + spread.higher, LEVEL)
+    low, high = _percentiles(spread.worse + spread.lower, spread.better + spread.higher)
     return min(low, total), max(high, total)
 
 
@@ -130,18 +130,17 @@ def _pair(
     difference: float,
     first: _Spread | None,
     second: _Spread | None,
-    level: float,
 ) -> RankedPair:
     if first is None or second is None:
         return RankedPair(above, below, difference, None, False)
     both = np.stack([first.worse - second.worse, first.better - second.better])
     low, high = _percentiles(
-        both.min(axis=0) + first.lower - second.higher, both.max(axis=0) + first.higher - second.lower, level
+        both.min(axis=0) + first.lower - second.higher, both.max(axis=0) + first.higher - second.lower
     )
     interval = min(low, difference), max(high, difference)
     return RankedPair(above, below, difference, interval, interval[0] > 0.0)
 
 
-def _percentiles(low: FloatArray, high: FloatArray, level: float) -> tuple[float, float]:
-    tail = (1.0 - level) / 2.0
+def _percentiles(low: FloatArray, high: FloatArray) -> tuple[float, float]:
+    tail = (1.0 - LEVEL) / 2.0
     return float(np.quantile(low, tail)), float(np.quantile(high, 1.0 - tail))
