@@ -111,15 +111,15 @@ class Desk:
     folder: Path
     run: Path
 
-    def lay_out(self, page: str) -> None:
-        """The files that a page's blocks are saved as, and the small evaluation under its name."""
+    def lay_out(self) -> None:
+        """The files that the pages' blocks are saved as, and the small evaluation under its name."""
         (self.folder / "evaluation.toml").write_text(EVALUATION)
         (self.folder / "gate.toml").write_text(code_of("docs/tutorials/a_night.md", "new_collisions"))
         (self.folder / "lorry.toml").write_text(code_of("docs/tutorials/own_scenario.md", "[[parameter]]"))
-        source = {page: (page, "class MyAds") for page in ("README.md", "PACKAGE.md", "docs/index.md")}
-        (self.folder / "my_ads.py").write_text(
-            code_of(*source.get(page, ("docs/bring_your_ads.md", "def acc"))), encoding="utf-8"
-        )
+        texts = [
+            (ROOT / "docs" / "examples" / name).read_text(encoding="utf-8") for name in ("my_ads.py", "ten_line_acc.py")
+        ]
+        (self.folder / "my_ads.py").write_text("\n\n".join(texts), encoding="utf-8")
 
     def stand_in(self, words: list[str]) -> list[str]:
         """A command as it is run here: placeholders filled, a small evaluation for a dear one, folders made ready."""

@@ -102,7 +102,7 @@ BASE_EVALUATION = {
 def small_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("desk")
     desk = Desk(folder, folder)
-    desk.lay_out("docs/bring_your_ads.md")
+    desk.lay_out()
     done = sumo_eval("run", "evaluation.toml", "--out", "run", cwd=folder)
     assert done.returncode == 0, done.said
     return folder / "run"
@@ -154,13 +154,13 @@ def why_not_run(words: list[str]) -> str:
     return next((reason for word, reason in NOT_RUN.items() if word in words), "")
 
 
-def commands_to_run() -> dict[str, tuple[str, list[str]]]:
-    """Every command of a shell block or a pipeline: as it is typed -> the first page that has it, and its words."""
-    found: dict[str, tuple[str, list[str]]] = {}
+def commands_to_run() -> dict[str, list[str]]:
+    """Words of every command of a shell block or a pipeline, by the command as it is typed."""
+    found: dict[str, list[str]] = {}
     for block in BLOCKS:
         for words in block.commands():
             if not why_not_run(words):
-                found.setdefault(shlex.join(words), (block.page, words))
+                found.setdefault(shlex.join(words), words)
     return found
 
 
@@ -171,7 +171,7 @@ def first_of_each_command() -> list[Any]:
     """What is typed: each command and each scheme of a locator once in the suite, all of it in the campaign."""
     seen: set[str] = set()
     found = []
-    for typed, (_, words) in TO_RUN.items():
+    for typed, words in TO_RUN.items():
         names = {words[0], *(word.partition(":")[0] for word in words[1:] if re.match(r"[a-z]+:[^/]", word))}
         found.append(typed if names - seen else pytest.param(typed, marks=pytest.mark.campaign))
         seen |= names
@@ -180,8 +180,8 @@ def first_of_each_command() -> list[Any]:
 
 @pytest.mark.parametrize("typed", first_of_each_command())
 def test_every_command_of_a_block_runs_over_few_points(typed: str, desk: Desk) -> None:
-    page, words = TO_RUN[typed]
-    desk.lay_out(page)
+    words = TO_RUN[typed]
+    desk.lay_out()
     write_needs(words, desk.folder)
     done = sumo_eval(*desk.stand_in(list(words)))
     assert done.returncode == 0, done.said
@@ -316,7 +316,7 @@ def drivable(block: Block) -> bool:
 
 @pytest.mark.parametrize("block", [one for one in BLOCKS if drivable(one)], ids=lambda one: one.place)
 def test_the_first_point_of_a_scenario_or_an_evaluation_of_a_block_is_driven(block: Block, desk: Desk) -> None:
-    desk.lay_out(block.page)
+    desk.lay_out()
     content = tomllib.loads(block.text)
     if reader_of(content) == "scenario":
         logical = scenario_from(whole_scenario(content, desk.folder), "a block", desk.folder)
@@ -359,7 +359,7 @@ STAND_INS = {
 
 @pytest.mark.parametrize("block", PYTHON, ids=lambda one: one.place)
 def test_every_block_of_python_runs(block: Block, desk: Desk) -> None:
-    desk.lay_out(block.page)
+    desk.lay_out()
     text = block.text
     for marker, changes in STAND_INS.items():
         for old, new in changes if marker in text else ():

@@ -77,3 +77,9 @@ def test_the_make_targets_in_the_readme_exist() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for target in re.findall(r"`?make (\w+)", README):
         assert re.search(rf"^{target}:", makefile, flags=re.M), target
+
+
+def test_first_program_is_one_file_on_every_page() -> None:
+    program = (ROOT / "docs" / "examples" / "my_ads.py").read_text(encoding="utf-8")
+    for page in ("docs/index.md", "docs/tutorials/own_ads.md"):
+        assert f"```python\n{program}```" in (ROOT / page).read_text(encoding="utf-8"), page

@@ -15,7 +15,7 @@ from doc_blocks import ROOT, blocks
 from sumo_eval.cli import main
 
 SAMPLE = runpy.run_path(str(ROOT / "docs" / "examples" / "dlr_sample.py"))
-PAGE = "docs/tutorials/recorded_people.md"
+PAGE = "docs/tutorials/recorded_drivers.md"
 
 
 @pytest.mark.campaign
