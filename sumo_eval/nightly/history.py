@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,10 @@ FORMAT_VERSION = 1
 GOOD = (0, 3)
 """Exit statuses of a night in which no limit failed."""
 
+_KEPT = (
+    "collision_probability", "collisions", "avoidable_collisions", "unavoidable_collisions", "caused_collisions",
+    "departures", "gave_up", "not_evaluated",
+)  # fmt: skip
 _TABLES = ("nights", "quantities", "gates", "begun", "accepted", "shaky", "builds")
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS begun (night TEXT PRIMARY KEY);
@@ -129,6 +133,18 @@ class ShakyCase:
     point: str
 
 
+@dataclass(frozen=True, slots=True)
+class Build:
+    """The build of an ADS in a night."""
+
+    night: str
+    ads: str
+    build: str
+
+
+Line = TypeVar("Line")
+
+
 class History:
     """An open history file."""
 
@@ -151,64 +167,58 @@ class History:
         """
         if any(known.night == night.night for known in self.nights()):
             raise InputError(f"The history {self._path} has a night {night.night} already; nothing in it is replaced.")
+        name, builds = night.night, evaluation.manifest.get("builds", {})
+        values = [
+            (name, score.ads, score.scenario, quantity, value)
+            for score in evaluation.scores
+            for quantity, value in _quantities(evaluation, score).items()
+        ]
+        limits = [
+            (name, gate.ads, gate.scenario, gate.quantity, gate.passed, gate.threshold, gate.sentence) for gate in gates
+        ]
         with self._connection:
-            self._connection.execute(
-                "INSERT INTO nights VALUES (?,?,?,?,?,?,?,?,?,?)",
-                (night.night, night.evaluation, night.folder, night.wall_time, night.exit_status, night.base,
-                 night.verdict, night.sumo_eval, night.libsumo, night.imported),
-            )  # fmt: skip
-            self._connection.executemany(
-                "INSERT INTO quantities VALUES (?,?,?,?,?)",
-                [
-                    (night.night, score.ads, score.scenario, quantity, value)
-                    for score in evaluation.scores
-                    for quantity, value in _quantities(evaluation, score).items()
-                ],
-            )
-            builds = [(night.night, *one) for one in evaluation.manifest.get("builds", {}).items()]
-            self._connection.executemany("INSERT INTO builds VALUES (?,?,?)", builds)
-            self._connection.executemany(
-                "INSERT INTO gates VALUES (?,?,?,?,?,?,?)",
-                [
-                    (night.night, gate.ads, gate.scenario, gate.quantity, gate.passed, gate.threshold, gate.sentence)
-                    for gate in gates
-                ],
-            )
-            rows = [(night.night, one.ads, one.scenario, one.point) for one in shaky]
-            self._connection.executemany("INSERT INTO shaky VALUES (?,?,?,?)", rows)
-            if pin is not None:
-                self._accept(pin)
+            self._insert("nights", [astuple(night)])
+            self._insert("quantities", values)
+            self._insert("builds", [(name, *build) for build in builds.items()])
+            self._insert("gates", limits)
+            self._insert("shaky", [(name, *astuple(case)) for case in shaky])
+            self._insert("accepted", [] if pin is None else [astuple(pin)])
 
     def accept(self, pin: Accepted) -> None:
         """Note that a night is accepted as a base."""
         with self._connection:
-            self._accept(pin)
+            self._insert("accepted", [astuple(pin)])
 
-    def _accept(self, pin: Accepted) -> None:
-        row = (pin.night, pin.at, pin.reason, pin.until, pin.itself)
-        self._connection.execute("INSERT INTO accepted VALUES (?,?,?,?,?)", row)
+    def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
+        for row in rows:
+            self._connection.execute(f"INSERT INTO {table} VALUES ({','.join('?' * len(row))})", row)  # noqa: S608
 
     def accepted(self) -> list[Accepted]:
         """Everything that was accepted, the oldest first."""
-        rows = self._rows("accepted", "night, at, reason, until, itself")
-        return [Accepted(night, at, reason, until, bool(itself)) for night, at, reason, until, itself in rows]
+        return self._read("accepted", Accepted)
 
     def shaky(self) -> set[ShakyCase]:
         """Cases that were bad in some drives of one build, in any night."""
-        return {ShakyCase(*row) for row in self._rows("shaky", "ads, scenario, point")}
+        return set(self._read("shaky", ShakyCase))
 
     def builds(self) -> dict[str, dict[str, str]]:
         """What build of which ADS drove in each night."""
         found: dict[str, dict[str, str]] = {}
-        for night, ads, build in self._rows("builds", "night, ads, build"):
-            found.setdefault(night, {})[ads] = build
+        for line in self._read("builds", Build):
+            found.setdefault(line.night, {})[line.ads] = line.build
         return found
 
-    def _rows(self, table: str, columns: str) -> list[tuple[Any, ...]]:
-        """Rows of a table that an older history may not have."""
-        known = self._connection.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)).fetchone()
-        query = f"SELECT {columns} FROM {table} ORDER BY rowid"  # noqa: S608 - our own names
-        return self._connection.execute(query).fetchall() if known else []
+    def _read(self, table: str, kind: Callable[..., Line]) -> list[Line]:
+        """The lines of a table, the oldest first; none where an older history has no such table."""
+        columns = fields(kind)  # type: ignore[arg-type]
+        if not self._connection.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)).fetchone():
+            return []
+        names = ", ".join(column.name for column in columns)
+        flags = {place for place, column in enumerate(columns) if str(column.type).startswith("bool")}
+        return [
+            kind(*(bool(it) if place in flags and it is not None else it for place, it in enumerate(row)))
+            for row in self._connection.execute(f"SELECT {names} FROM {table} ORDER BY rowid")  # noqa: S608
+        ]
 
     def begin(self, night: str) -> None:
         """Note that a night begins: should it be stopped, its folder is known to be its own."""
@@ -230,25 +240,15 @@ class History:
 
     def nights(self) -> list[Night]:
         """Every night in the order of adding, whatever the clock said."""
-        return [
-            Night(night, evaluation, folder, wall_time, status, base, verdict, version, libsumo, bool(imported))
-            for night, evaluation, folder, wall_time, status, base, verdict, version, libsumo, imported in (
-                self._connection.execute("SELECT * FROM nights ORDER BY rowid")
-            )
-        ]
+        return self._read("nights", Night)
 
     def values(self) -> list[Value]:
         """Every quantity of every night, the oldest first."""
-        return [Value(*row) for row in self._connection.execute("SELECT * FROM quantities ORDER BY rowid")]
+        return self._read("quantities", Value)
 
     def gates(self) -> list[GateLine]:
         """Every gate of every night, the oldest first."""
-        return [
-            GateLine(night, ads, scenario, quantity, None if passed is None else bool(passed), threshold, sentence)
-            for night, ads, scenario, quantity, passed, threshold, sentence in self._connection.execute(
-                "SELECT * FROM gates ORDER BY rowid"
-            )
-        ]
+        return self._read("gates", GateLine)
 
 
 @contextmanager
@@ -313,14 +313,7 @@ def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, floa
     """What a night keeps of one ADS in one logical scenario."""
     return {
         **{name: getattr(score, field) for name, (field, _) in SCORES.items()},
-        "collision_probability": score.collision_probability,
-        "collisions": score.collisions,
-        "avoidable_collisions": score.avoidable_collisions,
-        "unavoidable_collisions": score.unavoidable_collisions,
-        "caused_collisions": score.caused_collisions,
-        "departures": score.departures,
-        "gave_up": score.gave_up,
+        **{name: getattr(score, name) for name in _KEPT},
         "near_misses": near_misses(cases_of(evaluation, score)),
-        "not_evaluated": score.not_evaluated,
         "run_time": float(np.nansum(cases_of(evaluation, score).wall_time)),
     }
