@@ -121,38 +121,31 @@ def extract_events(recordings: Recordings) -> Events:
     """Every event of the recordings. The columns of an event table begin with event, recording, ego, t (s, its t =
     0).
     """
-    tables: dict[str, list[pd.DataFrame]] = {kind: [] for kind in KINDS}
-    changes: list[pd.DataFrame] = []
-    vehicles, involved = 0, set()
+    found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
+    changes: list[dict[str, Any]] = []
+    vehicles = 0
     for recording, table in recordings.table.groupby("recording", sort=False):
         traffic = Traffic(table)
         vehicles += len(traffic.slices)
         lane_changes = find_lane_changes(traffic)
-        found = encounters(traffic, lane_changes)
-        changes.append(
-            pd.DataFrame([asdict(change) for change in lane_changes], columns=_CHANGE_COLUMNS).assign(
-                recording=recording
-            )
-        )
-        for kind, rows in found.items():
-            if rows:
-                events = pd.DataFrame(rows)
-                involved |= {(recording, ego) for ego in events.loc[~events["ghost"], "ego"]}
-                events.insert(0, "recording", recording)
-                tables[kind].append(events)
-    ghosts: dict[str, int] = {}
-    kept: dict[str, pd.DataFrame] = {}
-    for kind, parts in tables.items():
-        events = (
-            pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["recording", "ego", "t", "ghost"])
-        )
-        suspect = events["ghost"].astype(bool)
-        ghosts[kind] = int(suspect.sum())
-        events = events[~suspect].drop(columns="ghost").reset_index(drop=True)
-        events.insert(0, "event", [f"{kind}-{number:05d}" for number in range(len(events))])
-        kept[kind] = events
-    all_changes = pd.concat(changes, ignore_index=True) if changes else pd.DataFrame(columns=_CHANGE_COLUMNS)
-    return Events(kept, all_changes, vehicles, len(involved), ghosts)
+        changes += [{**asdict(change), "recording": recording} for change in lane_changes]
+        for kind, events in encounters(traffic, lane_changes).items():
+            found[kind] += [{"recording": recording, **event} for event in events]
+    kept = {kind: [event for event in events if not event["ghost"]] for kind, events in found.items()}
+    return Events(
+        {kind: _table(kind, events) for kind, events in kept.items()},
+        pd.DataFrame(changes, columns=[*_CHANGE_COLUMNS, "recording"]),
+        vehicles,
+        len({(event["recording"], event["ego"]) for events in kept.values() for event in events}),
+        {kind: len(found[kind]) - len(kept[kind]) for kind in KINDS},
+    )
+
+
+def _table(kind: str, events: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """Events of a kind, numbered."""
+    rows = [{"event": f"{kind}-{number:05d}", **event} for number, event in enumerate(events)]
+    table = pd.DataFrame(rows, columns=None if rows else ["event", "recording", "ego", "t"])
+    return table.drop(columns="ghost", errors="ignore")
 
 
 def encounters(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> dict[str, list[dict[str, Any]]]:
@@ -226,18 +219,18 @@ def find_lane_changes(traffic: Traffic) -> list[RecordedLaneChange]:
             found.append(
                 RecordedLaneChange(
                     vehicle=vehicle,
-                    t=float(time[crossing]),
-                    row=int(crossing),
-                    origin=int(lane[crossing - 1]),
-                    to=int(lane[crossing]),
-                    onset=float(time[first]),
-                    end=float(time[last]),
-                    duration=float(time[last] - time[first]),
+                    t=time[crossing],
+                    row=crossing,
+                    origin=lane[crossing - 1],
+                    to=lane[crossing],
+                    onset=time[first],
+                    end=time[last],
+                    duration=time[last] - time[first],
                     middle=None
                     if share is None
                     else float(np.argmax(share >= 0.9) - np.argmax(share >= 0.1)) * INTERVAL,
-                    lateral_speed=float(np.max(side * across[first : last + 1])),
-                    complete=bool(first > part.start and last < part.stop - 1),
+                    lateral_speed=np.max(side * across[first : last + 1]),
+                    complete=first > part.start and last < part.stop - 1,
                 )
             )
     return found
@@ -303,17 +296,17 @@ def _approaches(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list
         found.append(
             {
                 "ego": ego,
-                "t": float(time[row]),
+                "t": time[row],
                 "lead": lead,
                 "start_kind": kind,
-                "lane": int(lane[row]),
-                "ego_speed": float(speed[row]),
-                "lead_speed": float(speed[traffic.leader[row]]),
-                "gap": float(gap[row]),
+                "lane": lane[row],
+                "ego_speed": speed[row],
+                "lead_speed": speed[traffic.leader[row]],
+                "gap": gap[row],
                 "outcome": outcome,
                 "t_outcome": until,
-                "min_ttc": float(ttc[start:end].min()),
-                "min_gap": float(gap[start:end].min()),
+                "min_ttc": ttc[start:end].min(),
+                "min_gap": gap[start:end].min(),
                 "min_acceleration": hardest,
                 "to_left": None if change is None else bool(change.to > change.origin),
                 "change_onset": None if change is None else float(change.onset - time[row]),
@@ -361,18 +354,18 @@ def _cut_outs(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[d
         found.append(
             {
                 "ego": ego,
-                "t": float(time[now]),
+                "t": time[now],
                 "cut_out": change.vehicle,
                 "revealed": str(names[revealed]) if revealed >= 0 else "",
                 "to_left": change.to > change.origin,
-                "speed_at_crossing": float(speed[now]),
-                "cut_out_speed": float(speed[change.row]),
-                "gap_to_cut_out": float(gap[behind]),
+                "speed_at_crossing": speed[now],
+                "cut_out_speed": speed[change.row],
+                "gap_to_cut_out": gap[behind],
                 "revealed_speed": float(speed[revealed]) if revealed >= 0 else np.nan,
                 "gap_to_revealed": float(gap[now]) if revealed >= 0 else np.nan,
-                "ego_speed": float(speed[begin]),
+                "ego_speed": speed[begin],
                 **start,
-                "min_acceleration": float(acceleration[window].min()),
+                "min_acceleration": acceleration[window].min(),
                 "ghost": bool(
                     gap[behind] < RULES.ghost_gap or np.abs(acceleration[window]).max() > RULES.ghost_acceleration
                 ),
@@ -399,15 +392,15 @@ def _cut_ins(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[di
         found.append(
             {
                 "ego": ego,
-                "t": float(time[ego_row]),
-                "start": float(time[ego_row]),
+                "t": time[ego_row],
+                "start": time[ego_row],
                 "cut_in": change.vehicle,
                 "to_left": change.to > change.origin,
-                "ego_speed": float(speed[ego_row]),
-                "cut_in_speed": float(speed[change.row]),
-                "gap": float(gap[ego_row]),
+                "ego_speed": speed[ego_row],
+                "cut_in_speed": speed[change.row],
+                "gap": gap[ego_row],
                 "lateral_speed": change.lateral_speed,
-                "min_acceleration": float(acceleration[window].min()),
+                "min_acceleration": acceleration[window].min(),
                 "ghost": bool(
                     gap[ego_row] < RULES.ghost_gap
                     or change.lateral_speed > RULES.ghost_lateral_speed
@@ -439,16 +432,16 @@ def _braking_leaders(traffic: Traffic) -> list[dict[str, Any]]:
             found.append(
                 {
                     "ego": str(names[row]),
-                    "t": float(time[row]),
-                    "start": float(time[row]),
+                    "t": time[row],
+                    "start": time[row],
                     "lead": str(names[lead[first]]),
-                    "ego_speed": float(speed[row]),
-                    "lead_speed": float(speed[lead[first]]),
-                    "gap": float(gap[row]),
-                    "headway": float(gap[row] / max(speed[row], 0.1)),
+                    "ego_speed": speed[row],
+                    "lead_speed": speed[lead[first]],
+                    "gap": gap[row],
+                    "headway": gap[row] / max(speed[row], 0.1),
                     "lead_deceleration": -strongest,
                     "lead_speed_drop": drop,
-                    "min_acceleration": float(acceleration[part].min()),
+                    "min_acceleration": acceleration[part].min(),
                     "ghost": bool(
                         least < RULES.ghost_gap
                         or ttc < RULES.ghost_ttc
