@@ -1,10 +1,12 @@
-"""The one way in for files of a user: looked at before they are opened, and refused in one sentence."""
+"""Files of a user: looked at before they are opened; what cannot be read or written is refused in one sentence."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -58,6 +60,15 @@ def read_input_text(path: Path, what: str, largest: int = LARGEST) -> str:
         return read_input(path, what, largest).decode("utf-8-sig")  # some editors put a mark before the text
     except UnicodeDecodeError as error:
         raise _unreadable(path, what, error) from error
+
+
+@contextmanager
+def writing(what: str) -> Iterator[None]:
+    """A block that writes files; where the system refuses that, InputError names `what`, `The case in out`."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{what} cannot be written: {error}.") from error
 
 
 def hash_of(path: Path, what: str) -> str:

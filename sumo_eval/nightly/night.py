@@ -16,7 +16,7 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -29,7 +29,7 @@ from sumo_eval.nightly.judged import judge_night, new_pin
 from sumo_eval.nightly.morning import NightResult, failing_since, new_first, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
-from sumo_eval.record.lock import HeldError, held
+from sumo_eval.record.lock import held
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.run_folder import COMPLETE, FACTS, is_run
 from sumo_eval.record.store import Store
@@ -188,21 +188,15 @@ def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet)
     return added
 
 
-@contextmanager
-def _only_one(history: Path) -> Iterator[None]:
+def _only_one(history: Path) -> AbstractContextManager[None]:
     """The right to add a night to a history."""
-    with ExitStack() as lock:
-        try:
-            history.mkdir(parents=True, exist_ok=True)
-            since = datetime.now(UTC).isoformat(timespec="seconds")
-            lock.enter_context(held(history / LOCK, f"process {os.getpid()} since {since}"))
-        except HeldError as owner:
-            raise InputError(
-                f"Another night is running in {history} ({f'{owner}' or 'starting'}); this one was not begun."
-            ) from None
-        except OSError as error:
-            raise InputError(f"The history folder {history} cannot be written: {error}.") from error
-        yield
+    words = f"process {os.getpid()} since {datetime.now(UTC).isoformat(timespec='seconds')}"
+    return held(
+        history / LOCK,
+        words,
+        f"The history folder {history}",
+        lambda owner: f"Another night is running in {history} ({owner}); this one was not begun.",
+    )
 
 
 def _refuse_without_history(history: Path) -> None:

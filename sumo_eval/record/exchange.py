@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sumo_eval.errors import InputError, needs_extra
+from sumo_eval.input_file import writing
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import Store, open_store
@@ -107,7 +108,7 @@ def export(path: str | os.PathLike[str], out: str | os.PathLike[str], kind: str 
     """
     run, folder = open_run(path), Path(out)
     scored = _scored(run.folder, CASES)
-    try:
+    with writing(f"The export to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         if kind == "csv":
             (folder / CASES).write_bytes(scored.read_bytes())
@@ -115,8 +116,6 @@ def export(path: str | os.PathLike[str], out: str | os.PathLike[str], kind: str 
         with tempfile.TemporaryDirectory(prefix="sumo_eval_", dir=folder) as scratch:
             plain = _unquoted(scored, Path(scratch) / CASES)
             return _to_parquet([plain, *_write_drives(run, Path(scratch), lambda table: table)], folder)
-    except OSError as error:
-        raise InputError(f"The export to {folder} cannot be written: {error}.") from error
 
 
 def _scored(folder: Path, name: str) -> Path:

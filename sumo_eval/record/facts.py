@@ -375,8 +375,8 @@ def verify(
             for done, outcome in enumerate(run_cases(same, plan.setup), start=1):
                 again.add(outcome)
                 key = outcome.case.key
-                drives = not store.is_let_go(key)
-                if again.case_digest(key, drives=drives) != store.case_digest(key, drives=drives):
+                whole = not store.is_let_go(key)
+                if again.drive(key, whole=whole) != store.drive(key, whole=whole):
                     differences.append(f"{key} is not the same again: {store.difference(key, again)}.")
                 again.remove([key])
                 progress("drives simulated again", done, len(same), len(differences))

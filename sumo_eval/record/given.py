@@ -15,6 +15,7 @@ from typing import Any
 import cloudpickle
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.input_file import writing
 from sumo_eval.record.run_folder import GIVEN, refuse_foreign
 from sumo_eval.settings import AdsSettings
 
@@ -37,11 +38,9 @@ def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
         ) from error
     refuse_foreign(run, resume)
     file = (run / GIVEN / f"{name}-{hashlib.sha256(data).hexdigest()[:12]}.pickle").resolve()
-    try:
+    with writing(f"The run folder {run}"):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
-    except OSError as error:
-        raise InputError(f"The run folder {run} cannot be written: {error}.") from error
     return AdsSettings(name, f"given:{file}")
 
 

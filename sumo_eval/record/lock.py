@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from sumo_eval.errors import InputError
+from sumo_eval.input_file import writing
 
 _BEYOND = 1 << 20  # bytes: past all words that a lock file can hold
 
 
-class HeldError(Exception):
-    """Another process holds the lock. Its text: the words that this one wrote into it, or nothing."""
-
-
 @contextmanager
-def held(path: Path, words: str) -> Iterator[None]:
-    """Hold the lock file `path`, made if need be and taken away at the end; `words` say meanwhile who has it.
+def held(path: Path, words: str, folder: str, busy: Callable[[str], str]) -> Iterator[None]:
+    """Hold the lock file `path`, made with its folder if need be and taken away at the end.
 
-    Raises HeldError when another process holds it, and OSError when there can be no such file.
+    words: written into it, who has it.
+    folder: begins the InputError where there can be no such file, `The run folder out`.
+    busy: makes the InputError where another process holds it, of its words.
     """
-    file = _locked(path, words)
+    with writing(folder):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = _locked(path, words, busy)
     try:
         yield
     finally:
@@ -29,14 +32,15 @@ def held(path: Path, words: str) -> Iterator[None]:
         os.close(file)
 
 
-def _locked(path: Path, words: str) -> int:
+def _locked(path: Path, words: str, busy: Callable[[str], str]) -> int:
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             _lock(file)
         except OSError:
             os.close(file)
-            raise HeldError(path.read_text(encoding="utf-8").strip() if path.exists() else "") from None
+            owner = path.read_text(encoding="utf-8").strip() if path.exists() else ""
+            raise InputError(busy(owner or "starting")) from None
         if path.exists() and path.stat().st_ino == os.fstat(file).st_ino:
             os.truncate(file, 0)
             os.write(file, f"{words}\n".encode())

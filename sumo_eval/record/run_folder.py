@@ -7,15 +7,16 @@ import os
 import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import writing
 from sumo_eval.record.build import builds_of
-from sumo_eval.record.lock import HeldError, held
+from sumo_eval.record.lock import held
 from sumo_eval.record.points import Resolved
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
@@ -50,16 +51,11 @@ _HALF_MADE = {
 def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
     """The right to write a run folder, made if need be. Refuses one that is in use, or not empty unless `resume`."""
     refuse_foreign(folder, resume)
-    with ExitStack() as lock:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            lock.enter_context(held(folder / LOCK, f"process {os.getpid()} on {platform.node()}"))
-        except HeldError as owner:
-            raise InputError(
-                f"Run {folder} is being written by another process ({owner}); a run has one writer at a time."
-            ) from owner
-        except OSError as error:
-            raise InputError(f"The run folder {folder} cannot be written: {error}.") from error
+
+    def busy(owner: str) -> str:
+        return f"Run {folder} is being written by another process ({owner}); a run has one writer at a time."
+
+    with held(folder / LOCK, f"process {os.getpid()} on {platform.node()}", f"The run folder {folder}", busy):
         refuse_foreign(folder, resume)  # another process may have finished a run here just now
         yield
 
@@ -110,7 +106,7 @@ def create(
     named = settings.run.qualification
     known = (before or {}).get("qualification")  # of a run that goes on: its file need not be there any more
     qualified = {"qualification": known or read_qualification(named, source)} if named else {}
-    try:
+    with writing(f"The run folder {folder}"):
         for name in ("networks", "routes"):
             (folder / name).mkdir(parents=True, exist_ok=True)
         inputs = {EVALUATION: to_toml(settings)}
@@ -139,8 +135,6 @@ def create(
             resumed = [*before.get("resumed", []), *([] if another_round else [now])]
             manifest |= {"resumed": resumed} if resumed else {}
         _write(folder / MANIFEST, sealed(manifest, indent=2))
-    except OSError as error:
-        raise InputError(f"The run folder {folder} cannot be written: {error}.") from error
 
 
 def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:

@@ -17,7 +17,6 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from functools import cached_property
 from itertools import groupby, takewhile
 from pathlib import Path
 from sys import intern
@@ -65,13 +64,11 @@ _SEAL = "seal"
 _CONTENT = "content"  # the seal before trajectories were let go
 _HASH_SIZE = 16  # bytes: damage and edits are found; who can write the file can also write a hash that fits
 _checked: set[tuple[str, int, int]] = set()  # files that this process has checked: path, size, time of last change
-_COLUMNS = (
-    'facts."case", scenario, point, role, driver, controller, "values", exposure, status, end_reason, error, log, '
-    "simulated_time, collision, clips, wall_time, latency_mean, latency_max, error_place"
-)
-_TIMES = ("latency_median", "latency_p99", "latency_reference")  # of a table that older files have not
 
 
+_ALL_FACTS = 'SELECT * FROM facts ORDER BY "case"'
+_ALL_DRIVES = 'SELECT * FROM trajectories ORDER BY "case", vehicle'
+_DRIVES = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
 _UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 """What reading a damaged file raises: SQLite's own words about it may hold its bytes."""
 
@@ -104,6 +101,10 @@ class Fact:
     latency_median: float | None = None
     latency_p99: float | None = None
     latency_reference: float | None = None
+
+
+_COLUMNS = [field.name for field in fields(Fact)]
+_TIMES = 3  # of the columns, the last: those of a table that older files have not
 
 
 class Store:
@@ -197,8 +198,7 @@ class Store:
             next(self._read(f'SELECT * FROM {table} WHERE "case" = ?', (case,)), None)  # noqa: S608 - our own names
             for table in ("facts", "circumstances")
         )
-        query = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
-        drives = list(self._read(query, (case,)))
+        drives = list(self._read(_DRIVES, (case,)))
         if fact is None and beside is None and not drives:
             return  # no such case: whoever asks says so
         if fact is None or beside is None:
@@ -218,10 +218,10 @@ class Store:
             if words != "ok":
                 raise InputError(f"{damaged}: {words.splitlines()[-1]}. {_MEND}")
         cases, seal = 0, hashlib.blake2b(digest_size=_HASH_SIZE)
-        drives = groupby(self._read('SELECT * FROM trajectories ORDER BY "case", vehicle'), key=lambda row: row[0])
+        drives = groupby(self._read(_ALL_DRIVES), key=lambda row: row[0])
         circumstances = self._read('SELECT * FROM circumstances ORDER BY "case"')
         recorded, beside = next(drives, None), next(circumstances, None)
-        for fact in self._read('SELECT * FROM facts ORDER BY "case"'):
+        for fact in self._read(_ALL_FACTS):
             mine: list[tuple[str, bytes]] = []
             if recorded is not None and recorded[0] == fact[0]:
                 mine = [(vehicle, data) for _, vehicle, data in recorded[1]]
@@ -330,17 +330,9 @@ class Store:
             for fact, (outcome, kept) in zip(facts, recorded, strict=True)
             for row in (_circumstance_row(outcome, kept),)
         ]
-        latencies = [
-            (outcome.case.key, *map(_real, kept.controller_latency[2:]))
-            for outcome, kept in recorded
-            if kept is not None
-        ]
-        drives = [
-            (outcome.case.key, name, data)
-            for outcome, kept in recorded
-            if kept is not None
-            for name, data in kept.drives.items()
-        ]
+        driven = [(outcome.case.key, kept) for outcome, kept in recorded if kept is not None]
+        latencies = [(key, *map(_real, kept.controller_latency[2:])) for key, kept in driven]
+        drives = [(key, name, data) for key, kept in driven for name, data in kept.drives.items()]
         with self._changes():
             for outcome in outcomes:
                 if self._is_recorded_otherwise(outcome.case):
@@ -457,17 +449,21 @@ class Store:
     def each_fact(self, role: Role, scenario: str | None = None, driver: str | None = None) -> Iterator[Fact]:
         """Recorded cases of a role, as `facts` has them, read one after the other without holding them all."""
         self.check_all()
-        query = (
-            f"{self._of_facts} "
-            "WHERE role = ? AND scenario = coalesce(?, scenario) AND driver = coalesce(?, driver) "
-            "ORDER BY scenario, point, driver"
-        )
-        return (_fact(row) for row in self._read(query, (role, scenario, driver)))
+        where = "role = ? AND scenario = coalesce(?, scenario) AND driver = coalesce(?, driver)"
+        return self._facts(f"{where} ORDER BY scenario, point, driver", role, scenario, driver)
+
+    def _facts(self, where: str, *values: object) -> Iterator[Fact]:
+        times, joined = ["NULL"] * _TIMES, ""
+        if self._has("latencies"):
+            times, joined = _COLUMNS[-_TIMES:], ' LEFT JOIN latencies USING ("case")'
+        columns = ", ".join([*(f'"{name}"' for name in _COLUMNS[:-_TIMES]), *times])
+        query = f'SELECT {columns} FROM facts LEFT JOIN circumstances USING ("case"){joined} WHERE {where}'  # noqa: S608
+        return map(_fact, self._read(query, values))
 
     def facts_at(self, points: range, role: Role, scenario: str) -> list[Fact]:
         """The recorded cases of a role at the points with these numbers, by point and driver."""
-        query = f"{self._of_facts} WHERE scenario = ? AND role = ? AND point >= ? AND point < ? ORDER BY point, driver"
-        found = [_fact(row) for row in self._read(query, (scenario, role, points.start, points.stop))]
+        where = "scenario = ? AND role = ? AND point >= ? AND point < ? ORDER BY point, driver"
+        found = list(self._facts(where, scenario, role, points.start, points.stop))
         for fact in found:
             self._check_one(fact.case)
         return found
@@ -475,18 +471,7 @@ class Store:
     def fact(self, case: str) -> Fact | None:
         """One recorded case; None where there is none of that name."""
         self._check_one(case)
-        query = f'{self._of_facts} WHERE "case" = ?'
-        row = next(self._read(query, (case,)), None)
-        return None if row is None else _fact(row)
-
-    @cached_property
-    def _of_facts(self) -> str:
-        """How a query for facts begins."""
-        known = self._has("latencies")
-        times = _TIMES if known else (f"NULL AS {name}" for name in _TIMES)
-        joined = ' LEFT JOIN latencies USING ("case")' if known else ""
-        columns = ", ".join([_COLUMNS, *times])
-        return f'SELECT {columns} FROM facts LEFT JOIN circumstances USING ("case"){joined}'  # noqa: S608 - our own names
+        return next(self._facts('facts."case" = ?', case), None)
 
     def outcomes(self, role: Role, scenario: str) -> Iterator[tuple[int, str, Status, bool]]:
         """Point, driver, status and whether there was a contact, of a role's recorded cases, by point and driver."""
@@ -546,33 +531,23 @@ class Store:
         """A hash of all facts and trajectories, whatever the order they came in; equal digests, equal content."""
         self.check_all()
         found = hashlib.sha256()
-        for query in (
-            'SELECT * FROM facts ORDER BY "case"',
-            'SELECT * FROM trajectories ORDER BY "case", vehicle',
-        ):
+        for query in (_ALL_FACTS, _ALL_DRIVES):
             for row in self._read(query):
                 found.update(repr(row).encode())
         return found.hexdigest()
-
-    def case_digest(self, case: str, *, drives: bool = True) -> str | None:
-        """A hash of one case's facts, and of its trajectories if `drives`; None when it is not recorded."""
-        return self._digest_of(case, "*", drives)
 
     def drive(self, case: str, *, whole: bool = True) -> str | None:
         """A hash of what happened in a case, whatever drove it under whatever key; None when it is not recorded.
 
         whole: with its trajectories.
         """
-        return self._digest_of(case, "status, end_reason, error, simulated_time, collision, clips", whole)
-
-    def _digest_of(self, case: str, columns: str, drives: bool) -> str | None:
         self._check_one(case)
-        row = next(self._read(f'SELECT {columns} FROM facts WHERE "case" = ?', (case,)), None)  # noqa: S608
+        query = 'SELECT status, end_reason, error, simulated_time, collision, clips FROM facts WHERE "case" = ?'
+        row = next(self._read(query, (case,)), None)
         if row is None:
             return None
-        query = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
-        found = list(self._read(query, (case,))) if drives else []
-        return hashlib.sha256(repr((row, found)).encode()).hexdigest()
+        drives = list(self._read(_DRIVES, (case,))) if whole else []
+        return hashlib.sha256(repr((row, drives)).encode()).hexdigest()
 
     def trajectory(self, case: str, vehicle: str = EGO) -> Trajectory:
         """A recorded trajectory of a case."""
@@ -586,8 +561,7 @@ class Store:
     def trajectories(self, case: str) -> dict[str, Trajectory]:
         """Every vehicle's trajectory of a case, the ego's under `ego`."""
         self._check_one(case)
-        rows = self._read('SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle', (case,))
-        return {name: unpack(data) for name, data in rows}
+        return {name: unpack(data) for name, data in self._read(_DRIVES, (case,))}
 
 
 @contextmanager
@@ -711,14 +685,10 @@ def _circumstance_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[obj
 
 
 def _fact(row: tuple[Any, ...]) -> Fact:
-    (case, scenario, point, role, driver, controller, values, exposure, status, end_reason, error, log, simulated_time,
-     collision, clips, wall_time, latency_mean, latency_max, error_place, *latencies) = row  # fmt: skip
-    return Fact(
-        case, intern(scenario), point, role, intern(driver), intern(controller), _values(values), exposure,
-        status, end_reason, error, log, simulated_time,
-        _collision(collision), tuple(Clip(**clip) for clip in json.loads(clips)),
-        wall_time, latency_mean, latency_max, error_place or "", *latencies,
-    )  # fmt: skip
+    columns = list(row)
+    for place, make in _PLACES:
+        columns[place] = make(columns[place])
+    return Fact(*columns)
 
 
 def _values(text: str) -> dict[str, float]:
@@ -734,3 +704,15 @@ def _collision(text: str | None) -> Collision | None:
         name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()
     }
     return Collision(**channels)
+
+
+def _clips(text: str) -> tuple[Clip, ...]:
+    return tuple(Clip(**clip) for clip in json.loads(text))
+
+
+_MAKES: dict[str, Callable[[Any], Any]] = {
+    "scenario": intern, "driver": intern, "controller": intern, "values": _values, "collision": _collision,
+    "clips": _clips,
+}  # fmt: skip
+"""What makes a field of a fact out of its column; all other columns are as they are."""
+_PLACES = [(_COLUMNS.index(name), make) for name, make in _MAKES.items()]

@@ -10,7 +10,7 @@ import threading
 from _signal import getsignal  # type: ignore[import-not-found]
 from collections.abc import Callable
 from types import FrameType
-from typing import Any, cast
+from typing import Any
 
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.doors.controller import (
@@ -54,12 +54,12 @@ def watched(controller: Controller, limits: RunSettings) -> Controller:
         return controller
     if isinstance(controller, ObjectController) and Compiled.rides(controller.target):
         return controller
+    kind = WatchedController
     if isinstance(controller, PolicyController):
-        watch = WatchedBatch if takes_arrays(controller) else WatchedPolicy
-        return watch(controller, limits.step_timeout, limits.memory_limit)
-    if isinstance(controller, ObservingController):
-        return WatchedObserver(controller, limits.step_timeout, limits.memory_limit)
-    return WatchedController(controller, limits.step_timeout, limits.memory_limit)
+        kind = WatchedPolicy
+    elif isinstance(controller, ObservingController):
+        kind = WatchedObserver
+    return kind(controller, limits)
 
 
 def interrupted(error: KeyboardInterrupt) -> RuntimeError:
@@ -75,10 +75,10 @@ class WatchedController:
 
     is_adapter = True
 
-    def __init__(self, controller: Controller, step_timeout: float, memory_limit: float) -> None:
+    def __init__(self, controller: Any, limits: RunSettings) -> None:
         self._controller = controller
-        self._step_timeout = step_timeout
-        self._memory_limit = memory_limit
+        self._allowed = limits.step_timeout
+        self._limits = limits
         self._process = os.getpid()
         self.target: Any = getattr(controller, "target", getattr(controller, "function", None))  # the user's own object
         self._armed = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
@@ -101,7 +101,7 @@ class WatchedController:
         try:
             _ASKED[0] = True
             if self._armed:  # again and again: an ADS may swallow the first
-                signal.setitimer(signal.ITIMER_REAL, self._step_timeout, self._step_timeout)
+                signal.setitimer(signal.ITIMER_REAL, self._allowed, self._allowed)
             try:
                 return ask(*arguments)
             except KeyboardInterrupt as error:
@@ -114,11 +114,9 @@ class WatchedController:
                 if self._armed and getsignal(_ALARM) is not _interrupt:
                     signal.setitimer(signal.ITIMER_REAL, 0.0)
         except _OverdueError as overdue:
-            raise ControllerTimeoutError(
-                f"The ADS must answer within {self._step_timeout:g} s, took longer"
-            ) from overdue
+            raise ControllerTimeoutError(f"The ADS must answer within {self._allowed:g} s, took longer") from overdue
         except MemoryError as error:
-            raise MemoryError(f"more than the {self._memory_limit:g} MB of `run.memory_limit`") from error
+            raise MemoryError(f"more than the {self._limits.memory_limit:g} MB of `run.memory_limit`") from error
 
     def close(self) -> None:
         """Pass on, with no alarm set."""
@@ -133,42 +131,27 @@ class WatchedController:
 class WatchedObserver(WatchedController, ObservingController):
     """A controller that is shown Observations, with an alarm and a memory limit around each of its steps."""
 
-    def __init__(self, controller: ObservingController, step_timeout: float, memory_limit: float) -> None:
-        super().__init__(cast("Controller", controller), step_timeout, memory_limit)
-        self._observer = controller
-
     @property
     def senses(self) -> Senses:
         """What the controller is shown comes from these."""
-        return self._observer.senses
+        senses: Senses = self._controller.senses
+        return senses
 
     @senses.setter
     def senses(self, lent: Senses) -> None:
-        self._observer.senses = lent
+        self._controller.senses = lent
 
 
 class WatchedPolicy(WatchedController):
-    """A policy, which is asked about what is seen, with an alarm and a memory limit around each of its answers."""
+    """A policy, which is asked about what is seen, with an alarm and a memory limit around each of its answers.
+
+    One over arrays may take as many times the limit as its answer is for cases.
+    """
 
     is_policy = True
 
-    def __init__(self, policy: PolicyController, step_timeout: float, memory_limit: float) -> None:
-        super().__init__(policy, step_timeout, memory_limit)
-        self._act = policy.act
-
     def act(self, seen: Any) -> Any:
         """Ask the policy. Raises ControllerTimeoutError when it is over its time."""
-        return self._in_time(self._act, seen)
-
-
-class WatchedBatch(WatchedPolicy):
-    """A policy over arrays: one answer may take as many times the limit as it is for cases."""
-
-    def __init__(self, policy: PolicyController, step_timeout: float, memory_limit: float) -> None:
-        super().__init__(policy, step_timeout, memory_limit)
-        self._for_a_case = step_timeout
-
-    def act(self, seen: Any) -> Any:
-        """Ask the policy. Raises ControllerTimeoutError when it is over its time."""
-        self._step_timeout = self._for_a_case * len(seen.number)
-        return self._in_time(self._act, seen)
+        if takes_arrays(self._controller):
+            self._allowed = self._limits.step_timeout * len(seen.number)
+        return self._in_time(self._controller.act, seen)

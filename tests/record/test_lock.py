@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from sumo_eval.record.lock import HeldError, held
+from sumo_eval.errors import InputError
+from sumo_eval.record.lock import held
 
 HOLDER = """
 import sys
 from pathlib import Path
 from sumo_eval.record.lock import held
-with held(Path(sys.argv[1]), "process of the test"):
+with held(Path(sys.argv[1]), "process of the test", "The folder", str):
     print("held", flush=True)
     sys.stdin.read()
 """
@@ -22,13 +23,13 @@ with held(Path(sys.argv[1]), "process of the test"):
 
 def test_whoever_comes_second_is_told_who_holds_it_and_wipes_out_nothing(tmp_path: Path) -> None:
     path = tmp_path / "lock"
-    with held(path, "the first"):
+    with held(path, "the first", "The folder", str):
         for _ in range(2):
-            with pytest.raises(HeldError, match="the first"), held(path, "the second"):
+            with pytest.raises(InputError, match="the first"), held(path, "the second", "The folder", str):
                 pass
         assert path.read_text() == "the first\n"
     assert not path.exists()
-    with held(path, "the second"):
+    with held(path, "the second", "The folder", str):
         assert path.read_text() == "the second\n"
 
 
@@ -39,9 +40,9 @@ def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path: Path) -> None:
     ) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
-        with pytest.raises(HeldError, match="process of the test"), held(path, "mine"):
+        with pytest.raises(InputError, match="process of the test"), held(path, "mine", "The folder", str):
             pass
         holder.kill()
     assert path.exists(), "a killed process takes nothing away"
-    with held(path, "mine"):
+    with held(path, "mine", "The folder", str):
         assert path.read_text() == "mine\n"

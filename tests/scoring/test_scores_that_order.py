@@ -61,7 +61,7 @@ def rows(evaluation: Evaluation, ads: str) -> list[CaseResult]:
 def facts_of(run: Path, ads: str) -> list[str | None]:
     """A hash of each of an ADS's drives, trajectories and all."""
     with open_store(run / "facts.sqlite") as store:
-        return [store.case_digest(case) for case, _, who in sorted(store.names("ads", CUT_OUT)) if who == ads]
+        return [store.drive(case) for case, _, who in sorted(store.names("ads", CUT_OUT)) if who == ads]
 
 
 def test_an_ads_that_has_not_changed_keeps_every_digit_whoever_is_evaluated_beside_it(

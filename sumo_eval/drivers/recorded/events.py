@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings, smooth
-from sumo_eval.errors import InputError
+from sumo_eval.input_file import writing
 from sumo_eval.text import cells
 
 KINDS: Final = ("approach", "cut_out", "cut_in", "lead_braking")
@@ -455,14 +455,12 @@ def _braking_leaders(traffic: Traffic) -> list[dict[str, Any]]:
 
 def write_events(events: Events, folder: Path) -> None:
     """One CSV a kind, and the lane changes."""
-    try:
+    with writing(f"The events in {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         for kind, table in events.tables.items():
             cells(table.round(4)).to_csv(folder / f"{kind}.csv", index=False)
         changes = events.lane_changes.drop(columns="row", errors="ignore").round(4)
         cells(changes).to_csv(folder / "lane_change.csv", index=False)
-    except OSError as error:
-        raise InputError(f"The events cannot be written to {folder}: {error}.") from error
 
 
 def lane_centres(table: pd.DataFrame) -> dict[tuple[str, int], float]:

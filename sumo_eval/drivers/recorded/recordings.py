@@ -28,6 +28,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import writing
 from sumo_eval.text import cells, from_cell
 from sumo_eval.trajectory import FloatArray, Trajectory
 
@@ -143,7 +144,7 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
 
 def write_csv(recordings: Recordings, path: Path) -> None:
     """Write a canonical table as CSV (or .csv.gz); the file appears whole or not at all."""
-    try:
+    with writing(f"The recordings in {path}"):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, partial = tempfile.mkstemp(suffix="".join(path.suffixes), dir=path.parent)
         os.close(handle)
@@ -152,8 +153,6 @@ def write_csv(recordings: Recordings, path: Path) -> None:
             os.replace(partial, path)
         finally:
             Path(partial).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"The recordings cannot be written to {path}: {error}.") from error
 
 
 def read_csv(path: Path) -> Recordings:
