@@ -31,7 +31,7 @@ from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
 from sumo_eval.record.lock import held
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
-from sumo_eval.record.run_folder import COMPLETE, FACTS, is_run
+from sumo_eval.record.run_folder import FACTS, is_run
 from sumo_eval.record.store import Store
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.gate_settings import GateSettings
@@ -254,7 +254,7 @@ def _is_complete(folder: Path) -> bool:
     """Whether all cases of a run are recorded, whoever stopped what came after."""
     try:
         with closing(Store(folder / FACTS)) as store:
-            return store.noted(COMPLETE) == "yes"
+            return store.sealed
     except InputError:
         return False
 

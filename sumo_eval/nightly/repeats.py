@@ -13,11 +13,10 @@ from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import ShakyCase
 from sumo_eval.record.cases import Case
-from sumo_eval.record.engines import run_cases
-from sumo_eval.record.facts import record_facts, space_of
+from sumo_eval.record.facts import drive_again, record_facts, space_of
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.recording import Planner, planner
-from sumo_eval.record.run_folder import COMPLETE, FACTS
+from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_settings import GateSettings
@@ -48,11 +47,9 @@ def repeats_of(done: Evaluation, settings: GateSettings, place: Path, progress: 
     plan = planner(done.settings, done.source)
     sample = _sample(done, plan, settings.noise.cases)
     alike: dict[str, list[bool]] = {ads.name: [] for ads in done.settings.ads}
-    with open_store(done.folder / FACTS) as store, open_store(Path(":memory:"), create=True) as again:
-        for number, outcome in enumerate(run_cases(sample, plan.setup), start=1):
-            key, whole = outcome.case.key, not store.is_let_go(outcome.case.key)
-            again.add(outcome)
-            alike[outcome.case.driver].append(store.drive(key, whole=whole) == again.drive(key, whole=whole))
+    with open_store(done.folder / FACTS) as store:
+        for number, (case, difference) in enumerate(drive_again(sample, plan.setup, store), start=1):
+            alike[case.driver].append(not difference)
             progress("driving some cases twice", number, len(sample))
 
     noisy = {ads for ads, equal in alike.items() if not all(equal)}
@@ -85,7 +82,6 @@ def _driven_anew(done: Evaluation, cases: Collection[str], place: Path) -> dict[
         shutil.copytree(done.folder, place)
         with open_store(place / FACTS, create=True) as store:
             store.unseal()
-            store.note(COMPLETE, "")
             store.remove(cases)
         record_facts(done.settings, done.source, place, resume=True)
         wanted = set(cases)

@@ -6,8 +6,8 @@ import math
 import os
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import islice, zip_longest
 from pathlib import Path
 from statistics import fmean
@@ -23,7 +23,7 @@ from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.method.severity import severity_of
 from sumo_eval.method.zone_partition import exactly_hazardous, refuse_impossible_zones
 from sumo_eval.record import loops, run_folder
-from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.cases import Case, Role, Setup
 from sumo_eval.record.claims import OURS, home
 from sumo_eval.record.engines import refuse_engine, run_cases
 from sumo_eval.record.given import entry_of
@@ -32,13 +32,13 @@ from sumo_eval.record.points import Resolved, choose_points, scenario_weights
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.recording import (
-    REFERENCES,
     Planner,
     Space,
     find_stale,
     planner,
     record,
     refuse_to_lose_cases,
+    stages,
 )
 from sumo_eval.record.spread import beside
 from sumo_eval.record.store import Store, open_store
@@ -218,28 +218,36 @@ def record_facts(
     spaces = _spaces(evaluation, source, shard, progress)
     if any(_middle(space).lively for space in spaces):
         loops.ready([loops.PLAYED], progress)
-    with run_folder.only_writer(folder, resume=resume):
-        examples = [_middle(space) for space in spaces]
-        run_folder.create(folder, evaluation, source, examples, another_round=another_round)
+    with (
+        run_folder.only_writer(folder, resume=resume),
+        _begun(folder, evaluation, source, spaces, another_round=another_round) as store,
+    ):
         remember(folder, evaluation, source)
-        run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
-        with open_store(folder / run_folder.FACTS, create=True) as store:
-            _check_shard(store, shard, folder)
-            refuse_to_lose_cases(store, spaces, evaluation, folder)
-            notes = find_stale(store, source)
-            store.note(run_folder.COMPLETE, "")
-            store.unseal()
-            store.note(run_folder.SHARD, f"{shard[0]}/{shard[1]}")
-            try:
-                _record_beside(meanwhile, spaces, plan, store, progress, stopping)
-            except (StoppedError, KeyboardInterrupt):
-                raise StoppedError(
-                    f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "
-                    "the same command with --resume continues."
-                ) from None
-            store.seal()
-            store.note(run_folder.COMPLETE, "yes")
-            return replace(_counted(store, folder, shard), notes=notes)
+        _check_shard(store, shard, folder)
+        refuse_to_lose_cases(store, spaces, evaluation, folder)
+        notes = find_stale(store, source)
+        store.unseal()
+        store.note(run_folder.SHARD, f"{shard[0]}/{shard[1]}")
+        try:
+            _record_beside(meanwhile, spaces, plan, store, progress, stopping)
+        except (StoppedError, KeyboardInterrupt):
+            raise StoppedError(
+                f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "
+                "the same command with --resume continues."
+            ) from None
+        store.seal()
+        return replace(_counted(store, folder, shard), notes=notes)
+
+
+@contextmanager
+def _begun(
+    folder: Path, settings: EvaluationSettings, source: Path, spaces: Sequence[Space], *, another_round: bool = False
+) -> Iterator[Store]:
+    """The store of a run folder that is filled with all besides."""
+    run_folder.create(folder, settings, source, [_middle(space) for space in spaces], another_round=another_round)
+    run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
+    with open_store(folder / run_folder.FACTS, create=True) as store:
+        yield store
 
 
 def _record_beside(
@@ -320,7 +328,7 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
             if its["versions"][name] != manifest["versions"][name]:
                 raise InputError(f"{folder} was made with another version of {name} than {shards[0]}.")
         with open_store(folder / run_folder.FACTS) as store:
-            if store.noted(run_folder.COMPLETE) != "yes":
+            if not store.sealed:
                 raise InputError(f"Shard {folder} is not complete; go on with: sumo-eval run --out {folder} --resume.")
             shard = parse_shard(store.noted(run_folder.SHARD))
         if shard in found:
@@ -333,16 +341,13 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
     source = Path(manifest["source_folder"])
     with run_folder.only_writer(out, resume=False):
         spaces = _spaces(settings, source, WHOLE)
-        run_folder.create(out, settings, source, [_middle(space) for space in spaces])
-        if run_folder.give_what_is_own(*shards):
-            remember(out, settings, source)
-        run_folder.write_exposures(out, {space.logical.name: space.exposure for space in spaces})
-        with open_store(out / run_folder.FACTS, create=True) as store:
+        with _begun(out, settings, source, spaces) as store:
+            if run_folder.give_what_is_own(*shards):
+                remember(out, settings, source)
             for shard in sorted(found):
                 store.take_over(found[shard] / run_folder.FACTS)
             store.note(run_folder.SHARD, "1/1")
             store.seal()
-            store.note(run_folder.COMPLETE, "yes")
             return _counted(store, out, WHOLE)
 
 
@@ -371,16 +376,22 @@ def verify(
             for key in changed
         ]
         same = [case for case in chosen if case.key not in set(changed)]
-        with open_store(Path(":memory:"), create=True) as again:
-            for done, outcome in enumerate(run_cases(same, plan.setup), start=1):
-                again.add(outcome)
-                key = outcome.case.key
-                whole = not store.is_let_go(key)
-                if again.drive(key, whole=whole) != store.drive(key, whole=whole):
-                    differences.append(f"{key} is not the same again: {store.difference(key, again)}.")
-                again.remove([key])
-                progress("drives simulated again", done, len(same), len(differences))
+        for done, (case, difference) in enumerate(drive_again(same, plan.setup, store), start=1):
+            if difference:
+                differences.append(f"{case.key} is not the same again: {difference}.")
+            progress("drives simulated again", done, len(same), len(differences))
     return len(chosen), differences
+
+
+def drive_again(cases: Sequence[Case], setup: Setup, store: Store) -> Iterator[tuple[Case, str]]:
+    """Each case, simulated once more, and where that differs from what is recorded: empty where it is the same."""
+    with open_store(Path(":memory:"), create=True) as again:
+        for outcome in run_cases(cases, setup):
+            key, whole = outcome.case.key, not store.is_let_go(outcome.case.key)
+            again.add(outcome)
+            same = again.drive(key, whole=whole) == store.drive(key, whole=whole)
+            yield outcome.case, "" if same else store.difference(key, again)
+            again.remove([key])
 
 
 def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]) -> Estimate:
@@ -404,43 +415,41 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     spaces = _spaces(evaluation, source, shard, looked_at=_LOOKED_AT)
     for space in spaces:
         refuse_impossible_zones(space.logical, evaluation.method.zones)  # a run would end there
-    ads = sum(len(space.numbers) for space in spaces) * len(evaluation.ads)
-    synthetic = evaluation.drivers.source == "synthetic"
-    known = sum(len(space.safe) for space in spaces if space.logical.has_drivers)
-    humans = known * (evaluation.drivers.count if synthetic else 0)
     recorded = 0
     if folder is not None and (folder / run_folder.FACTS).is_file():
         with open_store(folder / run_folder.FACTS) as store:
             find_stale(store, source)
-            recorded = sum(store.holds(case) for space in spaces for case in _planned(plan, space))
-    setup = replace(plan.setup, run=replace(plan.setup.run, workers=1, engine="processes"))
+            recorded = sum(store.holds(case) for space in spaces for kind in stages(space, plan) for case in kind.cases)
+    drives, kinds = dict.fromkeys(_SORTS, 0), {sort: list[list[Case]]() for sort in _SORTS}
+    for space in spaces:
+        for kind in stages(space, replace(plan, settings=evaluation)):
+            drives[_sort(kind.role)] += kind.total
+        for kind in stages(_some(space), plan):
+            if kind.role != "ads":
+                kinds[_sort(kind.role)].append(list(islice(kind.cases, _TIMED)))
     driven = [(space, one) for space in spaces for one in some.ads]
-    kinds = {
-        "ads": [_kind(_of(plan, one), space) for space, one in driven[:: -(-len(driven) // _KINDS)]],
-        "references": [_kind(partial(plan.reference, role=role), space) for space in spaces for role in REFERENCES],
-        "humans": [_kind(plan.humans, space) for space in spaces] if humans else [],
-    }
-    references = sum(len(space.numbers) for space in spaces) * len(REFERENCES)
-    drives = {"ads": ads, "references": references, "humans": humans}
+    for space, one in driven[:: -(-len(driven) // _KINDS)]:
+        alone = replace(plan, settings=replace(some, ads=(one,)))
+        kinds["ads"].append(list(islice(alone.ads(_some(space)), _TIMED)))
+    setup = replace(plan.setup, run=replace(plan.setup.run, workers=1, engine="processes"))
     took, timed, broken_off = _seconds_a_drive(kinds, setup)
     usual = fmean(took.values()) if took else 0.0
     seconds = sum(number * took.get(sort, usual) for sort, number in drives.items())
-    untimed = tuple(_SORTS[sort] for sort, number in drives.items() if number and sort not in took)
-    share_to_do = 1.0 - recorded / max(ads + humans + references, 1)
     workers = evaluation.run.workers
-    loaded = len(some.ads), len(evaluation.ads)
-    seconds *= share_to_do / workers
-    return Estimate(ads, humans, references, recorded, seconds, timed, workers, loaded, untimed, broken_off)
+    return Estimate(
+        **drives,
+        recorded=recorded,
+        seconds=seconds * (1.0 - recorded / max(sum(drives.values()), 1)) / workers,
+        timed=timed,
+        workers=workers,
+        loaded=(len(some.ads), len(evaluation.ads)),
+        untimed=tuple(_SORTS[sort] for sort, number in drives.items() if number and sort not in took),
+        broken_off=broken_off,
+    )
 
 
-def _of(plan: Planner, ads: AdsSettings) -> Callable[[Space], Iterator[Case]]:
-    """The cases of one ADS alone."""
-    return replace(plan, settings=replace(plan.settings, ads=(ads,))).ads
-
-
-def _kind(cases: Callable[[Space], Iterator[Case]], space: Space) -> list[Case]:
-    """A few cases of one kind, from all over the space."""
-    return list(islice(cases(_some(space)), _TIMED))
+def _sort(role: Role) -> str:
+    return {"ads": "ads", "human": "humans"}.get(role, "references")
 
 
 def _some(space: Space) -> Space:
@@ -487,23 +496,13 @@ def _seconds_each(cases: Sequence[Case], setup: Setup) -> tuple[float, bool]:
     return (clock.perf_counter() - began) / len(cases), in_time
 
 
-def _planned(plan: Planner, space: Space) -> Iterator[Case]:
-    yield from plan.ads(space)
-    for role in REFERENCES:
-        yield from plan.reference(space, role)
-    if plan.settings.drivers.source == "synthetic":
-        yield from plan.humans(space)
-
-
 def _chosen(store: Store, plan: Planner, spaces: Sequence[Space], share: float, seed: int) -> list[Case]:
     """A share of the recorded drives, at least one of each kind, drawn by the run's own seed."""
     stream = random_stream(seed, "verify")
     chosen: list[Case] = []
     for space in spaces:
-        kinds = [list(plan.ads(space)), *(list(plan.reference(space, role)) for role in REFERENCES)]
-        if plan.settings.drivers.source == "synthetic":
-            kinds.append(list(plan.humans(space)))
-        for cases in kinds:
+        for kind in stages(space, plan):
+            cases = list(kind.cases)
             picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
             chosen += [cases[index] for index in sorted(picked.tolist())]
     return chosen

@@ -186,7 +186,7 @@ def record(
     """
     settings = plan.settings
     work = _Work(store, plan.setup, progress, stopping)
-    work.do([stage for stages in zip(*(_stages(space, plan) for space in spaces), strict=True) for stage in stages])
+    work.do([stage for stages in zip(*(stages(space, plan) for space in spaces), strict=True) for stage in stages])
     for space in spaces:
         if settings.drivers.source == "synthetic":
             drivers = {f"driver_{index:02d}" for index in range(settings.drivers.count)}
@@ -208,7 +208,7 @@ class _Stage:
     total: int
 
 
-def _stages(space: Space, plan: Planner) -> list[_Stage]:
+def stages(space: Space, plan: Planner) -> list[_Stage]:
     """What is simulated in one logical scenario: ADSs, references, synthetic drivers."""
     name, points, drivers = space.logical.name, len(space.numbers), plan.settings.drivers
     found = [_Stage(f"{name}: ADSs", name, "ads", plan.ads(space), points * len(plan.settings.ads))]

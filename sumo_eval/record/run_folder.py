@@ -32,7 +32,7 @@ EVALUATION = "evaluation.toml"
 MANIFEST = "manifest.json"
 EXPOSURES = "exposure.json"
 LOCK = ".lock"
-COMPLETE, SHARD = "complete", "shard"  # words that a facts file notes of its run
+SHARD = "shard"  # word that a facts file notes of its run
 GIVEN = "ads"  # where ADSs lie that were given by value
 _MEND = "Take the file from a copy of the run, or run the evaluation again into a new folder."
 _HALF_MADE = {
@@ -217,7 +217,7 @@ def check_complete(store: Store, folder: Path) -> None:
             f"Run {folder} is shard {store.noted(SHARD)} of an evaluation; put the shards together first: "
             "sumo-eval merge SHARD ... --out DIR."
         )
-    if store.noted(COMPLETE) != "yes":
+    if not store.sealed:
         raise InputError(f"Run {folder} is not complete; go on with: sumo-eval run --out {folder} --resume.")
 
 

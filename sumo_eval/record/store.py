@@ -257,6 +257,11 @@ class Store:
             seal.update(found)
         return f"{cases} {seal.hexdigest()}"
 
+    @property
+    def sealed(self) -> bool:
+        """Whether the run is complete."""
+        return bool(self.noted(_SEAL))
+
     def unseal(self) -> None:
         """Take the seal off, for a run that goes on."""
         self.note(_SEAL, "")
