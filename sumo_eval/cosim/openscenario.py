@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
+import numpy as np
 from lxml import etree
+from lxml.builder import ElementMaker  # type: ignore[import-not-found]
 
 from sumo_eval.cosim.sumo.sumo_files import EGO
-from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.scenario.concrete import ConcreteScenario, Road, Start
 from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missing_at
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.scenario.undisturbed import tracks
@@ -27,48 +30,40 @@ _ON_FOOT = ("pedestrian", "child")
 _CATEGORIES = {"car": "car", "van": "van", "truck": "truck", "motorcycle": "motorbike", "bicycle": "bicycle"}
 
 
+def _written(_: object, value: float) -> str:
+    return f"{value:.6f}".rstrip("0").rstrip(".") if value else "0"
+
+
+E: Any = ElementMaker(typemap={float: _written, int: _written, np.float64: _written})
+
+
 def opendrive_xml(road: Road) -> str:
     """The road as OpenDRIVE 1.6; lane -1 is the leftmost one. The reference line is the left edge; of a road that bends
-    it is the right lane's centre, from which the lanes are offset.
+    it is the right lane's centre, from which the lanes are offset: an offset of a spiral is none.
     """
     length = road.length + road.run_out
-    root = etree.Element("OpenDRIVE")
-    etree.SubElement(root, "header", revMajor="1", revMinor="6", name=road.name)
-    element = etree.SubElement(root, "road", name=road.name, length=_text(length), id="0", junction="-1")
-    plan = etree.SubElement(element, "planView")
-    lanes = etree.SubElement(element, "lanes")
-    if not road.bent:
-        geometry = etree.SubElement(
-            plan, "geometry", s="0", x="0", y=_text(road.left_edge), hdg="0", length=_text(length)
-        )
-        etree.SubElement(geometry, "line")
-    else:  # the line itself, which a spiral's offset would not be
-        _plan(plan, road, length)
-        if road.span(road.lanes - 1) is EVERYWHERE:
-            etree.SubElement(lanes, "laneOffset", s="0", a=_text(road.left_edge), b="0", c="0", d="0")
+    left, aside = road.span(road.lanes - 1), 0.0 if road.bent else road.left_edge
     places = [0.0, *sorted({it for span in road.spans for it in span.places if 0.0 < it < length}), length]
     sections = list(itertools.pairwise(places))
-    left, base = road.span(road.lanes - 1), road.left_edge if road.bent else 0.0
+    lanes = E.lanes()
+    if road.bent and left is EVERYWHERE:
+        lanes.append(E.laneOffset(s=0, a=road.left_edge, b=0, c=0, d=0))
     for begin, end in sections if left is not EVERYWHERE else ():
-        first, last = (base - road.lane_width * gone for gone in _gone(left, begin, end))
-        slope = _text((last - first) / (end - begin))
-        etree.SubElement(lanes, "laneOffset", s=_text(begin), a=_text(first), b=slope, c="0", d="0")
+        first, last = (road.left_edge - aside - road.lane_width * gone for gone in _gone(left, begin, end))
+        lanes.append(E.laneOffset(s=begin, a=first, b=(last - first) / (end - begin), c=0, d=0))
     for begin, end in sections:
-        section = etree.SubElement(lanes, "laneSection", s=_text(begin))
-        etree.SubElement(etree.SubElement(section, "center"), "lane", id="0", type="none", level="false")
-        right = etree.SubElement(section, "right")
-        number = 0
+        right = E.right()
         for place in reversed(range(road.lanes)):
             first, last = (road.lane_width * (1.0 - gone) for gone in _gone(road.span(place), begin, end))
-            if first == last == 0.0:
-                continue
-            number -= 1
-            lane = etree.SubElement(right, "lane", id=str(number), type="driving", level="false")
-            slope = _text((last - first) / (end - begin))
-            etree.SubElement(lane, "width", sOffset="0", a=_text(first), b=slope, c="0", d="0")
-    for crossing in road.crossings:
-        _crossing(root, road, crossing, str(len(root.findall("road"))))
-    return _document(root)
+            if not first == last == 0.0:
+                width = E.width(sOffset=0, a=first, b=(last - first) / (end - begin), c=0, d=0)
+                right.append(E.lane(width, id=-1 - len(right), type="driving", level="false"))
+        lanes.append(E.laneSection(E.center(E.lane(id=0, type="none", level="false")), right, s=begin))
+    return _document(E.OpenDRIVE(
+        E.header(revMajor=1, revMinor=6, name=road.name),
+        E.road(E.planView(*_plan(road, length, aside)), lanes, name=road.name, length=length, id=0, junction=-1),
+        *(_crossing(road, crossing, number) for number, crossing in enumerate(road.crossings, 1)),
+    ))  # fmt: skip
 
 
 def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
@@ -77,39 +72,33 @@ def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
     return tuple(float(missing_at(span, place).round(5)) for place in (begin + inside, end - inside))  # type: ignore[return-value]
 
 
-def _crossing(root: etree._Element, road: Road, crossing: Crossing, number: str) -> None:
+def _crossing(road: Road, crossing: Crossing, number: int) -> Any:
     """A road that crosses, its middle the reference line."""
     length = 2.0 * crossing.reach
-    x, y, along = (float(it) for it in map_places(road.line, crossing.at, -crossing.reach))
-    element = etree.SubElement(root, "road", name="crossing", length=_text(length), id=number, junction="-1")
-    plan = etree.SubElement(element, "planView")
-    geometry = etree.SubElement(
-        plan, "geometry", s="0", x=_text(x), y=_text(y), hdg=f"{along + 0.5 * math.pi:.12g}", length=_text(length),
-    )  # fmt: skip
-    etree.SubElement(geometry, "line")
-    section = etree.SubElement(etree.SubElement(element, "lanes"), "laneSection", s="0")
-    for side, number_of in (("left", 1), ("center", 0), ("right", -1)):
-        kind = "driving" if number_of else "none"
-        lane = etree.SubElement(etree.SubElement(section, side), "lane", id=str(number_of), type=kind, level="false")
-        if number_of:
-            etree.SubElement(lane, "width", sOffset="0", a=_text(0.5 * crossing.width), b="0", c="0", d="0")
+    line = _geometry(road, crossing.at, -crossing.reach, 0.5 * math.pi, length, E.line())
+    section = E.laneSection(s=0)
+    for side, lane in (("left", 1), ("center", 0), ("right", -1)):
+        width = [E.width(sOffset=0, a=0.5 * crossing.width, b=0, c=0, d=0)] if lane else []
+        section.append(E(side, E.lane(*width, id=lane, type="driving" if lane else "none", level="false")))
+    return E.road(E.planView(line), E.lanes(section), name="crossing", length=length, id=number, junction=-1)
 
 
-def _plan(plan: etree._Element, road: Road, length: float) -> None:
+def _geometry(road: Road, s: float, aside: float, turned: float, length: float, shape: Any) -> Any:
+    """A piece of a reference line that begins `aside` m beside the road's line at s, turned from it, rad."""
+    x, y, heading = map_places(road.line, s, aside)
+    return E.geometry(
+        shape, s=0 if turned else s, x=float(x), y=float(y), hdg=f"{heading + turned:.12g}", length=length
+    )
+
+
+def _plan(road: Road, length: float, aside: float) -> Iterator[Any]:
     """The pieces of a line, and the straight behind them."""
-    s, pieces = 0.0, list(road.line)
-    pieces.append(Piece(max(length - sum(piece.length for piece in pieces), 1e-3)))
-    for piece in pieces:
-        x, y, heading = (float(it) for it in map_places(road.line, s, 0.0))
-        geometry = etree.SubElement(
-            plan, "geometry", s=_text(s), x=_text(x), y=_text(y), hdg=f"{heading:.12g}", length=_text(piece.length)
-        )
-        if piece.begin == piece.end == 0.0:
-            etree.SubElement(geometry, "line")
-        elif piece.begin == piece.end:
-            etree.SubElement(geometry, "arc", curvature=f"{piece.begin:.12g}")
-        else:
-            etree.SubElement(geometry, "spiral", curvStart=f"{piece.begin:.12g}", curvEnd=f"{piece.end:.12g}")
+    s = 0.0
+    for piece in (*road.line, Piece(max(length - sum(piece.length for piece in road.line), 1e-3))):
+        shape = E.spiral(curvStart=f"{piece.begin:.12g}", curvEnd=f"{piece.end:.12g}")
+        if piece.begin == piece.end:
+            shape = E.arc(curvature=f"{piece.begin:.12g}") if piece.begin else E.line()
+        yield _geometry(road, s, aside, 0.0, piece.length, shape)
         s += piece.length
 
 
@@ -127,81 +116,70 @@ def openscenario_xml(
     road_file: the OpenDRIVE file, relative. remark: where it comes from, for the header.
     """
     settings = concrete.simulation(settings)
-    root = etree.Element("OpenSCENARIO")
-    etree.SubElement(
-        root, "FileHeader", revMajor="1", revMinor="2", date="2022-01-01T00:00:00", author="sumo_eval",
-        description=f"{concrete.scenario}: {concrete.label}. {remark}",
-    )  # fmt: skip
-    for empty in ("ParameterDeclarations", "CatalogLocations"):
-        etree.SubElement(root, empty)
-    etree.SubElement(etree.SubElement(root, "RoadNetwork"), "LogicFile", filepath=road_file)
-    entities = etree.SubElement(root, "Entities")
-    vehicle = settings.vehicle
-    _entity(entities, EGO, "car", vehicle.length, vehicle.width, vehicle.max_acceleration, vehicle.max_deceleration)
-    for actor in concrete.actors:
-        _entity(entities, actor.name, actor.body, actor.length, actor.width, 10.0, 10.0)
-    storyboard = etree.SubElement(root, "Storyboard")
-    actions = etree.SubElement(etree.SubElement(storyboard, "Init"), "Actions")
-    for name, start in [(EGO, concrete.ego), *((actor.name, actor.start) for actor in concrete.actors)]:
-        private = etree.SubElement(actions, "Private", entityRef=name)
-        teleport = etree.SubElement(etree.SubElement(private, "PrivateAction"), "TeleportAction")
-        _position(teleport, concrete.road, start.x, start.y, start.heading)
-        speed = _under(private, "PrivateAction", "LongitudinalAction", "SpeedAction")
-        etree.SubElement(speed, "SpeedActionDynamics", dynamicsShape="step", value="0", dynamicsDimension="time")
-        etree.SubElement(_under(speed, "SpeedActionTarget"), "AbsoluteTargetSpeed", value=_text(start.speed))
-    story = etree.SubElement(storyboard, "Story", name="others")
-    act = etree.SubElement(story, "Act", name="others")
+    vehicle, road, actors = settings.vehicle, concrete.road, concrete.actors
     known = {name: path for name, path in (driven or {}).items() if len(path) > 1}
     ego = known.get(EGO)
-    scripted = [actor for actor in concrete.actors if actor.acts and not actor.lively]
-    recorded = [actor.name for actor in concrete.actors if actor.lively and actor.name in known]
-    body = vehicle.length, vehicle.width
-    moved = tracks([concrete], [body], VERTEX_INTERVAL, settings.time_limit, in_python=True)
-    for actor, rows in zip(concrete.actors, moved.others[0].tolist(), strict=True):
-        if actor in scripted and actor.name not in recorded:
-            _follow(act, actor.name, _on_the_road(rows, concrete.road), concrete.road)
+    recorded = [actor.name for actor in actors if actor.lively and actor.name in known]
+    moved = tracks([concrete], [(vehicle.length, vehicle.width)], VERTEX_INTERVAL, settings.time_limit, in_python=True)
+    groups = [
+        _follow(actor.name, _on_the_road(rows, road), road)
+        for actor, rows in zip(actors, moved.others[0].tolist(), strict=True)
+        if actor.acts and not actor.lively and actor.name not in recorded
+    ]
     for name in [*([] if ego is None else [EGO]), *recorded]:
         columns = (getattr(known[name], column).tolist() for column in ("time", "x", "y", "heading"))
-        _follow(act, name, zip(*columns, strict=True), concrete.road)
-    if not scripted and not recorded and ego is None:
-        group = etree.SubElement(act, "ManeuverGroup", maximumExecutionCount="1", name="nobody")
-        etree.SubElement(group, "Actors", selectTriggeringEntities="false")
-    _after(etree.SubElement(act, "StartTrigger"), 0.0, "begin")
+        groups.append(_follow(name, zip(*columns, strict=True), road))
+    nobody = E.ManeuverGroup(E.Actors(selectTriggeringEntities="false"), maximumExecutionCount=1, name="nobody")
+    act = E.Act(*(groups or [nobody]), E.StartTrigger(_after(0.0, "begin")), name="others")
     end = settings.time_limit if ego is None else float(ego.time[-1])
-    _after(etree.SubElement(storyboard, "StopTrigger"), end, "end")
-    return _document(root)
+    starts = [(EGO, concrete.ego), *((actor.name, actor.start) for actor in actors)]
+    return _document(E.OpenSCENARIO(
+        E.FileHeader(
+            revMajor=1, revMinor=2, date="2022-01-01T00:00:00", author="sumo_eval",
+            description=f"{concrete.scenario}: {concrete.label}. {remark}",
+        ),
+        E.ParameterDeclarations(), E.CatalogLocations(), E.RoadNetwork(E.LogicFile(filepath=road_file)),
+        E.Entities(
+            _entity(EGO, "car", vehicle.length, vehicle.width, vehicle.max_acceleration, vehicle.max_deceleration),
+            *(_entity(it.name, it.body, it.length, it.width, 10.0, 10.0) for it in actors),
+        ),
+        E.Storyboard(
+            E.Init(E.Actions(*(_begin(name, start, road) for name, start in starts))),
+            E.Story(act, name="others"),
+            E.StopTrigger(_after(end, "end")),
+        ),
+    ))  # fmt: skip
 
 
-def _entity(
-    parent: etree._Element, name: str, body: str, length: float, width: float, accel: float, decel: float
-) -> None:
-    item = etree.SubElement(parent, "ScenarioObject", name=name)
-    if body in _ON_FOOT:
-        person = etree.SubElement(item, "Pedestrian", name=name, mass="75", pedestrianCategory="pedestrian")
-        _box(person, length, width)
-        etree.SubElement(person, "Properties")
-        return
-    vehicle = etree.SubElement(item, "Vehicle", name=name, vehicleCategory=_CATEGORIES[body])
-    _box(vehicle, length, width)
-    etree.SubElement(vehicle, "Performance", maxSpeed="70", maxAcceleration=_text(accel), maxDeceleration=_text(decel))
-    axles = etree.SubElement(vehicle, "Axles")
-    for axle, place in (("FrontAxle", 0.3 * length), ("RearAxle", -0.3 * length)):
-        etree.SubElement(
-            axles, axle, maxSteering="0.5", wheelDiameter="0.6", trackWidth=_text(0.85 * width),
-            positionX=_text(place), positionZ="0.3",
-        )  # fmt: skip
-    etree.SubElement(vehicle, "Properties")
+def _begin(name: str, start: Start, road: Road) -> Any:
+    """Place and speed of a vehicle at the start."""
+    return E.Private(
+        E.PrivateAction(E.TeleportAction(_position(road, start.x, start.y, start.heading))),
+        E.PrivateAction(E.LongitudinalAction(E.SpeedAction(
+            E.SpeedActionDynamics(dynamicsShape="step", value=0, dynamicsDimension="time"),
+            E.SpeedActionTarget(E.AbsoluteTargetSpeed(value=start.speed)),
+        ))),
+        entityRef=name,
+    )  # fmt: skip
 
 
-def _box(parent: etree._Element, length: float, width: float) -> None:
+def _entity(name: str, body: str, length: float, width: float, accel: float, decel: float) -> Any:
     """A body around the reference point in its middle."""
-    etree.SubElement(parent, "ParameterDeclarations")
-    box = etree.SubElement(parent, "BoundingBox")
-    etree.SubElement(box, "Center", x="0", y="0", z=_text(HEIGHT / 2))
-    etree.SubElement(box, "Dimensions", width=_text(width), length=_text(length), height=_text(HEIGHT))
+    center = E.Center(x=0, y=0, z=HEIGHT / 2)
+    box = E.ParameterDeclarations(), E.BoundingBox(center, E.Dimensions(width=width, length=length, height=HEIGHT))
+    if body in _ON_FOOT:
+        it = E.Pedestrian(*box, E.Properties(), name=name, mass=75, pedestrianCategory="pedestrian")
+    else:
+        axles = (
+            E(axle, maxSteering="0.5", wheelDiameter="0.6", trackWidth=0.85 * width, positionX=at, positionZ="0.3")
+            for axle, at in (("FrontAxle", 0.3 * length), ("RearAxle", -0.3 * length))
+        )
+        power = E.Performance(maxSpeed=70, maxAcceleration=accel, maxDeceleration=decel)
+        it = E.Vehicle(*box, power, E.Axles(*axles), E.Properties(), name=name, vehicleCategory=_CATEGORIES[body])
+    return E.ScenarioObject(it, name=name)
 
 
-def _on_the_road(rows: Sequence[Sequence[float]], road: Road) -> Iterator[tuple[float, float, float, float]]:
+def _on_the_road(rows: list[list[float]], road: Road) -> Iterator[tuple[float, float, float, float]]:
     """Time, x, y and heading of a vehicle at every vertex, until it leaves the road. rows: as in `Tracks`."""
     for number, (x, y, heading, *_) in enumerate(rows):
         if x > road.length + road.run_out:
@@ -209,48 +187,34 @@ def _on_the_road(rows: Sequence[Sequence[float]], road: Road) -> Iterator[tuple[
         yield round(number * VERTEX_INTERVAL, 6), x, y, heading
 
 
-def _follow(act: etree._Element, name: str, vertices: Iterable[tuple[float, float, float, float]], road: Road) -> None:
+def _follow(name: str, vertices: Iterable[tuple[float, float, float, float]], road: Road) -> Any:
     """A vehicle on one timed trajectory. vertices: time, x, y, heading."""
-    group = etree.SubElement(act, "ManeuverGroup", maximumExecutionCount="1", name=name)
-    etree.SubElement(etree.SubElement(group, "Actors", selectTriggeringEntities="false"), "EntityRef", entityRef=name)
-    event = etree.SubElement(etree.SubElement(group, "Maneuver", name=name), "Event", name=name, priority="overwrite")
-    action = etree.SubElement(event, "Action", name=name)
-    follow = _under(action, "PrivateAction", "RoutingAction", "FollowTrajectoryAction")
-    trajectory = etree.SubElement(_under(follow, "TrajectoryRef"), "Trajectory", name=name, closed="false")
-    line = _under(trajectory, "Shape", "Polyline")
-    for time, x, y, heading in vertices:
-        _position(etree.SubElement(line, "Vertex", time=_text(time)), road, x, y, heading)
-    etree.SubElement(
-        _under(follow, "TimeReference"), "Timing", domainAbsoluteRelative="absolute", scale="1", offset="0"
+    line = E.Polyline(*(E.Vertex(_position(road, *pose), time=time) for time, *pose in vertices))
+    follow = E.FollowTrajectoryAction(
+        E.TrajectoryRef(E.Trajectory(E.Shape(line), name=name, closed="false")),
+        E.TimeReference(E.Timing(domainAbsoluteRelative="absolute", scale=1, offset=0)),
+        E.TrajectoryFollowingMode(followingMode="position"),
     )
-    etree.SubElement(follow, "TrajectoryFollowingMode", followingMode="position")
-    _after(etree.SubElement(event, "StartTrigger"), 0.0, f"{name} begins")
+    event = E.Event(
+        E.Action(E.PrivateAction(E.RoutingAction(follow)), name=name),
+        E.StartTrigger(_after(0.0, f"{name} begins")),
+        name=name, priority="overwrite",
+    )  # fmt: skip
+    return E.ManeuverGroup(
+        E.Actors(E.EntityRef(entityRef=name), selectTriggeringEntities="false"), E.Maneuver(event, name=name),
+        maximumExecutionCount=1, name=name,
+    )  # fmt: skip
 
 
-def _after(trigger: etree._Element, time: float, name: str) -> None:
-    group = etree.SubElement(trigger, "ConditionGroup")
-    condition = etree.SubElement(group, "Condition", name=name, delay="0", conditionEdge="none")
-    etree.SubElement(
-        _under(condition, "ByValueCondition"), "SimulationTimeCondition", value=_text(time), rule="greaterOrEqual"
-    )
+def _after(time: float, name: str) -> Any:
+    condition = E.ByValueCondition(E.SimulationTimeCondition(value=time, rule="greaterOrEqual"))
+    return E.ConditionGroup(E.Condition(condition, name=name, delay=0, conditionEdge="none"))
 
 
-def _position(parent: etree._Element, road: Road, x: float, y: float, heading: float) -> None:
+def _position(road: Road, x: float, y: float, heading: float) -> Any:
     x, y, heading = (float(it) for it in map_places(road.line, x, y, heading))
-    etree.SubElement(
-        _under(parent, "Position"), "WorldPosition", x=_text(x), y=_text(y), z="0", h=_text(heading), p="0", r="0"
-    )
+    return E.Position(E.WorldPosition(x=x, y=y, z=0, h=heading, p=0, r=0))
 
 
-def _under(parent: etree._Element, *names: str) -> etree._Element:
-    for name in names:
-        parent = etree.SubElement(parent, name)
-    return parent
-
-
-def _text(value: float) -> str:
-    return f"{value:.6f}".rstrip("0").rstrip(".") if value else "0"
-
-
-def _document(root: etree._Element) -> str:
+def _document(root: Any) -> str:
     return etree.tostring(root.getroottree(), pretty_print=True, xml_declaration=True, encoding="UTF-8").decode()

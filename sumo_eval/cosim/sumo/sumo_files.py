@@ -10,10 +10,11 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from lxml import etree
+from lxml.builder import ElementMaker  # type: ignore[import-not-found]
 
 from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
@@ -84,7 +85,7 @@ def _lane_at(road: Road, y: float) -> int:
     return min(max(round(y / road.lane_width), 0), road.lanes - 1)
 
 
-def _text(root: etree._Element) -> str:
+def _text(root: Any) -> str:
     return etree.tostring(root.getroottree(), pretty_print=True, xml_declaration=True, encoding="UTF-8").decode()
 
 
@@ -103,6 +104,9 @@ def _metres(value: float) -> str:
     return text if float(text) == value else _number(value)
 
 
+E: Any = ElementMaker(typemap={float: lambda _, value: _metres(value), int: lambda _, value: str(value)})
+
+
 @functools.lru_cache(maxsize=64)
 def network_xml(road: Road) -> str:
     """A one-way road as a final SUMO network (no netconvert needed): lane 0's centre line is y = 0.
@@ -116,48 +120,43 @@ def network_xml(road: Road) -> str:
     if road.shaped:
         return _shaped_xml(road)
     end = road.length + road.run_out
-    middle = (road.left_edge + road.right_edge) / 2
-    line = drawn_points(road.line, 0.0, end, _segment(road)) if road.bent else None
-    net = etree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
     bounds = f"0.00,0.00,{_metres(end)},{_metres(road.lane_centre(road.lanes - 1))}"
-    if line is not None:
-        bounds = _bounds(road, line)
-    etree.SubElement(
-        net, "location", netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
-    )
-    edge = etree.SubElement(net, "edge", {"id": _EDGE, "from": "begin", "to": "end", "priority": "1"})
-    for lane in range(road.lanes):
-        y = road.lane_centre(lane)
-        etree.SubElement(
-            edge,
-            "lane",
-            id=f"{_EDGE}_{lane}",
-            index=str(lane),
-            speed=_metres(road.speed_limit),
-            length=_metres(end),
-            width=_metres(road.lane_width),
-            shape=f"0.00,{_metres(y)} {_metres(end)},{_metres(y)}" if line is None else _polyline(road, line, y),
-        )
-    lanes = " ".join(f"{_EDGE}_{lane}" for lane in range(road.lanes))
-    for name, x, incoming in (("begin", 0.0, ""), ("end", end, lanes)):
-        edges = (road.left_edge, road.right_edge) if name == "begin" else (road.right_edge, road.left_edge)
-        shape = " ".join(f"{_metres(x)},{_metres(y)}" for y in edges)
-        at = _metres(x), _metres(middle)
-        if line is not None:
-            shape = " ".join(_polyline(road, np.array([x]), y) for y in edges)
-            at = tuple(_polyline(road, np.array([x]), middle).split(","))  # type: ignore[assignment]
-        etree.SubElement(
-            net,
-            "junction",
-            id=name,
-            type="dead_end",
-            x=at[0],
-            y=at[1],
-            incLanes=incoming,
-            intLanes="",
-            shape=shape,
-        )
-    return _text(net)
+    ids = [f"{_EDGE}_{lane}" for lane in range(road.lanes)]
+    lanes = [
+        _lane(road, name, lane, end, road.lane_width, _along(road, 0.0, end, road.lane_centre(lane)))
+        for lane, name in enumerate(ids)
+    ]
+    edges = road.left_edge, road.right_edge
+    return _network(_bounds(road, end) if road.bent else bounds, [
+        _edge(_EDGE, "begin", "end", lanes),
+        _junction(road, "begin", 0.0, sum(edges) / 2, [], edges),
+        _junction(road, "end", end, sum(edges) / 2, ids, edges[::-1]),
+    ])  # fmt: skip
+
+
+def _network(bounds: str, parts: Sequence[Any]) -> str:
+    location = E.location(netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!")
+    return _text(E.net(location, *parts, version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50"))
+
+
+def _edge(name: str, begin: str, end: str, lanes: Sequence[Any]) -> Any:
+    return E.edge({"id": name, "from": begin, "to": end, "priority": "1"}, *lanes)
+
+
+def _lane(road: Road, name: str, index: int, length: float, width: float, shape: str) -> Any:
+    return E.lane(id=name, index=index, speed=road.speed_limit, length=length, width=width, shape=shape)
+
+
+def _junction(
+    road: Road, name: str, x: float, y: float, lanes: Sequence[str], edges: Sequence[float], links: int = 0
+) -> Any:
+    """The end of edges. lanes: that lead there. edges: y of the ends of its shape, m. links: lanes that continue."""
+    at, none = _place(road, x, y).split(","), "0" * links
+    return E.junction(
+        *(E.request(index=index, response=none, foes=none, cont=0) for index in range(links)),
+        id=name, type="priority" if links else "dead_end", x=at[0], y=at[1], incLanes=" ".join(lanes), intLanes="",
+        shape=" ".join(_place(road, x, edge) for edge in edges),
+    )  # fmt: skip
 
 
 def _segment(road: Road) -> float:
@@ -167,16 +166,10 @@ def _segment(road: Road) -> float:
 
 def _shaped_xml(road: Road) -> str:
     """A road of several edges, one a section, its ramps beside it, and the roads that cross it, as a network."""
-    net = etree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
     last = road.length + road.run_out
     reach = max([0.0, *(crossing.reach for crossing in road.crossings)])
     low, high = min(road.right_edge, -reach), max(road.left_edge, reach)
     bounds = f"0.00,{_metres(low)},{_metres(last)},{_metres(high)}"
-    if road.bent:
-        bounds = _bounds(road, drawn_points(road.line, 0.0, last, _segment(road)))
-    etree.SubElement(
-        net, "location", netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
-    )
     parts = sections(road) if road.spans else (Section(_EDGE, 0.0, last, tuple(range(road.lanes)), -1, ""),)
     names = [f"node{number}" for number in range(len(parts) + 1)]
     middle, begins = 0.5 * (road.left_edge + road.right_edge), (*(part.begin for part in parts), last)
@@ -196,51 +189,30 @@ def _shaped_xml(road: Road) -> str:
                 where[end] = (last, y)
             ways.append((part.ramp_edge, begin, end, [(f"{part.ramp_edge}_0", y, road.lane_width)]))
     into: dict[str, list[str]] = {}
+    found = []
     for edge, begin, end, lanes in ways:
-        element = etree.SubElement(net, "edge", {"id": edge, "from": begin, "to": end, "priority": "1"})
         first, until = where[begin][0], where[end][0]
-        for index, (lane, y, width) in enumerate(lanes):
-            into.setdefault(end, []).append(lane)
-            etree.SubElement(
-                element, "lane", id=lane, index=str(index), speed=_metres(road.speed_limit),
-                length=_metres(until - first), width=_metres(width), shape=_along(road, first, until, y),
-            )  # fmt: skip
+        into.setdefault(end, []).extend(lane for lane, _, _ in lanes)
+        found.append(_edge(edge, begin, end, [
+            _lane(road, lane, index, until - first, width, _along(road, first, until, y))
+            for index, (lane, y, width) in enumerate(lanes)
+        ]))  # fmt: skip
     for number, crossing in enumerate(road.crossings):
         edge = f"crossing{number}"
-        for name, across in ((f"{edge}_begin", -crossing.reach), (f"{edge}_end", crossing.reach)):
-            where[name] = (crossing.at, across)
-        into[f"{edge}_end"] = [f"{edge}_0"]
-        element = etree.SubElement(
-            net, "edge", {"id": edge, "from": f"{edge}_begin", "to": f"{edge}_end", "priority": "1"}
-        )
-        ends = [_place(road, crossing.at, across) for across in (-crossing.reach, crossing.reach)]
-        etree.SubElement(
-            element, "lane", id=f"{edge}_0", index="0", speed=_metres(road.speed_limit),
-            length=_metres(2.0 * crossing.reach), width=_metres(crossing.width), shape=" ".join(ends),
-        )  # fmt: skip
+        begin, end, lane = f"{edge}_begin", f"{edge}_end", f"{edge}_0"
+        where |= {begin: (crossing.at, -crossing.reach), end: (crossing.at, crossing.reach)}
+        into[end] = [lane]
+        shape = " ".join(_place(road, *where[name]) for name in (begin, end))
+        found.append(_edge(edge, begin, end, [_lane(road, lane, 0, 2.0 * crossing.reach, crossing.width, shape)]))
     joints = _joints(road, parts)
-    for name, (x, y) in where.items():
-        links = joints[names.index(name)] if name in names[1:-1] else []
-        kind = "priority" if links else "dead_end"
-        spot = _place(road, x, y).split(",")
-        shape = f"{_place(road, x, road.right_edge)} {_place(road, x, road.left_edge)}"
-        junction = etree.SubElement(
-            net, "junction", id=name, type=kind, x=spot[0], y=spot[1], incLanes=" ".join(into.get(name, ())),
-            intLanes="", shape=shape,
-        )  # fmt: skip
-        none = "0" * len(links)
-        for index in range(len(links)):
-            etree.SubElement(junction, "request", index=str(index), response=none, foes=none, cont="0")
-    for links in joints.values():
-        for one, from_lane, other, to_lane in links:
-            etree.SubElement(
-                net, "connection",
-                {
-                    "from": one, "to": other, "fromLane": str(from_lane), "toLane": str(to_lane),
-                    "dir": "s", "state": "M",
-                },
-            )  # fmt: skip
-    return _text(net)
+    for name, place in where.items():
+        links = len(joints[names.index(name)]) if name in names[1:-1] else 0
+        found.append(_junction(road, name, *place, into.get(name, ()), (road.right_edge, road.left_edge), links))
+    for one, from_lane, other, to_lane in itertools.chain(*joints.values()):
+        found.append(E.connection({
+            "from": one, "to": other, "fromLane": str(from_lane), "toLane": str(to_lane), "dir": "s", "state": "M",
+        }))  # fmt: skip
+    return _network(_bounds(road, last) if road.bent else bounds, found)
 
 
 def _joints(road: Road, parts: Sequence[Section]) -> dict[int, list[tuple[str, int, str, int]]]:
@@ -274,8 +246,9 @@ def _place(road: Road, x: float, y: float) -> str:
     return _polyline(road, np.array([x]), y) if road.bent else f"{_metres(x)},{_metres(y)}"
 
 
-def _bounds(road: Road, line: FloatArray) -> str:
-    """What encloses a road that bends, and those that cross it. line: places along it."""
+def _bounds(road: Road, end: float) -> str:
+    """What encloses a road that bends, up to `end`, m, and those that cross it."""
+    line = drawn_points(road.line, 0.0, end, _segment(road))
     edges = [map_places(road.line, line, edge)[:2] for edge in (road.right_edge, road.left_edge)]
     for crossing in road.crossings:
         edges += [map_places(road.line, np.array([crossing.at]), end * crossing.reach)[:2] for end in (-1.0, 1.0)]
@@ -301,15 +274,13 @@ def routes_xml(
     `ego_type` adds to or replaces the ego's vType attributes; `origin`: a sentence on where the file comes from.
     """
     vehicle = concrete.ego_vehicle(vehicle)
-    routes = etree.Element("routes")
+    routes = E.routes(*(E.vType(attributes) for attributes in vehicle_types(concrete, vehicle, ego_type)))
     routes.addprevious(etree.Comment(_remarks(concrete, origin)))
-    for attributes in vehicle_types(concrete, vehicle, ego_type):
-        etree.SubElement(routes, "vType", attributes)
     for attributes in departures(concrete, vehicle.length):
         edges = " ".join(_route(concrete, attributes["id"]))
         if routes.find(f"route[@id='{attributes['route']}']") is None:
-            etree.SubElement(routes, "route", id=attributes["route"], edges=edges)
-        etree.SubElement(routes, "vehicle", attributes)
+            routes.append(E.route(id=attributes["route"], edges=edges))
+        routes.append(E.vehicle(attributes))
     return _text(routes)
 
 
@@ -457,12 +428,10 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
 @functools.lru_cache(maxsize=64)
 def view_xml(road: Road) -> str:
     """Where sumo-gui looks when it opens a case: the beginning of the road, slowed down enough to be watched."""
-    root = etree.Element("viewsettings")
     zoom = 100 * (road.length + road.run_out) / VIEW_LENGTH  # per cent of a view of the whole network
     middle = (road.left_edge + road.right_edge) / 2
-    etree.SubElement(root, "viewport", zoom=f"{zoom:g}", x=f"{VIEW_LENGTH / 2:g}", y=f"{middle:g}")
-    etree.SubElement(root, "delay", value="50")
-    return _text(root)
+    viewport = E.viewport(zoom=f"{zoom:g}", x=f"{VIEW_LENGTH / 2:g}", y=f"{middle:g}")
+    return _text(E.viewsettings(viewport, E.delay(value="50")))
 
 
 def configuration_xml(
@@ -474,19 +443,13 @@ def configuration_xml(
     network, routes, view: the files, relative to this one; without a view sumo-gui shows the whole network.
     """
     duration = SimulationSettings().lane_change_duration if lane_change_duration is None else lane_change_duration
-    root = etree.Element("configuration")
-    inputs = etree.SubElement(root, "input")
-    etree.SubElement(inputs, "net-file", value=network)
-    etree.SubElement(inputs, "route-files", value=routes)
-    time = etree.SubElement(root, "time")
-    etree.SubElement(time, "begin", value="0")
-    etree.SubElement(time, "step-length", value=f"{step:g}")
-    processing = etree.SubElement(root, "processing")
-    for name, value in {**SIMULATION_OPTIONS, "lanechange.duration": f"{duration:g}"}.items():
-        etree.SubElement(processing, name, value=value)
-    if view is not None:
-        etree.SubElement(etree.SubElement(root, "gui_only"), "gui-settings-file", value=view)
-    return _text(root)
+    options = {**SIMULATION_OPTIONS, "lanechange.duration": f"{duration:g}"}
+    return _text(E.configuration(
+        E.input(E("net-file", value=network), E("route-files", value=routes)),
+        E.time(E.begin(value="0"), E("step-length", value=f"{step:g}")),
+        E.processing(*(E(name, value=value) for name, value in options.items())),
+        *([] if view is None else [E.gui_only(E("gui-settings-file", value=view))]),
+    ))  # fmt: skip
 
 
 VIEW_LENGTH = 250.0  # m of road that sumo-gui shows at first
