@@ -30,7 +30,7 @@ from sumo_eval.cosim.records import (
     TIME_LIMIT,
     Records,
 )
-from sumo_eval.cosim.vehicle_model import count_clip, moved, moved_dynamic
+from sumo_eval.cosim.vehicle_model import count_clip, move, move_dynamic
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.played import BEGUN
 from sumo_eval.scenario.road.lanes import left_edge_at, right_edge_at
@@ -83,14 +83,22 @@ def put_on_map(body: Any, line: Any) -> float:
 def _keep_before(body: Any) -> None:
     """Keep where a vehicle is as where it was before the step."""
     was = body.before
-    was.x, was.y, was.heading, was.speed = body.x, body.y, body.heading, body.speed
+    was.x, was.y, was.heading, was.speed, was.across = body.x, body.y, body.heading, body.speed, body.across
     was.map.x, was.map.y, was.map.heading = body.map.x, body.map.y, body.map.heading
 
 
 @kernel
-def _map_body(at: Any, speed: float, across: float, body: Any) -> Body:
-    """A vehicle on the map. at: its place there."""
-    return Body(at.x, at.y, at.heading, speed, body.length, body.width, across)
+def _put_back(body: Any) -> None:
+    """Put a vehicle where it was before the step."""
+    was = body.before
+    body.x, body.y, body.heading, body.speed, body.across = was.x, was.y, was.heading, was.speed, was.across
+    body.map.x, body.map.y, body.map.heading = was.map.x, was.map.y, was.map.heading
+
+
+@kernel
+def _body(at: Any, moving: Any, body: Any) -> Body:
+    """A vehicle at a place, moving as it does now or did before the step."""
+    return Body(at.x, at.y, at.heading, moving.speed, body.length, body.width, moving.across)
 
 
 @kernel
@@ -160,7 +168,6 @@ def begin_rows(
             put_on_map(other, line)
             _put_front(other)
             _keep_before(other)
-            other.before.across = other.across
             show_body(seen[i][j], other, line, 0.0)
         _sample_row(ego, others[i], samples[i])
 
@@ -170,15 +177,9 @@ def stop_rows(egos: Records, others: Records, samples: FloatArray, row: int, bac
     """Record a case as it is when it is broken off; back: within a step, of which nothing counts."""
     ego = egos[row]
     if back:
-        was = ego.before
-        ego.x, ego.y, ego.heading, ego.speed = was.x, was.y, was.heading, was.speed
-        ego.map.x, ego.map.y, ego.map.heading = was.map.x, was.map.y, was.map.heading
+        _put_back(ego)
         for j in range(len(others[row])):
-            other = others[row][j]
-            was = other.before
-            other.x, other.y, other.heading, other.speed = was.x, was.y, was.heading, was.speed
-            other.across = was.across
-            other.map.x, other.map.y, other.map.heading = was.map.x, was.map.y, was.map.heading
+            _put_back(others[row][j])
     _sample_row(ego, others[row], samples[row])
 
 
@@ -208,9 +209,14 @@ def move_rows(
             if not math.isfinite(wanted + steering):
                 ego.reason = ADS_ERROR
                 continue
-            _drive(ego, ego.map, wanted, steering, limits, step, clips[i])
+            if limits.dynamic > 0.0:
+                move_dynamic(ego, ego.map, wanted, steering, limits, step, clips[i])
+            else:
+                move(ego, ego.map, wanted, steering, limits, step, clips[i])
         elif ego.placed == PLANT:
-            _go_on(ego, ego.map)
+            ahead, at = ego.next, ego.map
+            at.x, at.y, at.heading, ego.speed = ahead.x, ahead.y, ahead.heading, ahead.speed
+            ego.acceleration, ego.steering = ahead.acceleration, ahead.steering
         if ego.placed != SUMO:
             near = ego.before.x + ego.before.speed * step
             ego.x, ego.y, ego.heading, curvature = to_frame(line, ego.map.x, ego.map.y, ego.map.heading, near)
@@ -225,34 +231,8 @@ def move_rows(
         for j in range(len(others[i])):
             other = others[i][j]
             _keep_before(other)
-            other.before.across = other.across
             other.told = 0
     return told
-
-
-@kernel
-def _drive(ego: Any, at: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any) -> None:
-    """Move an ego by the vehicle model. at: what holds its place on the map."""
-    if limits.dynamic > 0.0:
-        (
-            at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering, ego.slip, ego.yaw_rate,
-        ) = moved_dynamic(
-            at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering, ego.slip, ego.yaw_rate, wanted, steering,
-            limits, step, ego.time, clips,
-        )  # fmt: skip
-        return
-    at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering = moved(
-        at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering, wanted, steering, limits, step, ego.time,
-        clips,
-    )  # fmt: skip
-
-
-@kernel
-def _go_on(ego: Any, at: Any) -> None:
-    """Move an ego to where a plant has it next. at: what holds its place on the map."""
-    ahead = ego.next
-    at.x, at.y, at.heading, ego.speed = ahead.x, ahead.y, ahead.heading, ahead.speed
-    ego.acceleration, ego.steering = ahead.acceleration, ahead.steering
 
 
 @kernel
@@ -266,31 +246,13 @@ def _stand(other: Any, x: float, y: float, angle: float, speed: float, line: Any
 
 
 @kernel
-def _map_back(body: Any, share: float) -> None:
-    """Where a vehicle stood on the map a share of the way through the step."""
-    was, at = _map_body(body.before.map, 0.0, 0.0, body), _map_body(body.map, 0.0, 0.0, body)
-    here = between(was, at, share)
-    body.map.x, body.map.y, body.map.heading = here.x, here.y, here.heading
-
-
-@kernel
-def _go_back(ego: Any, others: Any, share: float, step: float, now: float) -> None:
-    """The case as it was a share of the way through the step, when something touched the ego."""
-    was = ego.before
-    _map_back(ego, share)
-    before = Body(was.x, was.y, was.heading, was.speed, ego.length, ego.width, 0.0)
-    here = between(before, Body(ego.x, ego.y, ego.heading, ego.speed, ego.length, ego.width, 0.0), share)
-    ego.x, ego.y, ego.heading, ego.speed = here.x, here.y, here.heading, here.speed
-    ego.time = now - step + share * step
-    for j in range(len(others)):
-        other = others[j]
-        was = other.before
-        _map_back(other, share)
-        before = Body(was.x, was.y, was.heading, was.speed, other.length, other.width, was.across)
-        after = Body(other.x, other.y, other.heading, other.speed, other.length, other.width, other.across)
-        here = between(before, after, share)
-        other.x, other.y, other.heading, other.speed = here.x, here.y, here.heading, here.speed
-        other.across = here.across
+def _go_back(body: Any, share: float) -> None:
+    """Put a vehicle where it was a share of the way through the step."""
+    was, at = body.before, body.map
+    here = between(_body(was.map, was, body), _body(at, body, body), share)
+    at.x, at.y, at.heading = here.x, here.y, here.heading
+    here = between(_body(was, was, body), _body(body, body, body), share)
+    body.x, body.y, body.heading, body.speed, body.across = here.x, here.y, here.heading, here.speed, here.across
 
 
 @kernel
@@ -318,11 +280,10 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
         return 0
     if now < ego.scripted_until or ego.way.asked:  # its scripts are not over
         return 0
-    body = Body(ego.x, ego.y, ego.heading, ego.speed, ego.length, ego.width, 0.0)
+    body = _body(ego, ego, ego)
     for j in range(len(others)):
         other = others[j]
-        there = Body(other.x, other.y, other.heading, other.speed, other.length, other.width, other.across)
-        if other.present and not keeps_apart(body, there):
+        if other.present and not keeps_apart(body, _body(other, other, other)):
             return 0
     return DECIDED
 
@@ -348,8 +309,7 @@ def see_rows(
             ended += 1
             continue
         now = (steps - ego.begun) * step
-        before = _map_body(ego.before.map, ego.before.speed, 0.0, ego)
-        body = _map_body(ego.map, ego.speed, 0.0, ego)
+        before, body = _body(ego.before.map, ego.before, ego), _body(ego.map, ego, ego)
         first = 2.0
         for j in range(len(others[i])):
             other = others[i][j]
@@ -363,14 +323,15 @@ def see_rows(
                 _stand(other, shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], line)
             was = other.before
             other.rate = (other.speed - was.speed) / step
-            there = _map_body(was.map, was.speed, was.across, other)
-            here = _map_body(other.map, other.speed, other.across, other)
-            share = share_at_touch(before, body, there, here)
+            share = share_at_touch(before, body, _body(was.map, was, other), _body(other.map, other, other))
             if 0.0 <= share < first:
                 first, ego.struck = share, j
         if first <= 1.0 and not _was_past_the_end(ego, first, scenario[0].road.length):
             ego.reason, ego.share = CONTACT, first
-            _go_back(ego, others[i], first, step, now)
+            _go_back(ego, first)
+            ego.time = now - step + first * step
+            for j in range(len(others[i])):
+                _go_back(others[i][j], first)
         else:
             ego.time = now
             ego.reason = _end(ego, others[i], scenario[0], now)

@@ -3,7 +3,7 @@
 Within one step the acceleration is piecewise linear in time (brakes build up, drive rises) and the motion along the
 path is its exact integral, so that stopping distances and impact speeds do not depend on the step. The path within a
 step is a circular arc with the step's mean road wheel angle. That is the kinematic model: its tyres do not slip, which
-is honest below about 0.4 g across. The dynamic one has side slip and a yaw rate of its own (`moved_dynamic`).
+is honest below about 0.4 g across. The dynamic one has side slip and a yaw rate of its own (`move_dynamic`).
 """
 
 from __future__ import annotations
@@ -95,14 +95,14 @@ LIMITED = (
 def advance(
     state: EgoState, command: Command, limits: VehicleSettings, step: float
 ) -> tuple[EgoState, tuple[Clipped, ...]]:
-    """The state one `step` (s) later and every limit that the command ran into; see `moved`."""
+    """The state one `step` (s) later and every limit that the command ran into; see `move`."""
     clips: Any = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
     x, y, heading, speed, acceleration, wheel = state
-    after = moved(
-        x, y, heading, speed, acceleration, wheel, command.acceleration, command.steering, limits, step, 0.0, clips
-    )
+    ego = SimpleNamespace(x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, steering=wheel, time=0.0)
+    move(ego, ego, command.acceleration, command.steering, limits, step, clips)
     met = zip(LIMITED, clips, strict=True)
-    return EgoState(*after), tuple((what, clip.requested, clip.applied) for what, clip in met if clip.count)
+    after = EgoState(ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering)
+    return after, tuple((what, clip.requested, clip.applied) for what, clip in met if clip.count)
 
 
 @kernel
@@ -117,28 +117,26 @@ def count_clip(clips: Any, what: int, time: float, requested: float, applied: fl
 
 
 @kernel
-def moved(
-    x: float, y: float, heading: float, speed: float, acceleration: float, wheel: float,
-    wanted: float, steering: float, limits: Any, step: float, time: float, clips: Any,
-) -> tuple[float, float, float, float, float, float]:  # fmt: skip
-    """x, y, heading, speed, acceleration and steering wheel angle one `step` (s) later.
+def move(ego: Any, at: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any) -> None:
+    """Move an ego by the kinematic model for one `step`, s.
 
-    wanted: m/s2, and steering: rad, as in `Command`. limits: `VehicleSettings` or a record of them. clips: where limits
-    that the command runs into are counted, by number.
+    ego: its speed, acceleration, steering wheel angle and time. at: its x, y and heading. wanted: m/s2, and steering:
+    rad, as in `Command`. limits: `VehicleSettings` or a record of them. clips: where limits that the command runs into
+    are counted, by number.
     The tyres hold a total acceleration of friction * g at the end of every step: steering comes first, braking and
     drive get the rest of the friction circle, and what brakes and drive cannot let go of within the step is taken from
     the steering.
     """
-    if steering == 0.0 and wheel == 0.0:  # straight, as nearly always
+    if steering == 0.0 and ego.steering == 0.0:  # straight, as nearly always
         end = curvature = lateral = 0.0
     else:
-        end, curvature, lateral = _steer(speed, acceleration, wheel, wanted, steering, limits, step, time, clips)
+        end, curvature, lateral = _steer(ego, wanted, steering, limits, step, clips)
         if lateral > KINEMATIC_UP_TO:
-            count_clip(clips, _BEYOND_KINEMATIC, time, lateral, KINEMATIC_UP_TO)
-    target = _limit_acceleration(wanted, lateral, limits, time, clips)
-    after, faster, distance = _drive_within(speed, acceleration, target, limits, step, time, clips)
-    x, y, heading = _along_arc(x, y, heading, distance, curvature, limits.wheelbase)
-    return x, y, heading, faster, after, end
+            count_clip(clips, _BEYOND_KINEMATIC, ego.time, lateral, KINEMATIC_UP_TO)
+    target = _limit_acceleration(wanted, lateral, limits, ego.time, clips)
+    after, faster, distance = _drive_within(ego, target, limits, step, clips)
+    _along_arc(at, distance, curvature, limits.wheelbase)
+    ego.speed, ego.acceleration, ego.steering = faster, after, end
 
 
 @kernel
@@ -179,46 +177,44 @@ def slip_rates(
 
 
 @kernel
-def _drive_within(
-    speed: float, acceleration: float, target: float, limits: Any, step: float, time: float, clips: Any
-) -> tuple[float, float, float]:
+def _drive_within(ego: Any, target: float, limits: Any, step: float, clips: Any) -> tuple[float, float, float]:
     """Acceleration, speed and distance after a step of `drive`, m/s2, m/s, m, held to the vehicle's highest speed.
 
     Counts what that speed, or the rate at which acceleration may change, took away.
     """
-    after, faster, distance = drive(speed, acceleration, target, limits, step)
+    after, faster, distance = drive(ego.speed, ego.acceleration, target, limits, step)
     if faster > limits.max_speed:
-        count_clip(clips, _SPEED, time, faster, limits.max_speed)
+        count_clip(clips, _SPEED, ego.time, faster, limits.max_speed)
         after, faster = 0.0, limits.max_speed
-        distance = 0.5 * (speed + faster) * step
+        distance = 0.5 * (ego.speed + faster) * step
     elif abs(after - target) > _GRANTED and faster > 0.0:
-        count_clip(clips, _ACCELERATION_RATE, time, target, after)
+        count_clip(clips, _ACCELERATION_RATE, ego.time, target, after)
     return after, faster, distance
 
 
 @kernel
-def moved_dynamic(
-    x: float, y: float, heading: float, speed: float, acceleration: float, wheel: float, slip: float, yaw_rate: float,
-    wanted: float, steering: float, limits: Any, step: float, time: float, clips: Any,
-) -> tuple[float, float, float, float, float, float, float, float]:  # fmt: skip
-    """x, y, heading, speed, acceleration, steering wheel angle, side slip, rad, and yaw rate, rad/s, one `step` later.
+def move_dynamic(ego: Any, at: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any) -> None:
+    """Move an ego by the dynamic model, with its side slip, rad, and yaw rate, rad/s.
 
-    Arguments as in `moved`. Steering, drive and brakes have the kinematic model's limits but for the tyres', which here
+    Arguments as in `move`. Steering, drive and brakes have the kinematic model's limits but for the tyres', which here
     let go by themselves. Side slip, yaw and place are integrated by Heun's method in ten parts of the step; speed and
     distance along the path are the exact ones of `drive`.
     """
-    stop = math.radians(limits.max_steering_wheel_angle_deg)
-    end = _limit_steering(wheel, steering, stop, limits, step, time, clips)
-    target = _limit_acceleration(wanted, speed * yaw_rate, limits, time, clips)
-    after, faster, distance = _drive_within(speed, acceleration, target, limits, step, time, clips)
+    speed, wheel, slip, yaw_rate = ego.speed, ego.steering, ego.slip, ego.yaw_rate
+    end = _limit_steering(ego, steering, math.radians(limits.max_steering_wheel_angle_deg), limits, step, clips)
+    target = _limit_acceleration(wanted, speed * yaw_rate, limits, ego.time, clips)
+    after, faster, distance = _drive_within(ego, target, limits, step, clips)
+    acceleration = ego.acceleration
+    ego.speed, ego.acceleration, ego.steering = faster, after, end
     if speed < _SLOWEST_SLIP or faster < _SLOWEST_SLIP:
-        curvature = _curvature(0.5 * (wheel + end), limits)
-        x, y, heading = _along_arc(x, y, heading, distance, curvature, limits.wheelbase)
+        _along_arc(at, distance, _curvature(0.5 * (wheel + end), limits), limits.wheelbase)
         bend = _curvature(end, limits)
         behind = (1.0 - limits.front_share) * limits.wheelbase
-        return x, y, heading, faster, after, end, math.atan(behind * bend), faster * bend
+        ego.slip, ego.yaw_rate = math.atan(behind * bend), faster * bend
+        return
     ahead = (0.5 - limits.front_share) * limits.wheelbase  # of the middle between the axles, the centre of gravity
-    x, y = x + ahead * math.cos(heading), y + ahead * math.sin(heading)
+    heading = at.heading
+    x, y = at.x + ahead * math.cos(heading), at.y + ahead * math.sin(heading)
     part, way = step / _PARTS, distance / _PARTS
     most = 0.0
     for k in range(_PARTS):
@@ -238,22 +234,21 @@ def moved_dynamic(
         x, y = x + way * math.cos(course), y + way * math.sin(course)
     if most > 1.0:
         held = limits.friction * GRAVITY
-        count_clip(clips, _LATERAL_FRICTION, time, most * held, held)
-    x, y = x - ahead * math.cos(heading), y - ahead * math.sin(heading)
-    return x, y, heading, faster, after, end, slip, yaw_rate
+        count_clip(clips, _LATERAL_FRICTION, ego.time, most * held, held)
+    at.x, at.y, at.heading = x - ahead * math.cos(heading), y - ahead * math.sin(heading), heading
+    ego.slip, ego.yaw_rate = slip, yaw_rate
 
 
 @kernel
 def _steer(
-    speed: float, acceleration: float, wheel: float, wanted: float, steering: float, limits: Any, step: float,
-    time: float, clips: Any,
-) -> tuple[float, float, float]:  # fmt: skip
+    ego: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any
+) -> tuple[float, float, float]:
     """Steering wheel angle at the end of the step, mean curvature and highest lateral acceleration within the step."""
-    carried = max(abs(acceleration) - limits.brake_jerk * step, 0.0)
-    fastest = speed + step * max(acceleration, min(wanted, limits.max_acceleration), 0.0)
+    carried = max(abs(ego.acceleration) - limits.brake_jerk * step, 0.0)
+    fastest = ego.speed + step * max(ego.acceleration, min(wanted, limits.max_acceleration), 0.0)
     grip = grip_steering_wheel_angle(fastest, limits, carried)
-    end = _limit_steering(wheel, steering, grip, limits, step, time, clips)
-    curvature = _curvature(min(max(0.5 * (wheel + end), -grip), grip), limits)
+    end = _limit_steering(ego, steering, grip, limits, step, clips)
+    curvature = _curvature(min(max(0.5 * (ego.steering + end), -grip), grip), limits)
     return end, curvature, fastest * fastest * max(abs(curvature), abs(_curvature(end, limits)))
 
 
@@ -264,22 +259,20 @@ def _curvature(steering_wheel_angle: float, limits: Any) -> float:
 
 
 @kernel
-def _limit_steering(
-    wheel: float, requested: float, grip: float, limits: Any, step: float, time: float, clips: Any
-) -> float:
+def _limit_steering(ego: Any, requested: float, grip: float, limits: Any, step: float, clips: Any) -> float:
     """Steering wheel angle at the end of the step: within its end stops, its rate, and the grip of the tyres."""
     stop = math.radians(limits.max_steering_wheel_angle_deg)
     angle = min(max(requested, -stop), stop)
     if angle != requested:
-        count_clip(clips, _STEERING_ANGLE, time, requested, angle)
+        count_clip(clips, _STEERING_ANGLE, ego.time, requested, angle)
     reach = math.radians(limits.max_steering_wheel_rate_deg) * step
-    reachable = min(max(angle, wheel - reach), wheel + reach)
+    reachable = min(max(angle, ego.steering - reach), ego.steering + reach)
     if reachable != angle:
-        count_clip(clips, _STEERING_RATE, time, angle, reachable)
+        count_clip(clips, _STEERING_RATE, ego.time, angle, reachable)
     held = min(max(reachable, -grip), grip)
     if held != reachable:
-        count_clip(clips, _LATERAL_FRICTION, time, reachable, held)
-    return held
+        count_clip(clips, _LATERAL_FRICTION, ego.time, reachable, held)
+    return float(held)
 
 
 @kernel
@@ -365,17 +358,16 @@ def _time_to_stop(v: float, a: float, jerk: float, duration: float) -> float:
 
 
 @kernel
-def _along_arc(
-    x: float, y: float, heading: float, distance: float, curvature: float, wheelbase: float
-) -> tuple[float, float, float]:
-    """Centre and heading after the rear axle has rolled `distance` along an arc of `curvature`."""
-    c, s = math.cos(heading), math.sin(heading)
+def _along_arc(at: Any, distance: float, curvature: float, wheelbase: float) -> None:
+    """Move centre and heading to where the rear axle has rolled `distance` along an arc of `curvature`."""
+    c, s = math.cos(at.heading), math.sin(at.heading)
     if curvature == 0.0:
-        return x + distance * c, y + distance * s, heading
+        at.x, at.y = at.x + distance * c, at.y + distance * s
+        return
     half = 0.5 * wheelbase
     turn = distance * curvature
     chord = distance if abs(turn) < 1e-12 else distance * math.sin(0.5 * turn) / (0.5 * turn)
-    x += chord * math.cos(heading + 0.5 * turn) - half * c
-    y += chord * math.sin(heading + 0.5 * turn) - half * s
-    heading += turn
-    return x + half * math.cos(heading), y + half * math.sin(heading), heading
+    x = at.x + (chord * math.cos(at.heading + 0.5 * turn) - half * c)
+    y = at.y + (chord * math.sin(at.heading + 0.5 * turn) - half * s)
+    at.heading += turn
+    at.x, at.y = x + half * math.cos(at.heading), y + half * math.sin(at.heading)

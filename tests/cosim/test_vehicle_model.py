@@ -17,7 +17,7 @@ from sumo_eval.cosim.vehicle_model import (
     advance,
     drive,
     grip_steering_wheel_angle,
-    moved_dynamic,
+    move_dynamic,
     slip_rates,
 )
 from sumo_eval.settings import VehicleSettings
@@ -317,10 +317,12 @@ DYNAMIC = VehicleSettings(model="dynamic")
 
 def drive_dynamic(speed, wheel, duration, step=0.05, wanted=0.0):
     clips = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
-    state = (0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0, 0.0)
+    names = ("x", "y", "heading", "speed", "acceleration", "steering", "slip", "yaw_rate")
+    ego = SimpleNamespace(**dict.fromkeys(names, 0.0) | {"speed": speed, "time": 0.0})
     for _ in range(round(duration / step)):
-        state = moved_dynamic(*state, wanted, wheel, DYNAMIC, step, 0.0, clips)
-    return state, {name for name, clip in zip(LIMITED, clips, strict=True) if clip.count}
+        move_dynamic(ego, ego, wanted, wheel, DYNAMIC, step, clips)
+    met = {name for name, clip in zip(LIMITED, clips, strict=True) if clip.count}
+    return [getattr(ego, name) for name in names], met
 
 
 def test_a_gentle_bend_of_the_dynamic_model_has_the_steady_yaw_rate_of_the_linear_one():
