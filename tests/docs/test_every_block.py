@@ -53,6 +53,7 @@ MARKED = {
 NOT_RUN = {
     "--gui": "needs a display",
     "--scheduler": "needs a cluster",
+    "CCRm.xosc": "needs a file of Euro NCAP; test_openscenario_catalogues.py reads and drives it",
     "drive": "needs somebody at the wheel; tests/wheel has bots there",
     "dlr_highway": "needs a recording; test_recorded_people_example.py runs it where the wheel tasi is",
     "afternoon/ratings.csv": "needs a study's ratings; tests/cli/test_as_typed.py has some",
