@@ -8,9 +8,14 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+sys.path.insert(0, str(Path(__file__).parent))  # mkdocs loads this file by its path
+
+import site_reference as reference  # noqa: E402
 
 if TYPE_CHECKING:
     from mkdocs.structure.files import Files
@@ -21,49 +26,13 @@ _LINK = re.compile(r"\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the repository's own pages under `project/` and the gallery of scenarios."""
+    """Add the repository's own pages under `project/`."""
     from mkdocs.structure.files import File
 
     for name in TOP:
         text = (ROOT / f"{name}.md").read_text(encoding="utf-8")
         files.append(File.generated(config, f"project/{name.lower()}.md", content=text))
-    files.append(File.generated(config, "gallery.md", content=gallery()))
     return files
-
-
-def gallery() -> str:
-    """A page with every scenario: its picture, its parameters, where it is described."""
-    text = [
-        "# Gallery of scenarios",
-        "",
-        "Moving pictures: the middle of the space, driven by `idm` in SUMO; blue is the ADS, ochre the others.",
-        "The camera goes with the ADS, and turns with it on a bend.",
-        "",
-    ]
-    for path in sorted((ROOT / "sumo_eval" / "scenario" / "files").glob("*.toml")):
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-        name = path.stem
-        page, pictures = ROOT / "docs" / "scenarios" / f"{name}.md", ROOT / "docs" / "pictures"
-        candidates = (pictures / "moving" / f"{name}.svg", pictures / f"{name}.svg")
-        shown = next((one for one in candidates if one.is_file()), None)
-        title = f"[{name}](scenarios/{name}.md)" if page.is_file() else name
-        text += [f"## {title}", "", content["about"], ""]
-        if shown:
-            text += [f"![{content['about']}]({shown.relative_to(ROOT / 'docs').as_posix()})", ""]
-        text += ["| parameter | range | |", "|---|---|---|"]
-        text += [f"| `{one['name']}` | {_range(one)} | {one['about']} |" for one in content["parameter"]]
-        text += ["", f'`use = "{name}"`', ""]
-    return "\n".join(text)
-
-
-def _range(parameter: dict[str, Any]) -> str:
-    """The values of a parameter in words: a list, or the ends of a range, and the unit."""
-    unit = parameter.get("unit", "")
-    if "values" in parameter:
-        said = ", ".join(f"{value:g}" for value in parameter["values"])
-    else:
-        said = f"{parameter['low']:g} to {parameter['high']:g}"
-    return f"{said} {unit}".rstrip()
 
 
 BOARD = ROOT / "docs" / "leaderboard"
@@ -159,6 +128,10 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     here = page.file.src_uri
     if here == "leaderboard.md":
         markdown = f"{markdown}\n{leaderboard()}"
+    if here.startswith("scenarios/"):
+        markdown = reference.with_scenarios(markdown)
+    if here in reference.GENERATED:
+        markdown = f"{markdown}\n{reference.GENERATED[here]()}\n"
     turned = _LINK.sub(lambda found: _turned(found, here, files), markdown)
     turned = re.sub(r"```math\n(.*?)```", lambda found: _formula(found[1], "block"), turned, flags=re.S)
     return re.sub(r"\$`([^`]+)`\$", lambda found: _formula(found[1], "inline"), turned)

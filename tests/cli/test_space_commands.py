@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from sumo_eval.cli import main
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "space.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "scenario_file.md"
 EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[0]
 
 

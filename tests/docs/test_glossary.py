@@ -1,4 +1,4 @@
-"""GLOSSARY.md names every column, every key of a score and every symbol, and nothing that does not exist."""
+"""GLOSSARY.md has every symbol, docs/reference/outputs.md every column and key of a score, and none that does not exist."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from sumo_eval.report.tables import cases_csv
 from sumo_eval.results import Evaluation, ScenarioResult
 
 ROOT = Path(__file__).parents[2]
-GLOSSARY = (ROOT / "GLOSSARY.md").read_text(encoding="utf-8")
+PAGES = [(ROOT / page).read_text(encoding="utf-8") for page in ("GLOSSARY.md", "docs/reference/outputs.md")]
 
 
 def rows(section: str) -> list[list[str]]:
     """The cells of a section's table, without its head."""
-    table = GLOSSARY.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    (page,) = [page for page in PAGES if f"\n## {section}\n" in page]
+    table = page.split(f"\n## {section}\n")[1].split("\n## ")[0]
     lines = [line for line in table.splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
 

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import json
 import re
 import subprocess
 import sys
+import tomllib
+from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
+import click
 import pytest
 
 import sumo_eval
+from sumo_eval import cli
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.record.exchange import open_run
 from sumo_eval.scenario.catalogue import SCENARIOS, find
+from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import SUITES
 
 ROOT = Path(__file__).parents[2]
@@ -33,10 +39,9 @@ def blocks(page: Path, *languages: str) -> list[str]:
 
 @pytest.mark.parametrize("page", NAMES)
 def test_links_between_pages_lead_somewhere(page: str) -> None:
-    made = {"gallery.md"}
     text = re.sub(r"```.*?```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.S)
     for target in re.findall(r"\]\((?![a-z]+:)([^)#\s]+)[^)]*\)", text):
-        assert target in made or (ROOT / page).parent.joinpath(target).resolve().exists(), target
+        assert (ROOT / page).parent.joinpath(target).resolve().exists(), target
 
 
 def test_the_page_of_an_index_links_to_nothing_in_the_repository() -> None:
@@ -45,7 +50,7 @@ def test_the_page_of_an_index_links_to_nothing_in_the_repository() -> None:
 
 def test_every_page_of_the_menu_is_there() -> None:
     menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1]
-    made = re.compile(r"project/|gallery")
+    made = re.compile(r"project/")
     for path in re.findall(r": ([\w/]+\.md)", menu):
         assert made.match(path) or (DOCS / path).is_file(), path
 
@@ -65,7 +70,7 @@ def redirects() -> dict[str, str]:
 
 def test_old_addresses_lead_to_pages() -> None:
     pages = {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")}
-    made = hooks().moved_pages(redirects(), {*pages, "gallery.md", "project/glossary.md"})
+    made = hooks().moved_pages(redirects(), {*pages, "project/glossary.md"})
     assert len(made) == len(redirects())
 
 
@@ -91,14 +96,58 @@ def hooks() -> Any:
     return module
 
 
-def test_the_gallery_has_every_scenario_with_its_picture_and_its_parameters() -> None:
-    gallery = hooks().gallery()
-    for name, logical in SCENARIOS.items():
-        assert f"](scenarios/{name}.md)\n" in gallery, name
-        part = gallery.split(f'`use = "{name}"`')[0].split("\n## ")[-1]
-        assert "](pictures/" in part, name
-        for parameter in logical.names:
-            assert f"| `{parameter}` | " in part, (name, parameter)
+def test_every_scenario_is_described_on_one_family_page() -> None:
+    reference = hooks().reference
+    families = reference.scenario_families()
+    assert set(families) == set(SCENARIOS)
+    headings = [
+        name
+        for page in (DOCS / "scenarios").glob("*.md")
+        for name in re.findall(r"^## (\w+)$", page.read_text(encoding="utf-8"), flags=re.M)
+    ]
+    assert sorted(headings) == sorted(SCENARIOS)
+    index = reference.scenario_index()
+    assert all(f"[{name}]({page}#{name})" in index for name, page in families.items())
+
+
+@pytest.mark.parametrize("name", sorted(SCENARIOS))
+def test_a_scenario_has_its_picture_parameters_options_and_source(name: str) -> None:
+    text = hooks().reference.with_scenarios(f"# Page\n\n## {name}\n")
+    assert f"](../pictures/moving/{name}.svg)" in text
+    logical = SCENARIOS[name]
+    for parameter in logical.names:
+        assert f"| `{parameter}` | " in text, parameter
+    assert all(f"Option `{option['name']}`" in text for option in reference_file(name).get("option", ()))
+    assert f"- Source: {logical.source}" in text
+
+
+def reference_file(name: str) -> dict[str, Any]:
+    """Content of a shipped scenario file."""
+    return tomllib.loads((ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def test_the_reference_has_every_setting_command_and_option() -> None:
+    reference = hooks().reference
+    settings, commands = reference.settings_reference(), reference.command_reference()
+    for owner, name in every_setting(EvaluationSettings):
+        assert f"| `{name}`" in settings or f".{name}]" in settings or f"[{name}]" in settings, (owner, name)
+    for name in cli.commands():
+        command = cli.main.get_command(click.Context(cli.main), name)
+        assert f"### sumo-eval {name}\n" in commands
+        for option in command.params if command else ():
+            shown = option.param_type_name == "option" and not option.hidden
+            assert not shown or f"`{option.opts[0]}`" in commands, (name, option)
+
+
+def every_setting(owner: Any) -> Iterator[tuple[str, str]]:
+    """Class and name of each setting of an evaluation, nested ones too."""
+    for name, hint in get_type_hints(owner).items():
+        if name.startswith("_"):
+            continue
+        yield owner.__name__, name
+        for inner in (hint, *get_args(hint)):
+            if dataclasses.is_dataclass(inner):
+                yield from every_setting(inner)
 
 
 def test_the_leaderboard_has_every_ads_that_ships_in_every_suite_with_what_the_files_say() -> None:

@@ -64,7 +64,10 @@ def test_no_page_of_the_site_loads_anything_from_elsewhere(pages: dict[Path, htm
 def test_formulas_are_rendered_and_every_scenario_moves(site: Path, pages: dict[Path, html.HtmlElement]) -> None:
     assert len(pages[site / "formulas.html"].xpath("//*[local-name()='math']")) >= 9
     pictures = {
-        Path(address).stem: str(address) for address in pages[site / "gallery.html"].xpath("//article//img/@src")
+        Path(address).stem: str(address).removeprefix("../")
+        for path, page in pages.items()
+        if path.parent.name == "scenarios"
+        for address in page.xpath("//article//img/@src")
     }
     assert set(pictures) == {path.stem for path in (ROOT / "sumo_eval" / "scenario" / "files").glob("*.toml")}
     for name, picture in pictures.items():

@@ -28,7 +28,8 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Trajectory
 
 ROOT = Path(__file__).parents[2]
-SLOW_TRUCK = re.findall(r"```toml\n(name = .*?)```", (ROOT / "docs" / "space.md").read_text(), re.DOTALL)[0]
+FILE_PAGE = (ROOT / "docs" / "reference" / "scenario_file.md").read_text()
+SLOW_TRUCK = re.findall(r"```toml\n(name = .*?)```", FILE_PAGE, re.DOTALL)[0]
 
 EVALUATION = """
 name = "exported"

@@ -19,7 +19,7 @@ from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "space.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "scenario_file.md"
 EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[0]
 
 
