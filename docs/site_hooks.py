@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 sys.path.insert(0, str(Path(__file__).parent))  # mkdocs loads this file by its path
 
-import site_reference as reference  # noqa: E402
+import site_reference as reference
 
 if TYPE_CHECKING:
     from mkdocs.structure.files import Files

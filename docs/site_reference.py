@@ -57,7 +57,8 @@ def scenario(name: str) -> str:
     for one in content.get("option", ()):
         default = f" (default {_number(one['default'])})" if "default" in one else ""
         text.append(f"- Option `{one['name']}`, {one.get('unit', '')}{default}: {one['about']}.")
-    text += [f'- `method = "{one["name"]}"`: {one.get("about", "prescribed points")}.' for one in content.get("sample", ())]
+    samples = content.get("sample", ())
+    text += [f'- `method = "{one["name"]}"`: {one.get("about", "prescribed points")}.' for one in samples]
     text += [f"- Road: {road(content)}", f"- Source: {content.get('source', 'none')}", ""]
     return "\n".join(text)
 
@@ -73,7 +74,8 @@ def road(content: dict[str, Any]) -> str:
     words = [f"{found['lanes']} lanes of {_number(found.get('lane_width', 3.5))} m"]
     words += [_changing(lane, found["lanes"]) for lane in found.get("lane", ())]
     words += ["a curve of radius `radius`" for line in found.get("line", ()) if "radius" in line]
-    words += [f"a road of {_number(one['width'])} m crosses at x = {_number(one['x'])} m" for one in found.get("crossing", ())]
+    crossings = found.get("crossing", ())
+    words += [f"a road of {_number(one['width'])} m crosses at x = {_number(one['x'])} m" for one in crossings]
     end = content.get("end", {})
     ends = f"The case ends at x = {_number(end.get('x', 600.0))} m"
     return "; ".join(words) + f". {ends}" + (f", or after {_number(end['time'])} s." if "time" in end else ".")
@@ -219,7 +221,8 @@ def command_reference() -> str:
 def _command(command: Any, name: str) -> Iterator[str]:
     import click
 
-    arguments = " ".join(one.make_metavar(click.Context(command)) for one in command.params if one.param_type_name == "argument")
+    given = [one for one in command.params if one.param_type_name == "argument"]
+    arguments = " ".join(one.make_metavar(click.Context(command)) for one in given)
     yield from ("", f"### {name}", "", f"`{name} {arguments}`".replace(" `", "`"), "")
     yield " ".join((command.help or "").replace("\b", "").split())
     options = [one for one in command.params if one.param_type_name == "option" and not one.hidden]

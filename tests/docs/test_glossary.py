@@ -1,4 +1,4 @@
-"""GLOSSARY.md has every symbol, docs/reference/outputs.md every column and key of a score, and none that does not exist."""
+"""GLOSSARY.md has every symbol, reference/outputs.md every column and key of a score, and nothing else."""
 
 from __future__ import annotations
 
