@@ -60,11 +60,11 @@ def test_smartss_lane_action_is_to_the_left():
 @pytest.mark.parametrize(
     ("name", "method", "adapter", "page"),
     [
-        ("BasicAgent", "run_step", "carla_agent.py:CarlaAgent", "carla"),
-        ("LeaderboardAgent", "run_step", "carla_agent.py:CarlaAgent", "carla"),
-        ("Follower", "act", "smarts_agent.py:SmartsAgent", "smarts"),
-        ("SimplePlanner", "compute_planner_trajectory", "nuplan_planner.py:NuPlanPlanner", "nuplan"),
-        ("LanePlanner", "plan", "commonroad_planner.py:CommonRoadPlanner", "commonroad"),
+        ("BasicAgent", "run_step", "carla_agent.py:CarlaAgent", "CARLA"),
+        ("LeaderboardAgent", "run_step", "carla_agent.py:CarlaAgent", "CARLA"),
+        ("Follower", "act", "smarts_agent.py:SmartsAgent", "SMARTS"),
+        ("SimplePlanner", "compute_planner_trajectory", "nuplan_planner.py:NuPlanPlanner", "nuPlan"),
+        ("LanePlanner", "plan", "commonroad_planner.py:CommonRoadPlanner", "CommonRoad"),
     ],
 )
 def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, method, adapter, page):
@@ -73,7 +73,8 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
     said = str(refused.value)
     assert f"It has `{method}`, as " in said
     assert f"`{adapter}?options.agent=foreign_agents:{name}` with the files of docs/examples/adapters drives it" in said
-    assert (HERE.parents[1] / "docs" / "ads" / f"{page}.md").is_file()
+    assert "(docs/ads/other_simulators.md)" in said
+    assert f"\n## {page}\n" in (HERE.parents[1] / "docs" / "ads" / "other_simulators.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -486,7 +486,7 @@ def _foreign(found: Any, described: str) -> str | None:
     if name is None or (not smarts and inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1):
         return None
     whose, tool = _SMARTS if smarts else FOREIGN[name]
-    way = f"{_adapter(_BY_SCHEME[tool], described)} drives it (docs/ads/{tool}.md). Or " if tool else ""
+    way = f"{_adapter(_BY_SCHEME[tool], described)} drives it (docs/ads/other_simulators.md). Or " if tool else ""
     return (
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a `step` method, "
         f"got {kind.__name__}. It has `{name}`, as {whose}: {way}put it in a class with `act(observation)` that calls "
