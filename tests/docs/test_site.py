@@ -150,6 +150,12 @@ def every_setting(owner: Any) -> Iterator[tuple[str, str]]:
                 yield from every_setting(inner)
 
 
+def test_site_adds_elements_of_openscenario() -> None:
+    from sumo_eval.extras.openscenario.conformity import table
+
+    assert hooks().reference.GENERATED["reference/openscenario.md"]() == table()
+
+
 def test_the_leaderboard_has_every_ads_that_ships_in_every_suite_with_what_the_files_say() -> None:
     text = hooks().leaderboard()
     for suite in SUITES.glob("*.toml"):

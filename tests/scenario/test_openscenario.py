@@ -15,7 +15,7 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario import values
 from sumo_eval.extras.openscenario.collections import COLLECTIONS, uses_of
-from sumo_eval.extras.openscenario.conformity import ROWS, USED, table
+from sumo_eval.extras.openscenario.conformity import ROWS, USED
 from sumo_eval.extras.openscenario.describe import described
 from sumo_eval.extras.openscenario.logical import (
     concrete,
@@ -506,11 +506,6 @@ def test_why_every_point_counts_as_safe_is_said(tmp_path: Path) -> None:
     searched = find(f"{path}?zones=1")
     assert searched.search is not None
     assert not any("counts as safe" in note for note in searched.notes)
-
-
-def test_the_page_has_the_table_of_the_code() -> None:
-    page = Path(__file__).parents[2] / "docs" / "openscenario.md"
-    assert table() in page.read_text(encoding="utf-8")
 
 
 @needs_catalogues
