@@ -20,7 +20,7 @@ import site_reference as reference
 if TYPE_CHECKING:
     from mkdocs.structure.files import Files
 
-TOP = ("ARCHITECTURE", "CONTRIBUTING", "CHANGELOG", "GLOSSARY", "README")
+TOP = ("ARCHITECTURE", "CONTRIBUTING", "CHANGELOG", "GLOSSARY")
 ROOT = Path(__file__).resolve().parents[1]
 _LINK = re.compile(r"\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 
@@ -157,6 +157,8 @@ def _turned(found: re.Match[str], here: str, files: Files) -> str:
     inside = place.relative_to(ROOT).as_posix()
     if place.stem in TOP and place.parent == ROOT:
         uri = f"project/{place.stem.lower()}.md"
+    elif inside == "README.md":
+        uri = "index.md"
     elif inside.startswith("docs/") and files.get_file_from_path(inside.removeprefix("docs/")):
         uri = inside.removeprefix("docs/")
     else:

@@ -107,7 +107,7 @@ def test_the_picture_is_small_says_what_it_shows_and_has_colours_for_light_and_d
         assert f".{name} {{" in dark, name
     used = {word for node in root.iter() for word in node.get("class", "").split()}
     assert used <= set(re.findall(r"\.([a-z]+) \{", light))
-    assert text("README.md").split("## ")[0].count("](docs/pictures/flow.svg)") == 1
+    assert text("docs/formulas.md").split("## ")[0].count("](pictures/flow.svg)") == 1
 
 
 def test_the_source_archive_takes_the_pages_along() -> None:

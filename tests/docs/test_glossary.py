@@ -59,8 +59,9 @@ def test_every_symbol_of_a_setting_and_of_the_readmes_equations_has_a_row() -> N
         for field in dataclasses.fields(owner)
     }
     assert {"k1", "p_i", "Ug"} <= given
-    readme = (ROOT / "README.md").read_text(encoding="utf-8").split("## Where each equation is")[1].split("\n## ")[0]
-    whats = re.findall(r"^\| \d[\d-]* \| (.*?) \|", readme, flags=re.M)
+    page = (ROOT / "docs" / "formulas.md").read_text(encoding="utf-8")
+    table = page.split("## Where each equation is")[1].split("\n## ")[0]
+    whats = re.findall(r"^\| \d[\d-]* \| (.*?) \|", table, flags=re.M)
     used = {word for what in whats for word in what.split() if re.fullmatch(r"[A-Z](_i)?|r", word)}
     assert {"C", "D_i", "r", "U"} <= used
     assert given - {""} <= symbols()
