@@ -15,9 +15,8 @@ PAGE = runpy.run_path(str(ROOT / "tests" / "report" / "browser.py"))["Page"]
 WIDTH, HEIGHT, COLOURS = 1200, 830, 64  # 150 kB at most
 
 for scheme in ("light", "dark"):
-    with tempfile.TemporaryDirectory() as profile, PAGE(Path(profile), WIDTH, HEIGHT) as page:
+    with tempfile.TemporaryDirectory() as profile, PAGE(Path(profile), WIDTH, HEIGHT, "--hide-scrollbars") as page:
         page.call("Emulation.setDeviceMetricsOverride", width=WIDTH, height=HEIGHT, deviceScaleFactor=1, mobile=False)
-        page.call("Emulation.setScrollbarsHidden", hidden=True)
         page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
         page.open(Path(sys.argv[1], "report.html").resolve().as_uri(), "document.querySelector('.main-svg')")
         page.run("new Promise(done => setTimeout(done, 2000))")  # the charts fade in
