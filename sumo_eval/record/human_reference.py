@@ -11,13 +11,13 @@ on where it was.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import islice
 from pathlib import Path
 from statistics import fmean
+from typing import Any
 
 import sumo_eval.method
 from sumo_eval.coded import decoded, encoded
@@ -32,7 +32,7 @@ from sumo_eval.method.anthropomorphic import (
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
 from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.shared_fields import prepare
-from sumo_eval.record.kept_results import KeptResults, key_of
+from sumo_eval.record.kept_results import KeptResults, Kind, key_of
 from sumo_eval.record.kept_results import Part as KeptPart
 from sumo_eval.record.spread import Part, Result, Spread, spread_over
 from sumo_eval.record.store import Store, open_store
@@ -152,65 +152,46 @@ def compute_points(
     done. kept: where results are looked up, and put.
     """
     keys = _keys(facts, jobs, settings)
-    results = [_kept_result(job, known, kept) for job, known in zip(jobs, keys, strict=True)]
-    todo = [
-        replace(
-            job,
-            ads=tuple(case for case in job.ads if case not in result.indexes),
-            left_out=tuple(case for case in job.left_out if case not in result.left_out),
-            band=job.band and result.band is None,
-        )
-        for job, result in zip(jobs, results, strict=True)
-    ]
-    work = [place for place, job in enumerate(todo) if job.ads or job.left_out or job.band]
-    chunks = [work[first : first + _CHUNK] for first in range(0, len(work), _CHUNK)]
-    parts = [(facts, [todo[n] for n in chunk], settings) for chunk in chunks]
+    found = [_kept(known, kept) for known in keys]
+    todo = [place for place, known in enumerate(keys) if len(found[place]) < len(known)]
+    missing = [_missing(jobs[place], found[place]) for place in todo]
+    parts = [(facts, missing[first : first + _CHUNK], settings) for first in range(0, len(todo), _CHUNK)]
     done, new = 0, list[KeptPart]()
     for part in spread(_compute_part, parts) if parts else ():
-        for result in part:
-            place = work[done]
-            new += _parts(result, keys[place])
-            before = results[place]
-            results[place] = PointResult(
-                {**before.indexes, **result.indexes}, {**before.left_out, **result.left_out}, before.band or result.band
-            )
-            done += 1
-        if len(new) >= _KEPT_AT_ONCE or done == len(work):
+        for place, result in zip(todo[done : done + len(part)], part, strict=True):
+            new += [(name[0], keys[place][name], 0, encoded(record)) for name, record in result.items()]
+            found[place] |= result
+        done += len(part)
+        if len(new) >= _KEPT_AT_ONCE or done == len(todo):
             kept.put(new)
             new = []
-        progress(len(jobs) - len(work) + done)
-    if jobs and not work:
+        progress(len(jobs) - len(todo) + done)
+    if jobs and not todo:
         progress(len(jobs))
-    return results
+    return [PointResult(_of(point, "index"), _of(point, "left_out"), _of(point, "band").get("")) for point in found]
 
 
 # --- what is kept -----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Keys:
-    """Under what the parts of a job are kept: D_i and left-out drivers by case, and the band."""
-
-    indexes: Mapping[str, bytes]
-    left_out: Mapping[str, bytes]
-    band: bytes
+_Name = tuple[Kind, str]
+"""What was found: D_i (`index`) or D_i without drivers (`left_out`) of a case, or the `band` of a point, of no case."""
 
 
-def _keys(facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings) -> list[_Keys]:
+def _keys(facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings) -> list[dict[_Name, bytes]]:
     with open_store(facts) as store:
         hash_of = cache(store.case_hash)
         found = []
         for job in jobs:
             drivers = [hash_of(case) for case in job.drivers]
             common = key_of(job.road, settings, drivers, method_sources())
-            found.append(
-                _Keys(
-                    {case: key_of(common, hash_of(case), "index") for case in job.ads},
-                    {case: key_of(common, hash_of(case), "left out", job.exchanges) for case in job.left_out},
-                    key_of(common, "band"),
-                )
-            )
-        return found
+            keys: dict[_Name, bytes] = {("index", case): key_of(common, hash_of(case), "index") for case in job.ads}
+            for case in job.left_out:
+                keys["left_out", case] = key_of(common, hash_of(case), "left out", job.exchanges)
+            if job.band:
+                keys["band", ""] = key_of(common, "band")
+            found.append(keys)
+    return found
 
 
 @cache
@@ -220,36 +201,32 @@ def method_sources() -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
-def _kept_result(job: PointJob, keys: _Keys, kept: KeptResults) -> PointResult:
-    indexes = {case: data for case in job.ads if (data := kept.get("index", keys.indexes[case])) is not None}
-    left_out = {case: data for case in job.left_out if (data := kept.get("left_out", keys.left_out[case])) is not None}
-    band = kept.get("band", keys.band) if job.band else None
-    return PointResult(
-        {case: decoded(data, _RECORDS) for case, data in indexes.items()},
-        {case: decoded(data, _RECORDS) for case, data in left_out.items()},
-        None if band is None else decoded(band, _RECORDS),
-    )
+def _kept(keys: Mapping[_Name, bytes], kept: KeptResults) -> dict[_Name, Any]:
+    parts = {name: kept.get(name[0], key) for name, key in keys.items()}
+    return {name: decoded(data, _RECORDS) for name, data in parts.items() if data is not None}
 
 
-def _parts(result: PointResult, keys: _Keys) -> Iterator[KeptPart]:
-    for case, index in result.indexes.items():
-        yield "index", keys.indexes[case], 0, encoded(index)
-    for case, left_out in result.left_out.items():
-        yield "left_out", keys.left_out[case], 0, encoded(left_out)
-    if result.band is not None:
-        yield "band", keys.band, 0, encoded(result.band)
+def _missing(job: PointJob, found: Collection[_Name]) -> PointJob:
+    ads = tuple(case for case in job.ads if ("index", case) not in found)
+    left_out = tuple(case for case in job.left_out if ("left_out", case) not in found)
+    return replace(job, ads=ads, left_out=left_out, band=job.band and ("band", "") not in found)
+
+
+def _of(point: Mapping[_Name, Any], kind: Kind) -> dict[str, Any]:
+    """What was found of a kind, by case."""
+    return {case: record for (what, case), record in point.items() if what == kind}
 
 
 # --- computing --------------------------------------------------------------------------------------------------------
 
 
-def _compute_part(part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings]) -> list[PointResult]:
+def _compute_part(part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings]) -> list[dict[_Name, Any]]:
     facts, jobs, settings = part
     with open_store(facts, checked=True) as store:
         return [_compute(job, store, settings) for job in jobs]
 
 
-def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> PointResult:
+def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> dict[_Name, Any]:
     cases = list(dict.fromkeys((*job.drivers, *job.ads, *job.left_out)))
     place = {case: number for number, case in enumerate(cases)}
     drivers = [place[case] for case in job.drivers]
@@ -260,13 +237,15 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
     trajectories = [store.trajectory(case) for case in cases]
     # Each ADS apart, so that what is found of it is the same to the last bit whoever else is judged.
     found = iter(indexes_by_group(trajectories, [*judged, among, *without.values()], job.road, settings))
-    indexes = {case: CaseIndex.of(index) for case, (index,) in zip(job.ads, islice(found, len(judged)), strict=True)}
+    results: dict[_Name, Any] = {
+        ("index", case): CaseIndex.of(index) for case, (index,) in zip(job.ads, found, strict=False)
+    }
     band = next(found)
-    return PointResult(
-        indexes=indexes,
-        band=band_of(band) if job.band else None,
-        left_out={case: LeftOut.of(its, len(exchanges)) for case, its in zip(without, found, strict=True)},
-    )
+    if job.band:
+        results["band", ""] = band_of(band)
+    for case, its in zip(without, found, strict=True):
+        results["left_out", case] = LeftOut.of(its, len(exchanges))
+    return results
 
 
 def _likeness(index: AnthropomorphicIndex) -> float:
