@@ -10,26 +10,24 @@ from typing import TYPE_CHECKING
 import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
-from sumo_eval.cli.finish import show_scores
+from sumo_eval.cli.finish import scored, show_scores
+from sumo_eval.cli.options import GATE, WORKERS, count_option, flag, path_argument, path_option, trusting
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
-from sumo_eval.cli.trusting import trusting
 
 if TYPE_CHECKING:
     from sumo_eval.results import Evaluation
 
 
 @click.command(epilog="Example: sumo-eval compare results/before results/after --gate gate.toml --page compare.html")
-@click.argument("base", type=click.Path(path_type=Path))
-@click.argument("new", type=click.Path(path_type=Path))
-@click.option("--gate", type=click.Path(path_type=Path), help="Limits on changes and values (docs/compare.md).")
-@click.option("--junit", type=click.Path(path_type=Path), help="Write gates and changed cases as JUnit XML.")
+@path_argument("base")
+@path_argument("new")
+@GATE
+@path_option("--junit", help="Write gates and changed cases as JUnit XML.")
 @click.option("--pair", "pairs", multiple=True, metavar="BASE=NEW", help="ADSs that belong together; may be repeated.")
-@click.option(
-    "--accept-differences", is_flag=True, help="Compare although settings or versions differ; they are shown."
-)
-@click.option("--page", type=click.Path(path_type=Path), help="Write the comparison as a page of its own.")
-@click.option("--report", "with_report", is_flag=True, help="Write NEW/report.html anew, with the comparison first.")
+@flag("--accept-differences", help="Compare although settings or versions differ; they are shown.")
+@path_option("--page", help="Write the comparison as a page of its own.")
+@flag("--report", "with_report", help="Write NEW/report.html anew, with the comparison first.")
 @trusting
 def compare(
     base: Path,
@@ -46,7 +44,7 @@ def compare(
     Exit status: 0 the gate holds, 1 it does not, 2 the runs cannot be compared, 3 cases of NEW could not be evaluated.
     """
     from sumo_eval.errors import InputError
-    from sumo_eval.evaluation import refuse_to_score, score
+    from sumo_eval.evaluation import refuse_to_score
     from sumo_eval.record.run_folder import give_what_is_own
     from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.comparison import compare as compare_runs
@@ -62,8 +60,7 @@ def compare(
     give_what_is_own(base, new)
     for run in (base, new):  # what is wrong with one is told before hours are spent on the other
         refuse_to_score(run)
-    with Progress() as progress:
-        before, after = score(base, progress=progress), score(new, progress=progress)
+    before, after = scored(base), scored(new)
     partners = dict(_names(pair, before, after) for pair in pairs)
     comparison = compare_runs(before, after, settings, pairs=partners, accept_differences=accept_differences)
     gates = judge(after, comparison, settings)
@@ -88,14 +85,12 @@ def _names(pair: str, base: Evaluation, new: Evaluation) -> tuple[str, str]:
 
 
 @click.command(epilog="Example: sumo-eval nightly evaluation.toml --history nights --gate gate.toml")
-@click.argument("evaluation", required=False, type=click.Path(path_type=Path))
-@click.option(
-    "--history", required=True, type=click.Path(path_type=Path), help="Folder of the nights and their history."
-)
-@click.option("--gate", type=click.Path(path_type=Path), help="Limits on changes and values (docs/compare.md).")
-@click.option("--keep", type=click.IntRange(min=1), default=14, show_default=True, help="Nights whose folders stay.")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate cases (default: as in the file).")
-@click.option("--resume", is_flag=True, help="Go on with the night that was stopped before its end, if one was.")
+@path_argument("evaluation", required=False)
+@path_option("--history", required=True, help="Folder of the nights and their history.")
+@GATE
+@count_option("--keep", default=14, show_default=True, help="Nights whose folders stay.")
+@WORKERS
+@flag("--resume", help="Go on with the night that was stopped before its end, if one was.")
 @click.option(
     "--newer-than",
     "age",
@@ -153,7 +148,7 @@ def nightly(
 
 
 @click.command(epilog='Example: sumo-eval accept nights --reason "brakes are softer on purpose" --until 2026-12-31')
-@click.argument("history", type=click.Path(path_type=Path))
+@path_argument("history")
 @click.argument("run", required=False)
 @click.option("--reason", required=True, help="Why; the history keeps it.")
 @click.option("--until", type=click.DateTime(["%Y-%m-%d"]), metavar="DATE", help="Last day on which it counts.")
@@ -168,10 +163,8 @@ def accept(history: Path, run: str | None, reason: str, until: datetime | None) 
 
 
 @click.command(epilog="Example: sumo-eval trend nights")
-@click.argument("history", type=click.Path(path_type=Path))
-@click.option(
-    "--import", "runs", multiple=True, type=click.Path(path_type=Path), help="Add an older run first; may be repeated."
-)
+@path_argument("history")
+@path_option("--import", "runs", multiple=True, help="Add an older run first; may be repeated.")
 @trusting
 def trend(history: Path, runs: tuple[Path, ...]) -> None:
     """Write HISTORY/trend.html: S, C, D, risk and run time of every ADS over the nights, with the gates."""

@@ -6,22 +6,28 @@ import shutil
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-import click
-
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
+from sumo_eval.cli.options import flag
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, show, tell
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from sumo_eval.results import Evaluation
 
 
-ALL = click.option(
-    "--all", "everything", is_flag=True, help="Print every number: C, D, all counts and intervals, in more tables."
-)
+ALL = flag("--all", "everything", help="Print every number: C, D, all counts and intervals, in more tables.")
 """The option of every command that prints scores."""
+
+
+def scored(run: Path, changes: Sequence[str] = ()) -> Evaluation:
+    """A run, scored with a bar on the terminal. changes: as of `score`."""
+    from sumo_eval.evaluation import score
+
+    with Progress() as progress:
+        return score(run, changes, progress=progress)
 
 
 def show_scores(evaluation: Evaluation, everything: bool = False) -> None:

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import click
 
+from sumo_eval.cli.finish import scored
 from sumo_eval.cli.named_values import named_values
+from sumo_eval.cli.options import RUN, count_option, flag, path_option, trusting
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import open_in_browser, say, tell
-from sumo_eval.cli.trusting import trusting
 
 
 @click.command(epilog="Example: sumo-eval report results/first")
-@click.argument("run", type=click.Path(path_type=Path))
+@RUN
 @trusting
 def report(run: Path) -> None:
     """Write RUN/report.html anew from the recorded facts."""
@@ -27,18 +28,17 @@ def report(run: Path) -> None:
 
 
 @click.command(epilog="Example: sumo-eval explain results/first cut_in-0007-idm")
-@click.argument("run", type=click.Path(path_type=Path))
+@RUN
 @click.argument("case", required=False)
 @trusting
 def explain(run: Path, case: str | None) -> None:
     """Print what happened in CASE of RUN, then its arithmetic; without CASE, where the points of S+ and S went."""
-    from sumo_eval.evaluation import score, zone_partitions
+    from sumo_eval.evaluation import zone_partitions
     from sumo_eval.report.explain import explain_case, known_case
 
     if case is not None:
         known_case(run, case)  # a misspelt one is told before anything is computed
-    with Progress() as progress:
-        evaluation = score(run, progress=progress)
+    evaluation = scored(run)
     if case is None:
         from sumo_eval.report.terminal import ledger_lines  # and with it what draws tables, which a case does not need
 
@@ -49,29 +49,27 @@ def explain(run: Path, case: str | None) -> None:
 
 
 @click.command(epilog="Example: sumo-eval find results/first ego_speed=30 gap=25 --ads idm")
-@click.argument("run", type=click.Path(path_type=Path))
+@RUN
 @click.argument("values", nargs=-1, required=True, metavar="NAME=VALUE...")
 @click.option("--ads", help="Cases of this ADS only (default: of all).")
 @click.option("--scenario", help="The logical scenario (default: the first that has these parameters).")
-@click.option("--most", type=click.IntRange(min=1), default=5, show_default=True, help="Cases to name for each ADS.")
+@count_option("--most", default=5, show_default=True, help="Cases to name for each ADS.")
 @trusting
 def find(run: Path, values: tuple[str, ...], ads: str | None, scenario: str | None, most: int) -> None:
     """Name the cases of RUN nearest to parameter values, by their distance in the unit box of these parameters."""
-    from sumo_eval.evaluation import score
     from sumo_eval.report.found_cases import nearest_cases
 
-    with Progress() as progress:
-        evaluation = score(run, progress=progress)
+    evaluation = scored(run)
     say(nearest_cases(evaluation, named_values(values, "A parameter"), ads, scenario, most))
 
 
 @click.command(epilog="Example: sumo-eval replay results/first cut_in-0007-idm --beside driver_03 --open")
-@click.argument("run", type=click.Path(path_type=Path))
+@RUN
 @click.argument("case")
 @click.option("--beside", metavar="NAME", help="Another ADS, or a driver such as driver_03, next to it.")
-@click.option("--out", type=click.Path(path_type=Path), help="File of the animation (default: RUN/replay-CASE.html).")
-@click.option("--open", "opens", is_flag=True, help="Open the animation in the browser.")
-@click.option("--gui", is_flag=True, help="Show the recorded vehicles in sumo-gui instead (extra `gui`).")
+@path_option("--out", help="File of the animation (default: RUN/replay-CASE.html).")
+@flag("--open", "opens", help="Open the animation in the browser.")
+@flag("--gui", help="Show the recorded vehicles in sumo-gui instead (extra `gui`).")
 @trusting
 def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bool, gui: bool) -> None:
     """Write an animation of CASE of RUN: one HTML file that plays in any browser, without a server."""
@@ -97,11 +95,11 @@ def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bo
 
 
 @click.command(epilog="Example: sumo-eval export results/first --format csv --out tables")
-@click.argument("run", type=click.Path(path_type=Path))
+@RUN
 @click.argument("case", required=False)
 @click.option("--format", "kind", type=click.Choice(("csv", "parquet")), help="Of the tables (default: csv).")
-@click.option("--evidence", is_flag=True, help="Claims, arguments and evidence of the run, as JSON and a page.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for the files (default: RUN/export).")
+@flag("--evidence", help="Claims, arguments and evidence of the run, as JSON and a page.")
+@path_option("--out", help="Folder for the files (default: RUN/export).")
 @trusting
 def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: Path | None) -> None:
     """Write the cases, all drives and all trajectories of RUN as tables, or CASE as files.
@@ -113,11 +111,9 @@ def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: P
     if evidence:
         if case is not None or kind is not None:
             raise click.UsageError("`--evidence` is of a whole run, and has its own kinds of files.")
-        from sumo_eval.evaluation import score
         from sumo_eval.report.evidence import write_evidence
 
-        with Progress() as progress:
-            evaluation = score(run, progress=progress)
+        evaluation = scored(run)
         for path in write_evidence(evaluation, out):
             tell(str(path))
         return

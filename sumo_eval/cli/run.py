@@ -3,42 +3,40 @@
 from __future__ import annotations
 
 import sys
-import time as clock
 from pathlib import Path
 
 import click
 
+from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
-from sumo_eval.cli.finish import ALL, finish
+from sumo_eval.cli.finish import ALL, finish, scored
+from sumo_eval.cli.options import POSITIVE, RUN, WORKERS, count_option, flag, path_argument, path_option, trusting
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.cli.stopping import Heard, Stopping
 from sumo_eval.cli.tools import refuse_a_bare_file
-from sumo_eval.cli.trusting import trusting
 
-LIMIT = click.FloatRange(min=0, min_open=True)
 ENGINES = ("processes", "serial", "dask")
 
 
 @click.command(epilog="Example: sumo-eval run evaluation.toml --out results/first --workers 2")
-@click.argument("evaluation", required=False, type=click.Path(path_type=Path))
-@click.option(
+@path_argument("evaluation", required=False)
+@path_option(
     "--out",
-    type=click.Path(path_type=Path),
     help="New folder for facts, scores and report (default: results/NAME-TIME).",
 )
-@click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate cases (default: as in the file).")
+@WORKERS
 @click.option(
     "--ads", multiple=True, metavar="LOCATOR", help="An ADS in place of the file's, e.g. my_ads.py:MyAds; repeatable."
 )
 @click.option("--engine", type=click.Choice(ENGINES), help="Where cases run (default: as in the file: processes).")
 @click.option("--scheduler", metavar="ADDRESS", help="The Dask scheduler of --engine dask, e.g. tcp://host:8786.")
-@click.option("--case-timeout", type=LIMIT, help="Wall time a case may take, s (default: as in the file: 60).")
-@click.option("--step-timeout", type=LIMIT, help="Wall time a step of an ADS may take, s (as in the file: 1).")
-@click.option("--resume", is_flag=True, help="Go on with the run in --out: simulate what is not recorded there.")
+@click.option("--case-timeout", type=POSITIVE, help="Wall time a case may take, s (default: as in the file: 60).")
+@click.option("--step-timeout", type=POSITIVE, help="Wall time a step of an ADS may take, s (as in the file: 1).")
+@flag("--resume", help="Go on with the run in --out: simulate what is not recorded there.")
 @click.option("--shard", metavar="I/N", help="Simulate the I-th of N parts only; `merge` puts them together.")
 @click.option("--only", multiple=True, metavar="CASE", help="Drive this case alone, e.g. cut_in-0042-idm; repeatable.")
-@click.option("--dry-run", is_flag=True, help="Say how many drives it takes and how long, and simulate nothing.")
+@flag("--dry-run", help="Say how many drives it takes and how long, and simulate nothing.")
 @ALL
 @trusting
 def run(
@@ -66,7 +64,6 @@ def run(
     with Heard():
         warm_up()  # before the imports below, which take a second
         from sumo_eval.evaluation import let_go, record_rounds
-        from sumo_eval.evaluation import score as score_run
         from sumo_eval.record.facts import WHOLE, estimate, parse_shard, resolve
         from sumo_eval.record.run_folder import refuse_foreign
 
@@ -77,7 +74,11 @@ def run(
         engine = "dask"
     if out is None and (resume or part != WHOLE):
         raise click.UsageError("`--resume` and `--shard` need `--out`, the folder that is meant.")
-    folder = Path() if out is None and dry_run else out or _new_folder(evaluation)
+    folder = (
+        Path()
+        if out is None and dry_run
+        else out or out_folder.default("paper" if evaluation is None else evaluation.stem)
+    )
     settings, source = resolve(
         evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler,
         case_timeout=case_timeout, step_timeout=step_timeout, only=only or None,
@@ -100,20 +101,13 @@ def run(
         failed = f", {recorded.not_evaluated} of the ADSs' not evaluated" if recorded.not_evaluated else ""
         tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")
         sys.exit(NOT_EVALUATED if recorded.not_evaluated else DONE)
-    with Progress() as progress:
-        result = score_run(folder, progress=progress)
-        let_go(result)
+    result = scored(folder)
+    let_go(result)
     finish(result, everything=everything)
 
 
-def _new_folder(evaluation: Path | None) -> Path:
-    """`results/NAME-20261122-020000`, after the evaluation's file and the time."""
-    name = "paper" if evaluation is None else evaluation.stem
-    return Path("results") / f"{name}-{clock.strftime('%Y%m%d-%H%M%S')}"
-
-
 @click.command(epilog="Example: sumo-eval score results/first --set method.score.a=60")
-@click.argument("run", type=click.Path(path_type=Path))
+@RUN
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="e.g. method.score.a=60; may be repeated.")
 @ALL
 @trusting
@@ -122,30 +116,26 @@ def score(run: Path, changes: tuple[str, ...], everything: bool) -> None:
     from sumo_eval.record.children import warm_up
 
     warm_up()  # before the imports below, which take a second
-    from sumo_eval.evaluation import score as score_run
 
-    with Progress() as progress:
-        result = score_run(run, changes, progress=progress)
+    result = scored(run, changes)
     said = f"Scored with {', '.join(changes)} instead of the values in {result.folder / 'evaluation.toml'}."
     stays = "report.html and scores.json show these scores; other commands use the settings of the file."
     finish(result, [f"{said} {stays}"] if changes else [], everything=everything)
 
 
 @click.command(epilog="Example: sumo-eval merge part1 part2 --out results/whole")
-@click.argument("shards", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the whole run.")
+@path_argument("shards", nargs=-1, required=True)
+@path_option("--out", required=True, help="New folder for the whole run.")
 @ALL
 @trusting
 def merge(shards: tuple[Path, ...], out: Path, everything: bool) -> None:
     """Put SHARDS, the folders of all parts that `run --shard` made, together into one run, and score it."""
     from sumo_eval.evaluation import let_go
-    from sumo_eval.evaluation import score as score_run
     from sumo_eval.record.facts import merge as put_together
 
     put_together(shards, out)
-    with Progress() as progress:
-        result = score_run(out, progress=progress)
-        let_go(result)
+    result = scored(out)
+    let_go(result)
     finish(result, everything=everything)
 
 
@@ -153,10 +143,10 @@ _MOST_LISTED = 20
 
 
 @click.command(epilog="Example: sumo-eval verify results/first --share 0.1")
-@click.argument("run", type=click.Path(path_type=Path))
+@RUN
 @click.option("--share", type=click.FloatRange(0.0, 1.0, min_open=True), default=0.1, show_default=True,
               help="Share of the drives that is simulated again.")  # fmt: skip
-@click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate (default: as in the run).")
+@count_option("--workers", help="Processes that simulate (default: as in the run).")
 @trusting
 def verify(run: Path, share: float, workers: int | None) -> None:
     """Simulate a share of RUN again, chosen by its seed. Exit status 1 when any drive differs in a single bit."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from sumo_eval.cli import out_folder
+from sumo_eval.cli.options import SEED, count_option, path_option
 from sumo_eval.cli.sentences import tell
 
 
@@ -46,14 +47,14 @@ def partition(scenario: str) -> None:
 
 @click.command(epilog="Example: sumo-eval sample cut_in --method sobol --count 64 --out points")
 @click.argument("scenario")
-@click.option("--out", type=click.Path(path_type=Path),
+@path_option("--out",
               help="Folder for points.csv and points.html (default: results/SCENARIO-points-TIME).")  # fmt: skip
 @click.option("--method", help="As in an evaluation file: grid, pairwise, combinations, latin_hypercube, sobol ...")
-@click.option("--count", type=click.IntRange(min=1), help="How many points to draw.")
-@click.option("--levels", type=click.IntRange(min=1), help="Points on each axis of a grid.")
-@click.option("--strength", type=click.IntRange(min=1), help="t of t-way combinations.")
+@count_option("--count", help="How many points to draw.")
+@count_option("--levels", help="Points on each axis of a grid.")
+@count_option("--strength", help="t of t-way combinations.")
 @click.option("--file", help="CSV with a column for each parameter.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness.")
+@SEED
 def sample(
     scenario: str,
     out: Path | None,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
+from sumo_eval.cli.options import POSITIVE
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 
@@ -42,14 +43,14 @@ def _of_a_run(name: str) -> Callable[[], float]:
 @click.argument("what", metavar="LOCATOR-or-FILE")
 @click.option(
     "--step-timeout",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     default=_of_a_run("step_timeout"),
     show_default="as `run.step_timeout`",
     help="Wall time a step may take in the run that is to be, s.",
 )
 @click.option(
     "--case-timeout",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     default=_of_a_run("case_timeout"),
     show_default="as `run.case_timeout`",
     help="Wall time a case may take in the run that is to be, s.",

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import click
 
+from sumo_eval.cli.options import flag
 from sumo_eval.cli.sentences import tell
 
 PARTS = ("co-simulation", "field and D", "zones")  # as in sumo_eval.extras.bench.costs, which is slow to import
 
 
 @click.command(epilog="Example: sumo-eval bench --small")
-@click.option("--small", is_flag=True, help="A few cases and one round: shows that it works, in seconds.")
+@flag("--small", help="A few cases and one round: shows that it works, in seconds.")
 @click.option("--only", multiple=True, type=click.Choice(PARTS), help="Measure this part alone; may be repeated.")
 @click.option(
     "--cases", default=500, show_default=True, type=click.IntRange(2), help="Cases of the UN R157 cut-in grid."

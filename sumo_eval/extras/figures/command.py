@@ -6,15 +6,15 @@ from pathlib import Path
 
 import click
 
-from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.finish import scored
+from sumo_eval.cli.options import RUN, path_option, trusting
 from sumo_eval.cli.sentences import tell
-from sumo_eval.cli.trusting import trusting
 
 
 @click.command(epilog="Example: sumo-eval plot results/first zone_map --ads idm --out zones.pdf")
-@click.argument("run", type=click.Path(path_type=Path))
+@RUN
 @click.argument("figure")
-@click.option("--out", type=click.Path(path_type=Path), help="The file: .svg, .png or .pdf (default: RUN/FIGURE.svg).")
+@path_option("--out", help="The file: .svg, .png or .pdf (default: RUN/FIGURE.svg).")
 @click.option("--scenario", help="The logical scenario (default: the first, or that of the case).")
 @click.option("--ads", help="One ADS (default: all, or the first where only one fits).")
 @click.option("--case", help="A case, for figures of drives (default: the least human-like one).")
@@ -36,8 +36,6 @@ def plot(
     if figure not in OF_RUNS or is_edge(run, figure):
         tell(str(save(draw(run, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
         return
-    from sumo_eval.evaluation import score
 
-    with Progress() as progress:
-        evaluation = score(run, progress=progress)
+    evaluation = scored(run)
     tell(str(save(draw(evaluation, figure, scenario=scenario, ads=ads, case=case, width=width), file)))

@@ -7,20 +7,20 @@ from pathlib import Path
 import click
 
 from sumo_eval.cli.named_values import named_values
+from sumo_eval.cli.options import flag, path_option
 from sumo_eval.cli.sentences import say, tell
 
 
 @click.command("import", epilog="Example: sumo-eval import CCRm.xosc")
 @click.argument("file", required=False)
 @click.option("--folder", type=click.Path(), help="Of a catalogue (osc_alks, ncap_2026): where your copy is.")
-@click.option(
+@path_option(
     "--out",
-    type=click.Path(path_type=Path),
     help="Write the scenario file (.toml) that was understood at one point.",
 )
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="With --out: a parameter of the point.")
-@click.option("--conformity", is_flag=True, help="List what of OpenSCENARIO plays, is ignored and is refused.")
-@click.option("--steps", is_flag=True, hidden=True)
+@flag("--conformity", help="List what of OpenSCENARIO plays, is ignored and is refused.")
+@flag("--steps", hidden=True)
 def import_(
     file: str | None, folder: str | None, out: Path | None, values: tuple[str, ...], conformity: bool, steps: bool
 ) -> None:

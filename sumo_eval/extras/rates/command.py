@@ -12,6 +12,7 @@ import click
 
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
+from sumo_eval.cli.options import count_option, path_argument, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.errors import InputError
@@ -26,8 +27,8 @@ def called(recordings: Sequence[Path]) -> str:
 
 
 @click.command(epilog="Example: sumo-eval learn people.csv.gz --out learned")
-@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path),
+@path_argument("recordings", nargs=-1, required=True)
+@path_option("--out",
               help="Folder for the scenario files and the page (default: results/learned-TIME).")  # fmt: skip
 @click.option("--format", "form", default="csv", show_default=True,
               help="csv: tables that `humans import` wrote; or a format that it reads.")  # fmt: skip
@@ -57,11 +58,11 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
 
 
 @click.command(epilog="Example: sumo-eval campaign learned/campaign.toml --out results/rates")
-@click.argument("file", metavar="CAMPAIGN.toml", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path),
+@path_argument("file", metavar="CAMPAIGN.toml")
+@path_option("--out",
               help="Folder for campaign.html and campaign.json (default: results/CAMPAIGN-TIME).")  # fmt: skip
 @click.option("--budget", type=click.IntRange(min=40), help="Drives of an ADS in a scenario, instead of the file's.")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate, instead of the file's.")
+@count_option("--workers", help="Processes that simulate, instead of the file's.")
 def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
     """Say how many collisions per million km the ADSs of CAMPAIGN.toml have, and how sure that is.
 

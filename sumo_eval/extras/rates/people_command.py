@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from sumo_eval.cli.finish import scored
+from sumo_eval.cli.options import RUN, path_argument, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import WHOLE, say, tell
 
@@ -28,8 +30,8 @@ def humans() -> None:
 
 @humans.command("import", epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
 @click.argument("form", metavar="FORMAT")
-@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .csv.gz.")
+@path_argument("paths", nargs=-1, required=True)
+@path_option("--out", required=True, help="Table to write: .csv or .csv.gz.")
 def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
     """Import files or folders of FORMAT into one canonical table.
 
@@ -46,8 +48,8 @@ def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
 
 
 @humans.command(epilog="Example: sumo-eval humans events people.csv.gz --out events")
-@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for the event tables.")
+@path_argument("tables", nargs=-1, required=True)
+@path_option("--out", help="Folder for the event tables.")
 def events(tables: tuple[Path, ...], out: Path | None) -> None:
     """Find approaches, cut-outs, cut-ins and braking leaders in imported TABLES."""
     from sumo_eval.drivers.recorded.events import extract_events, write_events
@@ -61,7 +63,7 @@ def events(tables: tuple[Path, ...], out: Path | None) -> None:
 
 @humans.command(epilog="Example: sumo-eval humans exposure cut_in people.csv.gz")
 @click.argument("scenario")
-@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
+@path_argument("tables", nargs=-1, required=True)
 @click.option("--bandwidth", type=click.Choice(["scott", "cross_validated"]), default="scott", show_default=True)
 def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     """How often the concrete scenarios of SCENARIO are met in imported TABLES."""
@@ -75,14 +77,14 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
 
 
 @humans.command(epilog="Example: sumo-eval humans scene people.csv.gz --ego 17 --react IDM --out scene.toml")
-@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
+@path_argument("tables", nargs=-1, required=True)
 @click.option("--ego", required=True, metavar="VEHICLE", help="In whose place an ADS is to drive.")
 @click.option("--recording", metavar="NAME", help="Which one, where the tables hold several.")
 @click.option("--begin", type=float, help="Begin of the scene, s of the recording (default: the vehicle's own).")
 @click.option("--end", type=float, help="End of the scene, s (default: 30 s after its begin).")
 @click.option("--react", type=click.Choice(["IDM", "EIDM", "Krauss"]), help="SUMO's model by which the others react.")
 @click.option("--beyond", type=float, default=2.0, show_default=True, metavar="M", help="Departure that they react to.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Scenario file to write: .toml.")
+@path_option("--out", required=True, help="Scenario file to write: .toml.")
 def scene(
     tables: tuple[Path, ...],
     ego: str,
@@ -113,8 +115,8 @@ def scene(
 
 
 @humans.command(epilog="Example: sumo-eval humans departure results/scene")
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="HTML file for the page (default: RUN/departure.html).")
+@RUN
+@path_option("--out", help="HTML file for the page (default: RUN/departure.html).")
 def departure(run: Path, out: Path | None) -> None:
     """How far the ADSs of RUN departed from the vehicle that was recorded in their place."""
     from sumo_eval.extras.rates.departures import PAGE, write_departures
@@ -126,12 +128,11 @@ def departure(run: Path, out: Path | None) -> None:
 
 
 @humans.command(epilog="Example: sumo-eval humans opinion results/first ratings.csv")
-@click.argument("run", type=click.Path(path_type=Path))
-@click.argument("ratings", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="HTML file for the plot (default: RUN/opinion.html).")
+@RUN
+@path_argument("ratings")
+@path_option("--out", help="HTML file for the plot (default: RUN/opinion.html).")
 def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     """Compare the scores of RUN with what people said: RATINGS, a CSV file with rater, ads, scenario, score (1-10)."""
-    from sumo_eval.evaluation import score
     from sumo_eval.extras.studies.opinion import (
         compare_opinion,
         opinion_lines,
@@ -140,8 +141,7 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     )
 
     given = read_ratings(ratings)
-    with Progress() as progress:
-        evaluation = score(run, progress=progress)
+    evaluation = scored(run)
     result = compare_opinion(evaluation, given)
     say(opinion_lines(result))
     place = run / "opinion.html" if out is None else out
@@ -151,21 +151,19 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
 
 
 @click.command(epilog="Example: sumo-eval calibrate results/first results/second --by median")
-@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@path_argument("runs", nargs=-1, required=True)
 @click.option("--by", type=click.Choice(["median", "mean"]), default="median", show_default=True, help="Middle ADS.")
 def calibrate(runs: tuple[Path, ...], by: str) -> None:
     """Choose k5 and k6 so that the middle one of the ADSs in RUNS gets half of the points."""
-    from sumo_eval.evaluation import score
     from sumo_eval.extras.studies.calibration import calibrate as calibrated
     from sumo_eval.extras.studies.calibration import calibration_lines
 
-    with Progress() as progress:
-        evaluations = [score(run, progress=progress) for run in runs]
+    evaluations = [scored(run) for run in runs]
     say(calibration_lines(calibrated(evaluations, by=by)))
 
 
 @click.command(epilog="Example: sumo-eval sensitivity results/first --constant k2")
-@click.argument("run", type=click.Path(path_type=Path))
+@RUN
 @click.option(
     "--constant",
     "constants",

@@ -10,6 +10,7 @@ import click
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.named_values import named_values
+from sumo_eval.cli.options import SEED, count_option, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import tell
 
@@ -17,14 +18,14 @@ from sumo_eval.cli.sentences import tell
 @click.command(epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --budget 64 --out boundary")
 @click.argument("scenario")
 @click.argument("ads")
-@click.option("--out", type=click.Path(path_type=Path),
+@path_option("--out",
               help="Folder for trials, summary and picture (default: results/SCENARIO-ADS-TIME).")  # fmt: skip
 @click.option("--fix", multiple=True, metavar="NAME=VALUE", help="Hold a parameter fixed; may be repeated.")
 @click.option("--budget", type=click.IntRange(min=16), default=500, show_default=True, help="Most simulations.")
 @click.option("--tolerance", type=float, default=0.001, show_default=True,
               help="Stop when a round is expected to move less than this share of the space.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness.")
-@click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Processes that simulate.")
+@SEED
+@count_option("--workers", default=2, show_default=True, help="Processes that simulate.")
 def boundary(
     scenario: str,
     ads: str,

@@ -10,6 +10,7 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
 from sumo_eval.cli.named_values import named_values
+from sumo_eval.cli.options import flag, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import open_in_browser, say, tell
 
@@ -18,10 +19,10 @@ from sumo_eval.cli.sentences import open_in_browser, say, tell
 @click.argument("what", metavar="SCENARIO|STUDY.toml|TAPE.jsonl")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter (default: mid-range).")
 @click.option("--rate", type=int, default=50, show_default=True, help="Steps a second: 20, 50 or 100.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("drives"), show_default=True, help="Folder.")
+@path_option("--out", default=Path("drives"), show_default=True, help="Folder.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="Of 127.0.0.1; 0: any.")
-@click.option("--collect", is_flag=True, help="Of a study: write its folder anew from what was recorded; no browser.")
-@click.option("--no-browser", is_flag=True, help="Print the address and open nothing.")
+@flag("--collect", help="Of a study: write its folder anew from what was recorded; no browser.")
+@flag("--no-browser", help="Print the address and open nothing.")
 def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, collect: bool, no_browser: bool) -> None:
     """Drive SCENARIO yourself, in 3-D, in the browser; or run a STUDY with participants (extra `drive`).
 
