@@ -74,25 +74,12 @@ class Trajectory:
         n = times.size
         xs, ys = _channel("x", x, n), _channel("y", y, n)
         speeds = _channel("speed", speed, n) if speed is not None else np.hypot(_rate(xs, times), _rate(ys, times))
-        channels = {
-            "time": times,
-            "x": xs,
-            "y": ys,
-            "heading": _channel("heading", heading, n) if heading is not None else _course(xs, ys, times),
-            "speed": speeds,
-            "acceleration": _channel("acceleration", acceleration, n)
-            if acceleration is not None
-            else _rate(speeds, times),
-            "steering_wheel_angle": np.full(n, np.nan)
-            if steering_wheel_angle is None
-            else _channel("steering_wheel_angle", steering_wheel_angle, n, nan_allowed=True),
-        }
-        for name, values in channels.items():
-            frozen = np.array(values, dtype=np.float64)
-            frozen.setflags(write=False)
-            object.__setattr__(self, name, frozen)
-        object.__setattr__(self, "length", float(length))
-        object.__setattr__(self, "width", float(width))
+        headings = _channel("heading", heading, n) if heading is not None else _course(xs, ys, times)
+        rates = _channel("acceleration", acceleration, n) if acceleration is not None else _rate(speeds, times)
+        angles = np.full(n, np.nan)
+        if steering_wheel_angle is not None:
+            angles = _channel("steering_wheel_angle", steering_wheel_angle, n, nan_allowed=True)
+        self._hold(np.array([times, xs, ys, headings, speeds, rates, angles]), length, width)
 
     @classmethod
     def of_block(cls, block: FloatArray, *, length: float, width: float) -> Trajectory:
@@ -109,13 +96,16 @@ class Trajectory:
             or not (times[1:] > times[:-1]).all()
         ):
             return cls(*block, length=length, width=width)  # which says what is wrong
-        block.setflags(write=False)
         made = object.__new__(cls)
-        for name, values in zip(CHANNELS, block, strict=True):
-            object.__setattr__(made, name, values)
-        object.__setattr__(made, "length", float(length))
-        object.__setattr__(made, "width", float(width))
+        made._hold(block, length, width)
         return made
+
+    def _hold(self, block: FloatArray, length: float, width: float) -> None:
+        block.setflags(write=False)
+        for name, values in zip(CHANNELS, block, strict=True):
+            object.__setattr__(self, name, values)
+        object.__setattr__(self, "length", float(length))
+        object.__setattr__(self, "width", float(width))
 
     def __len__(self) -> int:
         return int(self.time.size)

@@ -26,6 +26,43 @@ class _Burst(NamedTuple):
     done: int
 
 
+class _Stage:
+    """How far one piece of work is."""
+
+    def __init__(self, now: float) -> None:
+        self.task: Any = None  # of the bar
+        self.said = now  # when its last line was printed
+        self.finished = False
+        self._under_way = False
+        self._lately: list[_Burst] = []
+
+    def note(self, now: float, done: int) -> None:
+        """Remember how far it was in the last half minute.
+
+        Its beginning is forgotten as soon as more is done: before the first cases are there, rules are compiled and
+        processes start, which the rest need not wait for.
+        """
+        lately = self._lately
+        if lately and now - lately[-1].begin < _BURST:
+            lately[-1] = _Burst(lately[-1].begin, now, done)
+        else:
+            if len(lately) == 1 and not self._under_way and done > lately[0].done:
+                self._under_way = True
+                lately.clear()
+            lately.append(_Burst(now, now, done))
+        while len(lately) > 2 and now - lately[1].end > _RECENT:
+            lately.pop(0)
+
+    def left(self, total: int, unless: str) -> str:
+        """`12.0/s, about 40 s left` by how it went lately; nothing while it is too early to say, or at the end."""
+        first, last = self._lately[0], self._lately[-1]
+        done, seconds = last.done - first.done, last.end - first.end
+        if not self._under_way or last.done >= total or done < _TOO_EARLY or seconds < _TOO_SHORT:
+            return ""
+        rate = done / seconds
+        return f"{rate:z.1f}/s, about {_duration((total - last.done) / rate)} left{unless}"
+
+
 class Progress:
     """A context that gives the function to call with (stage, done, total, failed).
 
@@ -34,12 +71,8 @@ class Progress:
 
     def __init__(self, at_most: bool = False) -> None:
         self._bar: Any = None
-        self._tasks: dict[str, Any] = {}
-        self._said: dict[str, float] = {}
-        self._lately: dict[str, list[_Burst]] = {}
-        self._under_way: set[str] = set()
-        self._finished: set[str] = set()
-        self._at_most = at_most
+        self._stages: dict[str, _Stage] = {}
+        self._at_most, self._unless = ("at most ", " if it takes them all") if at_most else ("", "")
         if sys.stderr.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
@@ -68,60 +101,25 @@ class Progress:
 
     def _show(self, stage: str, done: int, total: int, failed: int = 0) -> None:
         now = clock.monotonic()
-        self._note(stage, now, done)
+        known = self._stages.setdefault(stage, _Stage(now))
+        known.note(now, done)
+        left, faults = known.left(total, self._unless), f"{failed} failed" if failed else ""
         if self._bar is not None:
-            if stage not in self._tasks:
-                self._tasks[stage] = self._bar.add_task(stage, total=total, left="", failed="")
-            self._bar.update(self._tasks[stage], completed=done, left=self._left(stage, total), failed=_failed(failed))
+            if known.task is None:
+                known.task = self._bar.add_task(stage, total=total, left="", failed="")
+            self._bar.update(known.task, completed=done, left=left, failed=faults)
         elif done == total:
-            if stage not in self._finished:
-                self._finished.add(stage)
-                _say(f"{stage}: {total} done{_behind(_failed(failed))}")
-        elif now - self._said.setdefault(stage, now) >= _LINE_EVERY:
-            self._said[stage] = now
-            whole = f"at most {total}" if self._at_most else str(total)
-            _say(f"{stage}: {done} of {whole}{_behind(self._left(stage, total))}{_behind(_failed(failed))}")
-
-    def _note(self, stage: str, now: float, done: int) -> None:
-        """Remember how far a stage was in the last half minute.
-
-        What begins a stage is forgotten as soon as more is done: before the first cases are there, rules are compiled
-        and processes start, which the rest need not wait for.
-        """
-        lately = self._lately.setdefault(stage, [])
-        if lately and now - lately[-1].begin < _BURST:
-            lately[-1] = _Burst(lately[-1].begin, now, done)
-        else:
-            if len(lately) == 1 and stage not in self._under_way and done > lately[0].done:
-                self._under_way.add(stage)
-                lately.clear()
-            lately.append(_Burst(now, now, done))
-        while len(lately) > 2 and now - lately[1].end > _RECENT:
-            lately.pop(0)
-
-    def _left(self, stage: str, total: int) -> str:
-        """`12.0/s, about 40 s left` by how it went lately; nothing while it is too early to say, or at the end."""
-        first, last = self._lately[stage][0], self._lately[stage][-1]
-        if stage not in self._under_way or last.done >= total:
-            return ""
-        if last.done - first.done < _TOO_EARLY or last.end - first.end < _TOO_SHORT:
-            return ""
-        rate = (last.done - first.done) / (last.end - first.end)
-        unless = " if it takes them all" if self._at_most else ""
-        return f"{rate:z.1f}/s, about {_duration((total - last.done) / rate)} left{unless}"
+            if not known.finished:
+                known.finished = True
+                _say(f"{stage}: {total} done", faults)
+        elif now - known.said >= _LINE_EVERY:
+            known.said = now
+            _say(f"{stage}: {done} of {self._at_most}{total}", left, faults)
 
 
-def _say(line: str) -> None:
+def _say(*words: str) -> None:
     with suppress(OSError):  # a full device behind stderr ends no work
-        click.echo(line, err=True)
-
-
-def _failed(failed: int) -> str:
-    return f"{failed} failed" if failed else ""
-
-
-def _behind(words: str) -> str:
-    return f", {words}" if words else ""
+        click.echo(", ".join(filter(None, words)), err=True)
 
 
 def _duration(seconds: float) -> str:

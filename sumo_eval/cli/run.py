@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -42,17 +43,12 @@ ENGINES = ("processes", "serial", "dask")
 def run(
     evaluation: Path | None,
     out: Path | None,
-    workers: int | None,
     ads: tuple[str, ...],
-    engine: str | None,
-    scheduler: str | None,
-    case_timeout: float | None,
-    step_timeout: float | None,
     resume: bool,
     shard: str | None,
-    only: tuple[str, ...],
     dry_run: bool,
     everything: bool,
+    **changes: Any,
 ) -> None:
     """Simulate and score EVALUATION, a TOML file or a run; without one the paper's, with --resume the run's own."""
     from sumo_eval.record.children import warm_up
@@ -70,8 +66,8 @@ def run(
     part = WHOLE if shard is None else parse_shard(shard)
     for locator in ads:
         refuse_a_bare_file(locator)
-    if scheduler is not None and engine is None:
-        engine = "dask"
+    if changes["scheduler"] is not None and changes["engine"] is None:
+        changes["engine"] = "dask"
     if out is None and (resume or part != WHOLE):
         raise click.UsageError("`--resume` and `--shard` need `--out`, the folder that is meant.")
     folder = (
@@ -79,10 +75,7 @@ def run(
         if out is None and dry_run
         else out or out_folder.default("paper" if evaluation is None else evaluation.stem)
     )
-    settings, source = resolve(
-        evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler,
-        case_timeout=case_timeout, step_timeout=step_timeout, only=only or None,
-    )  # fmt: skip
+    settings, source = resolve(evaluation, folder, resume, ads, **changes | {"only": changes["only"] or None})
     if out is not None and not dry_run:
         refuse_foreign(folder, resume)  # before anything that takes time
     if settings.run.engine == "dask" and not dry_run:

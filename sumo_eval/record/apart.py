@@ -9,12 +9,11 @@ from typing import NamedTuple
 from sumo_eval.cosim.doors.contract import Finding, check_controller
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.fault_place import fault_place
-from sumo_eval.record.cases import Setup
 from sumo_eval.record.engines import what_happened
 from sumo_eval.record.pool import Pool, Work
 from sumo_eval.record.watch import interrupted
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.settings import RunSettings
 from sumo_eval.text import clean
 
 _RUN = RunSettings()
@@ -43,12 +42,12 @@ def check_apart(
     Raises InputError with one sentence when it cannot.
     """
     asked = _Asked(locator, tuple(cases), step_timeout, case_timeout)
-    run = RunSettings(case_timeout=_TIMEOUT)
-    with Pool(1, run.case_timeout, run.memory_limit, 1) as pool:
+    limits = RunSettings(case_timeout=_TIMEOUT)
+    with Pool(1, limits) as pool:
         (ended,) = pool.each(Work(_checked, folder), [asked])
     if ended.how == "done":
         return [Finding(*(clean(text, _LONGEST, lines=True) for text in row)) for row in ended.result], ended.log
-    said = what_happened(ended, Setup(SimulationSettings(), run, folder), "The check", "drove it")
+    said = what_happened(ended, limits, "The check", "drove it")
     return [Finding("FAIL", said, "an ADS must not end, hang or write into the process that it is loaded in")], (
         ended.log
     )

@@ -28,9 +28,9 @@ IDLE = 0.2  # of a case's wall time; beyond, another drive of a case that was to
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"  # a text, because its workers build on this module
 
 
-def run_cases(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Generator[Outcome, None, None]:
+def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, None]:
     """Outcomes of the cases as they end, in whatever order, from the engine that `setup.run` names."""
-    with closing(run_packs(cases, setup, stopping)) as packs:
+    with closing(run_packs(cases, setup)) as packs:
         for outcomes in packs:
             yield from outcomes
 
@@ -63,7 +63,7 @@ def run_in_children(
     loops.ready(loops.of_cases(listed))  # a case's time is for driving
     packs = Packs(cases, workers, min(largest_pack(setup), setup.run.cases_per_child))
     work: Work[Pack] = Work(answer, setup, lambda pack: home(pack[0], setup), driven)
-    with _pool(workers, setup, setup.run.cases_per_child) as pool:
+    with Pool(workers, setup.run, setup.run.cases_per_child) as pool:
         settle = partial(_settled, packs=packs, setup=setup)
         for outcomes in pool.run(work, packs.take, settle, stopping, packs.look_ahead):
             if outcomes:
@@ -82,11 +82,11 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
         if not hasattr(os, "fork"):
             return {locator: locator_identity((kind, locator), setup.folder) for kind, locator in named}
     identities: dict[str, str] = {}
-    with _pool(1, setup, items_per_child=1) as pool:
+    with Pool(1, setup.run) as pool:
         for ended in pool.each(Work(locator_identity, setup.folder), named):
             kind, locator = ended.item
             if ended.how != "done":
-                happened = what_happened(ended, setup, "It", "loaded it")
+                happened = what_happened(ended, setup.run, "It", "loaded it")
                 raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}")
             identities[locator] = ended.result
     return identities
@@ -116,10 +116,6 @@ def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Genera
         packs.look_ahead()
 
 
-def _pool(workers: int, setup: Setup, items_per_child: int) -> Pool:
-    return Pool(workers, setup.run.case_timeout, setup.run.memory_limit, items_per_child)
-
-
 def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
     """What a pack brought; its other cases go back to the packs, to be run alone."""
     pack = ended.item
@@ -133,7 +129,7 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
         return [outcome]
     printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":
-        happened = what_happened(ended, setup, "It", "ran it")
+        happened = what_happened(ended, setup.run, "It", "ran it")
         why = Alone("pack_lost" if pack[0].block is None else "block_lost", clean(happened))
         packs.did_not_come_through(pack, [why] * len(pack), printed, too_slow=ended.how == "overdue")
         return []
@@ -170,21 +166,21 @@ def _outcome(ended: Ended[Pack], alone: Alone | None, printed: str, setup: Setup
     remark = printed if alone is None else f"{ALONE}{alone}\n{printed}"
     if ended.how != "done":
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
-        return Outcome(case, status, None, what_happened(ended, setup), remark + ended.log, alone=alone)
+        return Outcome(case, status, None, what_happened(ended, setup.run), remark + ended.log, alone=alone)
     results = results_of(ended.result, ended.item)
     outcome = results[0] if results else None
     assert isinstance(outcome, Outcome), "a case alone is driven in any case"
     return replace(outcome, log=remark + outcome.log + ended.log, alone=alone)
 
 
-def what_happened(ended: Ended[Any], setup: Setup, what: str = "The case", did: str = "ran the case") -> str:
+def what_happened(ended: Ended[Any], limits: RunSettings, what: str = "The case", did: str = "ran the case") -> str:
     """A sentence about an item that brought no result. what: it; did: what its process did for it."""
     if ended.how == "overdue":
-        return f"{what} took longer than {setup.run.case_timeout:g} s of wall time."
+        return f"{what} took longer than {limits.case_timeout:g} s of wall time."
     if ended.how == "overfull":
         return (
             f"The process that {did} and what it had started held {ended.why} MB, more than the "
-            f"{setup.run.memory_limit:g} MB of `run.memory_limit`, and were ended."
+            f"{limits.memory_limit:g} MB of `run.memory_limit`, and were ended."
         )
     return f"The process that {did} {ended.why}."
 

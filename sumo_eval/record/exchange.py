@@ -8,7 +8,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from sumo_eval.errors import InputError, needs_extra
 from sumo_eval.input_file import writing
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Role
-from sumo_eval.record.store import Store, open_store
+from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.text import cells, from_cell, without_quotes
 from sumo_eval.trajectory import CHANNELS, Trajectory
 
@@ -136,31 +136,36 @@ def _write_drives(run: Run, folder: Path, fit: Callable[[pd.DataFrame], pd.DataF
     import pandas as pd
 
     drives, trajectories = folder / "drives.csv", folder / "trajectories.csv"
-    rows: list[dict[str, Any]] = []
     with (
         run._store() as store,
         drives.open("w", newline="", encoding="utf-8") as one,
         trajectories.open("w", newline="", encoding="utf-8") as other,
     ):
         names = sorted({name for row in _drive_rows(store) for name in row["values"]})
+        rows = list[dict[str, Any]]()
+
+        def write() -> None:
+            fit(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
+            rows.clear()
+
         for number, row in enumerate(_drive_rows(store)):
             values = row.pop("values")
             rows.append({**row, **{f"parameter_{name}": values.get(name) for name in names}})
             table = _trajectory_table(row["case"], store.trajectories(row["case"]))
             fit(table).to_csv(other, index=False, header=number == 0, float_format=_ROUND_TRIP)
             if len(rows) == _ROWS_AT_ONCE:
-                fit(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
-                rows.clear()
+                write()
         if rows:
-            fit(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
+            write()
     return [drives, trajectories]
 
 
 _ROWS_AT_ONCE = 1000
-_OF_A_DRIVE = (
-    "case", "scenario", "point", "role", "driver", "controller", "values", "exposure", "status", "end_reason", "error",
-    "error_place",
-)  # fmt: skip
+_NAMES = [field.name for field in fields(Fact) if field.name not in ("log", "clips")]
+_CONTACT = {
+    "collision_time": "time", "collision_with": "other", "impact_speed": "relative_speed", "overlap": "overlap",
+    "side": "side",
+}  # fmt: skip
 _TIMES = ("wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99", "latency_reference")
 
 
@@ -168,16 +173,11 @@ def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
     roles: tuple[Role, ...] = ("ads", "ideal", "no_reaction", "task_reference", "human")
     for role in roles:
         for fact in store.each_fact(role):
-            hit = fact.collision
-            told = {name: getattr(fact, name) for name in (*_OF_A_DRIVE, "simulated_time")}
-            contact = {
-                "collision_time": hit.time if hit else None,
-                "collision_with": hit.other if hit else None,
-                "impact_speed": hit.relative_speed if hit else None,
-                "overlap": hit.overlap if hit else None,
-                "side": hit.side if hit else None,
-            }
-            yield {**told, **contact, **{name: getattr(fact, name) for name in _TIMES}}
+            row = {name: getattr(fact, name) for name in _NAMES}
+            hit = row.pop("collision")
+            times = {name: row.pop(name) for name in _TIMES}
+            contact = {column: getattr(hit, name, None) for column, name in _CONTACT.items()}
+            yield row | contact | times
 
 
 def _trajectory_table(case: str, trajectories: dict[str, Trajectory]) -> pd.DataFrame:

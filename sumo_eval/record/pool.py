@@ -18,7 +18,7 @@ import struct
 import sys
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -42,6 +42,7 @@ from sumo_eval.record.hygiene import (
     supervise,
 )
 from sumo_eval.record.watch import COPY
+from sumo_eval.settings import RunSettings
 from sumo_eval.text import clean, clean_log
 
 Item = TypeVar("Item")
@@ -119,16 +120,15 @@ class BoundedLog:
 class Pool:
     """Child processes that work off items, at most `workers` at a time. A context manager.
 
-    deadline: wall time of one item, s. memory_limit: of a child and what it starts, MB. items_per_child: after that
-    many a child is replaced, so that what controllers leave in a process cannot pile up.
+    limits: wall time of an item (`case_timeout`), memory of a child and what it starts.
+    items_per_child: after that many a child is replaced, so that what controllers leave in a process cannot pile up.
     """
 
-    def __init__(self, workers: int, deadline: float, memory_limit: float, items_per_child: int) -> None:
+    def __init__(self, workers: int, limits: RunSettings, items_per_child: int = 1) -> None:
         if not hasattr(os, "fork"):
             raise InputError("Child processes need a system that can fork; on this one, use the engine `serial`.")
         self._workers = workers
-        self._deadline = deadline
-        self._memory_limit = memory_limit
+        self._limits = limits
         self._items_per_child = items_per_child
         self._children: list[_Child] = []
         self._numbers = count(1)
@@ -192,15 +192,15 @@ class Pool:
         for child in [child for child in self._children if child not in busy and child.home == home]:
             if child.items < self._items_per_child and child.is_quiet():
                 with suppress(OSError):  # it has died meanwhile
-                    child.give(work, item, next(self._numbers), self._deadline)
+                    child.give(work, item, next(self._numbers), self._limits.case_timeout)
                     return child
             self._drop(child)
         if len(self._children) >= self._workers:
             self._drop(next(child for child in self._children if child not in busy))
-        child = _Child(home, self._memory_limit, self._scratch)
+        child = _Child(home, self._limits.memory_limit, self._scratch)
         self._children.append(child)
         with suppress(OSError):  # it died at its beginning: the end of its results will say so
-            child.give(work, item, next(self._numbers), self._deadline)
+            child.give(work, item, next(self._numbers), self._limits.case_timeout)
         return child
 
     def _next_ended(self, busy: dict[_Child, Item]) -> list[tuple[_Child, Ended[Item]]]:
@@ -266,7 +266,7 @@ class _Child:
         self._ended: Report | None = None
         self._reported = False
         theirs = (orders, results, output, leash, report)
-        self._process: Any = started(_begin, (*theirs, memory_limit, str(self._folder)))
+        self._process: Any = started(_begin, (theirs, memory_limit, str(self._folder)))
         for one in theirs:
             one.close()
 
@@ -402,18 +402,10 @@ class _Child:
 # --- in the child -----------------------------------------------------------------------------------------------------
 
 
-def _begin(
-    orders: Connection,
-    results: Connection,
-    output: Connection,
-    leash: Connection,
-    report: Connection,
-    memory_limit: float,
-    scratch: str,
-) -> None:
+def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> None:
     """Become the supervisor of a child that serves."""
-    serve = partial(_serve, orders.fileno(), results.fileno(), output.fileno(), memory_limit, scratch)
-    supervise(serve, leash.fileno(), report.fileno(), memory_limit)
+    orders, results, output, leash, report = (pipe.fileno() for pipe in pipes)
+    supervise(partial(_serve, orders, results, output, memory_limit, scratch), leash, report, memory_limit)
 
 
 def _serve(orders: int, results: int, output: int, memory_limit: float, scratch: str) -> None:

@@ -90,6 +90,7 @@ class Fact:
     status: Status
     end_reason: str | None
     error: str | None
+    error_place: str
     log: str
     simulated_time: float | None
     collision: Collision | None
@@ -97,10 +98,9 @@ class Fact:
     wall_time: float | None
     latency_mean: float | None
     latency_max: float | None
-    error_place: str = ""
-    latency_median: float | None = None
-    latency_p99: float | None = None
-    latency_reference: float | None = None
+    latency_median: float | None
+    latency_p99: float | None
+    latency_reference: float | None
 
 
 _COLUMNS = [field.name for field in fields(Fact)]

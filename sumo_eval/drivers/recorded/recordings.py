@@ -26,11 +26,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.drivers.recorded.importers.tables import add_motion, checked_numbers, read_table
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import writing
 from sumo_eval.text import cells, from_cell
-from sumo_eval.trajectory import FloatArray, Trajectory
+from sumo_eval.trajectory import FloatArray
 
 COLUMNS = (
     "recording", "vehicle", "driver", "t", "x", "y", "heading", "speed", "acceleration", "length", "width", "class",
@@ -167,12 +167,7 @@ def read_csv(path: Path) -> Recordings:
         table[name] = table[name].astype(object).where(table[name].notna(), value) if name in table else value
     if "steering" not in table:
         table["steering"] = np.nan
-    missing = [name for name in ("heading", "speed", "acceleration") if name not in table]
-    if missing:
-        for _, track in table.groupby(["recording", "vehicle"], sort=False):
-            motion = Trajectory(track["t"], track["x"], track["y"])
-            for name in missing:
-                table.loc[track.index, name] = getattr(motion, name)
+    add_motion(table, ("heading", "speed", "acceleration"), str(path))
     if "lane" not in table:
         table["lane"] = np.round(table["y"] / STANDARD_LANE).astype(np.int64)
     for name in ("recording", "vehicle", "driver", "class"):

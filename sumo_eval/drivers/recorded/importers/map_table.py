@@ -13,9 +13,7 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.found import Found
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
-from sumo_eval.errors import InputError
-from sumo_eval.trajectory import Trajectory
+from sumo_eval.drivers.recorded.importers.tables import add_motion, checked_numbers, read_table
 
 LENGTH, WIDTH = 4.5, 1.8  # m, of a car, where the table has no bodies
 _KNOWN = ("heading", "heading_deg", "speed", "acceleration", "length", "width")
@@ -39,18 +37,8 @@ def read(path: Path) -> Iterator[Found]:
         rows["heading"] = np.radians(rows["heading_deg"])
     rows = rows.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
     rows = rows[~rows.duplicated(["recording", "vehicle", "t"])].reset_index(drop=True)
-    missing = [name for name in ("heading", "speed") if name not in rows]
-    if missing:
+    if missing := add_motion(rows, ("heading", "speed"), str(path)):
         notes.append(f"{path.name} has no {' and no '.join(missing)}: from the motion.")
-        for name in missing:
-            rows[name] = np.nan
-        for (_, vehicle), track in rows.groupby(["recording", "vehicle"], sort=False):
-            try:
-                motion = Trajectory(track["t"], track["x"], track["y"])
-            except InputError as error:
-                raise InputError(f"Vehicle `{vehicle}` in {path}: {error}") from error
-            for name in missing:
-                rows.loc[track.index, name] = getattr(motion, name)
     columns = ["recording", "vehicle", "t", "x", "y", "heading", "speed", "length", "width", "class"]
     known = [name for name in ("acceleration", "driver") if name in rows]
     yield Found(pd.DataFrame(rows[[*columns, *known]]), planar=True, notes=tuple(notes))

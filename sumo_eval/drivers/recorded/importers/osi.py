@@ -14,7 +14,6 @@ import importlib
 import lzma
 import math
 import struct
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -55,24 +54,18 @@ def read(path: Path) -> Iterator[Found]:
     if rows.empty:
         raise InputError(f"{path} must hold GroundTruth with moving objects, got none.")
     checked_numbers(rows, ["t", "x", "y", "length", "width", "heading", "speed"], path)
-    left_out: Counter[str] = Counter()
-    notes = []
     kinds = rows.groupby("vehicle")[["type", "subtype"]].first()
     bodies = rows.groupby("vehicle")[["length", "width"]].median()
-    kept = []
-    for vehicle, (kind, subtype) in zip(kinds.index, kinds.to_numpy().tolist(), strict=True):
-        if kind not in (VEHICLE, PEDESTRIAN):
-            left_out["neither vehicle nor pedestrian"] += 1
-        elif kind == VEHICLE and subtype in _TOWED:
-            left_out["pulled by another vehicle"] += 1
-        elif not (bodies.loc[vehicle] > 0.0).all():
-            left_out["without a body"] += 1
-        else:
-            kept.append(vehicle)
-    if left_out:
-        why = ", ".join(f"{number} {reason}" for reason, number in sorted(left_out.items()))
-        notes.append(f"{path.name}: moving objects left out: {why}.")
-    rows = rows[rows["vehicle"].isin(kept)]
+    reasons = {
+        "neither vehicle nor pedestrian": ~kinds["type"].isin((VEHICLE, PEDESTRIAN)),
+        "pulled by another vehicle": (kinds["type"] == VEHICLE) & kinds["subtype"].isin(_TOWED),
+        "without a body": ~(bodies > 0.0).all(axis=1),
+    }
+    why = pd.Series(np.select(list(reasons.values()), list(reasons), ""), index=kinds.index)
+    counts = why[why != ""].value_counts().sort_index()
+    left_out = ", ".join(f"{number} {reason}" for reason, number in counts.items())
+    notes = [f"{path.name}: moving objects left out: {left_out}."] if left_out else []
+    rows = rows[rows["vehicle"].isin(why.index[why == ""])]
     if rows.empty:
         raise InputError(f"{path} must hold vehicles or pedestrians with a body, got none: {notes[-1]}")
     rows = rows.sort_values(["vehicle", "t"], kind="stable", ignore_index=True)
@@ -101,7 +94,7 @@ def _objects(path: Path) -> Iterator[Row]:
         for number, (kind, message) in enumerate(_mcap(path) if path.suffix == ".mcap" else _trace(path)):
             try:
                 if kind == _SENSOR_VIEW:
-                    message = _last(message, 7, b"")
+                    message = dict(_fields(message)).get(7, b"")
                 yield from _ground_truth(message)
             except (IndexError, KeyError, struct.error, ValueError, TypeError) as error:
                 raise InputError(f"Message {number} of {path} is no {kind} of OSI 3.") from error
@@ -141,11 +134,10 @@ def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
 
 def _ground_truth(message: bytes) -> Iterator[Row]:
     """The moving objects of a GroundTruth: its fields 2, timestamp, and 5, moving_object."""
-    stamp = _last(message, 2, b"")
-    time = _last(stamp, 1, 0) + 1e-9 * _last(stamp, 2, 0)
-    for number, value in _fields(message):
-        if number == 5:
-            yield _moving_object(time, value)
+    fields = list(_fields(message))
+    stamp = dict(_fields(dict(fields).get(2, b"")))
+    time = stamp.get(1, 0) + 1e-9 * stamp.get(2, 0)
+    yield from (_moving_object(time, value) for number, value in fields if number == 5)
 
 
 def _moving_object(time: float, message: bytes) -> Row:
@@ -154,35 +146,24 @@ def _moving_object(time: float, message: bytes) -> Row:
     """
     fields = dict(_fields(message))
     base = dict(_fields(fields[2]))
-    length, width = _numbers(base.get(1, b""), 2)
-    x, y = _numbers(base[2], 2)
-    *_, yaw = _numbers(base.get(3, b""), 3)
-    vx, vy = _numbers(base.get(4, b""), 2)
-    kind = int(fields.get(3, 0))
-    subtype = int(_last(fields.get(6, b""), 1, 0))
-    name = int(_last(fields.get(1, b""), 1, 0))
-    return time, name, x, y, length, width, yaw, math.sqrt(vx * vx + vy * vy), kind, subtype
+    length, width, _ = _numbers(base.get(1, b""))
+    x, y, _ = _numbers(base[2])
+    *_, yaw = _numbers(base.get(3, b""))
+    vx, vy, _ = _numbers(base.get(4, b""))
+    name, subtype = (int(dict(_fields(fields.get(number, b""))).get(1, 0)) for number in (1, 6))
+    return time, name, x, y, length, width, yaw, math.sqrt(vx * vx + vy * vy), int(fields.get(3, 0)), subtype
 
 
-def _numbers(message: bytes, count: int) -> list[float]:
-    """The first fields of a message of doubles, 0 where one is not there."""
-    found = [0.0] * count
-    for number, value in _fields(message):
-        if 1 <= number <= count:
-            found[number - 1] = struct.unpack("<d", value)[0]
-    return found
-
-
-def _last(message: bytes, wanted: int, default: Any) -> Any:
-    """A field of a message; of several the last, as protocol buffers have it."""
-    for number, value in _fields(message):
-        if number == wanted:
-            default = value
-    return default
+def _numbers(message: bytes) -> list[float]:
+    """The first three fields of a message of doubles, 0 where one is not there."""
+    fields = dict(_fields(message))
+    return [struct.unpack("<d", fields.get(number, bytes(8)))[0] for number in (1, 2, 3)]
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, Any]]:
-    """Numbers and values of the fields of a message in the wire format of protocol buffers."""
+    """Numbers and values of the fields of a message in the wire format of protocol buffers; of several of one number
+    the last counts.
+    """
     at, end = 0, len(message)
     while at < end:
         key, at = _varint(message, at)

@@ -11,6 +11,7 @@ import pandas as pd
 
 from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
 from sumo_eval.input_file import input_file
+from sumo_eval.trajectory import Trajectory
 
 LARGEST = 2.0**53  # of any number in a recording: identifiers may count ns since 1970; beyond, doubles skip integers
 
@@ -56,6 +57,22 @@ def checked_numbers(table: pd.DataFrame, columns: Sequence[str], path: Path, *, 
             where, got = first_row + int(large[0]), numbers[large[0]]
             raise InputError(f"`{name}` in row {where} of {path} must be at most {LARGEST:g} in size, got {got:g}.")
         table[name] = numbers
+
+
+def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[str]:
+    """Those channels of `names` that a table of tracks, sorted by time, lacks, added from the motion of each track.
+
+    owner: names the table in sentences.
+    """
+    missing = [name for name in names if name not in table]
+    for (_, vehicle), track in table.groupby(["recording", "vehicle"], sort=False) if missing else ():
+        try:
+            motion = Trajectory(track["t"], track["x"], track["y"])
+        except InputError as error:
+            raise InputError(f"Vehicle `{vehicle}` in {owner}: {error}") from error
+        for name in missing:
+            table.loc[track.index, name] = getattr(motion, name)
+    return missing
 
 
 def require(condition: bool, path: Path, sentence: str) -> None:
