@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from sumo_eval.cosim.latency import EVERY
 from sumo_eval.cosim.plans import Wheel
 from sumo_eval.cosim.records import PLANT, REASONS, Records
 from sumo_eval.cosim.stage import Stage
-from sumo_eval.cosim.step_rules import move_rows, see_rows, stop_rows
+from sumo_eval.cosim.step_rules import stop_rows
 from sumo_eval.cosim.sumo.insides import simulation_time
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command, EgoState
@@ -54,14 +54,33 @@ SEEN_AS_IT_IS: dict[str, Any] = {
 }  # fmt: skip
 
 
-class Driver(Protocol):
-    """Who is at the wheel of all rows."""
+class Terms(NamedTuple):
+    """Terms on which an ADS drives.
+
+    step_timeout: longest wall time of a step, s. plant: the vehicle model instead of ours. folder: where relative paths
+    start. every: the ADS is called every n-th step.
+    """
+
+    step_timeout: float = math.inf
+    plant: FmuPlant | None = None
+    folder: Path | None = None
+    every: int = 1
+
+
+class Driver:
+    """Controls the egos of all rows."""
+
+    def __init__(self, terms: Terms) -> None:
+        self._step_timeout, self._plant, self._folder, self._every = terms
 
     def begin(self, world: World, stage: Stage) -> None:
         """Before the first step."""
+        self._traci, self._clock = stage.traci, simulation_time(stage.traci)
+        self._delayed = _Delayed(world, self._plant)
 
     def step(self, world: World, time: float) -> None:
         """Write the egos' commands, or fail rows."""
+        raise NotImplementedError
 
     def after(self, world: World, now: float) -> None:
         """SUMO has made its step to `now`, s."""
@@ -69,38 +88,79 @@ class Driver(Protocol):
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """From now on these rows, in this order."""
 
-    def let_go(self, world: World, row: int) -> None:
-        """A row has ended."""
+    def release(self, world: World, row: int) -> None:
+        """A row has ended: close what it holds."""
+        if self._plant is not None:
+            self._closed(world, row, "The vehicle model", self._plant.close, "sim_error")
+
+    def _closed(
+        self, world: World, row: int, who: str, close: Callable[[], None], fault: EndReason, target: Any = None
+    ) -> None:
+        """Close one of the things a case holds; what goes wrong there keeps none of the others from being closed."""
+        try:
+            close()
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+            world.keep_fault(int(world.rows[row]), error, target, self._folder)
+            contact = REASONS[int(world.egos["reason"][row])] == "contact"  # nobody undoes a collision afterwards
+            world.fail(row, "contact" if contact else fault, f"{who} raised in close: {said(error)}.")
+
+    def _close_guarded(self, world: World, row: int, close: Callable[[], None], target: Any) -> None:
+        """Close an ADS that may have used TraCI, and remove its listeners."""
+        self._closed(world, row, "The ADS", close, "ads_error", target)
+        self._closed(world, row, "The ADS", GUARD.end, "ads_error")
+        world.touched(GUARD.touched, GUARD.ignored)
+
+    def _check_clock(self, world: World, time: float) -> None:
+        """The harness alone steps, starts and closes the simulation; who swallows the refusal of a call has made it."""
+        if GUARD.refusal is not None:
+            deed, why = GUARD.refusal
+            raise ControllerError(f"{deed} at {time:.2f} s; {why}.")
+        try:
+            now = self._clock()
+        except (self._traci.TraCIException, self._traci.FatalTraCIError) as error:
+            raise ControllerError(f"The ADS closed the simulation at {time:.2f} s; that is the harness's.") from error
+        ahead = now - time - world.settings.step  # SUMO has made one step more, the one that inserted the vehicles
+        if abs(ahead) > _CLOCK_TOLERANCE:
+            raise ControllerError(
+                f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the harness's."
+            )
+
+
+def sees_all(conditions: ConditionSettings) -> bool:
+    """Whether the conditions let an ADS see the world as it is."""
+    return all(getattr(conditions, what) == usual for what, usual in SEEN_AS_IT_IS.items())
+
+
+def note_unlimited(world: World) -> None:
+    """Put on record that an ADS sees the world as it is where the conditions ask for something else."""
+    if not sees_all(world.settings.conditions):
+        for case in range(len(world.cases)):
+            world.note(case, "perception_not_limited", 1.0, 0.0)
 
 
 def drive(world: World, driver: Driver, stage: Stage) -> None:
     """Step until every case has ended."""
     settings = world.settings
     step, every = settings.step, round(settings.record_interval / settings.step)
-    as_read, asked = int(stage.as_read), stage.asked
+    as_read, asked = stage.as_read, stage.asked
     moved = 0
     try:
         driver.begin(world, stage)
-        if world.errors:
+        if world.errors or world.left:
             _end_rows(world, driver, stage)
-        egos, others, clips, seen, shown, move, see = _arrays_and_code(world)
-        tell, scenario, line = world.tell, world.scenario, world.line
         while world.going:
             after = world.steps + 1
             if world.steps % EVERY == 0:
                 world.latencies.time_fixed_work()
             driver.step(world, world.steps * step)
-            closely = asked or stage.closely(world.steps)
-            now = after * step
-            sampling = after % every == 0
+            now, sampling = after * step, after % every == 0
             if sampling:
                 world.room_for_samples()
-            count = move(egos, others, clips, tell, scenario, line, after, int(closely))
-            count = world.play(count, closely=closely, as_read=stage.as_read)
+            count, gone = world.move(closely=asked or stage.closely(world.steps), as_read=as_read)
             moved = 1
-            if world.may_leave(now):
-                count, gone = world.let_leave(now, count, as_read)
-                stage.put_aside(gone)
+            stage.put_aside(gone)
             try:
                 stage.tell(world, count)
             except stage.traci.TraCIException as error:
@@ -117,12 +177,8 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             moved = 0
             if world.waits:
                 world.wake(now)
-            ended = see(egos, others, clips, seen, world.samples, shown, scenario, line, after, int(sampling), as_read)
-            world.steps = after
-            if ended:
+            if world.see(sampling=sampling, as_read=as_read):
                 _end_rows(world, driver, stage)
-                if egos is not world.egos:
-                    egos, others, clips, seen, shown, move, see = _arrays_and_code(world)
     except LeftTheRoadError:
         world.egos["reason"][0] = REASONS.index("off_road")
         world.room_for_samples()
@@ -137,25 +193,17 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
         break_off(world, SimulationError(f"SUMO stopped at {world.time:.2f} s: {said(error)}."), moved)
     finally:
         for row in np.flatnonzero(world.egos["live"]).tolist():
-            _let_go(world, driver, row)
+            _release(world, driver, row)
     for row in np.flatnonzero(world.egos["live"]).tolist():
         world.end(row)
 
 
-def _arrays_and_code(world: World) -> tuple[Any, ...]:
-    """The arrays of the rows that are held, until some are given up, and the two rules of a step for such arrays."""
-    egos, others, clips, seen, shown = world.egos, world.others, world.clips, world.seen, world.shown
-    move = bound(move_rows, egos, others, clips, world.tell, world.scenario, world.line, 1, 0)
-    see = bound(see_rows, egos, others, clips, seen, world.samples, shown, world.scenario, world.line, 1, 0, 0)
-    return egos, others, clips, seen, shown, move, see
-
-
-def _let_go(world: World, driver: Driver, row: int) -> None:
-    """Let the driver of a row go, once, whatever comes of it."""
+def _release(world: World, driver: Driver, row: int) -> None:
+    """Release the driver of a row, once, whatever comes of it."""
     case = int(world.rows[row])
-    if case not in world.let_go:
-        world.let_go.add(case)
-        driver.let_go(world, row)
+    if case not in world.released:
+        world.released.add(case)
+        driver.release(world, row)
 
 
 def break_off(world: World, error: ControllerError | SimulationError, moved: int = 0) -> None:
@@ -175,7 +223,7 @@ def _end_rows(world: World, driver: Driver, stage: Stage) -> None:
             time = float(world.egos["time"][row])
             world.fail(row, "ads_error", f"`{name}` of the ADS's Command must be a finite number, got {value!r} "
                        f"at {time:.2f} s.")  # fmt: skip
-        _let_go(world, driver, row)
+        _release(world, driver, row)
         stage.remove(world, row)
         world.end(row)
     if not world.going:
@@ -189,8 +237,8 @@ def _end_rows(world: World, driver: Driver, stage: Stage) -> None:
         stage.without(world)
 
 
-def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout: float, every: int = 1) -> Briefing:
-    """What a controller is told before a case. every: it is asked at every so manieth step."""
+def told(concrete: ConcreteScenario, settings: SimulationSettings, terms: Terms) -> Briefing:
+    """What a controller is told before a case."""
     revealed = settings.conditions.reveal_scenario
     road = concrete.road
     return Briefing(
@@ -199,9 +247,9 @@ def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout:
         settings.vehicle,
         settings.step,
         concrete.values if revealed else None,
-        step_timeout,
+        terms.step_timeout,
         *task_of(concrete),
-        every * settings.step,
+        terms.every * settings.step,
         concrete.ego.way,
     )
 
@@ -257,24 +305,19 @@ def arrays(ads: Sequence[Compiled], world: World) -> tuple[Records, ...]:
     return own.arrays(ads, world.scenario, world.seen.shape[1])  # type: ignore[no-any-return]
 
 
-class Rows:
+class Rows(Driver):
     """Rules that are kernels, one object a case, all of one class."""
 
-    def __init__(self, ads: Sequence[Compiled], plant: FmuPlant | None = None, step_timeout: float = np.inf) -> None:
-        self._ads, self._plant = ads, plant
-        self._loop = type(ads[0]).loop
-        self._step_timeout = step_timeout
+    def __init__(self, ads: Sequence[Compiled], terms: Terms = Terms()) -> None:  # noqa: B008 - nothing changes them
+        super().__init__(terms)
+        self._ads, self._loop = ads, type(ads[0]).loop
 
     def begin(self, world: World, stage: Stage) -> None:
         """Make the memory of every row."""
+        super().begin(world, stage)
         stage.take_charge(world)
-        conditions = world.settings.conditions
-        if any(getattr(conditions, what) != usual for what, usual in SEEN_AS_IT_IS.items()):
-            for case in range(len(world.cases)):
-                world.note(case, "perception_not_limited", 1.0, 0.0)  # a rule sees the world
+        note_unlimited(world)  # a rule sees the world
         self._arrays = arrays(self._ads, world)
-        self._delayed = _Delayed(world, self._plant)
-        self._usual = world.settings.plant is None and conditions == ConditionSettings()
         # Over no rows: compiled or loaded here, and not within the time of a step.
         self._loop(world.egos[:0], world.seen[:0], *self._arrays, world.scenario, 0.0)
         self._egos: Records | None = None
@@ -289,56 +332,33 @@ class Rows:
         self._code(*arguments)
         took = (clock.perf_counter() - asked) / world.going
         world.latencies.shared.append(took)
-        if not self._usual:
-            self._delayed.pass_on(world, time, lambda case: took)
-
-    def after(self, world: World, now: float) -> None:
-        """Nothing."""
+        self._delayed.pass_on(world, time, lambda case: took)
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """Keep the memory of these rows."""
         self._arrays = tuple(array[rows] for array in self._arrays)
 
-    def let_go(self, world: World, row: int) -> None:
-        """Nothing is held but the plant."""
-        if self._plant is not None:
-            let_go(world, row, "The vehicle model", self._plant.close, "sim_error")
 
-
-def let_go(
-    world: World, row: int, who: str, close: Callable[[], None], fault: EndReason, target: Any = None,
-    folder: Path | None = None,
-) -> None:  # fmt: skip
-    """Close one of the things a case holds; what goes wrong there keeps none of the others from being closed."""
-    try:
-        close()
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
-        world.keep_fault(int(world.rows[row]), error, target, folder)
-        contact = REASONS[int(world.egos["reason"][row])] == "contact"
-        sentence = f"{who} raised in close: {said(error)}."
-        world.fail(row, "contact" if contact else fault, sentence)  # nobody undoes a collision afterwards
-
-
-class Policies:
+class Policies(Driver):
     """What plain Python policies share, one in each row or one for all."""
 
-    def __init__(self, step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None) -> None:
-        self._step_timeout, self._seeds, self._plant = step_timeout, seeds, plant
+    checks = False  # whether a refused call is reported by the check that follows
 
-    def _begin(self, world: World, stage: Stage) -> None:
-        self._road = world.cases[0].road
-        self._alone, self._traci, self._clock = len(world.cases) == 1, stage.traci, simulation_time(stage.traci)
+    def __init__(self, seeds: Sequence[int], terms: Terms) -> None:
+        super().__init__(terms)
+        self._seeds = seeds
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """What they are shown and how they are obeyed."""
+        super().begin(world, stage)
+        self._road, self._alone = world.cases[0].road, len(world.cases) == 1
         stage.take_charge(world)
         conditions = world.settings.conditions
         GUARD.begin(
             (actor.name for actor in world.cases[0].actors) if self._alone else (), world.settings.step,
             conditions.interference, heeding(world.cases[0]),
         )  # fmt: skip
-        self._usual = all(getattr(conditions, what) == usual for what, usual in SEEN_AS_IT_IS.items())
-        self._direct = world.settings.plant is None and conditions == ConditionSettings()
-        self._delayed = _Delayed(world, self._plant)
+        self._usual = sees_all(conditions)
         self._tasks = [task_of(concrete) for concrete in world.cases]
         self._kinds = [dict(enumerate(kinds_of(concrete).values(), 1)) for concrete in world.cases]
         self._senses = [
@@ -361,8 +381,23 @@ class Policies:
         self._commands = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, first : first + 2]
         self._other_values = world.others.view(np.float64).reshape(n, m, world.others.itemsize // 8)[:, :, :8]
 
-    def after(self, world: World, now: float) -> None:
-        """Nothing."""
+    def _fail(self, world: World, rows: Sequence[int], error: BaseException, when: str, target: Any) -> None:
+        """Fail the rows of a call; one that asks SUMO has its case to itself, later."""
+        if isinstance(error, RefusedCallError | self._traci.TraCIException) and not self._alone:
+            for row in rows:
+                world.leave(row, ASKS_SUMO)
+            return
+        if len(rows) > 1:
+            when = f"{when}, in one call for {len(rows)} cases, which fails them all"
+        fault: EndReason = "ads_error"
+        sentence = f"The ADS raised {when}: {said(error)}."
+        if isinstance(error, ControllerError):
+            fault, words = _fault(error), words_of(error, SENTENCE)
+            sentence = words if words.endswith(f" {when}.") else str(with_time(error, when))
+        for row in rows:
+            world.keep_fault(int(world.rows[row]), error, target, self._folder)
+            if not (self.checks and isinstance(error, RefusedCallError)):
+                world.fail(row, fault, sentence)
 
     def _observation(self, world: World, case: int, time: float, me: list[float], others: list[Any]) -> Observation:
         acceleration = me.pop()
@@ -393,32 +428,24 @@ class OneEach(Policies):
     every: it is asked at every so manieth step; in between its answer holds.
     """
 
-    def __init__(
-        self, policies: Sequence[PolicyController], step_timeout: float, seeds: Sequence[int],
-        plant: FmuPlant | None = None,
-        folder: Path | None = None,
-        every: int = 1,
-    ) -> None:  # fmt: skip
-        super().__init__(step_timeout, seeds, plant)
-        self._policies, self._folder, self._every = policies, folder, every
+    checks = True
+
+    def __init__(self, policies: Sequence[PolicyController], seeds: Sequence[int], terms: Terms) -> None:
+        super().__init__(seeds, terms)
+        self._policies, self._terms = policies, terms
 
     def begin(self, world: World, stage: Stage) -> None:
         """Reset each of them."""
-        self._begin(world, stage)
+        super().begin(world, stage)
         for case, policy in enumerate(self._policies):
             if case in world.errors:
                 continue
             try:
-                policy.reset(told(world.cases[case], world.settings, self._step_timeout, self._every), TRACI, EGO)
-            except RefusedCallError as error:
-                world.keep_fault(case, error, policy.target, self._folder)  # the check says what it was
-            except ControllerError as error:
-                world.fail(case, _fault(error), str(with_time(error, "in reset")))
+                policy.reset(told(world.cases[case], world.settings, self._terms), TRACI, EGO)
             except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
                 raise
             except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
-                world.keep_fault(case, error, policy.target, self._folder)
-                world.fail(case, "ads_error", f"The ADS raised in reset: {said(error)}.")
+                self._fail(world, [case], error, "in reset", policy.target)
         self._check(world, 0.0)
         self._settled = [
             getattr(policy.target, "settled", None) if world.settings.end_when_decided else None
@@ -431,7 +458,7 @@ class OneEach(Policies):
         if not self._alone:
             return
         try:
-            check_clock(self._traci, self._clock, time, world.settings.step)
+            self._check_clock(world, time)
         except ControllerError as error:
             world.fail(0, "ads_error", str(error))
 
@@ -469,7 +496,7 @@ class OneEach(Policies):
                 raise
             except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
                 world.latencies.own[case].append(now() - asked)
-                self._fail(world, row, error, time)
+                self._fail(world, [row], error, f"at {time:.2f} s", policy.target)
                 continue
             world.latencies.own[case].append(took)
             self._took[case] = took
@@ -480,54 +507,16 @@ class OneEach(Policies):
         if given:
             self._commands[asked_rows] = given
         self._check(world, time)
-        if not self._direct:
-            self._delayed.pass_on(world, time, self._took.__getitem__)
+        self._delayed.pass_on(world, time, self._took.__getitem__)
 
-    def _fail(self, world: World, row: int, error: BaseException, time: float) -> None:
-        """What a policy did wrong costs its row; one that asks SUMO has its case to itself, later."""
-        case = int(world.rows[row])
-        if isinstance(error, RefusedCallError | self._traci.TraCIException) and not self._alone:
-            world.leave(row, ASKS_SUMO)
-            return
-        world.keep_fault(case, error, self._policies[case].target, self._folder)
-        if isinstance(error, RefusedCallError):  # the check says what it was
-            return
-        if isinstance(error, ControllerError):
-            words = words_of(error, SENTENCE)
-            when = f"at {time:.2f} s"
-            sentence = words if words.endswith(f" {when}.") else str(with_time(error, when))
-            world.fail(row, _fault(error), sentence)
-        else:
-            world.fail(row, "ads_error", f"The ADS raised at {time:.2f} s: {said(error)}.")
-
-    def let_go(self, world: World, row: int) -> None:
+    def release(self, world: World, row: int) -> None:
         """Close the row's policy."""
         policy = self._policies[int(world.rows[row])]
-        let_go(world, row, "The ADS", policy.close, "ads_error", policy.target, self._folder)
         if self._alone:
-            let_go(world, row, "The ADS", GUARD.end, "ads_error")
-            world.touched(GUARD.touched, GUARD.ignored)
-        if self._plant is not None:
-            let_go(world, row, "The vehicle model", self._plant.close, "sim_error")
-
-
-def check_clock(traci: Any, clock_of: Callable[[], float], time: float, step: float) -> None:
-    """The harness alone steps, starts and closes the simulation; who swallows the refusal of a call has made it.
-
-    clock_of: tells SUMO's time, s (`simulation_time`).
-    """
-    if GUARD.refusal is not None:
-        deed, why = GUARD.refusal
-        raise ControllerError(f"{deed} at {time:.2f} s; {why}.")
-    try:
-        now = clock_of()
-    except (traci.TraCIException, traci.FatalTraCIError) as error:
-        raise ControllerError(f"The ADS closed the simulation at {time:.2f} s; that is the harness's.") from error
-    ahead = now - time - step  # SUMO has made one step more, the one that inserted the vehicles
-    if abs(ahead) > _CLOCK_TOLERANCE:
-        raise ControllerError(
-            f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the harness's."
-        )
+            self._close_guarded(world, row, policy.close, policy.target)
+        else:
+            self._closed(world, row, "The ADS", policy.close, "ads_error", policy.target)
+        super().release(world, row)
 
 
 def with_time(error: ControllerError, when: str) -> ControllerError:
@@ -549,23 +538,18 @@ class Batch(Policies):
     together is part of what it is given.
     """
 
-    def __init__(
-        self, policy: PolicyController, step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None,
-        folder: Path | None = None,
-    ) -> None:  # fmt: skip
-        super().__init__(step_timeout, seeds, plant)
-        self._policy, self._folder = policy, folder
+    def __init__(self, policy: PolicyController, seeds: Sequence[int], terms: Terms) -> None:
+        super().__init__(seeds, terms)
+        self._policy, self._terms = policy, terms
         self._act: Callable[[Any], Any] = policy.act
         self._held = 0
 
     def begin(self, world: World, stage: Stage) -> None:
         """Reset it once for all rows."""
-        self._begin(world, stage)
-        if not self._usual:
-            for case in range(len(world.cases)):
-                world.note(case, "perception_not_limited", 1.0, 0.0)  # arrays are of the world as it is
+        super().begin(world, stage)
+        note_unlimited(world)  # arrays are of the world as it is
         self._held = len(world.cases)
-        briefing = told(world.cases[0], world.settings, self._step_timeout)
+        briefing = told(world.cases[0], world.settings, self._terms)
         try:
             self._policy.reset(replace(briefing, values=None), TRACI, EGO)
         except KeyboardInterrupt:
@@ -597,8 +581,7 @@ class Batch(Policies):
         answer = answer.reshape(len(live), -1)
         command["acceleration"][live] = answer[:, 0]
         command["steering"][live] = answer[:, 1] if answer.shape[1] == 2 else 0.0
-        if not self._direct:
-            self._delayed.pass_on(world, time, lambda case: took / len(live))
+        self._delayed.pass_on(world, time, lambda case: took / len(live))
 
     def _answer(self, seen: Observations, rows: int) -> NDArray[np.float64]:
         asked = clock.perf_counter()
@@ -625,26 +608,11 @@ class Batch(Policies):
         return settled
 
     def _fail_all(self, world: World, error: BaseException, when: str) -> None:
-        """What goes wrong in a call belongs to all rows that it was for."""
-        rows = np.flatnonzero(world.egos["live"]).tolist()
-        if isinstance(error, RefusedCallError | self._traci.TraCIException) and not self._alone:
-            for row in rows:
-                world.leave(row, ASKS_SUMO)
-            return
-        if len(rows) > 1:
-            when = f"{when}, in one call for {len(rows)} cases, which fails them all"
-        if isinstance(error, ControllerError):
-            fault, sentence = _fault(error), str(with_time(error, when))
-        else:
-            fault, sentence = "ads_error", f"The ADS raised {when}: {said(error)}."
-        for row in rows:
-            world.keep_fault(int(world.rows[row]), error, self._policy.target, self._folder)
-            world.fail(row, fault, sentence)
+        self._fail(world, np.flatnonzero(world.egos["live"]).tolist(), error, when, self._policy.target)
 
-    def let_go(self, world: World, row: int) -> None:
+    def release(self, world: World, row: int) -> None:
         """Close it when the last row has ended."""
         self._held -= 1
         if self._held == 0:
-            let_go(world, row, "The ADS", self._policy.close, "ads_error")
-        if self._plant is not None:
-            let_go(world, row, "The vehicle model", self._plant.close, "sim_error")
+            self._closed(world, row, "The ADS", self._policy.close, "ads_error")
+        super().release(world, row)

@@ -8,25 +8,22 @@ from __future__ import annotations
 
 import math
 import time as clock
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.doors.controller import Briefing, Controller, NativeModel, ObservingController
-from sumo_eval.cosim.doors.fmu import FmuPlant
+from sumo_eval.cosim.doors.controller import Controller, NativeModel, ObservingController
 from sumo_eval.cosim.doors.observation import Senses, kinds_of, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
-from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, let_go, with_time
+from sumo_eval.cosim.loop import Driver, Terms, advance_plant, note_unlimited, told, with_time
 from sumo_eval.cosim.plans import HOLD, Wheel, wanted
 from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, Stage
-from sumo_eval.cosim.sumo.insides import simulation_time
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import World
@@ -40,20 +37,15 @@ _PLACE_TOLERANCE = 1e-3  # m
 _CHORD_SHARE = 0.03  # of the motion on a bend, by which SUMO's polylines and its stretching of lanes change it
 
 
-class OnTraci:
+class OnTraci(Driver):
     """The one row of an ADS that has the simulation to itself."""
 
-    def __init__(
-        self, ads: Controller, briefing: Briefing, step_timeout: float, seed: int, plant: FmuPlant | None = None,
-        folder: Path | None = None, every: int = 1,
-    ) -> None:  # fmt: skip
-        self._every = every  # steps from one call to the next; in between its answer holds
-        self.ads, self.briefing, self.step_timeout, self.plant = ads, briefing, step_timeout, plant
-        self._seed = seed
+    def __init__(self, ads: Controller, seed: int, terms: Terms) -> None:
+        super().__init__(terms)
+        self.ads, self._seed, self._terms = ads, seed, terms
         self._waits = hasattr(ads, "took")  # for a program that drives in its own time
         self._target = getattr(ads, "target", getattr(ads, "function", None))  # the user's own object
         self._settled = getattr(self._target, "settled", None)
-        self._folder = folder
         self._handed_over = False  # from the vehicle model back to SUMO, in this step
         self._senses: Senses | None = None
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
@@ -62,9 +54,9 @@ class OnTraci:
 
     def begin(self, world: World, stage: Stage) -> None:
         """Take charge of the vehicles, and reset the ADS."""
-        self._world, self._calls, self._traci = world, stage.calls, stage.traci
+        super().begin(world, stage)
+        self._world, self._calls = world, stage.calls
         concrete, settings = world.cases[0], world.settings
-        self._clock = simulation_time(stage.traci)
         self._native = isinstance(self.ads, NativeModel)
         self._step, self._limits = settings.step, settings.vehicle
         self._half = 0.5 * settings.vehicle.length
@@ -98,24 +90,25 @@ class OnTraci:
             self._senses = self.ads.senses = Senses(
                 concrete.road, settings.conditions, stream, task_of(concrete), kinds_of(concrete)
             )
-        elif any(getattr(settings.conditions, what) != usual for what, usual in SEEN_AS_IT_IS.items()):
-            world.note(0, "perception_not_limited", 1.0, 0.0)  # TraCI shows everything
-        self._reset()
+        else:
+            note_unlimited(world)  # TraCI shows everything
+        self._called("in reset", 0.0, self.ads.reset, told(concrete, settings, self._terms), TRACI, EGO)
+        self._check_clock(world, 0.0)
 
-    def _reset(self) -> None:
+    def _called(self, when: str, time: float, call: Callable[..., Any], *arguments: Any) -> Any:
+        """What the user's code answers; None after a refused call, which the check of the clock reports."""
         try:
-            self.ads.reset(self.briefing, TRACI, EGO)
-        except RefusedCallError as error:
-            self._keep_traceback(error)
-        except ControllerError as error:
-            raise with_time(error, "in reset") from error
+            return call(*arguments)
         except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
             raise
         except BaseException as error:
-            self._keep_traceback(error)
-            self._check(0.0)
-            raise ControllerError(f"The ADS raised in reset: {said(error)}.") from error
-        self._check(0.0)
+            self._world.keep_fault(0, error, self._target, self._folder)
+            if isinstance(error, RefusedCallError):
+                return None
+            if isinstance(error, ControllerError):  # an adapter, or the watch over the step, has put it in words
+                raise with_time(error, when) from error
+            self._check_clock(self._world, time)
+            raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
 
     def step(self, world: World, time: float) -> None:
         """One step of the ADS: an exception, an unusable answer or a slow one is its fault, and ends the case so."""
@@ -147,33 +140,19 @@ class OnTraci:
         if world.steps % self._every:
             return self._held(time)
         asked = clock.perf_counter()
-        times = world.latencies.own[0]
         GUARD.moved = False
         try:
-            GUARD.heard()
-            answer = self.ads.step(TRACI, EGO, time)
-        except RefusedCallError as error:
-            self._keep_traceback(error)
-            answer = None
-        except ControllerError as error:  # an adapter, or the watch over the step, has put it in words
-            times.append(clock.perf_counter() - asked)
-            self._keep_traceback(error)
-            raise with_time(error, f"at {time:.2f} s") from error
-        except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
-            raise
-        except BaseException as error:
-            self._keep_traceback(error)
-            self._check(time)
-            raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
-        took = clock.perf_counter() - asked
-        if self._waits:
-            took += self.ads.took  # type: ignore[attr-defined]
-        times.append(took)
-        if took > self.step_timeout:
+            answer = self._called(f"at {time:.2f} s", time, self._heard, time)
+        finally:
+            took = clock.perf_counter() - asked
+            if self._waits:
+                took += self.ads.took  # type: ignore[attr-defined]
+            world.latencies.own[0].append(took)
+        if took > self._step_timeout:
             raise ControllerTimeoutError(
-                f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."
+                f"The ADS must answer within {self._step_timeout:g} s, took longer at {time:.2f} s."
             )
-        check_clock(self._traci, self._clock, time, self._step)
+        self._check_clock(world, time)
         if answer is None:
             self._wheel.release()
             return self._actuation.pass_on(None, time, took)
@@ -181,6 +160,11 @@ class OnTraci:
         if GUARD.moved:
             world.note(0, "dropped_traci_call", 1.0, 0.0)
         return self._actuation.pass_on(command, time, took)
+
+    def _heard(self, time: float) -> Any:
+        """The listeners, then the ADS itself."""
+        GUARD.heard()
+        return self.ads.step(TRACI, EGO, time)
 
     def _held(self, time: float) -> Command | None:
         """What holds between two calls."""
@@ -199,17 +183,11 @@ class OnTraci:
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error
 
-    def _check(self, time: float) -> None:
-        check_clock(self._traci, self._clock, time, self._step)
-
-    def _keep_traceback(self, error: BaseException) -> None:
-        self._world.keep_fault(0, error, self._target, self._folder)
-
     # -- motion --------------------------------------------------------------------------------------------------------
 
     def _leave_to_sumo(self) -> None:
         world = self._world
-        if self.plant is not None:
+        if self._plant is not None:
             world.note(0, "vehicle_model_not_used", 1.0, 0.0)
         if self._placed[0] != SUMO:
             self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
@@ -230,10 +208,10 @@ class OnTraci:
             ego["steering"][0] = 0.0
             self._placed[0] = MODEL
         self._stale[0] = 1  # SUMO hears of the ego at every step
-        if self.plant is None:
+        if self._plant is None:
             state[self._commanded], state[self._commanded + 1] = command.acceleration, command.steering
         else:
-            advance_plant(self.plant, world, command)
+            advance_plant(self._plant, world, command)
 
     def after(self, world: World, now: float) -> None:
         """Read the ego that SUMO moved; where the vehicle model moves it, SUMO must show the same."""
@@ -345,13 +323,7 @@ class OnTraci:
 
     # -- the end -------------------------------------------------------------------------------------------------------
 
-    def keep(self, world: World, rows: NDArray[np.intp]) -> None:
-        """There is one row."""
-
-    def let_go(self, world: World, row: int) -> None:
+    def release(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""
-        let_go(world, row, "The ADS", self.ads.close, "ads_error", self._target, self._folder)
-        let_go(world, row, "The ADS", GUARD.end, "ads_error")
-        if self.plant is not None:
-            let_go(world, row, "The vehicle model", self.plant.close, "sim_error")
-        world.touched(GUARD.touched, GUARD.ignored)
+        self._close_guarded(world, row, self.ads.close, self._target)
+        super().release(world, row)

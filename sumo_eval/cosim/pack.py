@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.cosim.records import REASONS
 from sumo_eval.cosim.stage import Stage
-from sumo_eval.cosim.step_rules import move_rows, see_rows
 from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.session import running
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
@@ -86,30 +85,17 @@ class Pack:
         world = self.world
         world.egos["command"]["acceleration"] = commands[:, 0]
         world.egos["command"]["steering"] = commands[:, 1]
-        after = world.steps + 1
         stage, begun = self._stage, world.steps
-        closely = stage is not None and stage.closely(begun)
-        told = move_rows(
-            world.egos, world.others, world.clips, world.tell, world.scenario, world.line, after, int(closely)
-        )
-        told = world.play(told, closely=closely)
-        if world.may_leave(after * self.step_length):
-            told, gone = world.let_leave(after * self.step_length, told)
-            if stage is not None:
-                stage.put_aside(gone)
+        told, gone = world.move(closely=stage is not None and stage.closely(begun))
         if stage is not None:
+            stage.put_aside(gone)
             stage.tell(world, told)
             for row in np.flatnonzero(world.egos["begun"] == begun).tolist() if begun else ():
                 stage.begin_anew(world, row)
             stage.step()
             if stage.compares(begun):
                 stage.compare(world)
-        ended = see_rows(
-            world.egos, world.others, world.clips, world.seen, world.samples, world.shown, world.scenario,
-            world.line, after, 0, 0,
-        )  # fmt: skip
-        world.steps = after
-        if not ended:
+        if not world.see():
             return np.empty(0, np.intp)
         rows = np.flatnonzero((world.egos["reason"] != 0) & (world.egos["live"] != 0))
         world.egos["live"][rows] = 0

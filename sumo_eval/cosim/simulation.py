@@ -38,7 +38,7 @@ from sumo_eval.cosim.doors.entry import split_entry, steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
 from sumo_eval.cosim.doors.traci_program import TraciProgram, served
-from sumo_eval.cosim.loop import ASKS_SUMO, Batch, Driver, OneEach, Rows, break_off, drive, told
+from sumo_eval.cosim.loop import ASKS_SUMO, Batch, Driver, OneEach, Rows, Terms, break_off, drive
 from sumo_eval.cosim.on_traci import OnTraci
 from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import Stage
@@ -95,6 +95,7 @@ def simulate(
     every = _steps_between(controller, period, settings)
     began = clock.perf_counter()
     plant = None if settings.plant is None else FmuPlant(settings.plant, settings.plant.file, folder)
+    terms = Terms(step_timeout, plant, folder, every)
     target = _target(ads)
     if every > 1 and (Compiled.rides(target) or isinstance(ads, ListenerController)):
         raise InputError("What ships, and a step listener, drive at every step; they take no `period`.")
@@ -102,11 +103,11 @@ def simulate(
     world = World([concrete], settings, MODEL if alone else SUMO)
     driver: Driver
     if Compiled.rides(target):
-        driver = Rows([target], plant)
+        driver = Rows([target], terms)
     elif is_policy(ads):
-        driver = _policies([ads], step_timeout, [seed], plant, folder, every)
+        driver = _policies([ads], [seed], terms)
     else:
-        driver = OnTraci(ads, told(concrete, settings, step_timeout, every), step_timeout, seed, plant, folder, every)
+        driver = OnTraci(ads, seed, terms)
     asks = not Compiled.rides(target)
     try:
         with _opened(concrete, settings, ads, step_timeout, alone) as traci, seen_as_traci():
@@ -138,15 +139,12 @@ def is_policy(ads: Controller) -> bool:
     return getattr(ads, "is_policy", False) is True
 
 
-def _policies(
-    ads: Sequence[Any], step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None,
-    folder: Path | None = None, every: int = 1,
-) -> Driver:  # fmt: skip
+def _policies(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> Driver:
     if takes_arrays(ads[0].target):
-        if every > 1:
+        if terms.every > 1:
             raise InputError("A policy over arrays (`batch`) is asked at every step; it takes no `period`.")
-        return Batch(ads[0], step_timeout, seeds, plant, folder)
-    return OneEach(ads, step_timeout, seeds, plant, folder, every)
+        return Batch(ads[0], seeds, terms)
+    return OneEach(ads, seeds, terms)
 
 
 def _opened(
@@ -282,7 +280,7 @@ class _Riders:
         made = [self._make(index) for index in part]
         if isinstance(made[0], Compiled):
             return Rows(made)
-        return _policies(made, step_timeout, seeds, folder=self._folder, every=self._every)
+        return _policies(made, seeds, Terms(step_timeout, None, self._folder, self._every))
 
 
 def _riders(

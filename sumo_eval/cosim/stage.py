@@ -7,10 +7,10 @@ step, and must then show each where it was told.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
 from sumo_eval.cosim.records import STRAIGHT, SUMO
@@ -127,9 +127,9 @@ class Stage:
             set_speed(names[number], speed)
             move(names[number], self._edge[number // self._width], self._lane, x, y, angle, self._keep)
 
-    def put_aside(self, numbers: NDArray[np.intp]) -> None:
+    def put_aside(self, numbers: Sequence[int]) -> None:
         """Let SUMO stand vehicles where nothing sees them: they have left the network."""
-        for number in numbers.tolist():
+        for number in numbers:
             name = self._flat[number]
             if self.as_read:
                 self.traci.vehicle.remove(name)

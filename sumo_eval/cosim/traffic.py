@@ -9,6 +9,7 @@ that is not needed stands beside the road, where SUMO has lost it and nobody see
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -115,10 +116,10 @@ class Traffic(Stage):
         self.calls.moveToXY(name, self._edge[0], -1, 10.0, ASIDE, STRAIGHT, self._keep)
         self._seen.discard(name)
 
-    def put_aside(self, numbers: NDArray[np.intp]) -> None:
+    def put_aside(self, numbers: Sequence[int]) -> None:
         """Their shadows go with them."""
         super().put_aside(numbers)
-        for number in numbers.tolist():
+        for number in numbers:
             if self._shadow_of[number] in self._seen:
                 self._hide(self._shadow_of[number])
 

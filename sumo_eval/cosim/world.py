@@ -35,8 +35,9 @@ from sumo_eval.cosim.records import (
     WHATS,
     Records,
 )
-from sumo_eval.cosim.step_rules import begin_rows, map_rows, tell_others_rows
+from sumo_eval.cosim.step_rules import begin_rows, map_rows, move_rows, see_rows, tell_others_rows
 from sumo_eval.cosim.vehicle_model import count_clip
+from sumo_eval.kernels import bound
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
 from sumo_eval.scenario.played import (
     BEGUN,
@@ -101,7 +102,7 @@ class World:
         self.places: dict[int, str] = {}  # where in the user's code an exception came from
         self.notes: dict[int, Any] = {}
         self.left: dict[int, Alone] = {}
-        self.let_go: set[int] = set()
+        self.released: set[int] = set()  # cases whose driver has been released
         self.latencies = Latencies(n)
         self.scenario = described(cases[0].road, settings.vehicle, settings.step, settings)
         self.line = knots_of(cases[0].road.line)
@@ -127,6 +128,7 @@ class World:
         begin_play_rows(self.egos, self.others, *self.players, self._stack, self.line)
         begin_rows(self.egos, self.others, self.seen, self.samples, self.scenario, self.line)
         self.going = n
+        self._codes: Any = None  # the rules of a step as machine code for these arrays
 
     def play(self, told: int, *, closely: bool, as_read: bool = False) -> int:
         """Move the others to the end of the coming step; how many rows of `tell` there are then.
@@ -142,6 +144,28 @@ class World:
             int(quiet),
         ))  # fmt: skip
 
+    def move(self, *, closely: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
+        """Move everybody to the end of the coming step; how many rows of `tell` there are then, and who has left."""
+        steps = self.steps + 1
+        if self._codes is None:
+            self._codes = bound(move_rows, *self._moving, 1, 0), bound(see_rows, *self._seeing, 1, 0, 0)
+        told = self.play(self._codes[0](*self._moving, steps, int(closely)), closely=closely, as_read=as_read)
+        now = steps * self.settings.step
+        return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
+
+    def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
+        """Take in what SUMO shows at the end of the step; how many cases have ended."""
+        self.steps += 1
+        return int(self._codes[1](*self._seeing, self.steps, int(sampling), int(as_read)))
+
+    @property
+    def _moving(self) -> tuple[Any, ...]:
+        return self.egos, self.others, self.clips, self.tell, self.scenario, self.line
+
+    @property
+    def _seeing(self) -> tuple[Any, ...]:
+        return self.egos, self.others, self.clips, self.seen, self.samples, self.shown, self.scenario, self.line
+
     def may_leave(self, now: float) -> bool:
         """Whether a vehicle may come to the end of its lanes in the step to `now`, s; a quick no for most steps."""
         if now < self.none_leaves_before:
@@ -150,7 +174,7 @@ class World:
         self.none_leaves_before = now + (self._end_of_lanes - near) / FASTEST - self.settings.step
         return now > self.none_leaves_before
 
-    def let_leave(self, now: float, told: int, as_read: int = 0) -> tuple[int, NDArray[np.intp]]:
+    def let_leave(self, now: float, told: int, as_read: bool) -> tuple[int, Sequence[int]]:
         """Let the vehicles leave that come to the end of their lanes in the step to `now`, s.
 
         as_read: SUMO says itself when those are gone that it moves. Returns how many rows of `tell` there are without
@@ -170,7 +194,7 @@ class World:
         numbers = np.flatnonzero(np.pad(gone, ((0, 0), (1, 0))))
         kept = self.tell[:told][~np.isin(self.tell[:told, 0], numbers)]
         self.tell[: len(kept)] = kept
-        return len(kept), numbers
+        return len(kept), numbers.tolist()
 
     def wake(self, now: float) -> None:
         """Begin the moves whose conditions have come to hold in the step that ends `now`, s."""
@@ -187,11 +211,12 @@ class World:
         """s since the start of the cases."""
         return float(self.steps * self.settings.step)
 
-    def note(self, case: int, what: str, requested: float, applied: float) -> None:
-        """Count a clip that no kernel counts, and keep its worst instance."""
+    def note(self, case: int, what: str, requested: float, applied: float, **known: float) -> None:
+        """Count a clip that no kernel counts, and keep its worst instance. known: its count and first time, s."""
         if case not in self.notes:
             self.notes[case] = defaultdict(lambda: SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0))
         count_clip(self.notes[case], what, self.time, float(requested), float(applied))  # type: ignore[arg-type]
+        vars(self.notes[case][what]).update(known)
 
     def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
         """Traceback and place of an exception, for a log and for a table."""
@@ -206,20 +231,18 @@ class World:
         for call, why in ignored.items():
             self.logs[0] = f"{self.logs.get(0, '')}SUMO ignored {call}: {why}.\n"
         for what, count in counts.items():
-            self.note(0, what, float(count), float(count))
-            self.notes[0][what].count, self.notes[0][what].first = count, 0.0
+            self.note(0, what, float(count), float(count), count=count, first=0.0)
 
     def leave(self, row: int, why: Alone) -> None:
         """A case cannot go on beside others, and has to be driven alone from its start."""
         self.left[int(self.rows[row])] = why
         self.egos["reason"][row] = SIM_ERROR
 
-    def fail(self, row: int, reason: EndReason, sentence: str, log: str = "") -> None:
+    def fail(self, row: int, reason: EndReason, sentence: str) -> None:
         """A case cannot go on; the next look at it ends it."""
         case = int(self.rows[row])
         self.egos["reason"][row] = REASONS.index(reason)
         self.errors[case] = f"{self.errors[case]} {sentence}" if case in self.errors else sentence
-        self.logs[case] = self.logs.get(case, "") + log
 
     def room_for_samples(self) -> None:
         """Make room for the sample that the coming step takes."""
@@ -235,7 +258,7 @@ class World:
         """Hold only these rows, in this order."""
         for name in ("rows", "egos", "others", "clips", "seen", "shown", "samples"):
             setattr(self, name, getattr(self, name)[rows])
-        self.players = self.players.of(rows)
+        self.players, self._codes = self.players.of(rows), None
 
     def end(self, row: int) -> int:
         """Take down what a case that has ended leaves behind; its number."""
@@ -249,8 +272,7 @@ class World:
             waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)  # nobody has to depart from a recording
             used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
             if count := int((waiting & used).sum()):
-                self.note(case, "trigger_never_fired", float(count), 0.0)
-                self.notes[case]["trigger_never_fired"].count = count
+                self.note(case, "trigger_never_fired", float(count), 0.0, count=count)
         way = ego["way"]
         missed = abs(float(ego["y"]) - float(way["start"] + way["offset"])) > 0.5 * self.cases[case].road.lane_width
         if way["asked"] and missed and ego["x"] >= way["by"]:
@@ -279,13 +301,12 @@ class World:
         time, x, y = self.samples[row, 0, :count, :3].T
         apart = departures(self.cases[case].ego.recorded, time, x, y)
         most = int(apart.argmax())
-        self.note(case, "departed", float(apart[most]), float(apart[-1]))
-        self.notes[case]["departed"].first = float(time[most])
+        self.note(case, "departed", float(apart[most]), float(apart[-1]), first=float(time[most]))
         acts = self.players.acts[row]
         begins = acts["begin"][(acts["kind"] == FOLLOW) & (acts["state"] == BEGUN)]
         if len(begins):
-            self.note(case, "handed_over", float(begins.min()), float(begins.max()))
-            self.notes[case]["handed_over"].count, self.notes[case]["handed_over"].first = len(begins), begins.min()
+            first, last = float(begins.min()), float(begins.max())
+            self.note(case, "handed_over", first, last, count=len(begins), first=first)
 
     def _in_its_lane_for(self, row: int) -> float:
         """How long the middle of the ego has been in the lane in which it now is, s."""

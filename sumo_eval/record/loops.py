@@ -21,7 +21,7 @@ from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.doors.controller import SHIPPED, find_controller, knows_the_scripts
 from sumo_eval.cosim.doors.entry import split_entry
 from sumo_eval.cosim.records import EGO, MOVER
-from sumo_eval.cosim.step_rules import move_rows, see_rows, stop_rows
+from sumo_eval.cosim.step_rules import stop_rows
 from sumo_eval.cosim.world import World, described
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.kernels import INTERPRETED, cache_folder, warm
@@ -94,12 +94,8 @@ def _concrete(heading: float) -> ConcreteScenario:
 
 def _load_world() -> None:
     world = World([_concrete(0.0)], SimulationSettings())
-    world.play(0, closely=True)
-    move_rows(world.egos, world.others, world.clips, world.tell, world.scenario, world.line, 1, 1)
-    see_rows(
-        world.egos, world.others, world.clips, world.seen, world.samples, world.shown, world.scenario,
-        world.line, 1, 1, 0,
-    )  # fmt: skip
+    world.move(closely=True)
+    world.see(sampling=True)
     stop_rows(world.egos, world.others, world.samples, 0, 0)
 
 
