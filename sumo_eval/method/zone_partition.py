@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,7 +42,6 @@ SEARCH_POINTS = 350  # the hyperparameters are searched on at most so many train
 OWN_GRID_POINTS = 1_500  # larger grids of own steps are thinned: a GP's cost grows with the cube
 MOST_POINTS = 5_000  # training points a user may bring
 SEARCHED_GRID = 8_000  # points of the dense grid where every one of them is a search of its own, at most
-SEARCHED_WINDOW = 1e-3  # unit-box lengths to which the most dangerous point is found there
 PASSING_SCALE = 10.0  # m, about two cars: how fast "has passed" becomes "is safe"
 TARGET_TOLERANCE = 0.1  # share of a training value by which the GP may miss it
 LONGEST_SCALE = 10.0  # unit-box lengths; a longer length scale is indistinguishable from "does not matter"
@@ -143,7 +142,7 @@ class ZonePartition:
     surface: the GP, in the unit box. most_dangerous: one point a zone, name -> value, the largest zone first.
     zone_shares: share of the space that each zone takes. notes: sentences about whatever limits the trust in it.
     zone_tree, zone_index: the zones' points on the dense grid, unit box, and the zone of each; boundary_tree: where the
-    grid's edges cross the zone boundary. The trees are None without zones, the last one also without a safe zone.
+    grid's edges cross the zone boundary. The trees are empty without zones, the last one also without a safe zone.
     Every method refuses points outside the box: the GP knows nothing there.
     """
 
@@ -156,9 +155,9 @@ class ZonePartition:
     most_dangerous: tuple[dict[str, float], ...]
     zone_shares: tuple[float, ...]
     notes: tuple[str, ...]
-    zone_tree: Nearest | None
+    zone_tree: Nearest
     zone_index: IntArray
-    boundary_tree: Nearest | None
+    boundary_tree: Nearest
 
     @property
     def zones(self) -> int:
@@ -196,7 +195,7 @@ class ZonePartition:
     def nearest_zone(self, points: ArrayLike) -> IntArray:
         """Number of the zone nearest in the unit box, -1 if there is none; judged on the dense grid of the zones."""
         unit = _checked_unit(self.logical, points)
-        if self.zone_tree is None:
+        if not self.zones:
             return np.full(unit.shape[:-1], -1, dtype=np.intp)
         return self.zone_index[self.zone_tree.query(unit)[1]]
 
@@ -215,7 +214,7 @@ class ZonePartition:
         unit = _checked_unit(self.logical, points)
         rows = unit.reshape(-1, unit.shape[-1])
         sign = np.where(self.surface.value(rows) <= 0.0, -1.0, 1.0)
-        if self.boundary_tree is None:
+        if not len(self.boundary_tree.data):
             return (sign * np.inf).reshape(unit.shape[:-1])
         distance, nearest = self.boundary_tree.query(rows)
         polished = self._closest_on_boundary(rows, self.boundary_tree.data[nearest])
@@ -269,13 +268,11 @@ def partition(
     number[by_size + 1] = np.arange(count)
     zone = number[labels.ravel()]
     in_zone = zone >= 0
-    tree = _tree(unit[in_zone])
+    tree, boundary = Nearest(unit[in_zone]), Nearest(unit[:0])
 
     most_dangerous: tuple[dict[str, float], ...] = ()
-    boundary = None
-    if tree is not None:
-        crossings = _crossings(logical, surface, unit.reshape(*shape, -1), y.reshape(shape))
-        boundary = _tree(crossings)
+    if count:
+        boundary = Nearest(_crossings(logical, surface, unit.reshape(*shape, -1), y.reshape(shape)))
         cell = max(1.0 / (len(axis) - 1) for axis in refined)
         search = _DangerSearch(logical, settings, surface, tree, zone[in_zone], cell)
         most_dangerous = tuple(search.most_dangerous(index, grid[zone == index], training) for index in range(count))
@@ -288,7 +285,8 @@ def partition(
         surface=surface,
         most_dangerous=most_dangerous,
         zone_shares=tuple(float(size) / int(feasible.sum()) for size in sizes[by_size]),
-        notes=tuple(notes) if _has_criterion(logical) else (),  # the scenario itself says that it has no zones
+        # a scenario without a criterion says itself that it has no zones
+        notes=tuple(notes) if logical.approach or logical.search or logical.margin else (),
         zone_tree=tree,
         zone_index=zone[in_zone],
         boundary_tree=boundary,
@@ -331,11 +329,6 @@ def _dense_grid(
     return refined, grid, feasible
 
 
-def _tree(points: FloatArray) -> Nearest | None:
-    """Finds the nearest of these points; None where there are none."""
-    return Nearest(points) if len(points) else None
-
-
 def _squared_distances(x: FloatArray, points: FloatArray) -> FloatArray:
     """Of each of x (n, m) from each of the points (k, m), (n, k), summed in the order of the coordinates."""
     if len(x) <= FEW_POINTS:  # the sum that scipy takes, to the bit, without the half second of its import
@@ -346,6 +339,9 @@ def _squared_distances(x: FloatArray, points: FloatArray) -> FloatArray:
     from scipy.spatial.distance import cdist
 
     return np.asarray(cdist(x, points, "sqeuclidean"))
+
+
+_TRAINING = ("training_points", "training_inverse_ttc", "training_target")
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,19 +357,12 @@ class PartitionParts:
 
 def parts_of(zones: ZonePartition) -> PartitionParts:
     """What `from_parts` makes the partition of again."""
-    surface, nothing = zones.surface, np.empty((0, 0))
+    surface = zones.surface
     return PartitionParts(
-        {
-            "training_points": zones.training_points,
-            "training_inverse_ttc": zones.training_inverse_ttc,
-            "training_target": zones.training_target,
-            "points": surface.points,
-            "weights": surface.weights,
-            "length_scales": surface.length_scales,
-            "zone": nothing if zones.zone_tree is None else zones.zone_tree.data,
-            "zone_index": zones.zone_index.astype(np.float64),
-            "boundary": nothing if zones.boundary_tree is None else zones.boundary_tree.data,
-        },
+        {name: getattr(zones, name) for name in _TRAINING}
+        | {name: getattr(surface, name) for name in ("points", "weights", "length_scales")}
+        | {"zone": zones.zone_tree.data, "zone_index": zones.zone_index.astype(np.float64)}
+        | {"boundary": zones.boundary_tree.data},
         (float(surface.signal_deviation), float(surface.noise_deviation), float(surface.level)),
         zones.most_dangerous,
         zones.zone_shares,
@@ -383,25 +372,21 @@ def parts_of(zones: ZonePartition) -> PartitionParts:
 
 def from_parts(logical: LogicalScenario, settings: ZoneSettings, parts: PartitionParts) -> ZonePartition:
     """The partition of a scenario under some settings, from the parts that were taken of it under these."""
-    arrays, (signal, noise, level) = parts.arrays, parts.numbers
-    fitted = len(arrays["points"]) > 0
-    surface = Surface(
-        arrays["points"], arrays["weights"], arrays["length_scales"], signal, noise, level,
-        _coordinates(logical, arrays["training_points"]) if fitted else _as_they_are,
-    )  # fmt: skip
+    arrays = parts.arrays
+    seen = _coordinates(logical, arrays["training_points"]) if len(arrays["points"]) else _as_they_are
     return ZonePartition(
-        logical=logical,
-        settings=settings,
-        training_points=arrays["training_points"],
-        training_inverse_ttc=arrays["training_inverse_ttc"],
-        training_target=arrays["training_target"],
-        surface=surface,
-        most_dangerous=parts.most_dangerous,
-        zone_shares=parts.zone_shares,
-        notes=parts.notes,
-        zone_tree=_tree(arrays["zone"]),
-        zone_index=arrays["zone_index"].astype(np.intp),
-        boundary_tree=_tree(arrays["boundary"]),
+        logical,
+        settings,
+        arrays["training_points"],
+        arrays["training_inverse_ttc"],
+        arrays["training_target"],
+        Surface(arrays["points"], arrays["weights"], arrays["length_scales"], *parts.numbers, seen),
+        parts.most_dangerous,
+        parts.zone_shares,
+        parts.notes,
+        Nearest(arrays["zone"]),
+        arrays["zone_index"].astype(np.intp),
+        Nearest(arrays["boundary"]),
     )
 
 
@@ -501,63 +486,67 @@ def _learn(
     return best
 
 
-def _criticality(
-    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Max ITTC, impact speed and gap at points (n, k), by the zones' ideal braking after the scenario's delay.
+class Criticality(NamedTuple):
+    """How points end under the zones' ideal braking after the scenario's delay, (n,) each.
 
-    Where the other comes into the ego's way later, the gap is the one left when it does, of either sign.
+    inverse: Eq. 6, max ITTC, 1/s, inf where it hits. impact: speed, m/s. gap: m; where the other comes into the ego's
+    way later, the one left when it does, of either sign. target: y on the scale that the GP learns, hazardous where
+    <= 0.
+    """
+
+    inverse: FloatArray
+    impact: FloatArray
+    gap: FloatArray
+    target: FloatArray
+
+
+def criticality(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> Criticality:
+    """Criticality of points (n, k) itself, in closed form or searched over time; without an approach all are safe.
+
+    Where the other comes into the ego's way later, an ego that has passed by then is safe: y = tanh(p / 10 m), p the
+    free road between them, and before that y is the larger of this and of the squared-time target. Without p the target
+    would jump from the hardest hit to perfectly safe, and no smooth surface follows a jump.
     """
     n = len(points)
-    if logical.margin is not None:
-        return _by_margin(logical.margin(logical.columns(points)))
+    if logical.margin is not None:  # hazardous where nothing is to spare, worst where most lacks: m for an impact speed
+        margin = np.asarray(logical.margin(logical.columns(points)))
+        lacks = margin <= 0.0
+        y = np.tanh(margin / PASSING_SCALE)
+        return Criticality(np.where(lacks, np.inf, 0.0), np.where(lacks, -margin, 0.0), margin, y)
+    approach = None if logical.approach is None else logical.approach(logical.columns(points))
     if logical.search is not None:
-        return encounter(logical, points, settings)
-    if logical.approach is None:  # no zone can be defined: everything is safe
-        return np.zeros(n), np.zeros(n), np.full(n, np.inf)
-    approach = logical.approach(logical.columns(points))
-    if not approach.has_closed_form:
+        inverse, impact, gap = encounter(logical, points, settings)
+    elif approach is None:
+        inverse, impact, gap = np.zeros(n), np.zeros(n), np.full(n, np.inf)
+    elif not approach.has_closed_form:
         inverse, impact = _searched(approach, n, settings)
         # Of two equally hard hits the one at the closer meeting counts, and not the one that the ego has nearly passed.
-        return inverse, impact, np.broadcast_to(np.abs(_gap_at_conflict(approach, settings)), n)
-    inverse = max_inverse_ttc(
-        approach.ego_speed,
-        approach.obstacle_speed,
-        approach.gap,
-        deceleration=settings.deceleration,
-        delay=approach.delay,
-    )
-    impact = ideal_impact_speed(
-        approach.ego_speed,
-        approach.obstacle_speed,
-        approach.gap,
-        deceleration=settings.deceleration,
-        delay=approach.delay,
-    )
-    return np.broadcast_to(inverse, n), np.broadcast_to(impact, n), np.broadcast_to(approach.gap, n)
-
-
-def _by_margin(margin: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where a scenario says how much is left to spare of a limit: hazardous where nothing is, worst where most lacks.
-
-    The lack, m, stands in the place of the impact speed by which the most dangerous point is found.
-    """
-    lacks = np.asarray(margin <= 0.0)
-    return np.where(lacks, np.inf, 0.0), np.where(lacks, -margin, 0.0), np.asarray(margin)
+        gap = np.broadcast_to(np.abs(_gap_at_conflict(approach, settings)), n)
+    else:
+        scene = approach.ego_speed, approach.obstacle_speed, approach.gap
+        inverse, impact, gap = (
+            np.broadcast_to(values, n)
+            for values in (
+                max_inverse_ttc(*scene, deceleration=settings.deceleration, delay=approach.delay),
+                ideal_impact_speed(*scene, deceleration=settings.deceleration, delay=approach.delay),
+                approach.gap,
+            )
+        )
+    y = squared_time_target(inverse, impact, settings)
+    if approach is not None and math.isfinite(approach.passing_length):
+        passed_by = -_gap_at_conflict(approach, settings) - approach.passing_length
+        past = np.tanh(passed_by / PASSING_SCALE)
+        y = np.where(passed_by > 0.0, past, np.maximum(y, past))
+    return Criticality(inverse, impact, gap, y)
 
 
 def _gap_at_conflict(approach: Approach, settings: ZoneSettings) -> FloatArray:
     """The gap when the obstacle comes into the ego's way, m; negative: the ego's front is past the obstacle's rear."""
-    begin, slowing = approach.conflict_begin, np.asarray(approach.obstacle_deceleration)
-    brakes = slowing > 0.0
-    other = np.where(
-        brakes,
-        braked_distance(approach.obstacle_speed, np.where(brakes, slowing, 1.0), begin),
-        approach.obstacle_speed * begin,
-    )
+    begin = approach.conflict_begin
+    _, distance = _braking(np.asarray(approach.obstacle_speed), np.asarray(approach.obstacle_deceleration))
     waits = np.minimum(begin, approach.delay)
     ego = approach.ego_speed * waits + braked_distance(approach.ego_speed, settings.deceleration, begin - waits)
-    return np.asarray(approach.gap + other - ego)
+    return np.asarray(approach.gap + distance(np.asarray(begin)) - ego)
 
 
 def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[FloatArray, FloatArray]:
@@ -603,54 +592,29 @@ def _braking(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
 
 
 def exact_target(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
-    """The criticality of points (n, k) itself, on the scale that the GP learns it: hazardous where <= 0, (n,).
+    """The criticality of points (n, k) itself, on the scale that the GP learns it: hazardous where <= 0, (n,)."""
+    return criticality(logical, points, settings).target
 
-    Where the other comes into the ego's way later, an ego that has passed by then is safe: y = tanh(p / 10 m), p the
-    free road between them, and before that y is the larger of this and of the squared-time target. Without p the target
-    would jump from the hardest hit to perfectly safe, and no smooth surface follows a jump.
+
+def danger(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
+    """(1 - y) / 2 of the criticality y that the zones are learnt from (Eqs. 5-7): 0.5 on the zone boundary, 1 where
+    ideal braking hits hard, 0 where nothing comes near. points: (n, k); returns (n,).
     """
-    if logical.margin is not None:
-        return np.asarray(np.tanh(logical.margin(logical.columns(points)) / PASSING_SCALE))
-    inverse, impact, _ = _criticality(logical, points, settings)
-    return _target(logical, points, inverse, impact, settings)
-
-
-def _target(
-    logical: LogicalScenario, points: FloatArray, inverse: FloatArray, impact: FloatArray, settings: ZoneSettings
-) -> FloatArray:
-    if logical.approach is None:
-        return squared_time_target(inverse, impact, settings)
-    approach = logical.approach(logical.columns(points))
-    if not math.isfinite(approach.passing_length):
-        return squared_time_target(inverse, impact, settings)
-    passed_by = -_gap_at_conflict(approach, settings) - approach.passing_length
-    past = np.tanh(passed_by / PASSING_SCALE)
-    return np.where(passed_by > 0.0, past, np.maximum(squared_time_target(inverse, impact, settings), past))
-
-
-def exact_inverse_ttc(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
-    """Eq. 6 at points (n, k): the largest inverse TTC under the zones' ideal braking, (n,) 1/s, inf where it hits."""
-    return _criticality(logical, points, settings)[0]
-
-
-def _has_criterion(logical: LogicalScenario) -> bool:
-    return not (logical.approach is None and logical.search is None and logical.margin is None)
+    return np.asarray((1.0 - exact_target(logical, points, settings)) / 2.0)
 
 
 def exactly_hazardous(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> BoolArray:
     """Where max ITTC itself reaches its threshold, at points (n, k) of the box, (n,): without any partition."""
-    return np.asarray(_criticality(logical, points, settings)[0] >= settings.critical_inverse_ttc)
+    return np.asarray(criticality(logical, points, settings).inverse >= settings.critical_inverse_ttc)
 
 
 def _training_target(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> tuple[FloatArray, FloatArray]:
-    inverse, impact, _ = _criticality(logical, points, settings)
+    found = criticality(logical, points, settings)
     if settings.target == "label":
-        return inverse, np.where(inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
-    if logical.margin is not None:
-        return inverse, exact_target(logical, points, settings)
-    return inverse, _target(logical, points, inverse, impact, settings)
+        return found.inverse, np.where(found.inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
+    return found.inverse, found.target
 
 
 def _coordinates(logical: LogicalScenario, training: FloatArray) -> Callable[[FloatArray], FloatArray]:
@@ -904,7 +868,7 @@ class _DangerSearch:
 
     def _by_danger(self, points: FloatArray) -> IntArray:
         """The numbers of points (n, k), the most dangerous first."""
-        inverse, impact, gap = _criticality(self.logical, points, self.settings)
+        inverse, impact, gap, _ = criticality(self.logical, points, self.settings)
         # Rounded, so that equal danger is a tie and not a matter of the last digit.
         keys = (np.round(gap, 9), -np.round(inverse, 9), -np.round(impact, 9))
         return np.lexsort((*points.T[::-1], *keys))

@@ -86,7 +86,7 @@ def choose_points(
     exposure: Exposure | None = None,
 ) -> Sample:
     """The points of a scenario's space that are simulated. exposure: in place of the scenario's own."""
-    from sumo_eval.method.danger import danger
+    from sumo_eval.method.zone_partition import danger
     from sumo_eval.scenario.sampling.request import Request
     from sumo_eval.scenario.sampling.samples import sample
 

@@ -13,7 +13,7 @@ from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import unknown
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.score_terms import excess, mean_shares, worth
-from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
+from sumo_eval.method.zone_partition import ZonePartition, criticality
 from sumo_eval.record.human_reference import CaseIndex, PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.run_folder import FACTS
@@ -91,8 +91,8 @@ def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
 def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     settings = zones.settings
     row = zones.logical.row(case.values)
-    criticality = float(exact_inverse_ttc(zones.logical, row[None], settings)[0])
-    peak = "unbounded, ideal braking hits" if math.isinf(criticality) else f"{criticality:z.4f} 1/s"
+    largest = float(criticality(zones.logical, row[None], settings).inverse[0])
+    peak = "unbounded, ideal braking hits" if math.isinf(largest) else f"{largest:z.4f} 1/s"
     yield (
         f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} m/s2: {peak}; "
         f"hazardous from {settings.critical_inverse_ttc:g} 1/s"

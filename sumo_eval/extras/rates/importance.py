@@ -20,7 +20,7 @@ import numpy as np
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.straddle import BoundarySearch
-from sumo_eval.method.danger import danger
+from sumo_eval.method.zone_partition import danger
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.parts import Exposure

@@ -100,7 +100,7 @@ def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:
 
 
 def _resolved(zones: ZonePartition, points: FloatArray) -> float | None:
-    if zones.boundary_tree is None:
+    if not len(zones.boundary_tree.data):
         return None
     boundary = zones.boundary_tree.data
     unit, hazardous = zones.logical.to_unit(points), zones.exactly_hazardous(points)
