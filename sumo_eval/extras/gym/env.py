@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -13,9 +12,8 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.features import Interface
 from sumo_eval.errors import must_be
-from sumo_eval.extras.gym.episodes import TERMINAL, Episodes, Reward, Sampler, refuse_other_options
+from sumo_eval.extras.gym.episodes import TERMINAL, Episodes, refuse_other_options
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.settings import SimulationSettings
 
 Floats = NDArray[Any]
 
@@ -30,7 +28,16 @@ def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.space
     )
 
 
-class ScenarioEnv(gymnasium.Env[Floats, Floats]):
+class _WithEpisodes:
+    episodes: Episodes
+
+    @property
+    def interface(self) -> Interface:
+        """What is seen and done; `to_toml()` is the table that `onnx:` wants beside the model."""
+        return self.episodes.interface
+
+
+class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
     """Cases of a logical scenario one after the other; arguments as of `Episodes`.
 
     `reset(options={"gap": 20.0})` sets parameters and draws the others; `options={"sampler": f}` asks `f(generator)`
@@ -39,28 +46,10 @@ class ScenarioEnv(gymnasium.Env[Floats, Floats]):
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - gymnasium's own form
 
-    def __init__(
-        self, use: str | LogicalScenario, *, interface: Interface | str | Path | None = None,
-        reward: Reward | None = None, sampler: Sampler | None = None, settings: SimulationSettings | None = None,
-        steering: bool = False, sumo: bool = True, render_mode: None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, use: str | LogicalScenario, *, render_mode: None = None, **how: Any) -> None:
         self.render_mode = render_mode
-        self.episodes = Episodes(
-            use,
-            1,
-            interface=interface,
-            reward=reward,
-            sampler=sampler,
-            settings=settings,
-            steering=steering,
-            sumo=sumo,
-        )
+        self.episodes = Episodes(use, 1, **how)
         self.observation_space, self.action_space = _spaces(self.episodes.interface)
-
-    @property
-    def interface(self) -> Interface:
-        """What is seen and done; `to_toml()` is the table that `onnx:` wants beside the model."""
-        return self.episodes.interface
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         """Begin a case."""
@@ -84,7 +73,7 @@ class ScenarioEnv(gymnasium.Env[Floats, Floats]):
         self.episodes.close()
 
 
-class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
+class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
     """Cases of a logical scenario, `num_envs` beside each other; other arguments as of `Episodes`.
 
     autoreset_mode: when an episode that is over begins anew: with the next step, which gives its first observation and
@@ -92,23 +81,11 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
     """
 
     def __init__(
-        self, use: str | LogicalScenario, num_envs: int = 1, *, interface: Interface | str | Path | None = None,
-        reward: Reward | None = None, sampler: Sampler | None = None, settings: SimulationSettings | None = None,
-        steering: bool = False, sumo: bool = True, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        render_mode: None = None,
+        self, use: str | LogicalScenario, num_envs: int = 1, *,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, render_mode: None = None, **how: Any,
     ) -> None:  # fmt: skip
-        self.render_mode = render_mode
-        self.num_envs = num_envs
-        self.episodes = Episodes(
-            use,
-            num_envs,
-            interface=interface,
-            reward=reward,
-            sampler=sampler,
-            settings=settings,
-            steering=steering,
-            sumo=sumo,
-        )
+        self.render_mode, self.num_envs = render_mode, num_envs
+        self.episodes = Episodes(use, num_envs, **how)
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
         self.single_observation_space, self.single_action_space = _spaces(self.episodes.interface)
@@ -116,11 +93,6 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._generators: list[np.random.Generator] = []
         self._over = np.zeros(num_envs, dtype=np.bool_)
-
-    @property
-    def interface(self) -> Interface:
-        """What is seen and done; `to_toml()` is the table that `onnx:` wants beside the model."""
-        return self.episodes.interface
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None

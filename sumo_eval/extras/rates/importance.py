@@ -12,7 +12,6 @@ weight, and widens it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -158,7 +157,6 @@ class RareEvents:
     met: Met
     budget: int
     seed: int = 1
-    attention: Callable[[FloatArray], FloatArray] | None = None
     points: FloatArray = field(init=False)
     collided: BoolArray = field(init=False)
     loss: FloatArray = field(init=False)
@@ -234,8 +232,6 @@ class RareEvents:
         return bool(self.collided.any() and not self.collided.all())
 
     def _danger(self, points: FloatArray) -> FloatArray:
-        if self.attention is not None:
-            return self.attention(points)
         return danger(self.met.logical, points, ZoneSettings())
 
     def _pool(self, stream: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:

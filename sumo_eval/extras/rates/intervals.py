@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from sumo_eval.method.agreement import rank_interval
 from sumo_eval.trajectory import FloatArray
 
 LEVEL: Final = 0.95
@@ -47,16 +48,12 @@ def end_interval(values: FloatArray, *, upper: bool, level: float = LEVEL) -> tu
 
 
 def rank_correlation(a: FloatArray, b: FloatArray, level: float = LEVEL) -> tuple[float, float, float]:
-    """Spearman's rank correlation of (n,) and (n,), and its limits (Bonett and Wright 2000)."""
-    from scipy.special import ndtri
+    """Spearman's rank correlation of (n,) and (n,), and its limits."""
+    from scipy.stats import spearmanr
 
-    ranks = [np.argsort(np.argsort(values, kind="stable"), kind="stable").astype(np.float64) for values in (a, b)]
-    rho = float(np.corrcoef(ranks[0], ranks[1])[0, 1])
-    if len(a) < 4:
-        return rho, -1.0, 1.0
-    half = float(ndtri((1.0 + level) / 2.0)) * math.sqrt((1.0 + rho**2 / 2.0) / (len(a) - 3))
-    middle = math.atanh(min(max(rho, -1.0 + 1e-12), 1.0 - 1e-12))
-    return rho, math.tanh(middle - half), math.tanh(middle + half)
+    rho = float(spearmanr(a, b).statistic)
+    limits = rank_interval(min(max(rho, -1.0 + 1e-12), 1.0 - 1e-12), len(a), level)  # of 1 itself there are none
+    return rho, *(limits or (-1.0, 1.0))
 
 
 def kolmogorov(shares: FloatArray) -> float:

@@ -51,11 +51,6 @@ class Held:
     log_likelihood: float
     kolmogorov: Mapping[str, float]
 
-    @property
-    def named(self) -> tuple[JointKind, float | None]:
-        """Kind and bandwidth of the model by its name, `copula 0.27` or `kde`; None: Scott's."""
-        return _named(self.model)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Learnt:
@@ -193,7 +188,7 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     who = encounters.who.iloc[places]
     models = choose_model(rows, free, (low, high), fold_of(who))
     best = models[0]
-    kind, factor = best.named
+    kind, factor = _named(best.model)
     path = folder / f"{encounters.name}.toml"
     table = folder / f"{encounters.name}.events.csv"
     told = zip(rows.tolist(), who.to_numpy(), strict=True)
@@ -236,12 +231,11 @@ def fold_of(who: Any) -> FloatArray:
     return np.array([zlib.crc32(key.encode()) % FOLDS for key in keys])
 
 
-def _candidates() -> list[str]:
-    return ["kde", "copula", *(f"kde {factor:g}" for factor in FACTORS), *(f"copula {factor:g}" for factor in FACTORS)]
+_CANDIDATES: Final = ("kde", "copula", *(f"{kind} {factor:g}" for kind in ("kde", "copula") for factor in FACTORS))
 
 
 def _named(model: str) -> tuple[JointKind, float | None]:
-    """Kind and bandwidth of a model by its name, `copula 0.27` or `kde`."""
+    """Kind and bandwidth of a model by its name, `copula 0.27` or `kde`; None: Scott's."""
     kind, _, factor = model.partition(" ")
     return ("kde" if kind == "kde" else "copula"), float(factor) if factor else None
 
@@ -255,7 +249,7 @@ def choose_model(
     the nearest.
     """
     found = []
-    for model in _candidates():
+    for model in _CANDIDATES:
         kind, factor = _named(model)
         logs, shares = [], []
         for fold in range(FOLDS):
@@ -289,7 +283,7 @@ def replay_errors(logical: LogicalScenario, class_: str, rows: FloatArray, motio
     across it and together, (n, 3). rows: the events' parameters (n, k).
     """
     scene = SCENES[class_]
-    number = [vehicle["name"] for vehicle in scene.vehicles].index(scene.replayed)
+    number = [other.name for other in scene.others].index(scene.replayed)
     found = []
     for row, motion in zip(rows.tolist(), motions, strict=True):
         concrete = logical.placed(dict(zip(logical.names, row, strict=True)))
