@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval import kernels
+from sumo_eval.input_file import read_input
 
 _KNOWN = "0.68."
 """Versions of numba of which `as_part` knows the insides."""
@@ -43,7 +44,7 @@ def kept_code() -> Any:
             """The code for arguments of these types, or None; without what numba imports to compile, 0.5 s."""
             importlib.import_module("numba.core.runtime").rtsys.initialize(target)
             try:
-                content = self._path(signature, target.codegen()).read_bytes()
+                content = read_input(self._path(signature, target.codegen()), "machine code")
                 whole = content[:_SEAL] == _seal(content)
                 return rebuilt(target, *pickle.loads(content[_SEAL:])) if whole else None  # noqa: S301 - as numba does
             except Exception:  # noqa: BLE001 - whatever a file of another make holds
