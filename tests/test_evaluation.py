@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from record.edited_store import edit
 
@@ -42,7 +41,7 @@ from sumo_eval.settings import (
     ScenarioSettings,
     ZoneSettings,
 )
-from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation
+from sumo_eval.settings.config import read_evaluation
 
 
 def small(*controllers: str, scenarios: tuple[str, ...] = ("front_vehicle_low_speed", "front_vehicle_cut_out")):
@@ -324,12 +323,6 @@ def test_a_misspelt_ads_is_found_before_the_first_case(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
-def test_the_paper_evaluation_covers_both_scenarios_with_two_ads() -> None:
-    settings = read_evaluation(PAPER_EVALUATION)
-    assert [entry.use for entry in settings.scenario] == ["front_vehicle_low_speed", "front_vehicle_cut_out"]
-    assert len(settings.ads) == 2
-
-
 HALF_BROKEN = """
 from sumo_eval import Command
 
@@ -396,15 +389,6 @@ def test_the_human_reference_is_a_door(tmp_path: Path) -> None:
     assert {human.controller for human in humans} == {"recorded.py:drivers"}
     assert len(humans) == 3 * len(evaluation.cases)
     assert evaluation.scores[0].d is not None
-
-
-def test_case_rows_are_a_table_that_pandas_reads(done: Evaluation) -> None:
-    from sumo_eval.report.tables import cases_csv
-
-    cases_csv(done, done.folder / "cases.csv")
-    table = pd.read_csv(done.folder / "cases.csv")
-    assert len(table) == len(done.cases)
-    assert {"case", "scenario", "ads", "zone", "exposure", "status", "ego_speed", "gap"} <= set(table.columns)
 
 
 def test_every_evaluated_case_carries_its_criticality_and_no_cell_is_garbage(done: Evaluation) -> None:

@@ -195,9 +195,3 @@ def test_broken_evaluation_files_never_show_a_traceback(tmp_path: Path, capsys: 
 def test_a_few_broken_evaluation_files_never_show_a_traceback(tmp_path: Path) -> None:
     ends = {run_mutant(number, tmp_path) for number in range(12)}
     assert "refused" in ends
-
-
-@pytest.mark.campaign
-def test_a_run_that_is_killed_twice_ends_with_the_same_content(tmp_path: Path) -> None:
-    kills, _ = kill_and_resume(tmp_path, 2, levels=2)
-    assert kills == 2

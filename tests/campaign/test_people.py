@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import pytest
 from drivers.real_data import HUMAN, needs_recordings
+from loaded import load
 
 pytestmark = [pytest.mark.campaign, needs_recordings]
 
 
 @pytest.fixture(scope="module")
 def tool():
-    path = Path(__file__).resolve().parents[2] / "tools" / "people_evidence.py"
-    spec = importlib.util.spec_from_file_location("people_evidence", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its dataclasses look themselves up there
-    spec.loader.exec_module(module)
-    return module
+    return load("tools/people_evidence.py")
 
 
 @pytest.fixture(scope="module")

@@ -115,6 +115,6 @@ def test_an_edge_is_drawn_for_a_paper_from_what_the_search_wrote(tmp_path, held)
     done = run("plot", out, "boundary", "--out", tmp_path / "edge.svg")
     assert done.exit_code == 0, done.output
     assert "collision" in (tmp_path / "edge.svg").read_text()
-    assert "takes none of them" in run("plot", out, "boundary", "--ads", "idm").output
+    assert "takes no `ads`" in run("plot", out, "boundary", "--ads", "idm").output
     (out / "chances.csv").unlink()
     assert "Search it again." in run("plot", out, "boundary").output

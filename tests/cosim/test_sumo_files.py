@@ -1,6 +1,5 @@
 """SUMO's input files: what is written, that it loads, and that the checked-in ones are what would be written."""
 
-import importlib.util
 import shutil
 import subprocess
 from dataclasses import replace
@@ -9,6 +8,7 @@ from pathlib import Path
 import libsumo
 import pytest
 from cosim_cases import ROAD, case, lead
+from loaded import load
 from lxml import etree
 
 from sumo_eval.cosim.sumo.session import session
@@ -22,14 +22,7 @@ TREE = Path(__file__).resolve().parents[2]
 CAR = VehicleSettings()
 
 
-def load_tool():
-    spec = importlib.util.spec_from_file_location("generate_sumo_inputs", TREE / "tools" / "generate_sumo_inputs.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-tool = load_tool()
+tool = load("tools/generate_sumo_inputs.py")
 
 
 def parse(text):

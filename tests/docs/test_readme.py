@@ -80,17 +80,6 @@ def test_picture_of_the_report_is_small(scheme: str) -> None:
     assert (ROOT / path).stat().st_size < 150_000
 
 
-def test_linked_files_exist() -> None:
-    for target in re.findall(r"\]\((?!https?://)([^)#]+)\)", README):
-        assert (ROOT / target).is_file(), target
-
-
-def test_the_make_targets_in_the_readme_exist() -> None:
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    for target in re.findall(r"`?make (\w+)", README):
-        assert re.search(rf"^{target}:", makefile, flags=re.M), target
-
-
 def test_first_program_is_one_file_on_every_page() -> None:
     program = (ROOT / "docs" / "examples" / "my_ads.py").read_text(encoding="utf-8")
     for page in ("README.md", "docs/index.md", "docs/tutorials/own_ads.md"):

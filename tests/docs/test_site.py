@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import json
 import re
 import subprocess
@@ -16,6 +15,7 @@ from typing import Any, get_args, get_type_hints
 
 import click
 import pytest
+from loaded import load
 
 import sumo_eval
 from sumo_eval import cli
@@ -27,7 +27,7 @@ from sumo_eval.settings.config import SUITES
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "PACKAGE.md"])
+PAGES = sorted([*DOCS.rglob("*.md"), *ROOT.glob("*.md")])
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 NOTEBOOK = DOCS / "tutorials" / "first_look.ipynb"
 
@@ -88,12 +88,7 @@ def test_wrong_redirect_is_refused(row: dict[str, str]) -> None:
 
 def hooks() -> Any:
     """What the site does to its pages, as a module."""
-    spec = importlib.util.spec_from_file_location("site_hooks", DOCS / "site_hooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load("docs/site_hooks.py")
 
 
 def test_every_scenario_is_described_on_one_family_page() -> None:
@@ -184,13 +179,8 @@ def test_scores_of_another_suite_are_refused(tmp_path: Path, key: str, value: An
 @pytest.mark.parametrize("name", ["bicycle_crossing", "cut_in", "curve_cut_in", "lane_drop", "turn_across_path"])
 def test_a_moving_picture_shows_what_the_code_drives(name: str) -> None:
     """Where this fails: python tools/animate_scenarios.py docs/pictures/moving"""
-    spec = importlib.util.spec_from_file_location("animate_scenarios", ROOT / "tools" / "animate_scenarios.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
     kept = DOCS / "pictures" / "moving" / f"{name}.svg"
-    assert module.drawn(find(name, ROOT)) == kept.read_text(encoding="utf-8")
+    assert load("tools/animate_scenarios.py").drawn(find(name, ROOT)) == kept.read_text(encoding="utf-8")
 
 
 def test_figures_of_the_formulas_are_what_their_functions_give() -> None:

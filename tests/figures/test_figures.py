@@ -136,8 +136,8 @@ def test_a_history_of_nights_is_drawn(done: Evaluation, tmp_path: Path) -> None:
         ("points", {"width": "wide"}, "Unknown width `wide`"),
         ("opinion", {}, "Nobody's opinion is in"),
         ("trend", {}, "There is no history in"),
-        ("trend", {"case": "x"}, "shows no single case"),
-        ("opinion", {"ads": "idm"}, "takes neither"),
+        ("trend", {"case": "x"}, "takes no `case`, got 'x'"),
+        ("opinion", {"ads": "idm"}, "takes no `ads`, got 'idm'"),
     ],
 )
 def test_what_is_not_there_is_a_sentence(done: Evaluation, figure: str, more: dict[str, str], words: str) -> None:

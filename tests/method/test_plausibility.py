@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from drivers.real_data import HUMAN, needs_recordings
 from hypothesis import given
 from hypothesis import strategies as st
+from loaded import load
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import operation_tolerance
@@ -201,11 +200,7 @@ def test_too_few_people_and_wrong_names_are_refused():
 @needs_recordings
 def test_the_shipped_table_is_what_the_tool_makes_of_the_recordings():
     pytest.importorskip("duckdb")
-    tool = Path(__file__).resolve().parents[2] / "tools" / "motorway_people.py"
-    spec = importlib.util.spec_from_file_location("motorway_people", tool)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    table, ghosts = module.motorway_people(HUMAN)
+    table, ghosts = load("tools/motorway_people.py").motorway_people(HUMAN)
     assert (table.people, table.drives, ghosts) == (MOTORWAY_PEOPLE.people, MOTORWAY_PEOPLE.drives, 1)
     for name in EXTREMES:
         assert table.shares[name] == pytest.approx(MOTORWAY_PEOPLE.shares[name], abs=1.1e-5)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from rates.rare import estimate, logical
-from scipy.special import ndtri
 
 from sumo_eval.cli import main
 from sumo_eval.extras.rates.campaign import Space, part_of, summed
@@ -103,10 +102,6 @@ def test_terms_that_are_alike_have_the_interval_of_a_share():
     assert found.probability == pytest.approx(9e-7)
     assert found.deviation == pytest.approx(np.sqrt(0.1 / 0.9 / 99.0), rel=1e-6)
     assert found.loss == pytest.approx(3.6e-7)
-
-
-def test_the_plane_of_the_rare_scenario_is_where_it_should_be():
-    assert -ndtri(1e-6) == pytest.approx(4.7534, abs=1e-4)
 
 
 @pytest.mark.campaign

@@ -115,14 +115,6 @@ def test_distance_from_a_recorded_ego_by_hand() -> None:
     assert "up to 5.0 m, at 9.0 s; 5.0 m at the end (time_limit); 2 react, from 1.2 s on" in told.sentence()
 
 
-def test_law_fitted_speeds_drive_the_way_that_was_recorded() -> None:
-    time = np.arange(0.0, 4.01, 0.1)
-    knots, speeds = fit_speeds(time, 10.0 * time + 0.5 * 2.0 * time**2)
-    assert speeds == pytest.approx(10.0 + 2.0 * knots, abs=1e-6)
-    _, standing = fit_speeds(time, np.zeros(len(time)))
-    assert standing == pytest.approx(0.0, abs=1e-9)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_law_a_way_that_straight_speeds_drive_gives_them_back_wherever_it_begins(seed: int) -> None:
     stream = np.random.default_rng(seed)
@@ -139,6 +131,7 @@ def test_law_a_way_that_straight_speeds_drive_gives_them_back_wherever_it_begins
 
 def test_law_nobody_drives_backwards_even_where_the_tracker_jumps_back() -> None:
     time = np.arange(0.0, 4.01, 0.1)
+    assert fit_speeds(time, np.zeros(len(time)))[1] == pytest.approx(0.0, abs=1e-9)
     way = np.where(time < 2.0, 5.0 * time, 10.0 - 3.0 * (time - 2.0))
     _, speeds = fit_speeds(time, way)
     assert speeds.min() >= 0.0

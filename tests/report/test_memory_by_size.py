@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import tracemalloc
 from functools import lru_cache
 from pathlib import Path
-from types import ModuleType
 
 import pytest
+from loaded import load
 
 from sumo_eval import cases as tables
 from sumo_eval.scoring import case_terms
@@ -25,17 +24,7 @@ OF_ROWS_ALONE = (
 )  # fmt: skip
 
 
-def tool() -> ModuleType:
-    """tools/run_sizes.py, which makes rows up and names what is made of them."""
-    spec = importlib.util.spec_from_file_location("run_sizes", Path(__file__).parents[2] / "tools" / "run_sizes.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-SIZES = tool()
+SIZES = load("tools/run_sizes.py")  # makes rows up and names what is made of them
 
 
 @pytest.fixture

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from loaded import load
 
 import sumo_eval
 from sumo_eval.cosim.doors.controller import SHIPPED
@@ -18,14 +17,7 @@ GIVING_UP = {"RaisesInDanger", "EndsInDanger"}
 
 @pytest.fixture(scope="module")
 def games() -> ModuleType:
-    path = Path(__file__).resolve().parents[2] / "tools" / "games.py"
-    spec = importlib.util.spec_from_file_location("games", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return load("tools/games.py")
 
 
 def test_law_no_game_scores_as_much_as_an_ads_that_ships(games: ModuleType, tmp_path: Path) -> None:

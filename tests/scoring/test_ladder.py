@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from itertools import permutations, product
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +9,7 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
+from loaded import load
 
 from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.method.collision_avoidance import impact_severity
@@ -25,14 +24,7 @@ TIED = 0.02  # share of the pairs that A may tie
 
 @pytest.fixture(scope="module")
 def ladder() -> ModuleType:
-    path = Path(__file__).resolve().parents[2] / "tools" / "ladder.py"
-    spec = importlib.util.spec_from_file_location("ladder", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return load("tools/ladder.py")
 
 
 def of_a(table: pd.DataFrame) -> pd.Series:

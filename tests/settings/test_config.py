@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sumo_eval.errors import InputError
-from sumo_eval.settings import RunSettings
+from sumo_eval.settings import EvaluationSettings, RunSettings
 from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation, settings_from, to_toml, with_changes
 
 SMALLEST = """
@@ -32,7 +32,7 @@ step_timeout = 1.0
 """
 
 
-def read(tmp_path: Path, text: str) -> object:
+def read(tmp_path: Path, text: str) -> EvaluationSettings:
     path = tmp_path / "evaluation.toml"
     path.write_text(text, encoding="utf-8")
     return read_evaluation(path)
@@ -45,16 +45,10 @@ def refusal(tmp_path: Path, text: str) -> str:
 
 
 def test_the_smallest_evaluation_file_of_the_contract_is_read(tmp_path: Path) -> None:
-    settings = read_evaluation_text(tmp_path, SMALLEST)
+    settings = read(tmp_path, SMALLEST)
     assert (settings.name, settings.seed, settings.run.case_timeout) == ("nightly", 1, 20.0)
     assert settings.scenario[0].sampling.levels == 4
     assert settings.ads[0].controller == "my_ads.py:MyAds"
-
-
-def read_evaluation_text(tmp_path: Path, text: str):
-    path = tmp_path / "evaluation.toml"
-    path.write_text(text, encoding="utf-8")
-    return read_evaluation(path)
 
 
 def test_settings_survive_a_round_trip_through_toml() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import importlib.util
 import shutil
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from loaded import load
 
 ROOT = Path(__file__).parents[2]
 CHANGELOG = "# Changelog\n\n## [Unreleased]\n\n### Added\n- A thing.\n\n## [0.1.0] - 2026-01-01\n- The first.\n"
@@ -148,11 +148,7 @@ def test_files_that_name_another_version_are_refused(line: str, sentence: str, p
 
 
 def test_the_projects_own_files_name_one_version() -> None:
-    spec = importlib.util.spec_from_file_location("release", ROOT / "tools" / "release.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = load("tools/release.py")
     named = {name: module._said(name, (ROOT / name).read_text(encoding="utf-8")) for name in module._NAMES_THE_VERSION}
     assert len(set(named.values())) == 1, named
 

@@ -42,11 +42,8 @@ def draw(
     """
     if figure not in FIGURES:
         raise unknown("figure", figure, list(FIGURES))
-    if is_edge(evaluation, figure):
-        if case is not None or scenario is not None or ads is not None:
-            raise InputError("Figure `boundary` of a search shows one ADS in one scenario; it takes none of them.")
-        return of_studies.edge(evaluation, width=width)
-    if figure in OF_RUNS:
+    edge = is_edge(evaluation, figure)
+    if figure in OF_RUNS and not edge:
         if isinstance(evaluation, Path):
             from sumo_eval.evaluation import score
 
@@ -54,10 +51,9 @@ def draw(
         drawn: Figure = OF_RUNS[figure](Asked(evaluation, scenario, ads, case, width))
         return drawn
     folder = evaluation.folder if isinstance(evaluation, Evaluation) else evaluation
-    if case is not None:
-        raise InputError(f"Figure `{figure}` shows no single case, got {case!r}.")
+    for name, value in (("case", case), ("scenario", scenario), ("ads", ads)):
+        if value is not None and (name == "case" or figure != "trend"):
+            raise InputError(f"Figure `{figure}` of {folder} takes no `{name}`, got {value!r}.")
     if figure == "trend":
         return of_studies.trend(folder, scenario=scenario, ads=ads, width=width)
-    if scenario is not None or ads is not None:
-        raise InputError("Figure `opinion` shows every rated ADS in every rated scenario; it takes neither of them.")
-    return of_studies.opinion(folder, width=width)
+    return of_studies.edge(folder, width=width) if edge else of_studies.opinion(folder, width=width)

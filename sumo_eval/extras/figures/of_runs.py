@@ -233,19 +233,24 @@ def collisions(asked: Asked) -> Figure:
 def intervals(asked: Asked) -> Figure:
     """Every score with its 95 % interval: one panel a score, one line for each ADS in each scenario."""
     names, scores = asked.names, asked.scores
-    with styled():
-        columns = 2 if asked.width == "column" else 4
-        rows = math.ceil(len(INDEXES) / columns)
-        tall = max(0.5, 0.09 * len(scores) + 0.3) * rows / 2.0 * (4.0 / 3.0 if asked.width == "column" else 1.0)
-        figure, axes = new_figure(asked.width, tall, rows, columns)
-        for ax, (symbol, name) in zip(axes, INDEXES.items(), strict=True):
-            for place, one in enumerate(scores):
-                _interval(ax, one, name, place, names)
-            ax.set_title(symbol)
-            _name_the_scores(ax, scores)
-            if (axes.index(ax) % columns) > 0:
-                ax.tick_params(labelleft=False)
-            ax.grid(axis="x", color=FAINT, linewidth=0.4)
+    panels = []
+    for symbol, field_ in INDEXES.items():
+        marks = []
+        for place, one in enumerate(scores):
+            value, interval = getattr(one, field_), getattr(one, f"{field_}_interval")
+            colour, marker, _ = look_of(one.ads, names)
+            if interval is not None:
+                marks.append(Marks("", interval, [place, place], colour, "-"))
+            if value is not None:
+                marks.append(Marks("", [value], [place], colour, marker=marker))
+        missing = "" if len(marks) >= len(scores) else " (nothing: not computed)"
+        panels.append(Panel(marks, symbol + missing))
+    columns = 2 if asked.width == "column" else 4
+    figure = on_paper(panels, asked.width, max(0.5, 0.09 * len(scores) + 0.3) * (1.3 if columns == 2 else 2.0), columns)
+    for place, ax in enumerate(figure.axes):
+        _name_the_scores(ax, scores)
+        ax.tick_params(labelleft=place % columns == 0)
+        ax.grid(axis="x", color=FAINT, linewidth=0.4)
     return figure
 
 
@@ -255,18 +260,6 @@ def _name_the_scores(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
     ax.set_yticks(range(len(scores)))
     ax.tick_params(axis="y", length=0)
     ax.set_yticklabels([f"{one.ads}, {one.scenario.replace('_', ' ')}" for one in scores], fontsize=5.5)
-
-
-def _interval(ax: Axes, one: ScenarioResult, name: str, place: int, names: list[str]) -> None:
-    value, interval = getattr(one, name), getattr(one, f"{name}_interval")
-    colour, marker, _ = look_of(one.ads, names)
-    if interval is not None:
-        ax.plot(interval, [place, place], color=colour, linewidth=1.4, solid_capstyle="butt")
-    if value is not None:
-        ax.plot([value], [place], marker=marker, color=colour)
-    if value is None and interval is None:
-        ax.annotate("not computed", (0.02, place), xycoords=("axes fraction", "data"), va="center", fontsize=5.5,
-                    color=MUTED)  # fmt: skip
 
 
 def points(asked: Asked) -> Figure:

@@ -156,22 +156,17 @@ def write_scene(
 def _of_recording(table: pd.DataFrame, recording: str | None, ego: str) -> pd.DataFrame:
     """The rows of the recording that is named, or else of the only one that the ego is in."""
     table = table.assign(recording=table["recording"].astype(str), vehicle=table["vehicle"].astype(str))
-    if recording is None:
-        names = [str(name) for name in table.loc[table["vehicle"] == ego, "recording"].unique()]
-        if not names:
-            raise unknown("vehicle of the recording", ego, [str(name) for name in table["vehicle"].unique()])
-        if len(names) > 1:
-            raise InputError(
-                f"`recording` must say which one is meant: vehicle `{ego}` is in {len(names)}, {', '.join(names[:8])}."
-            )
-        return table[table["recording"] == names[0]]
-    rows = table[table["recording"] == recording]
-    if rows.empty:
+    if recording is not None and recording not in set(table["recording"]):
         raise unknown("recording", recording, [str(name) for name in table["recording"].unique()])
-    names = [str(name) for name in rows["vehicle"].unique()]
-    if ego not in names:
-        raise unknown("vehicle of the recording", ego, names)
-    return rows
+    searched = table if recording is None else table[table["recording"] == recording]
+    names = [str(name) for name in searched.loc[searched["vehicle"] == ego, "recording"].unique()]
+    if not names:
+        raise unknown("vehicle of the recording", ego, [str(name) for name in searched["vehicle"].unique()])
+    if len(names) > 1:
+        raise InputError(
+            f"`recording` must say which one is meant: vehicle `{ego}` is in {len(names)}, {', '.join(names[:8])}."
+        )
+    return table[table["recording"] == names[0]]
 
 
 def _lanes(rows: pd.DataFrame) -> tuple[float, float, int]:

@@ -12,7 +12,7 @@ from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.options import SEED, count_option, path_option
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import tell
+from sumo_eval.cli.sentences import say, tell
 
 
 @click.command(epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --budget 64 --out boundary")
@@ -41,7 +41,7 @@ def boundary(
     SCENARIO is a shipped name, a scenario file (.toml) or module:name; ADS a controller as in an evaluation file.
     """
     from sumo_eval.extras.studies.boundary import find_boundary
-    from sumo_eval.extras.studies.boundary_page import summary, write_boundary
+    from sumo_eval.extras.studies.boundary_page import sentences, write_boundary
     from sumo_eval.extras.studies.slices import slice_of
     from sumo_eval.record.cases import Setup
     from sumo_eval.scenario.catalogue import find
@@ -57,27 +57,7 @@ def boundary(
             logical, ads, setup, budget=budget, tolerance=tolerance, seed=seed,
             watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),
         )  # fmt: skip
-    told = summary(found)
-    tell(
-        f"{logical.name}: {ads} collides in {told['collision_share_of_space']:z.1%} of the space "
-        f"({told['collision_share_of_exposure']:z.1%} of the exposure), from {told['simulations']} simulations."
-    )
-    change = found.rounds[-1].expected_change
-    if found.stopped == "settled":
-        tell(f"  The next round is expected to move {change:z.2%} of the space: settled.")
-    elif change < 1.0:
-        ended = f"The search ended with its {found.stopped}"
-        tell(f"  {ended}; a further round may move {change:z.2%} of the space.")
-    else:
-        tell(
-            f"  The search ended with its {found.stopped}. How far a further round would move the boundary cannot be "
-            "told: too few rounds saw both outcomes, or the boundary still contradicts some trials."
-        )
-    if not found.collided.any() or found.collided.all():
-        tell("  Every trial ended alike: there is no boundary that these simulations could find.")
-    for status, number in found.not_evaluated.items():
-        drives = "1 simulation" if number == 1 else f"{number} simulations"
-        tell(f"  {drives} could not be evaluated ({status}); the search went on without them.")
+    say(sentences(found, held))
     for path in write_boundary(found, out, held):
         tell(str(path))
     sys.exit(NOT_EVALUATED if found.not_evaluated else DONE)

@@ -77,7 +77,7 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
         page,
         kicker="The boundary of failure",
         title=title,
-        sentences=_sentences(found, held),
+        sentences=[*sentences(found, held), "The line is where both outcomes are equally likely."],
         figures={title: on_page(panels, len(panels), 560)},
         rows=[
             [*names, "collided"],
@@ -116,16 +116,28 @@ def chances_on(found: FailureBoundary, share: float) -> tuple[FloatArray, FloatA
     return rows, np.where(logical.feasible(rows), found.search.probability(rows), np.nan)
 
 
-def _sentences(found: FailureBoundary, held: Mapping[str, float]) -> list[str]:
-    """What the page says above the chart."""
-    told = summary(found)
-    share = f"{found.ads} collides in {told['collision_share_of_space']:z.1%} of the space"
-    said = [f"{share}, from {told['simulations']} simulations. The line is where both outcomes are equally likely."]
+def sentences(found: FailureBoundary, held: Mapping[str, float]) -> list[str]:
+    """What the search says. held: the parameters that it held fixed, by name."""
+    told, change = summary(found), found.rounds[-1].expected_change
+    said = [
+        f"{found.logical.name}: {found.ads} collides in {told['collision_share_of_space']:z.1%} of the space "
+        f"({told['collision_share_of_exposure']:z.1%} of the exposure), from {told['simulations']} simulations."
+    ]
+    if found.stopped == "settled":
+        said.append(f"The next round is expected to move {change:z.2%} of the space: settled.")
+    elif change < 1.0:
+        said.append(f"The search ended with its {found.stopped}. A further round may move {change:z.2%} of the space.")
+    else:
+        said.append(
+            f"The search ended with its {found.stopped}. The change by a further round is unknown: too few rounds saw "
+            "both outcomes, or the boundary still contradicts some trials."
+        )
     if held:
         said.append(f"Held fixed: {', '.join(f'{name} = {value:g}' for name, value in held.items())}.")
-    if found.not_evaluated:
-        lost = sum(found.not_evaluated.values())
-        said.append(f"{lost} of them could not be evaluated; the search went on without these.")
+    if not found.collided.any() or found.collided.all():
+        said.append("Every trial ended alike: there is no boundary that these simulations could find.")
+    for status, number in found.not_evaluated.items():
+        said.append(f"Not evaluated: {number} ({status}). The search continued without them.")
     return said
 
 

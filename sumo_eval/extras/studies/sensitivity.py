@@ -154,13 +154,18 @@ def _row(
     return SensitivityRow(scenario, constant, value, index, tuple(now), tuple(now.values()), ranking, tau)
 
 
-def sensitivity_lines(rows: Sequence[SensitivityRow], *, by_wheel: bool = True) -> list[str]:
-    """The table for a terminal. by_wheel: whether k3 is a threshold of this run; where not, a sentence says so."""
+def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:
+    """The rows in words, their head first."""
     table = [("scenario", "constant", "value", "index", "ranking, best first", "tau")]
     for row in rows:
         ranked = " > ".join(f"{ads} {row.scores[row.ads.index(ads)]:z.3g}" for ads in row.ranking) or "none"
         table.append((row.scenario, row.constant, f"{row.value:g}", row.index, ranked, f"{row.tau:z.2f}"))
-    return [*aligned(table), *([] if by_wheel else [NO_WHEEL])]
+    return table
+
+
+def sensitivity_lines(rows: Sequence[SensitivityRow], *, by_wheel: bool = True) -> list[str]:
+    """The table for a terminal. by_wheel: whether k3 is a threshold of this run; where not, a sentence says so."""
+    return [*aligned(_table(rows)), *([] if by_wheel else [NO_WHEEL])]
 
 
 _ACROSS = 4
@@ -183,13 +188,7 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
             "Each constant is moved alone. Where the lines of two ADSs cross, it decides which of them is better."
         ],
         figures={caption: _chart(part) for caption, part in charts.items()},
-        rows=[
-            ["scenario", "constant", "value", "index", "ranking, best first", "tau"],
-            *(
-                [row.scenario, row.constant, f"{row.value:g}", row.index, " > ".join(row.ranking), f"{row.tau:z.2f}"]
-                for row in rows
-            ),
-        ],
+        rows=_table(rows),
         least_width=260 * _ACROSS,
     )
 

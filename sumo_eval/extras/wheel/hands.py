@@ -63,9 +63,9 @@ def angle_of(lateral: float, speed: float, vehicle: VehicleSettings, widest: flo
 class Hands:
     """The steering wheel as the server turns it: one object a drive, one call a step (`step`, s)."""
 
-    def __init__(self, vehicle: VehicleSettings, step: float, settings: HandSettings | None = None) -> None:
+    def __init__(self, vehicle: VehicleSettings, step: float) -> None:
         self._vehicle, self._step = vehicle, step
-        self._law = settings or HandSettings()
+        self._law = HandSettings()
         self.angle = 0.0  # rad, positive to the left
 
     def command(self, given: Given, speed: float) -> Command:

@@ -14,8 +14,8 @@ from typing import Any, Final, NamedTuple
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.extras.wheel.hands import LET_GO, Given, Hands, HandSettings
-from sumo_eval.extras.wheel.tape import LeftTheWheelError, Writer, with_quit
+from sumo_eval.extras.wheel.hands import LET_GO, Given, Hands
+from sumo_eval.extras.wheel.tape import LeftTheWheelError, Player, Writer, with_quit
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
@@ -62,10 +62,10 @@ class Seat:
 
     def __init__(
         self, desk: Desk, hands: Hands, step: float, writer: Writer, show: Callable[[list[Any]], None],
-        held: Callable[[str], None], *, paced: bool = True, patience: float = PATIENCE,
+        held: Callable[[str], None], *, paced: bool = True,
     ) -> None:  # fmt: skip
         self._desk, self._hands, self._step, self._writer, self._show = desk, hands, step, writer, show
-        self._held, self._paced, self._patience = held, paced, patience
+        self._held, self._paced = held, paced
         self._tick, self._start = 0, 0.0
         self._since, self._awake = 0, 0.0  # step and time (`awake`) at which the drive last went on; of the last step
         self.left = ""
@@ -97,8 +97,8 @@ class Seat:
                 if self._waits():
                     self._hold()
                     begun = clock.perf_counter()
-                if clock.perf_counter() - begun > self._patience:
-                    desk.leaves = f"Nobody answered for {self._patience:g} s."
+                if clock.perf_counter() - begun > PATIENCE:
+                    desk.leaves = f"Nobody answered for {PATIENCE:g} s."
                 clock.sleep(0.0005)
             return 0.0
         while True:
@@ -141,8 +141,8 @@ class Seat:
         why = desk.held or desk.holds or ("key" if self._tick else "start")
         self._awake = awake()
         while (desk.holds or clock.perf_counter() < desk.due) and not desk.leaves:
-            if clock.perf_counter() - begun > self._patience:
-                desk.leaves = f"Nobody came back for {self._patience:g} s."
+            if clock.perf_counter() - begun > PATIENCE:
+                desk.leaves = f"Nobody came back for {PATIENCE:g} s."
             clock.sleep(GLANCE)
             if awake() - self._awake > ASLEEP and not desk.holds:  # in the countdown
                 self._fall("asleep")
@@ -166,31 +166,15 @@ def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[
 
 def drive_person(
     concrete: ConcreteScenario, settings: SimulationSettings, desk: Desk, writer: Writer,
-    show: Callable[[list[Any]], None], held: Callable[[str], None], *, law: HandSettings | None = None,
-    paced: bool = True, patience: float = PATIENCE,
+    show: Callable[[list[Any]], None], held: Callable[[str], None], *, paced: bool = True,
 ) -> tuple[Recording, Seat]:  # fmt: skip
     """Let a person drive a concrete scenario; the recording has what any ADS's has."""
-    vehicle = concrete.ego_vehicle(settings.vehicle)
-    hands = Hands(vehicle, settings.step, law)
-    seat = Seat(desk, hands, settings.step, writer, show, held, paced=paced, patience=patience)
+    hands = Hands(concrete.ego_vehicle(settings.vehicle), settings.step)
+    seat = Seat(desk, hands, settings.step, writer, show, held, paced=paced)
     recording = simulate(concrete, seat, settings)
     return with_quit(recording, seat.left), seat
 
 
-class _Few:
-    """A driver who is gone after two steps: what comes before the first one is compiled then."""
-
-    def __init__(self) -> None:
-        self._steps = 0
-
-    def act(self, seen: object) -> Command:
-        """Nothing, twice."""
-        self._steps += 1
-        if self._steps > 2:
-            raise LeftTheWheelError("warm")
-        return Command(0.0, 1e-6)
-
-
 def warm_up(concrete: ConcreteScenario, settings: SimulationSettings) -> None:
     """Load, and where needed compile, what a drive needs, so that its first step is not late."""
-    simulate(concrete, _Few(), settings)
+    simulate(concrete, Player([(0.0, 1e-6)] * 2), settings)

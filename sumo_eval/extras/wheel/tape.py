@@ -9,8 +9,11 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -42,11 +45,6 @@ class Tape:
     rows: tuple[tuple[Any, ...], ...]
     notes: tuple[Mapping[str, Any], ...]
     came_of_it: Mapping[str, Any] | None
-
-    @property
-    def commands(self) -> list[tuple[float, float]]:
-        """(acceleration, steering) of every step."""
-        return [(row[0], row[1]) for row in self.rows]
 
 
 class Writer:
@@ -128,8 +126,8 @@ def settings_of(head: Mapping[str, Any]) -> SimulationSettings:
         raise InputError(f"The tape's head names no simulation that can be driven: {said(error)}.") from error
 
 
-def head_of(concrete: ConcreteScenario, settings: SimulationSettings) -> dict[str, Any]:
-    """What the head of a tape says of the simulation: enough to drive it again."""
+def head_of(concrete: ConcreteScenario, settings: SimulationSettings, **more: Any) -> dict[str, Any]:
+    """The head of a tape that begins now: enough to drive it again."""
     plain = ("step", "record_interval", "time_limit", "standstill_speed", "standstill_time", "lane_change_duration")
     return {
         "scenario": concrete.scenario,
@@ -137,14 +135,17 @@ def head_of(concrete: ConcreteScenario, settings: SimulationSettings) -> dict[st
         "simulation": {
             **{name: getattr(settings, name) for name in plain}, "vehicle": asdict(settings.vehicle),
         },
+        **more,
+        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": {**{name: version(name) for name in ("sumo_eval", "libsumo")}, "python": sys.version.split()[0]},
     }  # fmt: skip
 
 
 class Player:
-    """A tape at the wheel. left: it came to its end before the drive did."""
+    """Commands, (acceleration, steering) a step, in place of a driver. left: they ended before the drive did."""
 
-    def __init__(self, tape: Tape) -> None:
-        self._commands = iter(tape.commands)
+    def __init__(self, commands: Iterable[Sequence[float]]) -> None:
+        self._commands = iter(commands)
         self.left = ""
 
     def act(self, seen: object) -> Command:
@@ -158,7 +159,7 @@ class Player:
 
 def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
     """What comes of a tape's commands in its concrete scenario."""
-    player = Player(tape)
+    player = Player(row[:2] for row in tape.rows)
     recording = simulate(concrete, player, settings_of(tape.head))
     return with_quit(recording, player.left)
 

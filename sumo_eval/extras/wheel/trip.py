@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
@@ -56,23 +53,13 @@ def new_tape(folder: Path, name: str) -> Path:
     return path
 
 
-def head(concrete: ConcreteScenario, settings: SimulationSettings, **more: Any) -> dict[str, Any]:
-    """The head of a tape."""
-    return {
-        **head_of(concrete, settings), **more, "begun": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {
-            "sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"), "python": sys.version.split()[0],
-        },
-    }  # fmt: skip
-
-
 async def one_drive(
     window: Window, concrete: ConcreteScenario, settings: SimulationSettings, path: Path, view: Mapping[str, Any],
     **more: Any,
 ) -> tuple[Recording, Quality]:  # fmt: skip
     """Let the person drive, and keep the tape with what came of it."""
     settings = concrete.simulation(settings)
-    writer = Writer(path, head(concrete, settings, **more))
+    writer = Writer(path, head_of(concrete, settings, **more))
     try:
         recording, time = await window.drive(concrete, settings, writer, dict(view))
     except BaseException:
@@ -106,16 +93,14 @@ async def trips(
             return
 
 
-async def opened(
-    title: str, port: int, work: Callable[[Window], Any], told: Callable[[str], None], **more: Any
-) -> None:  # fmt: skip
+async def opened(title: str, port: int, work: Callable[[Window], Any], told: Callable[[str], None]) -> None:
     """A window for as long as `work` is at it. told: is given the address."""
     try:
-        window = Window(page(title), port=port, **more)
+        window = Window(page(title), port=port)
     except InputError:
         if port != PORT:
             raise
-        window = Window(page(title), port=0, **more)  # the usual port is somebody else's: any other does
+        window = Window(page(title))  # the usual port is somebody else's: any other does
     async with window:
         told(window.address)
         await work(window)
