@@ -213,7 +213,7 @@ def test_reset_takes_a_point_part_of_one_or_a_sampler() -> None:
     assert env.reset(seed=4, options={"gap": 50.0})[1]["values"] == values
     assert env.reset(seed=5, options={"gap": 50.0})[1]["values"] != values
     assert env.reset(options={"sampler": lambda generator: POINT})[1]["values"] == POINT
-    with pytest.raises(InputError, match=r"Unknown option `gab` of reset .*\. Did you mean `gap`"):
+    with pytest.raises(InputError, match=r"Unknown parameter `gab` of scenario .*\. Did you mean `gap`"):
         env.reset(options={"gab": 50.0})
     with pytest.raises(InputError, match="`gap` of scenario `front_vehicle_cut_out` must be within"):
         env.reset(options={**POINT, "gap": 1e6})

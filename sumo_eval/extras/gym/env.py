@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.features import Interface
 from sumo_eval.errors import must_be
-from sumo_eval.extras.gym.episodes import TERMINAL, Episodes, refuse_other_options
+from sumo_eval.extras.gym.episodes import TERMINAL, Episodes
 from sumo_eval.scenario.logical import LogicalScenario
 
 Floats = NDArray[Any]
@@ -54,7 +54,6 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         """Begin a case."""
         super().reset(seed=seed)
-        refuse_other_options(options or {}, self.episodes.logical)
         self.episodes.begin(np.array([0]), [self.np_random], options or {})
         (concrete,) = self.episodes.pack.world.cases
         return self.episodes.show()[0], {"values": dict(concrete.values)}
@@ -105,7 +104,6 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
         mask = options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_))
         if not (isinstance(mask, np.ndarray) and mask.shape == (self.num_envs,) and mask.dtype == np.bool_):
             raise must_be("`reset_mask`", "the options of reset", f"{self.num_envs} truth values in an array", mask)
-        refuse_other_options(options, self.episodes.logical)
         self._seed(seed)
         self.episodes.begin(np.flatnonzero(mask), self._generators, options)
         self._over[mask] = False

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.doors.features import Interface, read_interface, usual
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.cosim.pack import Pack
-from sumo_eval.errors import InputError, must_be, said, unknown
+from sumo_eval.errors import InputError, must_be, said
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
@@ -204,10 +204,3 @@ class Episodes:
 
         (ahead, left), (their_ahead, their_left) = velocity(ego), velocity(other)
         return math.sqrt((ahead - their_ahead) ** 2 + (left - their_left) ** 2)
-
-
-def refuse_other_options(options: Mapping[str, Any], logical: LogicalScenario) -> None:
-    """Refuse a key that is neither a parameter nor `sampler`."""
-    for name in options:
-        if name not in (*logical.names, "sampler"):
-            raise unknown(f"option of reset in scenario `{logical.name}`", name, (*logical.names, "sampler"))

@@ -32,15 +32,19 @@ class Departure:
     reacted: tuple[float, int] | None
     end: str
 
+    @property
+    def most(self) -> int:
+        """Number of the sample that is furthest apart."""
+        return int(self.apart.argmax())
+
     def sentence(self) -> str:
         """What to know of it."""
-        most = int(self.apart.argmax())
         reacts = (
             "nobody reacts" if self.reacted is None else f"{self.reacted[1]} react, from {self.reacted[0]:.1f} s on"
         )
         return (
             f"{self.ads} in {self.scenario} ({self.point}): "
-            f"up to {self.apart[most]:.1f} m, at {self.time[most]:.1f} s; "
+            f"up to {self.apart[self.most]:.1f} m, at {self.time[self.most]:.1f} s; "
             f"{self.apart[-1]:.1f} m at the end ({self.end}); {reacts}"
         )
 
@@ -81,11 +85,10 @@ def write_departures(run: Path, path: Path) -> list[Departure]:
     panel = Panel(marks, "time, s", "distance from the recorded vehicle, m", verticals=reacted)
     rows = [("ADS", "scene", "point", "most, m", "at, s", "at the end, m", "others react from, s", "how many", "end")]
     for one in found:
-        most = int(one.apart.argmax())
         reaction = ("", "") if one.reacted is None else (f"{one.reacted[0]:.2f}", str(one.reacted[1]))
         rows.append(
             (
-                one.ads, one.scenario, one.point, f"{one.apart[most]:.2f}", f"{one.time[most]:.1f}",
+                one.ads, one.scenario, one.point, f"{one.apart[one.most]:.2f}", f"{one.time[one.most]:.1f}",
                 f"{one.apart[-1]:.2f}", *reaction, one.end,
             )
         )  # fmt: skip

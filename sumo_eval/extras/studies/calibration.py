@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -36,23 +37,21 @@ def calibrate(evaluations: Sequence[Evaluation], *, by: str = "median") -> Calib
     """
     if by not in ("median", "mean"):
         raise InputError(f"`by` of a calibration must be 'median' or 'mean', got {by!r}.")
-    c: dict[str, list[float]] = {}
-    d: dict[str, list[float]] = {}
+    values: dict[str, dict[str, list[float]]] = {"c": {}, "d": {}}
     left_out = []
-    for evaluation in evaluations:
-        for score in evaluation.scores:
-            for index, value, known in (("C", score.c, c), ("D", score.d, d)):
-                if value is None:
-                    left_out.append(f"{score.ads} in {score.scenario} has no {index} and is left out of its mean.")
-                else:
-                    known.setdefault(score.ads, []).append(value)
-    ads = {score.ads for evaluation in evaluations for score in evaluation.scores}
+    scores = [score for evaluation in evaluations for score in evaluation.scores]
+    for score, (index, of_ads) in product(scores, values.items()):
+        value = getattr(score, index)
+        if value is None:
+            left_out.append(f"{score.ads} in {score.scenario} has no {index.upper()} and is left out of its mean.")
+        else:
+            of_ads.setdefault(score.ads, []).append(value)
+    ads = {score.ads for score in scores}
     if len(ads) < 2:
         raise InputError(f"A calibration needs a population of at least 2 ADSs, got {len(ads)}.")
-    means_c = {name: float(np.mean(values)) for name, values in c.items()}
-    means_d = {name: float(np.mean(values)) for name, values in d.items()}
+    c, d = ({name: float(np.mean(each)) for name, each in of_ads.items()} for of_ads in values.values())
     centre: Literal["median", "mean"] = "median" if by == "median" else "mean"
-    return Calibration(by, _scale(means_c, centre), _scale(means_d, centre), means_c, means_d, tuple(left_out))
+    return Calibration(by, _scale(c, centre), _scale(d, centre), c, d, tuple(left_out))
 
 
 def _scale(means: Mapping[str, float], centre: Literal["median", "mean"]) -> float | None:

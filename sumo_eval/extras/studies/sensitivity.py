@@ -156,7 +156,7 @@ def _row(
 
 def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:
     """The rows in words, their head first."""
-    table = [("scenario", "constant", "value", "index", "ranking, best first", "tau")]
+    table: list[tuple[str, ...]] = [("scenario", "constant", "value", "index", "ranking, best first", "tau")]
     for row in rows:
         ranked = " > ".join(f"{ads} {row.scores[row.ads.index(ads)]:z.3g}" for ads in row.ranking) or "none"
         table.append((row.scenario, row.constant, f"{row.value:g}", row.index, ranked, f"{row.tau:z.2f}"))

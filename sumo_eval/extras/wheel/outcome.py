@@ -119,8 +119,9 @@ def collect(plan: Plan) -> Outcome:
     found = Outcome(len(people), len(drivers), len(rows), dict(drawn), tuple(left), len(ratings), (
         place, plan.folder / "ratings.csv", plan.folder / "left_out.csv", plan.folder / "evaluation.toml"))  # fmt: skip
     summary = {
-        "study": plan.settings.name, "people": found.people, "with_drives": found.with_drives, "drives": found.drives,
-        "ratings": found.ratings, "drawn": found.drawn, "left_out": [asdict(it) for it in left],
+        "study": plan.settings.name,
+        **{name: getattr(found, name) for name in ("people", "with_drives", "drives", "ratings", "drawn")},
+        "left_out": [asdict(it) for it in left],
         "quality": asdict(plan.settings.quality),
     }  # fmt: skip
     (place / STUDY).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
