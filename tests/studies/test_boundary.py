@@ -56,14 +56,14 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     points = points[logical.feasible(points)]
     needed = required_gap(30.0 - points[:, 0], deceleration=9.0, build_up=0.15)
     assert found.rounds[-1].simulations <= 80
-    assert np.mean(found.collides(points) == (points[:, 1] < needed)) >= 0.98
+    assert np.mean(found.search.classify(points) == (points[:, 1] < needed)) >= 0.98
     told = summary(found)
     assert told["collision_share_of_space"] == pytest.approx(np.mean(points[:, 1] < needed), abs=0.02)
     paths = write_boundary(found, tmp_path)
     assert [path.name for path in paths] == ["trials.csv", "boundary.json", "boundary.html", "chances.csv"]
     rows = paths[0].read_text().splitlines()
     assert rows[0] == "obstacle_speed,gap,collided"
-    assert len(rows) == 1 + len(found.points)
+    assert len(rows) == 1 + len(found.search.points)
     assert json.loads(paths[1].read_text())["simulations"] == found.rounds[-1].simulations
     assert "http" not in paths[2].read_text().split("<script", 1)[0].replace("http-equiv", "")
 

@@ -179,41 +179,38 @@ async def drive_in_window(path: Path) -> AsyncIterator[tuple[Window, asyncio.Tas
         yield window, begun(window, path)
 
 
-async def driven(window: Window, path: Path, stop_at: int | None = None, **more: Any) -> tuple[Any, Any]:
-    drive = begun(window, path)
-    peer = await known(window)
-    number = 0
-    async for text in peer:
-        message = json.loads(text)
+async def steps(
+    peer: Any, stop_at: int, until: asyncio.Task[Any] | None = None, *, closes: bool = True
+) -> int:  # fmt: skip
+    """Drive until a step, or until the drive is over; then, if it `closes`, the window is shut. The last step seen."""
+    seen = -1
+    while until is None or not until.done():
+        try:
+            message = json.loads(await asyncio.wait_for(peer.recv(), 0.5))
+        except TimeoutError:
+            continue
         if message.get("show") == "drive":
             await peer.send('{"ready": true}')
-        if "state" not in message:
-            continue
-        state = message["state"]
-        if stop_at is not None and state[0] >= stop_at:
-            for part in more.get("says", ('{"quit": true}',)):
-                await peer.send(part)
-            break
-        number += 1
-        given = answer_of(state)
-        await peer.send(json.dumps({"input": [number, state[0], *given]}))
-        if drive.done():
-            break
-    return await asyncio.wait_for(drive, 60.0)
+        if "state" in message:
+            seen = message["state"][0]
+            if seen >= stop_at:
+                break
+            await peer.send(json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]}))
+    if closes:
+        await peer.close()
+    return seen
 
 
-def finish(window: Window, path: Path, **more: Any) -> Any:
-    """Drive until the end: the loop in which states are read ends with the drive."""
+def finish(path: Path, stop_at: int = 10**6, says: str = '{"quit": true}') -> Any:
+    """Drive until the end, or say something at a step: the recording and its quality."""
 
     async def body() -> Any:
-        async with window:
-            task = asyncio.create_task(driven(window, path, **more))
-            while not task.done():
-                await asyncio.sleep(0.02)
-                if path.exists() and '{"end"' in path.read_text()[-4000:]:
-                    break
-            await window.__aexit__() if not task.done() else None
-            return await asyncio.wait_for(task, 30.0)
+        async with drive_in_window(path) as (window, drive):
+            peer = await known(window)
+            await steps(peer, stop_at, until=drive, closes=False)
+            if not drive.done():
+                await peer.send(says)
+            return await asyncio.wait_for(drive, 60.0)
 
     return asyncio.run(body())
 
@@ -223,7 +220,7 @@ def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(tm
     comes to the same bytes as well; with one command less it does not.
     """
     path = tmp_path / "drive.jsonl"
-    recording, quality = finish(Window(page("Drive"), countdown=0.0, paced=False), path)
+    recording, quality = finish(path)
     door = simulate(CONCRETE, AtTheDoor(), SETTINGS)
     assert recording.end_reason == door.end_reason == "road_end"
     assert max(recording.ego.y) > 3.0
@@ -238,9 +235,9 @@ def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(tm
 
 
 def test_quitting_is_an_end_of_its_own_and_a_broken_message_ends_the_drive_with_a_sentence(tmp_path: Path) -> None:
-    for name, says in (("quit", ('{"quit": true}',)), ("wrong", ('{"input": [NaN]}',))):
+    for name, says in (("quit", '{"quit": true}'), ("wrong", '{"input": [NaN]}')):
         path = tmp_path / f"{name}.jsonl"
-        recording, _ = finish(Window(page("Drive"), countdown=0.0, paced=False), path, stop_at=12, says=says)
+        recording, _ = finish(path, 12, says)
         assert recording.end_reason == "quit"
         assert recording.error == (None if name == "quit" else WRONG_INPUT)  # which the page shows
         assert len(read_tape(path).rows) == 12
@@ -285,28 +282,6 @@ def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(tmp_path: Pat
     assert [(it["step"], it["why"]) for it in read_tape(path).notes if it["note"] == "pause"] == [(20, "key")]
 
 
-async def steps(
-    peer: Any, stop_at: int, until: asyncio.Task[Any] | None = None, *, closes: bool = True
-) -> int:  # fmt: skip
-    """Drive until a step, or until the drive is over; then, if it `closes`, the window is shut. The last step seen."""
-    seen = -1
-    while until is None or not until.done():
-        try:
-            message = json.loads(await asyncio.wait_for(peer.recv(), 0.5))
-        except TimeoutError:
-            continue
-        if message.get("show") == "drive":
-            await peer.send('{"ready": true}')
-        if "state" in message:
-            seen = message["state"][0]
-            if seen >= stop_at:
-                break
-            await peer.send(json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]}))
-    if closes:
-        await peer.close()
-    return seen
-
-
 class Gone:
     def act(self, seen: object) -> Command:
         raise LeftTheWheelError("x")
@@ -320,7 +295,7 @@ def test_no_ads_can_end_its_case_by_quitting() -> None:
 
 def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_cannot(tmp_path: Path) -> None:
     path = tmp_path / "drive.jsonl"
-    finish(Window(page("Drive"), countdown=0.0, paced=False), path, stop_at=8)
+    finish(path, 8)
     lines = path.read_text().splitlines()
     path.write_text("\n".join(lines[:6]) + "\n[0.1,0.0,5")
     found = again(path)

@@ -152,57 +152,57 @@ class Batch:
 
 @dataclass(slots=True)
 class RareEvents:
-    """The search: ask for points, tell what happened there, estimate. Same seed and outcomes, same questions."""
+    """The search: ask for points, tell what happened there, estimate. Same seed and outcomes, same questions.
+
+    drives: how many were asked for. drawn: points for the estimate, the impossible ones included.
+    """
 
     met: Met
     budget: int
     seed: int = 1
-    points: FloatArray = field(init=False)
-    collided: BoolArray = field(init=False)
-    loss: FloatArray = field(init=False)
-    weights: FloatArray = field(init=False)
-    counted: BoolArray = field(init=False)
+    loss: FloatArray = field(init=False, default_factory=lambda: np.empty(0))
+    weights: FloatArray = field(init=False, default_factory=lambda: np.empty(0))
+    counted: BoolArray = field(init=False, default_factory=lambda: np.empty(0, dtype=np.bool_))
     drawn: int = field(init=False, default=0)
+    drives: int = field(init=False, default=0)
     _search: BoundarySearch = field(init=False)
-    _asked: int = field(init=False, default=0)
     _batches: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
-        k = len(self.met.logical.names)
-        self.points = np.empty((0, k))
-        self.collided, self.counted = np.empty(0, dtype=np.bool_), np.empty(0, dtype=np.bool_)
-        self.loss, self.weights = np.empty(0), np.empty(0)
         self._search = BoundarySearch(self.met.logical, self.seed)
 
     @property
-    def drives(self) -> int:
-        """Drives that were asked for."""
-        return self._asked
+    def points(self) -> FloatArray:
+        """Where drives were, (n, k)."""
+        return self._search.points
+
+    @property
+    def collided(self) -> BoolArray:
+        """How they ended, (n,)."""
+        return self._search.outcomes
 
     @property
     def exploring(self) -> bool:
         """Whether the next round explores."""
-        return self._asked < EXPLORED * self.budget
+        return self.drives < EXPLORED * self.budget
 
     def ask(self) -> Batch:
         """The next points to drive; none once the budget is spent."""
         stream = random_stream(self.seed, "importance", self.met.logical.name, self._batches)
         self._batches += 1
-        left = self.budget - self._asked
-        if self._asked == 0:
+        left = self.budget - self.drives
+        if self.drives == 0:
             size = min(left, FIRST + 8 * len(self.met.logical.names), max(1, int(EXPLORED * self.budget)))
         else:
             size = min(left, max(8, int(ROUND * self.budget)))
         if size <= 0:
             return Batch(np.empty((0, self.points.shape[1])), np.empty(0), True, 0)
         batch = self._explore(size, stream) if self.exploring else self._count(size, stream)
-        self._asked += len(batch.points)
+        self.drives += len(batch.points)
         return batch
 
     def tell(self, batch: Batch, collided: BoolArray, loss: FloatArray) -> None:
         """What happened at a batch's points: collisions (n,) and losses (n,), 0 without."""
-        self.points = np.concatenate([self.points, batch.points])
-        self.collided = np.concatenate([self.collided, collided])
         self.loss = np.concatenate([self.loss, loss])
         self.weights = np.concatenate([self.weights, batch.weights])
         self.counted = np.concatenate([self.counted, np.full(len(collided), batch.counts)])

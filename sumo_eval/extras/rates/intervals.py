@@ -58,9 +58,9 @@ def rank_correlation(a: FloatArray, b: FloatArray, level: float = LEVEL) -> tupl
 
 def kolmogorov(shares: FloatArray) -> float:
     """Largest distance between values (n,) of a distribution function at what was drawn, and the even distribution."""
-    ordered, n = np.sort(shares), len(shares)
-    steps = np.arange(n) / n
-    return float(max(np.max(ordered - steps), np.max(steps + 1.0 / n - ordered)))
+    from scipy.stats import kstest
+
+    return float(kstest(shares, "uniform", method="asymp").statistic)
 
 
 def kolmogorov_by_chance(count: int) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -199,11 +199,12 @@ def _continued(track: _Track) -> _Track:
         return track
     before = np.arange(0.0, track.time[0] - INTERVAL / 2.0, INTERVAL)
     speed = _speed(track, float(track.time[0]))
-    return _Track(
-        track.name, track.body, track.length, track.width, np.concatenate([before, track.time]),
-        np.concatenate([track.x[0] - speed * (track.time[0] - before), track.x]),
-        np.concatenate([np.full(len(before), track.y[0]), track.y]),
-    )  # fmt: skip
+    return replace(
+        track,
+        time=np.concatenate([before, track.time]),
+        x=np.concatenate([track.x[0] - speed * (track.time[0] - before), track.x]),
+        y=np.concatenate([np.full(len(before), track.y[0]), track.y]),
+    )
 
 
 def _overlap(one: _Track, other: _Track) -> bool:
@@ -239,17 +240,14 @@ def fit_speeds(time: FloatArray, way: FloatArray) -> tuple[FloatArray, FloatArra
     """Knots, s, and speeds there, m/s, none below 0: straight between them, so that what is driven is nearest to `way`
     (n,) m at times (n,) s in the least squares sense. The first knot is at time[0].
     """
+    from scipy.interpolate import make_interp_spline
     from scipy.optimize import lsq_linear
 
     count = max(round(float(time[-1] - time[0]) / KNOTS), 1) + 1
     knots = np.linspace(float(time[0]), float(time[-1]), count)
-    fine = np.linspace(knots[0], knots[-1], 20 * (count - 1) + 1)
-    hats = np.array([np.interp(fine, knots, np.eye(count)[k]) for k in range(count)])
-    driven = np.zeros_like(hats)
-    driven[:, 1:] = np.cumsum(0.5 * (hats[:, 1:] + hats[:, :-1]) * np.diff(fine), axis=1)
-    design = np.array([np.interp(time, fine, row) for row in driven]).T
+    hats = make_interp_spline(knots, np.eye(count), k=1)  # a speed of 1 m/s at each knot in turn
     solve: Any = lsq_linear
-    return knots, np.asarray(solve(design, way - way[0], bounds=(0.0, np.inf)).x)
+    return knots, np.asarray(solve(hats.antiderivative()(time), way - way[0], bounds=(0.0, np.inf)).x)
 
 
 def thinned(x: FloatArray, y: FloatArray, tolerance: float) -> list[int]:

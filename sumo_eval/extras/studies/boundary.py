@@ -15,7 +15,7 @@ from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import identify, run_cases
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import FloatArray
 
 FIRST = 16  # trials of the first round, for each parameter
 ROUND = 16  # trials of the others
@@ -33,8 +33,8 @@ class Round:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FailureBoundary:
-    """What the search found out. points (n, k) and collided (n,): the trials that count. not_evaluated: how many could
-    not be evaluated, by status. stopped: why the search ended.
+    """What the search found out. search: the trials that count, and what follows from them. not_evaluated: how many
+    could not be evaluated, by status. stopped: why the search ended.
     """
 
     logical: LogicalScenario
@@ -43,20 +43,6 @@ class FailureBoundary:
     rounds: tuple[Round, ...]
     not_evaluated: dict[str, int]
     stopped: Literal["settled", "budget", "no point left"]
-
-    @property
-    def points(self) -> FloatArray:
-        """The trials (n, k) that count."""
-        return self.search.points
-
-    @property
-    def collided(self) -> BoolArray:
-        """Their outcomes (n,)."""
-        return self.search.outcomes
-
-    def collides(self, points: FloatArray) -> BoolArray:
-        """Where the ADS is expected to collide, (n,)."""
-        return self.search.classify(points)
 
 
 Watch = Callable[[int, int], None]

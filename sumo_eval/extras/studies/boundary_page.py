@@ -31,13 +31,13 @@ def summary(found: FailureBoundary) -> dict[str, Any]:
     points = evenly(logical, COUNTED, random_stream(0, "counted", logical.name))
     points = points[logical.feasible(points)]
     exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
-    collides = found.collides(points)
+    collides = found.search.classify(points)
     return {
         "scenario": logical.name,
         "ads": found.ads,
         "parameters": [{"name": p.name, "low": p.low, "high": p.high, "unit": p.unit} for p in logical.parameters],
         "simulations": found.rounds[-1].simulations,
-        "collisions": int(found.collided.sum()),
+        "collisions": int(found.search.outcomes.sum()),
         "not_evaluated": found.not_evaluated,
         "stopped": found.stopped,
         "expected_change": found.rounds[-1].expected_change,
@@ -56,8 +56,9 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
     held = dict(held or {})
     table, plain, page = folder / TRIALS, folder / PLAIN, folder / "boundary.html"
     chances = folder / CHANCES
-    names, points = found.logical.names, found.points.tolist()
-    write_csv(table, [*names, "collided"], ([*row, int(hit)] for row, hit in zip(points, found.collided, strict=True)))
+    names = found.logical.names
+    trials = [[*row, int(hit)] for row, hit in zip(found.search.points.tolist(), found.search.outcomes, strict=True)]
+    write_csv(table, [*names, "collided"], trials)
     write_csv(
         chances,
         [*names, "chance"],
@@ -79,13 +80,7 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
         title=title,
         sentences=[*sentences(found, held), "The line is where both outcomes are equally likely."],
         figures={title: on_page(panels, len(panels), 560)},
-        rows=[
-            [*names, "collided"],
-            *(
-                [*(f"{value:g}" for value in row), "yes" if hit else "no"]
-                for row, hit in zip(points, found.collided, strict=True)
-            ),
-        ],
+        rows=[[*names, "collided"], *([f"{value:g}" for value in row] for row in trials)],
         least_width=340 * len(PANELS) if len(names) > 2 else 300,
     )
     return table, plain, page, chances
@@ -134,7 +129,7 @@ def sentences(found: FailureBoundary, held: Mapping[str, float]) -> list[str]:
         )
     if held:
         said.append(f"Held fixed: {', '.join(f'{name} = {value:g}' for name, value in held.items())}.")
-    if not found.collided.any() or found.collided.all():
+    if not found.search.outcomes.any() or found.search.outcomes.all():
         said.append("Every trial ended alike: there is no boundary that these simulations could find.")
     for status, number in found.not_evaluated.items():
         said.append(f"Not evaluated: {number} ({status}). The search continued without them.")

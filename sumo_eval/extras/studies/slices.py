@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.scenario.logical import Constraint, LogicalScenario, Search
+from sumo_eval.scenario.logical import Constraint, LogicalScenario
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,24 +27,11 @@ class _Filled:
 
 @dataclass(frozen=True, slots=True)
 class HeldSearch:
-    """What zones are searched from, with some parameters held."""
+    """What zones are searched from, with some parameters held; a `Search`."""
 
-    search: Search
-    fixed: tuple[tuple[str, float], ...]
-
-    @property
-    def obstacle(self) -> int:
-        """Number of the obstacle among the others."""
-        return self.search.obstacle
-
-    @property
-    def conflict(self) -> bool:
-        """Whether the time until both would touch on their ways counts."""
-        return self.search.conflict
-
-    def delay(self, values: Mapping[str, float]) -> float:
-        """From its first move until ideal braking, s."""
-        return self.search.delay({**values, **dict(self.fixed)})
+    obstacle: int
+    conflict: bool
+    delay: _Filled
 
 
 def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalScenario:
@@ -64,13 +51,14 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
     if not fixed:
         return logical
     held = tuple(sorted((name, float(value)) for name, value in fixed.items()))
+    search = logical.search
     return replace(
         logical,
         parameters=left,
         constraints=tuple(Constraint(item.about, _Filled(item.holds, held)) for item in logical.constraints),
         place=_Filled(logical.place, held),
         approach=None if logical.approach is None else _Filled(logical.approach, held),
-        search=None if logical.search is None else HeldSearch(logical.search, held),
+        search=None if search is None else HeldSearch(search.obstacle, search.conflict, _Filled(search.delay, held)),
         margin=None if logical.margin is None else _Filled(logical.margin, held),
         exposure=_Filled(logical.exposure, held),
         zone_coordinates=None,  # one of them may be constant on the slice

@@ -18,6 +18,8 @@ from contextlib import suppress
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from sumo_eval.errors import InputError, needs_extra, said
 from sumo_eval.extras.wheel.messages import LARGEST, MOST_A_SECOND, MessageError, read
 from sumo_eval.extras.wheel.seat import Desk, drive_person, warm_up
@@ -296,23 +298,23 @@ def timing(late: list[float], behind: list[int], told: list[dict[str, Any]]) -> 
     """What is known of a drive in time: lateness of steps (ms), input to picture (ms), frames, dropped ones, how often
     the page drew more cheaply by itself.
     """
-    latency = sorted(value for it in told for value in it["latency"])
+    latency = [value for it in told for value in it["latency"]]
     frames, dropped = sum(it["frames"] for it in told), sum(it["dropped"] for it in told)
     return {
         "steps": len(late),
-        "late_p50_ms": _ms(_part(sorted(late), 0.5)), "late_p95_ms": _ms(_part(sorted(late), 0.95)),
+        "late_p50_ms": _ms(_part(late, 0.5)), "late_p95_ms": _ms(_part(late, 0.95)),
         "late_max_ms": _ms(max(late, default=None)),
         "input_to_picture_p50_ms": _part(latency, 0.5), "input_to_picture_p95_ms": _part(latency, 0.95),
         "inputs_timed": len(latency), "frames": frames, "dropped": dropped,
         "stepped_down": sum(it["stepped"] for it in told) if told else None,
-        "behind_p95_steps": _part(sorted(map(float, behind)), 0.95),
+        "behind_p95_steps": _part([*map(float, behind)], 0.95),
         "resolution": told[-1]["resolution"] if told else None,
         "renderer": ", then ".join(dict.fromkeys(it["renderer"] for it in told)) or None,
     }  # fmt: skip
 
 
-def _part(ordered: list[float], share: float) -> float | None:
-    return round(ordered[min(int(share * len(ordered)), len(ordered) - 1)], 4) if ordered else None
+def _part(values: list[float], share: float) -> float | None:
+    return round(float(np.quantile(values, share)), 4) if values else None
 
 
 def _ms(seconds: float | None) -> float | None:
