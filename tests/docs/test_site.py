@@ -27,7 +27,7 @@ from sumo_eval.settings.config import SUITES
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = sorted([*DOCS.rglob("*.md"), *ROOT.glob("*.md")])
+PAGES = sorted({*DOCS.rglob("*.md"), *ROOT.glob("*.md")} - {ROOT / "CHANGELOG.md"})
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 NOTEBOOK = DOCS / "tutorials" / "first_look.ipynb"
 
