@@ -14,7 +14,7 @@ from sumo_eval.cli import main
 NIGHTS = Path(__file__).parents[2] / "docs" / "examples" / "nights"
 
 
-@pytest.mark.parametrize("name", ["night.cron", "sumo-eval-night.service", "night.yml"])
+@pytest.mark.parametrize("name", ["night.cron", "sumo-eval-night.service", "night.yml", "gitlab.yml"])
 def test_recipe_names_options_of_nightly(name: str) -> None:
     text = (NIGHTS / name).read_text()
     known = CliRunner().invoke(main, ["nightly", "--help"]).output
