@@ -2,7 +2,7 @@
 
 Two surrogate safety metrics between 0 (safe) and 1 (unsafe) set the braking: PFS supposes that the lead may brake hard,
 CFS that both go on as they are. Source: the regulation, and Mattas et al., Accid. Anal. Prev. 148, 105794 (2020);
-constants as in the JRC's implementation. docs/controllers.md lists the readings.
+constants as in the JRC's implementation. docs/baselines.md lists the readings.
 """
 
 from __future__ import annotations

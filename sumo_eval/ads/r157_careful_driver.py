@@ -5,7 +5,7 @@ to 0.774 g in 0.6 s. Between events it keeps its speed and its wheel straight. I
 other vehicles up to now, nothing else; a crossed threshold is dated between two looks, by linear interpolation.
 
 Source: UN R157, Annex 4, Appendix 3 (original series), Annex 3 (amended); AEB stage as in esmini's R157 controllers.
-docs/controllers.md lists the readings.
+docs/baselines.md lists the readings.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """ADS `reg157`: what UN Regulation No. 157, 5.2.5, demands of an automated lane keeping system at the least.
 
 A cut-in must be avoided when its TTC, as it intrudes into the lane, is above v_rel / (2 * 6 m/s2) + 0.35 s: the system
-may take 0.35 s and brake at 6 m/s2. So that is what this one does, and no earlier than it must. docs/controllers.md
+may take 0.35 s and brake at 6 m/s2. So that is what this one does, and no earlier than it must. docs/baselines.md
 lists the readings.
 """
 

@@ -1,7 +1,7 @@
 """ADS `rss`: Responsibility-Sensitive Safety, as the JRC compares it with the models of UN Regulation No. 157.
 
 Unsafe is who is too close along the road and across it. Source: Shalev-Shwartz, Shammah, Shashua, arXiv:1708.06374;
-constants as in the JRC's implementation. docs/controllers.md lists the readings.
+constants as in the JRC's implementation. docs/baselines.md lists the readings.
 """
 
 from __future__ import annotations

@@ -151,7 +151,7 @@ def _cars(speed: float, lead_speed: float):
 @needs_recordings
 def test_real_drivers_are_told_from_cars_that_drive_through_brake_hard_or_crawl():
     """On 350 m of road, with whole recordings: they show who was about to overtake. The figures are in
-    docs/humans.md.
+    docs/explanation/drivers.md.
     """
     road = Road("motorway", 350.0, 2, 3.7, 0.0)
     bins = list(_real_bins())

@@ -65,7 +65,7 @@ LANE_OFFSET_BOUND = 0.45  # m
 AS_RECORDED = PopulationSettings()
 """As the recorded drivers: 77.1 % of those who come up to a slower leader in the right lane overtake it, and lane
 changes last 1.1 times as long as they are drawn below. Measured as people's are, in drives, those would be a tenth too
-quick; the factor was chosen on each half of the recording and holds on the other (docs/humans.md).
+quick; the factor was chosen on each half of the recording and holds on the other (docs/explanation/drivers.md).
 """
 
 ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which people's lane changes begin
