@@ -64,7 +64,7 @@ def test_the_ten_line_ads_and_its_evaluation_file_run_as_printed(tmp_path: Path)
 def test_every_baseline_has_a_row() -> None:
     from sumo_eval.cosim.doors.controller import SHIPPED
 
-    page = (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "baselines.md").read_text(encoding="utf-8")
     for name in SHIPPED:
         assert f"`{name}`" in page
 
