@@ -18,11 +18,11 @@ def code_blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", README, flags=re.S)
 
 
-def equation_rows() -> list[tuple[str, str, str, str]]:
+def equation_rows() -> list[tuple[str, str, str, str, str]]:
     page = (ROOT / "docs" / "formulas.md").read_text(encoding="utf-8")
     table = page.split("## Where each equation is")[1].split("\n## ")[0]
-    rows = re.findall(r"^\| (\d+(?:-\d+)?) \| (.*?) \| `(.*?)` \| `(.*?)` \|$", table, flags=re.M)
-    return [(row[0], row[1], row[2], row[3]) for row in rows]
+    rows = re.findall(r"^\| (\d+(?:-\d+)?) \| (.*?) \| `(.*?)` \| `(.*?)` \| (.*?) \|$", table, flags=re.M)
+    return [(row[0], row[1], row[2], row[3], row[4]) for row in rows]
 
 
 def equations(text: str) -> set[int]:
@@ -35,16 +35,21 @@ def test_every_equation_of_the_paper_has_a_row() -> None:
     assert covered == set(range(1, 19))
 
 
-@pytest.mark.parametrize(("number", "what", "function", "test"), equation_rows(), ids=lambda value: str(value)[:60])
-def test_an_equation_is_where_the_table_says(number: str, what: str, function: str, test: str) -> None:
+@pytest.mark.parametrize("row", equation_rows(), ids=lambda row: row[0])
+def test_an_equation_is_where_the_table_says(row: tuple[str, str, str, str, str]) -> None:
+    number, _, function, test, twin = row
     module_name, _, name = function.rpartition(".")
     found = getattr(importlib.import_module(f"sumo_eval.method.{module_name}"), name)
     first_line = (found.__doc__ or "").strip().split("\n")[0]
     named = set().union(*(equations(hit) for hit in re.findall(r"Eqs?\. (\d+(?:-\d+)?)", first_line)))
     assert equations(number) <= named, f"{function} names {named}"
-    file, _, test_name = test.partition("::")
-    source = (ROOT / "tests" / "method" / file).read_text(encoding="utf-8")
-    assert f"def {test_name}(" in source
+    source = (ROOT / "tests" / "method" / f"test_{module_name}.py").read_text(encoding="utf-8")
+    assert f"def {test}(" in source
+    if twin != "by hand":
+        module, _, name = twin.strip("`").partition(".")
+        plain = (ROOT / "tests" / "twins" / f"{module}.py").read_text(encoding="utf-8")
+        assert f"def {name}(" in plain
+        assert f"twins.{module} import" in source or f"twins import {module}" in source
 
 
 def test_the_ten_line_ads_and_its_evaluation_file_run_as_printed(tmp_path: Path) -> None:
