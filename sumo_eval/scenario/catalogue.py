@@ -13,7 +13,7 @@ from typing import Final
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.gone import is_use_case, refuse_use_case
 from sumo_eval.scenario.file import read_scenario
-from sumo_eval.scenario.formats import format_of
+from sumo_eval.scenario.formats import GROUP, format_of
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings.locators import load_object
@@ -73,7 +73,14 @@ def load(name: str) -> LogicalScenario:
     plain, given = options_of(name)
     files = scenario_files()
     if plain not in files:
-        raise unknown("logical scenario", plain, files)
+        _, dot, ending = plain.rpartition(".")
+        if not dot:
+            raise unknown("logical scenario", plain, files)
+        again = " It is one of sumo_eval's own: `pip install -e .` once more." if ending == "xosc" else ""
+        raise InputError(
+            f"Unknown logical scenario `{plain}`: no installed package reads `.{ending}` files, which the entry point "
+            f"`{ending}` of the group `{GROUP}` would do.{again}"
+        )
     return read_scenario(files[plain], given)
 
 

@@ -70,5 +70,11 @@ def test_two_readers_of_one_ending_are_refused_by_name(site: Path) -> None:
 
 
 def test_an_ending_that_nothing_reads_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"Unknown logical scenario `slow\.lead`"):
+    with pytest.raises(InputError, match=r"Unknown logical scenario `slow\.lead`: .*entry point `lead` of .* would do\.$"):
         catalogue.find("slow.lead", tmp_path)
+
+
+def test_own_format_without_entry_point_names_the_mend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(formats, "_points", dict)
+    with pytest.raises(InputError, match=r"no installed package reads `\.xosc` files.*`pip install -e \.` once more"):
+        catalogue.find("any.xosc", tmp_path)
