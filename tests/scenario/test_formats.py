@@ -70,7 +70,9 @@ def test_two_readers_of_one_ending_are_refused_by_name(site: Path) -> None:
 
 
 def test_an_ending_that_nothing_reads_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"Unknown logical scenario `slow\.lead`: .*entry point `lead` of .* would do\.$"):
+    with pytest.raises(
+        InputError, match=r"Unknown logical scenario `slow\.lead`: .*entry point `lead` of .* would do\.$"
+    ):
         catalogue.find("slow.lead", tmp_path)
 
 

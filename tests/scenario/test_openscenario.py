@@ -15,7 +15,7 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario import values
 from sumo_eval.extras.openscenario.collections import COLLECTIONS, uses_of
-from sumo_eval.extras.openscenario.conformity import ROWS, USED
+from sumo_eval.extras.openscenario.conformity import ROWS
 from sumo_eval.extras.openscenario.describe import described
 from sumo_eval.extras.openscenario.logical import (
     concrete,
@@ -621,7 +621,7 @@ def test_how_often_the_catalogues_use_each_element_is_counted() -> None:
             for folder in roots[file].iter("Directory"):
                 left += [it.resolve() for it in (file.parent / folder.get("path")).glob("*.xosc")]
         found = {row.element: sum(len(list(root.iter(row.element))) for root in roots.values()) for row in ROWS}
-        assert found == {row.element: USED.get(row.element, (0, 0))[column] for row in ROWS}
+        assert found == {row.element: row.used[column] for row in ROWS}
 
 
 ENDED = (

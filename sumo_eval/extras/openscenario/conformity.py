@@ -2,164 +2,164 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 Treatment = Literal["played", "ignored", "refused"]
 
 
 class Row(NamedTuple):
-    """An element of the standard. words: how it is played, why it is ignored, or with what it is refused."""
+    """An element of the standard. words: how it is played, why it is ignored, or with what it is refused.
+
+    used: how often the files of UN R157 (asam-oss/OSC-ALKS-scenarios) and of Euro NCAP 2026, frontal, standard range
+    (vectorgrp/OSC-NCAP-scenarios) have it, with the scenario files and catalogs that they name.
+    """
 
     kind: str
-    element: str
     treatment: Treatment
+    element: str
     words: str
+    used: tuple[int, ...]
+
+
+def _rows(kind: str, treatment: Treatment, *elements: tuple[Any, ...]) -> list[Row]:
+    """Elements of a kind. elements: each with its words and how often it is used, where there are any."""
+    return [Row(kind, treatment, name, (*rest, "")[0], rest[1:] or (0, 0)) for name, *rest in elements]
 
 
 ROWS = (
-    Row(
-        "file",
-        "ParameterDeclarations",
-        "played",
-        "of the file, a story, a manoeuvre; with ConstraintGroup: of several groups one must hold",
+    *_rows(
+        "file", "played",
+        (
+            "ParameterDeclarations",
+            "of the file, a story, a manoeuvre; with ConstraintGroup: of several groups one must hold", 15, 20,
+        ),
+        ("CatalogLocations", "every .xosc of a folder; entries with their parameters", 15, 10),
+        (
+            "RoadNetwork",
+            "OpenDRIVE: lines, arcs, spirals, parametric cubics, one lane section, constant widths and offset, level; "
+            "other roads of the file may be of any kind", 15, 10,
+        ),
+        ("ParameterValueDistribution", "ranges, sets, sets of several; uniform, normal with a range", 14, 22),
     ),
-    Row("file", "VariableDeclarations", "ignored", "variables are read by stops alone"),
-    Row("file", "CatalogLocations", "played", "every .xosc of a folder; entries with their parameters"),
-    Row(
-        "file",
-        "RoadNetwork",
-        "played",
-        "OpenDRIVE: lines, arcs, spirals, parametric cubics, one lane section, constant widths and offset, level; "
-        "other roads of the file may be of any kind",
+    *_rows(
+        "file", "ignored",
+        ("VariableDeclarations", "variables are read by stops alone", 0, 10),
+        ("MonitorDeclarations", "checks of a scenario file say what must hold"),
     ),
-    Row("file", "ParameterValueDistribution", "played", "ranges, sets, sets of several; uniform, normal with a range"),
-    Row("file", "MonitorDeclarations", "ignored", "checks of a scenario file say what must hold"),
-    Row("entity", "Vehicle", "played", "its bounding box; its category is its class in SUMO"),
-    Row("entity", "Pedestrian", "played", "its bounding box"),
-    Row("entity", "MiscObject", "played", "as a standing car of its size"),
-    Row("entity", "ObjectController", "ignored", "the ADS drives the ego, scripts the others"),
-    Row("entity", "EntitySelection", "refused", ""),
-    Row("position", "LanePosition", "played", ""),
-    Row("position", "RelativeLanePosition", "played", "`dsLane` on straight roads only"),
-    Row("position", "RoadPosition", "played", ""),
-    Row("position", "RelativeRoadPosition", "played", ""),
-    Row("position", "RelativeObjectPosition", "played", ""),
-    Row("position", "RoutePosition", "played", "FromLaneCoordinates, FromRoadCoordinates; straight routes"),
-    Row("position", "TrajectoryPosition", "played", ""),
-    Row("position", "WorldPosition", "played", ""),
-    Row("position", "RelativeWorldPosition", "refused", ""),
-    Row("position", "GeoPosition", "refused", ""),
-    Row("shape", "Polyline", "played", "straight; others only as places on them"),
-    Row("shape", "ClothoidSpline", "played", "the way of an ego that turns; of others as places on it"),
-    Row("shape", "Nurbs", "refused", ""),
-    Row("action", "TeleportAction", "played", "before the start"),
-    Row("action", "SpeedAction", "played", "step, linear; by rate, time, distance; absolute, or relative to how "
-                                           "the ego "
-                                           "or another starts"),
-    Row("action", "LaneChangeAction", "played", "sinusoidal, linear; by rate (peak speed), time"),
-    Row("action", "LaneOffsetAction", "played", "sinusoidal, by maxLateralAcc"),
-    Row("action", "LongitudinalDistanceAction", "played", "once, at the start, free space"),
-    Row("action", "FollowTrajectoryAction", "played", "straight on the map, with times or without; "
-                                                     "the ego's may bend"),
-    Row("action", "AssignRouteAction", "played", "a route that goes straight"),
-    Row("action", "SynchronizeAction", "played", "planned once; master the ego; AbsoluteSpeed with a steady part"),
-    Row("action", "EntityAction", "played", "DeleteEntityAction at the start"),
-    Row("action", "EnvironmentAction", "ignored", "no weather and no light without a model of sensors"),
-    Row("action", "AppearanceAction", "ignored", "lights and animations move nothing"),
-    Row("action", "VisibilityAction", "ignored", "what an ADS sees is a setting of the simulation"),
-    Row("action", "ControllerAction", "ignored", "the ADS drives the ego from the start"),
-    Row("action", "ActivateControllerAction", "ignored", "the ADS drives the ego from the start"),
-    Row("action", "VariableAction", "ignored", "variables are read by stops alone"),
-    Row("action", "ParameterAction", "ignored", "parameters are read before the drive"),
-    Row("action", "InfrastructureAction", "ignored", "there are no signals"),
-    Row("action", "UserDefinedAction", "ignored", "nobody else knows what it means"),
-    Row("action", "LateralDistanceAction", "refused", ""),
-    Row("action", "SpeedProfileAction", "refused", ""),
-    Row("action", "AcquirePositionAction", "refused", ""),
-    Row("action", "TrafficAction", "refused", ""),
-    Row("action", "TrailerAction", "refused", ""),
-    Row("condition", "SimulationTimeCondition", "played", "as a stop it is the case's longest time"),
-    Row("condition", "StoryboardElementStateCondition", "played", "complete, end, start and running"),
-    Row("condition", "ParameterCondition", "played", "before the drive"),
-    Row("condition", "VariableCondition", "refused", "as a start; in stops ignored"),
-    Row("condition", "RelativeDistanceCondition", "played", "longitudinal, free space"),
-    Row("condition", "TimeHeadwayCondition", "played", "free space"),
-    Row("condition", "TimeToCollisionCondition", "played", "free space, to an entity"),
-    Row("condition", "SpeedCondition", "played", "along the road"),
-    Row("condition", "RelativeSpeedCondition", "played", "along the road"),
-    Row("condition", "TraveledDistanceCondition", "played", "along the road"),
-    Row("condition", "CollisionCondition", "refused", "as a start; in stops ignored: contact ends every case"),
-    Row("condition", "StandStillCondition", "refused", "as a start; in stops ignored: standstill ends every case"),
-    Row("condition", "AngleCondition", "refused", "as a start; in stops ignored"),
-    Row("condition", "AccelerationCondition", "refused", ""),
-    Row("condition", "ReachPositionCondition", "refused", ""),
-    Row("condition", "DistanceCondition", "refused", ""),
-    Row("condition", "OffroadCondition", "refused", "as a start; in stops ignored: leaving the road ends every case"),
-    Row("trigger", "ConditionGroup", "played", "and within a group, or between groups; delay; edges none and rising"),
-    Row("trigger", "StopTrigger", "ignored", "but by time; of an act in which somebody then still moves: refused"),
-    Row("trigger", "priority", "played", "all that end or leave out nothing half-way; else refused"),
+    *_rows(
+        "entity", "played",
+        ("Vehicle", "its bounding box; its category is its class in SUMO", 6, 7),
+        ("Pedestrian", "its bounding box", 1, 2),
+        ("MiscObject", "as a standing car of its size", 1, 0),
+    ),
+    *_rows(
+        "entity", "ignored",
+        ("ObjectController", "the ADS drives the ego, scripts the others", 15, 0),
+    ),
+    *_rows(
+        "entity", "refused",
+        ("EntitySelection",),
+    ),
+    *_rows(
+        "position", "played",
+        ("LanePosition", "", 26, 24),
+        ("RelativeLanePosition", "`dsLane` on straight roads only", 9, 3),
+        ("RoadPosition", "", 0, 10),
+        ("RelativeRoadPosition", "", 0, 1),
+        ("RelativeObjectPosition", "", 0, 5),
+        ("RoutePosition", "FromLaneCoordinates, FromRoadCoordinates; straight routes", 0, 15),
+        ("TrajectoryPosition", "", 0, 8),
+        ("WorldPosition",),
+    ),
+    *_rows(
+        "position", "refused",
+        ("RelativeWorldPosition",),
+        ("GeoPosition",),
+    ),
+    *_rows(
+        "shape", "played",
+        ("Polyline", "straight; others only as places on them", 1, 10),
+        ("ClothoidSpline", "the way of an ego that turns; of others as places on it", 0, 3),
+    ),
+    *_rows(
+        "shape", "refused",
+        ("Nurbs",),
+    ),
+    *_rows(
+        "action", "played",
+        ("TeleportAction", "before the start", 33, 25),
+        (
+            "SpeedAction",
+            "step, linear; by rate, time, distance; absolute, or relative to how the ego or another starts", 29, 14,
+        ),
+        ("LaneChangeAction", "sinusoidal, linear; by rate (peak speed), time", 4, 0),
+        ("LaneOffsetAction", "sinusoidal, by maxLateralAcc", 5, 0),
+        ("LongitudinalDistanceAction", "once, at the start, free space", 5, 1),
+        ("FollowTrajectoryAction", "straight on the map, with times or without; the ego's may bend", 1, 6),
+        ("AssignRouteAction", "a route that goes straight", 0, 6),
+        ("SynchronizeAction", "planned once; master the ego; AbsoluteSpeed with a steady part", 0, 7),
+        ("EntityAction", "DeleteEntityAction at the start", 0, 3),
+    ),
+    *_rows(
+        "action", "ignored",
+        ("EnvironmentAction", "no weather and no light without a model of sensors", 0, 10),
+        ("AppearanceAction", "lights and animations move nothing", 0, 5),
+        ("VisibilityAction", "what an ADS sees is a setting of the simulation"),
+        ("ControllerAction", "the ADS drives the ego from the start", 15, 0),
+        ("ActivateControllerAction", "the ADS drives the ego from the start", 15, 0),
+        ("VariableAction", "variables are read by stops alone", 0, 2),
+        ("ParameterAction", "parameters are read before the drive"),
+        ("InfrastructureAction", "there are no signals"),
+        ("UserDefinedAction", "nobody else knows what it means"),
+    ),
+    *_rows(
+        "action", "refused",
+        ("LateralDistanceAction",),
+        ("SpeedProfileAction",),
+        ("AcquirePositionAction",),
+        ("TrafficAction",),
+        ("TrailerAction",),
+    ),
+    *_rows(
+        "condition", "played",
+        ("SimulationTimeCondition", "as a stop it is the case's longest time", 54, 3),
+        ("StoryboardElementStateCondition", "complete, end, start and running", 8, 2),
+        ("ParameterCondition", "before the drive", 0, 6),
+        ("RelativeDistanceCondition", "longitudinal, free space", 4, 2),
+        ("TimeHeadwayCondition", "free space", 1, 0),
+        ("TimeToCollisionCondition", "free space, to an entity"),
+        ("SpeedCondition", "along the road", 0, 1),
+        ("RelativeSpeedCondition", "along the road", 0, 2),
+        ("TraveledDistanceCondition", "along the road", 0, 13),
+    ),
+    *_rows(
+        "condition", "refused",
+        ("VariableCondition", "as a start; in stops ignored", 0, 21),
+        ("CollisionCondition", "as a start; in stops ignored: contact ends every case", 0, 1),
+        ("StandStillCondition", "as a start; in stops ignored: standstill ends every case", 0, 11),
+        ("AngleCondition", "as a start; in stops ignored", 0, 1),
+        ("AccelerationCondition",),
+        ("ReachPositionCondition",),
+        ("DistanceCondition",),
+        ("OffroadCondition", "as a start; in stops ignored: leaving the road ends every case"),
+    ),
+    *_rows(
+        "trigger", "played",
+        ("ConditionGroup", "and within a group, or between groups; delay; edges none and rising", 67, 50),
+        ("priority", "all that end or leave out nothing half-way; else refused"),
+    ),
+    *_rows(
+        "trigger", "ignored",
+        ("StopTrigger", "but by time; of an act in which somebody then still moves: refused", 15, 11),
+    ),
 )  # fmt: skip
-
-USED: Mapping[str, tuple[int, int]] = MappingProxyType({
-    "ParameterDeclarations": (15, 20),
-    "VariableDeclarations": (0, 10),
-    "CatalogLocations": (15, 10),
-    "RoadNetwork": (15, 10),
-    "ParameterValueDistribution": (14, 22),
-    "Vehicle": (6, 7),
-    "Pedestrian": (1, 2),
-    "MiscObject": (1, 0),
-    "ObjectController": (15, 0),
-    "LanePosition": (26, 24),
-    "RelativeLanePosition": (9, 3),
-    "RoadPosition": (0, 10),
-    "RelativeRoadPosition": (0, 1),
-    "RelativeObjectPosition": (0, 5),
-    "RoutePosition": (0, 15),
-    "TrajectoryPosition": (0, 8),
-    "Polyline": (1, 10),
-    "ClothoidSpline": (0, 3),
-    "TeleportAction": (33, 25),
-    "SpeedAction": (29, 14),
-    "LaneChangeAction": (4, 0),
-    "LaneOffsetAction": (5, 0),
-    "LongitudinalDistanceAction": (5, 1),
-    "FollowTrajectoryAction": (1, 6),
-    "AssignRouteAction": (0, 6),
-    "SynchronizeAction": (0, 7),
-    "EntityAction": (0, 3),
-    "EnvironmentAction": (0, 10),
-    "AppearanceAction": (0, 5),
-    "ControllerAction": (15, 0),
-    "ActivateControllerAction": (15, 0),
-    "VariableAction": (0, 2),
-    "SimulationTimeCondition": (54, 3),
-    "StoryboardElementStateCondition": (8, 2),
-    "ParameterCondition": (0, 6),
-    "VariableCondition": (0, 21),
-    "RelativeDistanceCondition": (4, 2),
-    "TimeHeadwayCondition": (1, 0),
-    "SpeedCondition": (0, 1),
-    "RelativeSpeedCondition": (0, 2),
-    "TraveledDistanceCondition": (0, 13),
-    "CollisionCondition": (0, 1),
-    "StandStillCondition": (0, 11),
-    "AngleCondition": (0, 1),
-    "ConditionGroup": (67, 50),
-    "StopTrigger": (15, 11),
-})  # fmt: skip
-"""How often the files of UN R157 (asam-oss/OSC-ALKS-scenarios) and of Euro NCAP 2026, frontal, standard range
-(vectorgrp/OSC-NCAP-scenarios) use an element, with the scenario files and catalogs that they name; others: never.
-"""
 
 
 def table() -> str:
     """The list as a table of Markdown."""
     lines = ["| kind | element | | how | UN R157 | Euro NCAP |", "|---|---|---|---|---|---|"]
     for row in ROWS:
-        counts = " | ".join(str(count) if count else "" for count in USED.get(row.element, (0, 0)))
+        counts = " | ".join(str(count) if count else "" for count in row.used)
         lines.append(
             f"| {row.kind} | `{row.element}` | {row.treatment} | {row.words or 'named with its line'} | {counts} |"
         )
