@@ -13,7 +13,6 @@ from lxml import etree
 from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
-from sumo_eval.extras.openscenario import values
 from sumo_eval.extras.openscenario.collections import COLLECTIONS, uses_of
 from sumo_eval.extras.openscenario.conformity import ROWS
 from sumo_eval.extras.openscenario.describe import described
@@ -23,6 +22,7 @@ from sumo_eval.extras.openscenario.logical import (
     grid_size,
     read_file,
 )
+from sumo_eval.extras.openscenario.reading import Part
 from sumo_eval.extras.openscenario.scene import synchronized
 from sumo_eval.extras.openscenario.written import scenario_content, write_scenario
 from sumo_eval.scenario import motion, played
@@ -734,9 +734,9 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
 )
 def test_a_parameter_in_km_h_is_never_taken_as_m_s(written, value):
     element = etree.fromstring(f'<AbsoluteTargetSpeed value="{written}"/>')
-    scope = values.Scope({"kph": 72.0, "Ego_Kmh": 72.0, "v": 5.0})
+    part = Part(element, {"kph": 72.0, "Ego_Kmh": 72.0, "v": 5.0})
     if value is not None:
-        assert values.number(element, "value", scope) == value
+        assert part.number("value") == value
         return
     with pytest.raises(InputError, match=r"must be in m/s, got .* in km/h"):
-        values.number(element, "value", scope)
+        part.number("value")

@@ -2,94 +2,80 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sumo_eval.errors import did_you_mean
-from sumo_eval.extras.openscenario.reading import (
-    attribute,
-    child,
-    children,
-    fault,
-    file_of,
-    read_openscenario,
-    where,
-)  # fmt: skip
-from sumo_eval.extras.openscenario.values import Scope, Value, declared, text, worked_out
-from sumo_eval.scenario.xml_file import Element
+from sumo_eval.extras.openscenario.reading import Part, read_openscenario
 
 
 @dataclass(slots=True)
 class Catalogs:
     """The catalogs of a scenario file. locations: its <CatalogLocations>, None where it has none."""
 
-    locations: Element | None
-    scope: Scope
-    _found: dict[str, list[Element]] | None = None
-    _open: list[tuple[str, str]] = field(default_factory=list)
+    locations: Part | None
+    _found: dict[str, list[Part]] | None = None
 
-    def _all(self) -> dict[str, list[Element]]:
+    def _all(self) -> dict[str, list[Part]]:
         """The catalogs by name; several files may have one of a name."""
         if self._found is not None:
             return self._found
-        found: dict[str, list[Element]] = {}
+        found: dict[str, list[Part]] = {}
         seen: set[Path] = set()
-        for location in [] if self.locations is None else children(self.locations):
-            directory = child(location, "Directory")
-            folder = file_of(location).parent / text(directory, "path", self.scope)
+        for location in [] if self.locations is None else self.locations.children():
+            directory = location.child("Directory")
+            folder = location.file.parent / directory.text("path")
             if not folder.is_dir():
-                raise fault(directory, f"the folder {folder} of its catalogs is not there")
+                raise directory.fault(f"the folder {folder} of its catalogs is not there")
             for file in sorted(folder.glob("*.xosc")):
                 if file.resolve() in seen:  # one folder may be named for several kinds of catalogs
                     continue
                 seen.add(file.resolve())
                 catalog = read_openscenario(file).find("Catalog")
                 if catalog is not None:
-                    found.setdefault(attribute(catalog, "name"), []).append(catalog)
+                    found.setdefault(catalog.attribute("name"), []).append(catalog)
         self._found = found
         return found
 
-    def entry(self, reference: Element, scope: Scope) -> tuple[Element, Scope]:
-        """The entry that a <CatalogReference> names, and the values that its parameters have there."""
-        name, entry = text(reference, "catalogName", scope), text(reference, "entryName", scope)
+    def entry(self, reference: Part) -> Part:
+        """The entry that a <CatalogReference> names, with the values that its parameters have there."""
+        name, entry = reference.text("catalogName"), reference.text("entryName")
         catalogs = self._all()
         if name not in catalogs:
-            raise fault(reference, f"catalog `{name}` is not there.{did_you_mean(name, catalogs)}".rstrip("."))
-        entries: dict[str, list[Element]] = {}
-        for part in (it for catalog in catalogs[name] for it in children(catalog)):
+            raise reference.fault(f"catalog `{name}` is not there.{did_you_mean(name, catalogs)}")
+        entries: dict[str, list[Part]] = {}
+        for part in (it for catalog in catalogs[name] for it in catalog.children()):
             entries.setdefault(str(part.get("name")), []).append(part)
         if entry not in entries:
-            raise fault(
-                reference, f"entry `{entry}` is not in catalog `{name}`.{did_you_mean(entry, entries)}".rstrip(".")
-            )
+            raise reference.fault(f"entry `{entry}` is not in catalog `{name}`.{did_you_mean(entry, entries)}")
         if len(entries[entry]) > 1:
-            places = ", ".join(where(part) for part in entries[entry])
-            raise fault(reference, f"entry `{entry}` of catalog `{name}` is there more than once: {places}")
-        if (name, entry) in self._open:
-            raise fault(reference, f"entry `{entry}` of catalog `{name}` refers to itself")
-        given: dict[str, Value] = {}
-        for part in reference.iterfind("ParameterAssignments/ParameterAssignment"):
-            given[attribute(part, "parameterRef").removeprefix("$")] = worked_out(attribute(part, "value"), scope, part)
-        found = entries[entry][0]
-        inner, broken = declared(found.find("ParameterDeclarations"), given)
+            places = ", ".join(part.where for part in entries[entry])
+            raise reference.fault(f"entry `{entry}` of catalog `{name}` is there more than once: {places}")
+        if (name, entry) in reference.entries:
+            raise reference.fault(f"entry `{entry}` of catalog `{name}` refers to itself")
+        given = {
+            part.attribute("parameterRef").removeprefix("$"): part.worked_out(part.attribute("value"))
+            for part in reference.all("ParameterAssignments/ParameterAssignment")
+        }
+        found, broken = entries[entry][0].declared(given)
         if broken:
-            raise fault(reference, f"a value that it gives breaks a constraint: {broken[0]}")
-        return found, inner
+            raise reference.fault(f"a value that it gives breaks a constraint: {broken[0]}")
+        return replace(found, entries=(*reference.entries, (name, entry)))
 
-    def enter(self, reference: Element, scope: Scope) -> tuple[str, str]:
-        """Mark an entry as being read, so that one that refers to itself is found out."""
-        key = (text(reference, "catalogName", scope), text(reference, "entryName", scope))
-        self._open.append(key)
-        return key
+    def held(self, holder: Part, name: str) -> Part:
+        """The thing that stands in `holder`, or that its <CatalogReference> names."""
+        reference = holder.find("CatalogReference")
+        if reference is None:
+            return holder.child(name)
+        found = self.entry(reference)
+        if found.tag != name:
+            raise reference.fault(f"the entry must be a <{name}>, got <{found.tag}>")
+        return found
 
-    def leave(self) -> None:
-        """The entry that was marked last is read."""
-        self._open.pop()
 
-
-def named_file(element: Element, scope: Scope, name: str = "filepath") -> Path:
+def named_file(part: Part) -> Path:
     """A file that an element names, relative to its own; refused where it is not there."""
-    path = file_of(element).parent / text(element, name, scope)
+    path = part.file.parent / part.text("filepath")
     if not path.exists():
-        raise fault(element, f"the file {path} is not there")
+        raise part.fault(f"the file {path} is not there")
     return path

@@ -23,7 +23,7 @@ class Row(NamedTuple):
 
 def _rows(kind: str, treatment: Treatment, *elements: tuple[Any, ...]) -> list[Row]:
     """Elements of a kind. elements: each with its words and how often it is used, where there are any."""
-    return [Row(kind, treatment, name, (*rest, "")[0], rest[1:] or (0, 0)) for name, *rest in elements]
+    return [Row(kind, treatment, name, (*rest, "")[0], tuple(rest[1:]) or (0, 0)) for name, *rest in elements]
 
 
 ROWS = (

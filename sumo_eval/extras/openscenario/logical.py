@@ -23,19 +23,9 @@ import numpy as np
 
 from sumo_eval.errors import InputError, did_you_mean, must_be
 from sumo_eval.extras.openscenario.catalogs import named_file
-from sumo_eval.extras.openscenario.reading import (
-    attribute,
-    child,
-    children,
-    decimal,
-    fault,
-    not_played,
-    only,
-    read_openscenario,
-    version_of,
-)  # fmt: skip
-from sumo_eval.extras.openscenario.scene import EGO, Frame, Scene, parameters, scene
-from sumo_eval.extras.openscenario.values import Scope, Value, plain
+from sumo_eval.extras.openscenario.reading import Part, read_openscenario
+from sumo_eval.extras.openscenario.scene import EGO, Frame, Scene, scene
+from sumo_eval.extras.openscenario.values import Value, plain
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.first_places import misplaced
@@ -43,7 +33,6 @@ from sumo_eval.scenario.logical import Constraint, LogicalScenario, NamedSample,
 from sumo_eval.scenario.played import KEEP
 from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.road.table import bend_name, check_line
-from sumo_eval.scenario.xml_file import Element
 from sumo_eval.trajectory import BoolArray
 
 _MOST = 2_000_000  # points of a grid
@@ -53,7 +42,6 @@ _SEARCHED = 3  # parameters of a space in which zones are searched, at most
 _DEEPEST = 8  # files that lead to each other before the search for a cycle is given up
 _ROUND = 10.0  # m: a road's end is a multiple of it
 _ALONG = 0.5  # cosine of the largest angle to the road at which somebody still drives along it
-_FIXED = Scope({})
 
 Assignments = tuple[tuple[str, Value], ...]
 
@@ -124,51 +112,50 @@ class Space:
 def read_space(path: Path) -> Space:
     """The space of an OpenSCENARIO file: a ParameterValueDistribution, or a scenario file. Raises InputError."""
     root = read_openscenario(path)
-    header = child(root, "FileHeader")
+    header = root.child("FileHeader")
     about = " ".join(str(header.get("description", "")).split()) or path.stem
     file, first = path, root.find("ParameterValueDistribution")
     distribution, seen = first, [path.resolve()]
     while distribution is not None:
-        named = child(distribution, "ScenarioFile")
-        file = named_file(named, _FIXED)
+        named = distribution.child("ScenarioFile")
+        file = named_file(named)
         if file.resolve() in seen:
-            raise fault(named, f"it leads back to {file.name}")
+            raise named.fault(f"it leads back to {file.name}")
         seen.append(file.resolve())
         distribution = read_openscenario(file).find("ParameterValueDistribution")
         if distribution is not None and len(seen) > _DEEPEST:
-            raise fault(named, "distributions of distributions are not played")
+            raise named.fault("distributions of distributions are not played")
     axes = [] if first is None else list(axes_of(first))
     names = [name for axis in axes for name in axis.names]
     for name in names:
         if names.count(name) > 1:
             assert first is not None
-            raise fault(first, f"parameter `{name}` is given by more than one distribution")
+            raise first.fault(f"parameter `{name}` is given by more than one distribution")
     fixed = tuple(itertools.chain.from_iterable(axis.choices[0][1] for axis in axes if len(axis.choices) == 1))
     spans = tuple(axis for axis in axes if len(axis.choices) != 1)
-    space = Space(path.stem, about, file, fixed, spans, version_of(root))
+    version = f"{header.get('revMajor')}.{header.get('revMinor')}"
+    space = Space(path.stem, about, file, fixed, spans, version)
     if first is not None and len(seen) > 2:
-        raise fault(first, f"{seen[1].name} must be a scenario file, it is a distribution itself")
+        raise first.fault(f"{seen[1].name} must be a scenario file, it is a distribution itself")
     if first is not None:
         _check_declared(space, first)
     return space
 
 
-def _check_declared(space: Space, element: Element) -> None:
-    declarations = read_openscenario(space.file).find("ParameterDeclarations")
-    known = [] if declarations is None else [attribute(part, "name") for part in children(declarations)]
+def _check_declared(space: Space, element: Part) -> None:
+    known = [part.attribute("name") for part in read_openscenario(space.file).all("ParameterDeclarations/*")]
     named = [name for name, _ in space.fixed] + [name for axis in space.axes for name in axis.names]
     for name in named:
         if name not in known:
-            raise fault(element, f"parameter `{name}` is not declared in {space.file.name}.{did_you_mean(name, known)}"
-                        .rstrip("."))  # fmt: skip
+            raise element.fault(f"parameter `{name}` is not declared in {space.file.name}.{did_you_mean(name, known)}")
 
 
-def axes_of(distribution: Element) -> Iterator[Axis]:
+def axes_of(distribution: Part) -> Iterator[Axis]:
     """What a ParameterValueDistribution varies."""
-    held = [part for part in children(distribution) if part.tag in ("Deterministic", "Stochastic")]
+    held = [part for part in distribution.children() if part.tag in ("Deterministic", "Stochastic")]
     if len(held) != 1:
-        raise fault(distribution, "it must be either <Deterministic> or <Stochastic>")
-    for part in children(held[0]):
+        raise distribution.fault("it must be either <Deterministic> or <Stochastic>")
+    for part in held[0].children():
         if part.tag == "DeterministicSingleParameterDistribution":
             yield _single(part)
         elif part.tag == "DeterministicMultiParameterDistribution":
@@ -176,37 +163,32 @@ def axes_of(distribution: Element) -> Iterator[Axis]:
         elif part.tag == "StochasticDistribution":
             yield _drawn(part)
         else:
-            raise not_played(part)
+            raise part.not_played()
 
 
-def _single(element: Element) -> Axis:
-    name, kind = attribute(element, "parameterName"), only(element)
+def _single(element: Part) -> Axis:
+    name, kind = element.attribute("parameterName"), element.only()
     if kind.tag == "DistributionSet":
-        written = [attribute(part, "value") for part in kind.iterfind("Element")]
+        written = [part.attribute("value") for part in kind.all("Element")]
         return _listed(element, name, (name,), [((name, plain(value)),) for value in written])
     if kind.tag != "DistributionRange":
-        raise not_played(kind)
+        raise kind.not_played()
     low, high = range_of(kind)
-    step = decimal(kind, "stepWidth")
-    if step <= 0.0:
-        raise fault(kind, f"`stepWidth` must be above 0, got {step:g}")
+    step = kind.above_zero("stepWidth")
     if low == high:
         return _listed(element, name, (name,), [((name, low),)])
     return Axis(name, (name,), low, high, step)
 
 
-def _together(element: Element) -> Axis:
-    sets = element.findall("ValueSetDistribution/ParameterValueSet")
+def _together(element: Part) -> Axis:
+    sets = element.all("ValueSetDistribution/ParameterValueSet")
     rows: list[Assignments] = [
-        tuple(
-            (attribute(it, "parameterRef"), plain(attribute(it, "value")))
-            for it in part.iterfind("ParameterAssignment")
-        )
+        tuple((it.attribute("parameterRef"), plain(it.attribute("value"))) for it in part.all("ParameterAssignment"))
         for part in sets
     ]
     names = tuple(dict.fromkeys(name for row in rows for name, _ in row))
     if not names or any(tuple(sorted(name for name, _ in row)) != tuple(sorted(names)) for row in rows):
-        raise fault(element, "its <ParameterValueSet>s must all give the same parameters")
+        raise element.fault("its <ParameterValueSet>s must all give the same parameters")
     # the axis goes by a parameter with different values in all rows, by one with numbers if there is one
     columns = {name: [dict(row)[name] for row in rows] for name in names}
     apart = [name for name in names if len(set(columns[name])) == len(rows)]
@@ -214,9 +196,9 @@ def _together(element: Element) -> Axis:
     return _listed(element, (numeric or apart or list(names))[0], names, rows)
 
 
-def _listed(element: Element, name: str, names: tuple[str, ...], rows: Sequence[Assignments]) -> Axis:
+def _listed(element: Part, name: str, names: tuple[str, ...], rows: Sequence[Assignments]) -> Axis:
     if not rows:
-        raise fault(element, "it must list at least one value")
+        raise element.fault("it must list at least one value")
     own = [dict(row)[name] for row in rows]
     if all(isinstance(value, float) for value in own) and len(set(own)) == len(own):
         choices = sorted((float(value), row) for value, row in zip(own, rows, strict=True))
@@ -225,32 +207,30 @@ def _listed(element: Element, name: str, names: tuple[str, ...], rows: Sequence[
     return Axis(name, names, choices[0][0], choices[-1][0], 1.0, tuple(choices))
 
 
-def range_of(element: Element) -> tuple[float, float]:
+def range_of(element: Part) -> tuple[float, float]:
     """The limits of a distribution, low to high."""
-    limits = child(element, "Range")
-    low, high = decimal(limits, "lowerLimit"), decimal(limits, "upperLimit")
+    limits = element.child("Range")
+    low, high = limits.decimal("lowerLimit"), limits.decimal("upperLimit")
     if low > high:
-        raise fault(limits, f"`lowerLimit` must be at most `upperLimit`, got {low:g} and {high:g}")
+        raise limits.fault(f"`lowerLimit` must be at most `upperLimit`, got {low:g} and {high:g}")
     return low, high
 
 
-def _drawn(element: Element) -> Axis:
+def _drawn(element: Part) -> Axis:
     """A stochastic distribution: a range with a density, sampled as the evaluation says."""
-    name, kind = attribute(element, "parameterName"), only(element)
+    name, kind = element.attribute("parameterName"), element.only()
     if kind.tag == "UniformDistribution":
         low, high = range_of(kind)
         density = Distribution("uniform", (("loc", low), ("scale", high - low)))
     elif kind.tag == "NormalDistribution":
         low, high = range_of(kind)
-        mean, variance = decimal(kind, "expectedValue"), decimal(kind, "variance")
-        if variance <= 0.0:
-            raise fault(kind, f"`variance` must be above 0, got {variance:g}")
+        mean, variance = kind.decimal("expectedValue"), kind.above_zero("variance")
         density = Distribution("norm", (("loc", mean), ("scale", math.sqrt(variance))))
     else:
-        raise not_played(kind, "stochastic distributions that are: UniformDistribution and NormalDistribution with a "
+        raise kind.not_played("stochastic distributions that are: UniformDistribution and NormalDistribution with a "
                                "Range; others are drawn by the sampling method `openscenario`")  # fmt: skip
     if not low < high:
-        raise fault(kind, f"its range must not be empty, got {low:g}..{high:g}")
+        raise kind.fault(f"its range must not be empty, got {low:g}..{high:g}")
     return Axis(name, (name,), low, high, (high - low) / 10.0, (), density)
 
 
@@ -299,7 +279,7 @@ class Holds:
         for index in np.ndindex(rows[0].shape):
             point = {axis.name: float(row[index]) for axis, row in zip(axes, rows, strict=True)}
             if rows[0].size > _LOOKED_AT:
-                found[index] = not parameters(self.space.file, self.space.given(point))[1]
+                found[index] = not read_openscenario(self.space.file).declared(self.space.given(point))[1]
             else:
                 found[index] = refusal(self.space, self.road, point) is None
         return found
@@ -324,7 +304,7 @@ def _looked_at(space: Space, given: Mapping[str, Value]) -> Scene | str:
 def _scene_or_why(path: Path, changed: int, given: Assignments, ego: str, *, flat: bool) -> Scene | str:
     values = dict(given)
     try:
-        _, broken = parameters(path, values)
+        _, broken = read_openscenario(path).declared(values)
         if broken:
             return f"= {broken[0]}"
         found = scene(path, values, ego, flat=flat)
@@ -341,23 +321,23 @@ def _impossible(path: Path, found: Scene, ego: str) -> InputError | None:
     road = Road(frame.name, frame.length, frame.lanes, frame.lane_width, 0.0, line=frame.line)
     wrong = next(misplaced(road, found.ego, found.ego_body, found.actors), None)
     if wrong is not None:
-        return fault(_declared(path, ego if wrong.name == "ego" else wrong.name), f"its body must be {wrong.must}")
+        return _declared(path, ego if wrong.name == "ego" else wrong.name).fault(f"its body must be {wrong.must}")
     for name, start in ((ego, found.ego), *((actor.name, actor.start) for actor in found.actors)):
         if start.speed > road.speed_limit:
             fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
-            return fault(_declared(path, name), f"its speed at the start must be {fastest}")
+            return _declared(path, name).fault(f"its speed at the start must be {fastest}")
     if any(act.program for actor in found.actors for act in actor.acts):
         limit = found.ends if math.isfinite(found.ends) else _LONGEST
         case = ConcreteScenario(path.stem, {}, 1.0, road, found.ego, found.actors, ego_body=found.ego_body)
         for actor, _ in never_begin(case, limit):
-            return fault(_declared(path, actor.name), "the condition of a move of it can never hold, whoever drives")
+            return _declared(path, actor.name).fault("the condition of a move of it can never hold, whoever drives")
     return None
 
 
-def _declared(path: Path, name: str) -> Element:
+def _declared(path: Path, name: str) -> Part:
     """Where a file declares an entity."""
-    entities = child(read_openscenario(path), "Entities")
-    return next((part for part in entities.iterfind("ScenarioObject") if part.get("name") == name), entities)
+    entities = read_openscenario(path).child("Entities")
+    return next((part for part in entities.all("ScenarioObject") if part.get("name") == name), entities)
 
 
 @dataclass(frozen=True, slots=True)

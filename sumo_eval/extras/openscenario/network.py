@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
-from sumo_eval.extras.openscenario.reading import attribute, decimal, fault
+from sumo_eval.extras.openscenario.reading import Part
 from sumo_eval.scenario.road.opendrive import lane_offset, reference_line
 from sumo_eval.scenario.road.reference_line import Piece, map_places
-from sumo_eval.scenario.xml_file import Element, read_xml
+from sumo_eval.scenario.xml_file import read_xml
 
 WIDEST = 6.0  # m: a wider lane is an area without marks
 MARKED = 3.5  # m: the lane that the ego is given in such an area
@@ -82,21 +82,21 @@ class Network:
     roads: dict[str, MapRoad]
     unread: dict[str, InputError]
 
-    def road(self, name: str, element: Element) -> MapRoad:
+    def road(self, name: str, element: Part) -> MapRoad:
         """A road by its id; refused where it is not there, or cannot be read. element: what asks for it."""
         if name in self.unread:
             raise self.unread[name]
         if name not in self.roads:
             known = [*self.roads, *self.unread]
-            raise fault(element, f"road `{name}` is not in {self.path.name}.{did_you_mean(name, known)}".rstrip("."))
+            raise element.fault(f"road `{name}` is not in {self.path.name}.{did_you_mean(name, known)}")
         return self.roads[name]
 
-    def lane(self, road: MapRoad, number: str, element: Element) -> Lane:
+    def lane(self, road: MapRoad, number: str, element: Part) -> Lane:
         """A lane of a road; refused where it is not there."""
         found = next((lane for lane in road.lanes.values() if _is(lane.number, number)), None)
         if found is None:
             known = ", ".join(str(it) for it in road.lanes)
-            raise fault(element, f"lane `{number}` is not on road `{road.name}` of {self.path.name}, which has {known}")
+            raise element.fault(f"lane `{number}` is not on road `{road.name}` of {self.path.name}, which has {known}")
         return found
 
 
@@ -115,55 +115,57 @@ def read_network(path: Path, *, flat: bool = False) -> Network:
 
 @lru_cache(maxsize=32)
 def _read(path: Path, changed: int, flat: bool) -> Network:
-    root = read_xml(path, "OpenDRIVE file")
+    root = Part(read_xml(path, "OpenDRIVE file"))
     if root.tag != "OpenDRIVE":
-        raise fault(root, "the root of an OpenDRIVE file must be <OpenDRIVE>")
+        raise root.fault("the root of an OpenDRIVE file must be <OpenDRIVE>")
     roads: dict[str, MapRoad] = {}
     unread: dict[str, InputError] = {}
-    for element in root.iter("road"):
-        name = attribute(element, "id")
+    for element in root.all(".//road"):
+        name = element.attribute("id")
         if name in roads or name in unread:
-            raise fault(element, f"there is another road with the `id` {name}")
+            raise element.fault(f"there is another road with the `id` {name}")
         try:
             roads[name] = _road(element, name, flat)
         except InputError as error:
             unread[name] = error
     if not roads and not unread:
-        raise fault(root, "it has no <road>")
+        raise root.fault("it has no <road>")
     return Network(path, roads, unread)
 
 
-def _road(element: Element, name: str, flat: bool) -> MapRoad:
-    owner = f"road `{name}` of OpenDRIVE file {Path(str(element.getroottree().docinfo.URL)).name}"
-    line, _ = reference_line(element, owner)
+def _road(element: Part, name: str, flat: bool) -> MapRoad:
+    owner = f"road `{name}` of OpenDRIVE file {element.file.name}"
+    line, _ = reference_line(element.element, owner)
     first = element.find("planView/geometry")
     assert first is not None
-    begin = Pose(*(decimal(first, key) for key in ("x", "y", "hdg")))
-    sections = element.findall("lanes/laneSection")
+    begin = Pose(*(first.decimal(key) for key in ("x", "y", "hdg")))
+    sections = element.all("lanes/laneSection")
     if len(sections) != 1:
-        raise fault(element, f"it must have one <laneSection>, got {len(sections)}")
-    shift = lane_offset(element, owner, flat=flat)
+        raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
+    shift = lane_offset(element.element, owner, flat=flat)
     lanes: dict[int, Lane] = {}
     for side, sign in (("left", 1.0), ("right", -1.0)):
         offset = 0.0
-        numbered = [(_lane_number(lane, sign), lane) for lane in sections[0].findall(f"{side}/lane")]
+        numbered = [(_lane_number(lane, sign), lane) for lane in sections[0].all(f"{side}/lane")]
         for number, lane in sorted(numbered, key=lambda it: abs(it[0])):
-            widths = lane.findall("width")
-            changes = len(widths) == 1 and any(decimal(widths[0], key) for key in "bcd" if key in widths[0].attrib)
+            widths = lane.all("width")
+            changes = len(widths) == 1 and any(
+                widths[0].decimal(key) for key in "bcd" if widths[0].get(key) is not None
+            )
             if len(widths) != 1 or changes:
-                raise fault(lane, "its width must be one constant")
+                raise lane.fault("its width must be one constant")
             if number in lanes:
-                raise fault(lane, f"there is another lane with the `id` {number}")
-            width = decimal(widths[0], "a")
+                raise lane.fault(f"there is another lane with the `id` {number}")
+            width = widths[0].decimal("a")
             lanes[number] = Lane(number, str(lane.get("type")), shift + sign * (offset + 0.5 * width), width)
             offset += width
     return MapRoad(name, begin, line, lanes)
 
 
-def _lane_number(lane: Element, sign: float) -> int:
+def _lane_number(lane: Part, sign: float) -> int:
     """The `id` of a lane: above 0 to the left of the reference line, below 0 to its right."""
-    number = decimal(lane, "id")
+    number = lane.decimal("id")
     if not number.is_integer() or number * sign <= 0.0:
         side = "above" if sign > 0.0 else "below"
-        raise fault(lane, f"its `id` must be a whole number {side} 0, got {lane.get('id')}")
+        raise lane.fault(f"its `id` must be a whole number {side} 0, got {lane.get('id')}")
     return int(number)

@@ -16,10 +16,8 @@ import numpy as np
 
 from sumo_eval.extras.openscenario.catalogs import Catalogs
 from sumo_eval.extras.openscenario.network import Lane, MapRoad, Network, Pose
-from sumo_eval.extras.openscenario.reading import attribute, child, children, fault, not_played, one_of, only
-from sumo_eval.extras.openscenario.values import Scope, flag, number, text, whole
+from sumo_eval.extras.openscenario.reading import Part
 from sumo_eval.scenario.road.reference_line import Piece, map_places
-from sumo_eval.scenario.xml_file import Element
 
 _FINE = 0.25  # m between two points of a trajectory that bends
 _STRAIGHT = 0.05  # m that a route may be off the straight line through its ends
@@ -55,7 +53,7 @@ class Entity:
     centre: float
     offset: float
     body: str
-    element: Element
+    element: Part
     spot: Spot | None = None
     speed: float = 0.0
     way: tuple[tuple[float, float], ...] = ()
@@ -63,12 +61,16 @@ class Entity:
     deleted: bool = False
     on_map: bool = False
 
-    def placed(self, asks: Element) -> Spot:
+    @property
+    def seen(self) -> Pose:
+        """`frame`, once the road is known."""
+        assert self.frame is not None
+        return self.frame
+
+    def placed(self, asks: Part) -> Spot:
         """Where it is; refused while nobody has said."""
         if self.spot is None:
-            raise fault(
-                asks, f"entity `{self.name}` has no place yet: a TeleportAction or a trajectory must come first"
-            )
+            raise asks.fault(f"entity `{self.name}` has no place yet: a TeleportAction or a trajectory must come first")
         return self.spot
 
 
@@ -86,17 +88,17 @@ class Trajectory:
         """Whether it is no straight line."""
         return any(piece.begin != 0.0 or piece.end != 0.0 for piece in self.pieces)
 
-    def at(self, s: float, element: Element, t: float = 0.0) -> Pose:
+    def at(self, s: float, element: Part, t: float = 0.0) -> Pose:
         """The place s m along it, and t m to its left."""
         left = s
         for (x, y), (x2, y2) in pairwise(self.points):
             length = math.hypot(x2 - x, y2 - y)
             if left <= length or (x2, y2) == self.points[-1]:
                 if left > length + _STRAIGHT or s < -_STRAIGHT:
-                    raise fault(element, f"s = {s:g} m is beyond its trajectory")
+                    raise element.fault(f"s = {s:g} m is beyond its trajectory")
                 return Pose(x, y, math.atan2(y2 - y, x2 - x)).moved(left, t)
             left -= length
-        raise fault(element, "a trajectory must have two different points")
+        raise element.fault("a trajectory must have two different points")
 
     def rest(self, s: float) -> tuple[tuple[float, float], ...]:
         """Its points behind s m."""
@@ -116,58 +118,58 @@ class Places:
     catalogs: Catalogs
     entities: dict[str, Entity]
 
-    def entity(self, name: str, element: Element) -> Entity:
+    def entity(self, name: str, element: Part) -> Entity:
         """An entity by its name; refused where there is none."""
         if name not in self.entities:
-            raise fault(element, f"entity `{name}` is not among {', '.join(self.entities)}")
+            raise element.fault(f"entity `{name}` is not among {', '.join(self.entities)}")
         return self.entities[name]
 
-    def spot(self, position: Element, scope: Scope) -> Spot:
+    def spot(self, position: Part) -> Spot:
         """The place that a <Position> (or what holds one of its kinds) says."""
-        kind = only(position)
+        kind = position.only()
         known = {
             "LanePosition": self._lane, "RelativeLanePosition": self._relative_lane, "RoadPosition": self._road,
             "RelativeRoadPosition": self._relative_road, "RelativeObjectPosition": self._relative_object,
             "RoutePosition": self._route, "TrajectoryPosition": self._on_trajectory, "WorldPosition": self._world,
         }  # fmt: skip
         if kind.tag not in known:
-            raise not_played(kind, f"positions that are: {', '.join(known)}")
-        found = known[kind.tag](kind, scope)
+            raise kind.not_played(f"positions that are: {', '.join(known)}")
+        found = known[kind.tag](kind)
         turn = kind.find("Orientation")
         if turn is None:
             return found
         for name in ("p", "r"):
-            if number(turn, name, scope, 0.0) != 0.0:
-                raise fault(turn, f"`{name}` must be 0 on a road that is flat")
-        heading = number(turn, "h", scope, 0.0)
-        if one_of(turn, "type", ("relative", "absolute"), "absolute") == "relative":
+            if turn.number(name, 0.0) != 0.0:
+                raise turn.fault(f"`{name}` must be 0 on a road that is flat")
+        heading = turn.number("h", 0.0)
+        if turn.one_of("type", ("relative", "absolute"), "absolute") == "relative":
             heading += found.pose.heading
         turned = abs(math.remainder(heading - found.pose.heading, math.tau)) > 1e-9
         return Spot(found.pose._replace(heading=heading), found.road, found.lane, found.s, found.t, turned)
 
-    def _on(self, road: MapRoad, s: float, t: float, lane: Lane | None, element: Element) -> Spot:
+    def _on(self, road: MapRoad, s: float, t: float, lane: Lane | None, element: Part) -> Spot:
         if not -1e-6 <= s <= road.length + 1e-6:
-            raise fault(element, f"s = {s:g} m is not on road `{road.name}`, which is {road.length:g} m long")
+            raise element.fault(f"s = {s:g} m is not on road `{road.name}`, which is {road.length:g} m long")
         return Spot(road.pose(s, t), road, lane, s, t)
 
-    def _lane(self, element: Element, scope: Scope) -> Spot:
-        road = self.network.road(text(element, "roadId", scope), element)
-        lane = self.network.lane(road, text(element, "laneId", scope), element)
-        return self._on(road, number(element, "s", scope), lane.centre + number(element, "offset", scope, 0.0), lane,
+    def _lane(self, element: Part) -> Spot:
+        road = self.network.road(element.text("roadId"), element)
+        lane = self.network.lane(road, element.text("laneId"), element)
+        return self._on(road, element.number("s"), lane.centre + element.number("offset", 0.0), lane,
                         element)  # fmt: skip
 
-    def _relative_lane(self, element: Element, scope: Scope) -> Spot:
-        other = self.entity(text(element, "entityRef", scope), element).placed(element)
+    def _relative_lane(self, element: Part) -> Spot:
+        other = self.entity(element.text("entityRef"), element).placed(element)
         if other.road is None or other.lane is None:
-            raise fault(element, "the entity that it is relative to is in no lane")
+            raise element.fault("the entity that it is relative to is in no lane")
         if element.get("dsLane") is not None and other.road.bent:
-            raise fault(element, "`dsLane` is not played on a bend, `ds` is")
-        ahead = number(element, "ds", scope, 0.0) + number(element, "dsLane", scope, 0.0)
-        lane = self.lane_beside(other, whole(element, "dLane", scope), element)
-        t = lane.centre + number(element, "offset", scope, 0.0)
+            raise element.fault("`dsLane` is not played on a bend, `ds` is")
+        ahead = element.number("ds", 0.0) + element.number("dsLane", 0.0)
+        lane = self.lane_beside(other, element.whole("dLane"), element)
+        t = lane.centre + element.number("offset", 0.0)
         return self._on(other.road, other.s + ahead, t, lane, element)
 
-    def lane_beside(self, spot: Spot, lanes: int, element: Element) -> Lane:
+    def lane_beside(self, spot: Spot, lanes: int, element: Part) -> Lane:
         """The lane so many lanes to the left of where something is; 0 is no lane and is not counted."""
         assert spot.road is not None
         assert spot.lane is not None
@@ -176,130 +178,108 @@ class Places:
             chosen += 1 if lanes > 0 else -1
         return self.network.lane(spot.road, str(chosen), element)
 
-    def _road(self, element: Element, scope: Scope) -> Spot:
-        road = self.network.road(text(element, "roadId", scope), element)
-        return self._on(road, number(element, "s", scope), number(element, "t", scope), None, element)
+    def _road(self, element: Part) -> Spot:
+        road = self.network.road(element.text("roadId"), element)
+        return self._on(road, element.number("s"), element.number("t"), None, element)
 
-    def _relative_road(self, element: Element, scope: Scope) -> Spot:
-        other = self.entity(text(element, "entityRef", scope), element).placed(element)
+    def _relative_road(self, element: Part) -> Spot:
+        other = self.entity(element.text("entityRef"), element).placed(element)
         if other.road is None:
-            raise fault(element, "the entity that it is relative to is on no road")
-        s, t = other.s + number(element, "ds", scope), other.t + number(element, "dt", scope)
+            raise element.fault("the entity that it is relative to is on no road")
+        s, t = other.s + element.number("ds"), other.t + element.number("dt")
         return self._on(other.road, s, t, None, element)
 
-    def _relative_object(self, element: Element, scope: Scope) -> Spot:
-        other = self.entity(text(element, "entityRef", scope), element).placed(element)
-        return Spot(other.pose.moved(number(element, "dx", scope), number(element, "dy", scope)), turned=True)
+    def _relative_object(self, element: Part) -> Spot:
+        other = self.entity(element.text("entityRef"), element).placed(element)
+        return Spot(other.pose.moved(element.number("dx"), element.number("dy")), turned=True)
 
-    def _world(self, element: Element, scope: Scope) -> Spot:
-        return Spot(Pose(number(element, "x", scope), number(element, "y", scope), number(element, "h", scope, 0.0)),
+    def _world(self, element: Part) -> Spot:
+        return Spot(Pose(element.number("x"), element.number("y"), element.number("h", 0.0)),
                     turned=True)  # fmt: skip
 
     # -- trajectories --------------------------------------------------------------------------------------------------
 
-    def _referred(self, holder: Element, name: str, scope: Scope) -> tuple[Element, Scope, bool]:
-        """The thing that stands in `holder`, or that its <CatalogReference> names; whether it is from a catalog."""
-        reference = holder.find("CatalogReference")
-        if reference is None:
-            return child(holder, name), scope, False
-        found, inner = self.catalogs.entry(reference, scope)
-        if found.tag != name:
-            raise fault(reference, f"the entry must be a <{name}>, got <{found.tag}>")
-        self.catalogs.enter(reference, scope)
-        return found, inner, True
-
-    def trajectory(self, holder: Element, scope: Scope) -> Trajectory:
+    def trajectory(self, holder: Part) -> Trajectory:
         """The trajectory of a <TrajectoryRef>."""
-        element, inner, catalogued = self._referred(holder, "Trajectory", scope)
-        try:
-            if flag(element, "closed", inner, default=False):
-                raise fault(element, "a closed trajectory is not played")
-            shape = only(child(element, "Shape"))
-            if shape.tag == "Polyline":
-                return self._polyline(shape, inner)
-            if shape.tag == "ClothoidSpline":
-                return self._spline(shape, inner)
-            raise not_played(shape, "shapes that are: Polyline, ClothoidSpline")
-        finally:
-            if catalogued:
-                self.catalogs.leave()
+        element = self.catalogs.held(holder, "Trajectory")
+        if element.flag("closed"):
+            raise element.fault("a closed trajectory is not played")
+        shape = element.child("Shape").only()
+        if shape.tag == "Polyline":
+            return self._polyline(shape)
+        if shape.tag == "ClothoidSpline":
+            return self._spline(shape)
+        raise shape.not_played("shapes that are: Polyline, ClothoidSpline")
 
-    def _polyline(self, shape: Element, scope: Scope) -> Trajectory:
-        vertices = shape.findall("Vertex")
+    def _polyline(self, shape: Part) -> Trajectory:
+        vertices = shape.all("Vertex")
         if len(vertices) < 2:
-            raise fault(shape, f"it must have at least two vertices, got {len(vertices)}")
-        spots = [self.spot(child(vertex, "Position"), scope) for vertex in vertices]
+            raise shape.fault(f"it must have at least two vertices, got {len(vertices)}")
+        spots = [self.spot(vertex.child("Position")) for vertex in vertices]
         timed = [vertex.get("time") is not None for vertex in vertices]
         if any(timed) and not all(timed):
-            raise fault(shape, "either all of its vertices must have a `time`, or none")
-        times = tuple(number(vertex, "time", scope) for vertex in vertices) if all(timed) else ()
+            raise shape.fault("either all of its vertices must have a `time`, or none")
+        times = tuple(vertex.number("time") for vertex in vertices) if all(timed) else ()
         points = tuple((spot.pose.x, spot.pose.y) for spot in spots)
         return Trajectory(points, times, spots[0])
 
-    def _spline(self, shape: Element, scope: Scope) -> Trajectory:
-        segments = shape.findall("ClothoidSplineSegment")
+    def _spline(self, shape: Part) -> Trajectory:
+        segments = shape.all("ClothoidSplineSegment")
         first = None if not segments else segments[0].find("PositionStart")
         if first is None:
-            raise fault(shape, "its first segment must have a <PositionStart>")
-        begin = self.spot(first, scope)
+            raise shape.fault("its first segment must have a <PositionStart>")
+        begin = self.spot(first)
         pieces = []
         for segment in segments:
-            length = number(segment, "length", scope)
-            if length <= 0.0:
-                raise fault(segment, f"`length` must be above 0 m, got {length:g}")
-            ends = number(segment, "curvatureStart", scope), number(segment, "curvatureEnd", scope)
-            pieces.append(Piece(length, *ends))
+            ends = segment.number("curvatureStart"), segment.number("curvatureEnd")
+            pieces.append(Piece(segment.above_zero("length", " m"), *ends))
         total = sum(piece.length for piece in pieces)
         s = np.linspace(0.0, total, math.ceil(total / _FINE) + 1)
         x, y, _ = map_places(tuple(pieces), s, 0.0)
         poses = [begin.pose.moved(float(a), float(b)) for a, b in zip(x, y, strict=True)]
         return Trajectory(tuple((pose.x, pose.y) for pose in poses), (), begin, tuple(pieces))
 
-    def _on_trajectory(self, element: Element, scope: Scope) -> Spot:
-        trajectory = self.trajectory(child(element, "TrajectoryRef"), scope)
-        return Spot(trajectory.at(number(element, "s", scope), element, number(element, "t", scope, 0.0)), turned=True)
+    def _on_trajectory(self, element: Part) -> Spot:
+        trajectory = self.trajectory(element.child("TrajectoryRef"))
+        return Spot(trajectory.at(element.number("s"), element, element.number("t", 0.0)), turned=True)
 
     # -- routes --------------------------------------------------------------------------------------------------------
 
-    def route(self, holder: Element, scope: Scope) -> tuple[Spot, Spot]:
+    def route(self, holder: Part) -> tuple[Spot, Spot]:
         """Both ends of a route; refused where it turns."""
-        element, inner, catalogued = self._referred(holder, "Route", scope)
-        try:
-            waypoints = element.findall("Waypoint")
-            if len(waypoints) < 2:
-                raise fault(element, f"it must have at least two waypoints, got {len(waypoints)}")
-            spots = [self.spot(child(waypoint, "Position"), inner) for waypoint in waypoints]
-        finally:
-            if catalogued:
-                self.catalogs.leave()
+        element = self.catalogs.held(holder, "Route")
+        waypoints = element.all("Waypoint")
+        if len(waypoints) < 2:
+            raise element.fault(f"it must have at least two waypoints, got {len(waypoints)}")
+        spots = [self.spot(waypoint.child("Position")) for waypoint in waypoints]
         begin = spots[0]
         if begin.road is None or begin.lane is None:
-            raise fault(waypoints[0], "its first waypoint must be in a lane")
+            raise waypoints[0].fault("its first waypoint must be in a lane")
         for spot, waypoint in zip(spots[1:], waypoints[1:], strict=True):
             there = spot.pose.seen_from(begin.pose)
             if there.x <= 0.0 or abs(there.y) > _STRAIGHT:
-                raise fault(waypoint, "a route that turns is not played")
+                raise waypoint.fault("a route that turns is not played")
         return begin, spots[-1]
 
-    def _route(self, element: Element, scope: Scope) -> Spot:
-        holder = child(element, "RouteRef")
-        begin, end = self.route(holder, scope)
+    def _route(self, element: Part) -> Spot:
+        holder = element.child("RouteRef")
+        begin, end = self.route(holder)
         road = begin.road
         assert road is not None
-        at = only(child(element, "InRoutePosition"))
-        s = number(at, "pathS", scope)
+        at = element.child("InRoutePosition").only()
+        s = at.number("pathS")
         lane = None
         if at.tag == "FromLaneCoordinates":
-            lane = self.network.lane(road, text(at, "laneId", scope), at)
-            t = lane.centre + number(at, "laneOffset", scope, 0.0)
+            lane = self.network.lane(road, at.text("laneId"), at)
+            t = lane.centre + at.number("laneOffset", 0.0)
         elif at.tag == "FromRoadCoordinates":
-            t = number(at, "t", scope)
+            t = at.number("t")
         else:
-            raise not_played(at, "places on a route that are: FromLaneCoordinates, FromRoadCoordinates")
+            raise at.not_played("places on a route that are: FromLaneCoordinates, FromRoadCoordinates")
         line = road.pose(begin.s, 0.0)
         reach = end.pose.seen_from(line).x
         if not 0.0 <= s <= reach + 1e-6:
-            raise fault(at, f"pathS = {s:g} m is not on its route, which is {reach:g} m long")
+            raise at.fault(f"pathS = {s:g} m is not on its route, which is {reach:g} m long")
         return Spot(line.moved(s, t), road, lane, begin.s + s, t)
 
 
@@ -309,27 +289,27 @@ BODY_OF = {
 }  # fmt: skip
 
 
-def entity_of(element: Element, catalogs: Catalogs, scope: Scope) -> Entity:
+def entity_of(element: Part, catalogs: Catalogs) -> Entity:
     """An entity of a <ScenarioObject>."""
-    name = attribute(element, "name")
-    holders = [part for part in children(element) if part.tag != "ObjectController"]
+    name = element.attribute("name")
+    holders = [part for part in element.children() if part.tag != "ObjectController"]
     if len(holders) != 1:
-        raise fault(element, f"it must be one vehicle, pedestrian or object, got {len(holders)}")
-    found, inner = catalogs.entry(holders[0], scope) if holders[0].tag == "CatalogReference" else (holders[0], scope)
+        raise element.fault(f"it must be one vehicle, pedestrian or object, got {len(holders)}")
+    found = catalogs.entry(holders[0]) if holders[0].tag == "CatalogReference" else holders[0]
     if found.tag == "Vehicle":
-        category = text(found, "vehicleCategory", inner)
+        category = found.text("vehicleCategory")
         body = BODY_OF.get(category)
         if body is None:
-            raise fault(found, f"a vehicle of category `{category}` is not played")
+            raise found.fault(f"a vehicle of category `{category}` is not played")
     elif found.tag == "Pedestrian":
         body = "pedestrian"
     elif found.tag == "MiscObject":
         body = "car"
     else:
-        raise not_played(found)
-    box = child(found, "BoundingBox")
-    centre, size = child(box, "Center"), child(box, "Dimensions")
-    length, width = number(size, "length", inner), number(size, "width", inner)
+        raise found.not_played()
+    box = found.child("BoundingBox")
+    centre, size = box.child("Center"), box.child("Dimensions")
+    length, width = size.number("length"), size.number("width")
     if not (length > 0.0 and width > 0.0):
-        raise fault(size, f"its length and width must be above 0 m, got {length:g} and {width:g}")
-    return Entity(name, length, width, number(centre, "x", inner), number(centre, "y", inner), body, element)
+        raise size.fault(f"its length and width must be above 0 m, got {length:g} and {width:g}")
+    return Entity(name, length, width, centre.number("x"), centre.number("y"), body, element)

@@ -25,12 +25,11 @@ import numpy as np
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.extras.openscenario.logical import Axis, axes_of, range_of
-from sumo_eval.extras.openscenario.reading import attribute, children, read_openscenario
-from sumo_eval.extras.openscenario.values import Value, declared, plain
+from sumo_eval.extras.openscenario.reading import Part, read_openscenario
+from sumo_eval.extras.openscenario.values import Value, plain
 from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Request
-from sumo_eval.scenario.xml_file import Element
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.settings.toml_file import read_toml
 
@@ -50,19 +49,19 @@ class SpaceMapping:
 class Variation:
     """A parsed variation: combinations to try, and the parameters that the scenario file declares.
 
-    declarations: None where the scenario file is not there.
+    scenario: the file that declares them; None where it is not there, or declares none.
     """
 
     combinations: tuple[Combination, ...]
-    declarations: Element | None
+    scenario: Part | None
     notes: tuple[str, ...]
 
     def completed(self, combination: Combination) -> Combination | None:
         """A combination with the defaults of what it leaves out; None where the constraint groups forbid it."""
-        if self.declarations is None:
+        if self.scenario is None:
             return combination
-        scope, broken = declared(self.declarations, combination)
-        return None if broken else scope.values
+        inner, broken = self.scenario.declared(combination)
+        return None if broken else dict(inner.values)
 
 
 def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
@@ -72,8 +71,8 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     mapping = read_mapping((request.folder or Path.cwd()) / request.file, logical)
     variation = read_variation(mapping.distribution, request.count, request.seed)
     theirs = {name for item in variation.combinations for name in item}
-    if variation.declarations is not None:
-        theirs |= {attribute(part, "name") for part in children(variation.declarations)}
+    if variation.scenario is not None:
+        theirs |= {part.attribute("name") for part in variation.scenario.all("ParameterDeclarations/*")}
     for name, expression in mapping.parameters:
         checked_names(expression, theirs, f"`{name}` of mapping {request.file}")
     for name, _ in mapping.only:
@@ -132,29 +131,30 @@ def read_variation(path: Path, count: int | None, seed: int) -> Variation:
     if distribution is None:
         raise InputError(f"{path.name} must hold a ParameterValueDistribution.")
     notes: list[str] = []
-    declarations = _declarations(path, distribution, notes)
+    scenario = _scenario(path, distribution, notes)
     stochastic = distribution.find("Stochastic")
     if stochastic is not None and distribution.find("Deterministic") is None:
-        return Variation(tuple(_stochastic(stochastic, path, count, seed, notes)), declarations, tuple(notes))
+        return Variation(tuple(_stochastic(stochastic, path, count, seed, notes)), scenario, tuple(notes))
     combinations = tuple(_deterministic(distribution, path.name))
     if count is not None:
         raise InputError(
             f"`count` does nothing for {path.name}: its distribution is deterministic, and all combinations are "
             "driven; [only] of the mapping leaves some out."
         )
-    return Variation(combinations, declarations, tuple(notes))
+    return Variation(combinations, scenario, tuple(notes))
 
 
-def _declarations(path: Path, distribution: Element, notes: list[str]) -> Element | None:
+def _scenario(path: Path, distribution: Part, notes: list[str]) -> Part | None:
     named = distribution.find("ScenarioFile")
     target = None if named is None else path.parent / str(named.get("filepath", ""))
     if target is None or not target.exists():
         notes.append(f"The scenario file of {path.name} is not there: no constraint groups, no default values.")
         return None
-    return read_openscenario(target).find("ParameterDeclarations")
+    scenario = read_openscenario(target)
+    return None if scenario.find("ParameterDeclarations") is None else scenario
 
 
-def _deterministic(distribution: Element, owner: str) -> Iterator[Combination]:
+def _deterministic(distribution: Part, owner: str) -> Iterator[Combination]:
     axes = list(axes_of(distribution))
     total = math.prod(axis.count for axis in axes)
     if not axes or total > MAX_POINTS:
@@ -173,7 +173,7 @@ def _choices(axis: Axis) -> list[tuple[tuple[str, Value], ...]]:
 # --- stochastic -------------------------------------------------------------------------------------------------------
 
 
-def _stochastic(element: Element, path: Path, count: int | None, seed: int, notes: list[str]) -> Iterator[Combination]:
+def _stochastic(element: Part, path: Path, count: int | None, seed: int, notes: list[str]) -> Iterator[Combination]:
     runs = count if count is not None else int(str(element.get("numberOfTestRuns", "0")))
     if not 1 <= runs <= MAX_POINTS:
         raise must_be("`numberOfTestRuns`", path.name, f"within 1..{MAX_POINTS:,}, or give a `count`", runs)
@@ -181,7 +181,7 @@ def _stochastic(element: Element, path: Path, count: int | None, seed: int, note
     if theirs is not None:
         notes.append(f"The random seed {theirs} of {path.name} is not used: the evaluation's own is.")
     columns: dict[str, list[Value]] = {}
-    for item in element.iterfind("StochasticDistribution"):
+    for item in element.all("StochasticDistribution"):
         name = str(item.get("parameterName"))
         columns[name] = _draws(item, name, runs, random_stream(seed, "openscenario", path.name, name))
     if not columns:
@@ -190,16 +190,16 @@ def _stochastic(element: Element, path: Path, count: int | None, seed: int, note
         yield dict(zip(columns, row, strict=True))
 
 
-def _draws(item: Element, name: str, runs: int, stream: np.random.Generator) -> list[Value]:
-    kind = next((part for part in item if isinstance(part.tag, str)), None)
+def _draws(item: Part, name: str, runs: int, stream: np.random.Generator) -> list[Value]:
+    kind = next(iter(item.children()), None)
     tag = "nothing" if kind is None else str(kind.tag)
     if kind is not None and tag == "ProbabilityDistributionSet":
-        elements = kind.findall("Element")
+        elements = kind.all("Element")
         weights = np.array([float(str(element.get("weight", "1"))) for element in elements])
         picks = stream.choice(len(elements), runs, p=weights / weights.sum())
         return [plain(str(elements[pick].get("value"))) for pick in picks]
     if kind is not None and tag == "Histogram":
-        bins = kind.findall("Bin")
+        bins = kind.all("Bin")
         weights = np.array([float(str(part.get("weight"))) for part in bins])
         limits = np.array([range_of(part) for part in bins])
         picks = stream.choice(len(bins), runs, p=weights / weights.sum())

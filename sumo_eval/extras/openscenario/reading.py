@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
 from sumo_eval.errors import InputError, did_you_mean
+from sumo_eval.extras.openscenario.values import RULES, Value, WrongValueError, holds, number_of, worked_out
 from sumo_eval.input_file import input_file
 from sumo_eval.scenario.xml_file import Element, read_xml
 from sumo_eval.text import shown
 
 _VERSIONS = ("1.0", "1.1", "1.2", "1.3")
+_BOOLEAN = {"true": True, "false": False, "1": True, "0": False}
+_IN_KMH = re.compile(r"\$(\w+_)?(kph|kmh|kmph)", re.IGNORECASE)
 
 
 @lru_cache(maxsize=64)
-def _read_once(path: Path, changed: int) -> Element:
+def _read_once(path: Path, changed: int) -> Part:
     root = read_xml(path, "OpenSCENARIO file")
     if root.tag != "OpenSCENARIO":
         raise InputError(f"OpenSCENARIO file {path}: its root must be <OpenSCENARIO>, got <{root.tag}>.")
@@ -24,90 +30,214 @@ def _read_once(path: Path, changed: int) -> Element:
         raise InputError(f"OpenSCENARIO file {path}: <FileHeader> is missing.")
     version = f"{header.get('revMajor', '?')}.{header.get('revMinor', '?')}"
     if version not in _VERSIONS:
-        raise fault(header, f"its version must be one of {', '.join(_VERSIONS)}, got {shown(version)}")
-    return root
+        raise Part(header).fault(f"its version must be one of {', '.join(_VERSIONS)}, got {shown(version)}")
+    return Part(root)
 
 
-def read_openscenario(path: Path) -> Element:
+def read_openscenario(path: Path) -> Part:
     """The root of an OpenSCENARIO file of a version that is known."""
     return _read_once(path, input_file(path, "OpenSCENARIO file").stat().st_mtime_ns)
 
 
-def version_of(root: Element) -> str:
-    """`1.3`."""
-    header = child(root, "FileHeader")
-    return f"{header.get('revMajor')}.{header.get('revMinor')}"
+@dataclass(slots=True, eq=False)
+class Part:
+    """An element of a file, and what is known in it.
 
+    values: of parameters by name. entries: of catalogs, which led here. Its methods refuse what is not there with file,
+    line and element.
+    """
 
-def file_of(element: Element) -> Path:
-    """The file that an element was read from."""
-    return Path(str(element.getroottree().docinfo.URL))
+    element: Element
+    values: Mapping[str, Value] = field(default_factory=dict)
+    entries: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def tag(self) -> str:
+        """Its kind."""
+        return str(self.element.tag)
 
-def where(element: Element) -> str:
-    """`CCRs.xosc, line 120, <SpeedAction>`."""
-    return f"{file_of(element).name}, line {element.sourceline}, <{element.tag}>"
+    @property
+    def file(self) -> Path:
+        """The file that it was read from."""
+        return Path(str(self.element.getroottree().docinfo.URL))
 
+    @property
+    def where(self) -> str:
+        """`CCRs.xosc, line 120, <SpeedAction>`."""
+        return f"{self.file.name}, line {self.element.sourceline}, <{self.tag}>"
 
-def fault(element: Element, text: str) -> InputError:
-    """A sentence on what is wrong with an element. text: `value must be a number, got 'x'`."""
-    return InputError(f"{where(element)}: {text}{'' if text.endswith('?') else '.'}")
+    def fault(self, text: str) -> InputError:
+        """A sentence on what is wrong with it. text: `value must be a number, got 'x'`."""
+        text = text.rstrip(".")
+        return InputError(f"{self.where}: {text}{'' if text.endswith('?') else '.'}")
 
+    def not_played(self, among: str = "") -> InputError:
+        """A sentence that it is one that is not played."""
+        rest = f": {among}" if among else ""
+        return self.fault(f"this is not played{rest}, and nothing is guessed in its place")
 
-def not_played(element: Element, among: str = "") -> InputError:
-    """A sentence that an element is one that is not played."""
-    rest = f": {among}" if among else ""
-    return fault(element, f"this is not played{rest}, and nothing is guessed in its place")
+    # -- what is in it -------------------------------------------------------------------------------------------------
 
+    def get(self, name: str, default: str | None = None) -> str | None:
+        """An attribute as it is written."""
+        return self.element.get(name, default)
 
-def children(element: Element) -> list[Element]:
-    """The elements inside one, without comments."""
-    return [part for part in element if isinstance(part.tag, str)]
+    def all(self, path: str) -> list[Part]:
+        """The elements at a path below it."""
+        return [Part(one, self.values, self.entries) for one in self.element.iterfind(path)]
 
+    def find(self, path: str) -> Part | None:
+        """The first element at a path below it."""
+        found = self.element.find(path)
+        return None if found is None else Part(found, self.values, self.entries)
 
-def only(element: Element) -> Element:
-    """The one element inside another."""
-    found = children(element)
-    if len(found) != 1:
-        raise fault(element, f"it must hold one element, got {len(found)}")
-    return found[0]
+    def children(self) -> list[Part]:
+        """The elements inside it, without comments."""
+        return [Part(one, self.values, self.entries) for one in self.element if isinstance(one.tag, str)]
 
+    def only(self) -> Part:
+        """The one element inside it."""
+        found = self.children()
+        if len(found) != 1:
+            raise self.fault(f"it must hold one element, got {len(found)}")
+        return found[0]
 
-def child(element: Element, name: str) -> Element:
-    """The element of a name inside another; refused where it is missing."""
-    found = element.find(name)
-    if found is None:
-        raise fault(element, f"<{name}> is missing in it")
-    return found
+    def child(self, name: str) -> Part:
+        """The element of a name inside it."""
+        found = self.find(name)
+        if found is None:
+            raise self.fault(f"<{name}> is missing in it")
+        return found
 
+    # -- its attributes ------------------------------------------------------------------------------------------------
 
-def attribute(element: Element, name: str) -> str:
-    """An attribute as it is written; refused where it is missing."""
-    found = element.get(name)
-    if found is None:
-        raise fault(element, f"`{name}` is missing")
-    return str(found)
+    def attribute(self, name: str) -> str:
+        """An attribute as it is written."""
+        found = self.get(name)
+        if found is None:
+            raise self.fault(f"`{name}` is missing")
+        return str(found)
 
+    def decimal(self, name: str) -> float:
+        """An attribute of a format without parameters, as a finite number."""
+        try:
+            value = float(self.attribute(name))
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise self.fault(f"`{name}` must be a finite number, got {self.get(name)}")
+        return value
 
-def decimal(element: Element, name: str) -> float:
-    """An attribute of a format without parameters, as a finite number."""
-    try:
-        value = float(attribute(element, name))
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise fault(element, f"`{name}` must be a finite number, got {element.get(name)}")
-    return value
+    def one_of(self, name: str, known: tuple[str, ...], default: str | None = None) -> str:
+        """An attribute that must be one of some words."""
+        if default is not None and self.get(name) is None:
+            return default
+        found = self.attribute(name)
+        if found not in known:
+            near = did_you_mean(found, known)
+            raise self.fault(f"`{name}` must be one of {', '.join(known)}, got {shown(found)}.{near}")
+        return found
 
+    def worked_out(self, written: str) -> Value:
+        """The value of what is written in it: a literal, `$name`, or `${expression of $names}`."""
+        try:
+            return worked_out(written, self.values)
+        except WrongValueError as error:
+            raise self.fault(str(error)) from None
 
-def one_of(element: Element, name: str, known: tuple[str, ...], default: str | None = None) -> str:
-    """An attribute that must be one of some words."""
-    found = element.get(name) if default is not None else attribute(element, name)
-    if found is None:
-        assert default is not None
-        return default
-    if found not in known:
-        near = did_you_mean(found, known)
-        raise fault(element, f"`{name}` must be one of {', '.join(known)}, got {shown(found)}.{near}"
-                    .rstrip("."))  # fmt: skip
-    return str(found)
+    def text(self, name: str, default: str | None = None) -> str:
+        """An attribute as text, worked out."""
+        if default is not None and self.get(name) is None:
+            return default
+        found = self.worked_out(self.attribute(name))
+        if isinstance(found, str):
+            return found
+        return str(int(found)) if found.is_integer() else repr(found)
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """An attribute as a finite number, worked out."""
+        if default is not None and self.get(name) is None:
+            return default
+        written = self.attribute(name)
+        if _IN_KMH.fullmatch(written.strip()):
+            raise self.fault(
+                f"`{name}` must be in m/s, got {written}, which by its name is in km/h: ${{{written} / 3.6}}"
+            )
+        found = self.worked_out(written)
+        value = number_of(found)
+        if value is None or not math.isfinite(value):
+            is_what = "" if found == written else f", which is {shown(found)}"
+            raise self.fault(f"`{name}` must be a finite number, got {shown(written)}{is_what}")
+        return value
+
+    def above_zero(self, name: str, unit: str = "") -> float:
+        """An attribute as a number above 0."""
+        value = self.number(name)
+        if value <= 0.0:
+            raise self.fault(f"`{name}` must be above 0{unit}, got {value:g}")
+        return value
+
+    def whole(self, name: str) -> int:
+        """An attribute as a whole number, worked out."""
+        value = self.number(name)
+        if not value.is_integer():
+            raise self.fault(f"`{name}` must be a whole number, got {value:g}")
+        return int(value)
+
+    def flag(self, name: str, default: str = "false") -> bool:
+        """An attribute that is true or false."""
+        found = self.text(name, default)
+        if found not in _BOOLEAN:
+            raise self.fault(f"`{name}` must be true or false, got {shown(found)}")
+        return _BOOLEAN[found]
+
+    def compared(self, rule: str, one: Value, two: Value) -> bool:
+        """Whether a rule holds between two values; texts are equal or not."""
+        if rule not in RULES:
+            known = ", ".join(RULES)
+            raise self.fault(f"`rule` must be one of {known}, got {shown(rule)}.{did_you_mean(rule, RULES)}")
+        found = holds(rule, one, two)
+        if found is None:
+            raise self.fault(f"`{rule}` must compare numbers, got {shown(one)} and {shown(two)}")
+        return found
+
+    # -- what is known in it -------------------------------------------------------------------------------------------
+
+    def declared(self, given: Mapping[str, Value]) -> tuple[Part, list[str]]:
+        """It with the parameters that its <ParameterDeclarations> add or replace, and the constraints that do not hold.
+
+        given: values in the place of those that are declared. Raises InputError for one that nobody declares.
+        """
+        holder = self.find("ParameterDeclarations")
+        found = [] if holder is None else [it for it in holder.children() if it.tag == "ParameterDeclaration"]
+        names = [part.attribute("name") for part in found]
+        for name in given:
+            if name not in names:
+                place = "The file" if holder is None else holder.where
+                raise InputError(f"{place}: parameter `{name}` is not declared.{did_you_mean(name, names)}")
+        values = dict(self.values)
+        found = [replace(part, values=values) for part in found]
+        for earlier, (part, name) in enumerate(zip(found, names, strict=True)):
+            if name in names[:earlier]:
+                raise part.fault(f"parameter `{name}` is declared twice")
+            values[name] = given[name] if name in given else part.worked_out(str(part.get("value", "")))
+        broken = [why for part, name in zip(found, names, strict=True) for why in part._broken(name)]
+        return replace(self, values=values), broken
+
+    def within(self) -> Part:
+        """A story or a manoeuvre, which knows all around it and what it declares itself."""
+        inner, broken = self.declared({})
+        if broken:
+            raise self.fault(f"a constraint does not hold: {broken[0]}")
+        return inner
+
+    def _broken(self, name: str) -> Iterator[str]:
+        """Of several constraint groups one must hold, with all of its constraints."""
+        groups = [group.all("ValueConstraint") for group in self.all("ConstraintGroup")]
+        for group in groups:
+            wanted = [(it, it.attribute("rule"), it.worked_out(it.attribute("value"))) for it in group]
+            if all(it.compared(rule, self.values[name], value) for it, rule, value in wanted):
+                return
+        if groups:
+            told = (" and ".join(f"{it.get('rule')} {it.get('value')}" for it in group) for group in groups)
+            yield f"{name} {' or '.join(told)}"

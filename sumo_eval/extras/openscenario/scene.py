@@ -26,33 +26,12 @@ from sumo_eval.extras.openscenario.catalogs import Catalogs, named_file
 from sumo_eval.extras.openscenario.moments import NEVER, Conditions, Moment, Span
 from sumo_eval.extras.openscenario.network import MARKED, WIDEST, Lane, MapRoad, Pose, read_network
 from sumo_eval.extras.openscenario.places import Entity, Places, Spot, Trajectory, entity_of
-from sumo_eval.extras.openscenario.reading import (
-    attribute,
-    child,
-    children,
-    fault,
-    not_played,
-    one_of,
-    only,
-    read_openscenario,
-)  # fmt: skip
-from sumo_eval.extras.openscenario.values import (
-    RULES,
-    Scope,
-    Value,
-    compared,
-    declared,
-    flag,
-    number,
-    text,
-    whole,
-    within,
-)
+from sumo_eval.extras.openscenario.reading import Part, read_openscenario
+from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, EgoBody, Start, keeps_on
 from sumo_eval.scenario.road.opendrive import beside
 from sumo_eval.scenario.road.reference_line import Piece, curvatures, frame_places, tightest
-from sumo_eval.scenario.xml_file import Element
 
 EGO = "Ego"
 _AT_ONCE = 1e-6  # s that a speed takes which is told to change at once
@@ -113,11 +92,6 @@ class Scene:
     actors: tuple[Actor, ...]
     ends: float
     ignored: tuple[str, ...]
-
-
-def parameters(path: Path, given: Mapping[str, Value]) -> tuple[Scope, list[str]]:
-    """All declared parameters of a scenario file at given values, and the constraints that do not hold."""
-    return declared(read_openscenario(path).find("ParameterDeclarations"), given)
 
 
 def scene(
@@ -189,9 +163,9 @@ def _knots(knots: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
     return tuple(found)
 
 
-def _kinds(event: Element) -> set[str]:
+def _kinds(event: Part) -> set[str]:
     """Whether an event tells somebody to move along the road, across it, or on a way of its own."""
-    return {str(only(action).tag) for action in event.iterfind("Action/PrivateAction")} - set(IGNORED_PRIVATE)
+    return {action.only().tag for action in event.all("Action/PrivateAction")} - set(IGNORED_PRIVATE)
 
 
 class _Player:
@@ -201,22 +175,22 @@ class _Player:
         self.ego = ego
         self.root = read_openscenario(path)
         if self.root.find("Storyboard") is None:
-            raise fault(self.root, "it must hold a <Storyboard>")
-        self.scope, broken = declared(self.root.find("ParameterDeclarations"), given)
+            raise self.root.fault("it must hold a <Storyboard>")
+        self.root, broken = self.root.declared(given)
         if broken and constrained:
-            raise fault(child(self.root, "ParameterDeclarations"), f"a constraint does not hold: {broken[0]}")
-        self.catalogs = Catalogs(self.root.find("CatalogLocations"), self.scope)
-        network = child(self.root, "RoadNetwork")
-        self.network = read_network(named_file(child(network, "LogicFile"), self.scope), flat=flat)
-        entities = [entity_of(part, self.catalogs, self.scope)
-                    for part in child(self.root, "Entities").iterfind("ScenarioObject")]  # fmt: skip
+            raise self.root.child("ParameterDeclarations").fault(f"a constraint does not hold: {broken[0]}")
+        self.catalogs = Catalogs(self.root.find("CatalogLocations"))
+        network = self.root.child("RoadNetwork")
+        self.network = read_network(named_file(network.child("LogicFile")), flat=flat)
+        entities = [entity_of(part, self.catalogs)
+                    for part in self.root.child("Entities").all("ScenarioObject")]  # fmt: skip
         self.entities = {entity.name: entity for entity in entities}
         for earlier, entity in enumerate(entities):
             if any(entity.name == it.name for it in entities[:earlier]):
-                raise fault(entity.element, f"there is another entity with the name `{entity.name}`")
+                raise entity.element.fault(f"there is another entity with the name `{entity.name}`")
         if ego not in self.entities:
             why = f"one entity must be named `{ego}`, the one that is judged; `?ego=NAME` behind the file's name names"
-            raise fault(child(self.root, "Entities"), f"{why} another of {', '.join(self.entities) or 'none'}")
+            raise self.root.child("Entities").fault(f"{why} another of {', '.join(self.entities) or 'none'}")
         self.places = Places(self.network, self.catalogs, self.entities)
         self.ignored: dict[str, None] = {"elevation": None} if flat else {}
         self.doing = {name: Doing() for name in self.entities if name != self.ego}
@@ -226,8 +200,8 @@ class _Player:
 
     def scene(self) -> Scene:
         """All of it."""
-        story = child(self.root, "Storyboard")
-        self._init(child(child(story, "Init"), "Actions"))
+        story = self.root.child("Storyboard")
+        self._init(story.child("Init").child("Actions"))
         for entity in self.entities.values():
             entity.placed(entity.element)
         self.frame = self._frame()
@@ -239,120 +213,119 @@ class _Player:
         self._delete_at_once(story)
         numbers = [name for name in self.entities if name != self.ego and not self.entities[name].deleted]
         self.number_of = {name: number for number, name in enumerate(numbers)}
-        self.conditions = Conditions(self.entities, self.number_of)
+        self.conditions = Conditions(self.places, self.number_of)
         for name in self.doing:
             self.doing[name].speed = self.entities[name].speed
         self._stop(story.find("StopTrigger"))
-        for act, scope in self._acts(story):
-            self._act(act, scope)
+        for act in self._acts(story):
+            self._act(act)
         ego = self.entities[self.ego]
         assert ego.frame is not None
         if abs(ego.frame.heading) > 1e-6:
-            raise fault(ego.element, "the ego must start along its lane")
+            raise ego.element.fault("the ego must start along its lane")
         if self.turning is not None and ego.offset != 0.0:
-            raise fault(ego.element, "the body of an ego that turns must lie over its axle's middle")
+            raise ego.element.fault("the body of an ego that turns must lie over its axle's middle")
         start = Start(ego.frame.x, ego.frame.y, ego.speed)
         actors = tuple(self._actor(self.entities[name]) for name in numbers)
         return Scene(self.frame, start, EgoBody(ego.length, ego.width), actors, self.ends, tuple(self.ignored))
 
-    def _ignore(self, element: Element) -> None:
-        self.ignored[str(element.tag)] = None
+    def _ignore(self, element: Part) -> None:
+        self.ignored[element.tag] = None
 
     # -- before the start ----------------------------------------------------------------------------------------------
 
-    def _init(self, actions: Element) -> None:
-        self.distances: list[tuple[Element, Entity]] = []
-        for part in children(actions):
+    def _init(self, actions: Part) -> None:
+        self.distances: list[tuple[Part, Entity]] = []
+        for part in actions.children():
             if part.tag == "GlobalAction":
-                self._global(only(part), at_start=True)
+                self._global(part.only(), at_start=True)
             elif part.tag == "UserDefinedAction":
                 self._ignore(part)
             elif part.tag == "Private":
-                entity = self.places.entity(text(part, "entityRef", self.scope), part)
-                for action in part.iterfind("PrivateAction"):
-                    self._private_at_start(only(action), entity)
+                entity = self.places.entity(part.text("entityRef"), part)
+                for action in part.all("PrivateAction"):
+                    self._private_at_start(action.only(), entity)
             else:
-                raise not_played(part)
+                raise part.not_played()
 
-    def _global(self, element: Element, *, at_start: bool) -> None:
+    def _global(self, element: Part, *, at_start: bool) -> None:
         if element.tag in IGNORED_GLOBAL:
             self._ignore(element)
         elif element.tag == "EntityAction" and element.find("DeleteEntityAction") is not None and at_start:
-            self.places.entity(text(element, "entityRef", self.scope), element).deleted = True
+            self.places.entity(element.text("entityRef"), element).deleted = True
         else:
-            raise not_played(element)
+            raise element.not_played()
 
-    def _private_at_start(self, element: Element, entity: Entity) -> None:
-        scope = self.scope
+    def _private_at_start(self, element: Part, entity: Entity) -> None:
         if element.tag == "TeleportAction":
-            entity.spot = self.places.spot(child(element, "Position"), scope)
+            entity.spot = self.places.spot(element.child("Position"))
         elif element.tag == "LongitudinalAction":
-            inner = only(element)
+            inner = element.only()
             if inner.tag == "SpeedAction":
-                dynamics = child(inner, "SpeedActionDynamics")
-                shape = one_of(dynamics, "dynamicsShape", ("step", "linear", "cubic", "sinusoidal"))
-                at_once = dynamics.get("dynamicsDimension") == "time" and number(dynamics, "value", scope) == 0.0
+                dynamics = inner.child("SpeedActionDynamics")
+                shape = dynamics.one_of("dynamicsShape", ("step", "linear", "cubic", "sinusoidal"))
+                at_once = dynamics.get("dynamicsDimension") == "time" and dynamics.number("value") == 0.0
                 if shape != "step" and not at_once:
-                    raise fault(dynamics, "before the start a speed must be a step, or be reached within 0 s")
-                entity.speed = self._target_speed(inner, scope)
+                    raise dynamics.fault("before the start a speed must be a step, or be reached within 0 s")
+                entity.speed = self._target_speed(inner)
             elif inner.tag == "LongitudinalDistanceAction":
                 self.distances.append((inner, entity))
             else:
-                raise not_played(inner)
+                raise inner.not_played()
         elif element.tag == "RoutingAction":
-            self._route_at_start(only(element), entity)
+            self._route_at_start(element.only(), entity)
         elif element.tag in IGNORED_PRIVATE:
             self._ignore(element)
         else:
-            raise not_played(element)
+            raise element.not_played()
 
-    def _route_at_start(self, element: Element, entity: Entity) -> None:
+    def _route_at_start(self, element: Part, entity: Entity) -> None:
         if element.tag == "AssignRouteAction":
-            _, end = self.places.route(element, self.scope)
+            _, end = self.places.route(element)
             if entity.name == self.ego:
                 self.end_of_way = end.pose
         elif element.tag == "FollowTrajectoryAction":
             trajectory = self._trajectory(element)
             if trajectory.times:
-                raise fault(element, "a trajectory with times is not played before the start")
-            begin = number(element, "initialDistanceOffset", self.scope, 0.0)
+                raise element.fault("a trajectory with times is not played before the start")
+            begin = element.number("initialDistanceOffset", 0.0)
             first = trajectory.begin
             pose = trajectory.at(begin, element)
             entity.spot = Spot(pose, first.road, first.lane, first.s + begin, first.t, turned=entity.name != self.ego)
             entity.way = ((pose.x, pose.y), *trajectory.rest(begin))
             if entity.name == self.ego:
                 if trajectory.bends and begin != 0.0:
-                    raise fault(element, "`initialDistanceOffset` of a trajectory on which the ego turns must be 0")
+                    raise element.fault("`initialDistanceOffset` of a trajectory on which the ego turns must be 0")
                 self.turning = trajectory if trajectory.bends else None
                 self.end_of_way = Pose(*trajectory.points[-1], pose.heading)
         else:
-            raise not_played(element)
+            raise element.not_played()
 
-    def _trajectory(self, element: Element) -> Trajectory:
+    def _trajectory(self, element: Part) -> Trajectory:
         mode = element.find("TrajectoryFollowingMode")
         if mode is not None:
-            one_of(mode, "followingMode", ("position", "follow"))
+            mode.one_of("followingMode", ("position", "follow"))
         reference = element.find("TrajectoryRef")
-        return self.places.trajectory(element if reference is None else reference, self.scope)
+        return self.places.trajectory(element if reference is None else reference)
 
-    def _target_speed(self, action: Element, scope: Scope) -> float:
-        target = only(child(action, "SpeedActionTarget"))
-        value = number(target, "value", scope)
+    def _target_speed(self, action: Part) -> float:
+        target = action.child("SpeedActionTarget").only()
+        value = target.number("value")
         if target.tag == "AbsoluteTargetSpeed":
             speed = value
         elif target.tag == "RelativeTargetSpeed":
-            if flag(target, "continuous", scope, default=False):
-                raise fault(target, "a speed that is kept relative to another's all the time is not played")
-            other = self.places.entity(text(target, "entityRef", scope), target)
+            if target.flag("continuous"):
+                raise target.fault("a speed that is kept relative to another's all the time is not played")
+            other = self.places.entity(target.text("entityRef"), target)
             base = (
                 other.speed if other.name == self.ego or other.name not in self.doing else self.doing[other.name].speed
             )
-            kind = one_of(target, "speedTargetValueType", ("delta", "factor"))
+            kind = target.one_of("speedTargetValueType", ("delta", "factor"))
             speed = base + value if kind == "delta" else base * value
         else:
-            raise not_played(target)
+            raise target.not_played()
         if speed < 0.0:
-            raise fault(target, f"the speed must be at least 0 m/s, got {speed:g}")
+            raise target.fault(f"the speed must be at least 0 m/s, got {speed:g}")
         return speed
 
     # -- the road ------------------------------------------------------------------------------------------------------
@@ -362,7 +335,7 @@ class _Player:
         spot = ego.placed(ego.element)
         road, lane = spot.road, spot.lane
         if road is None or lane is None:
-            raise fault(ego.element, "the ego must be placed in a lane")
+            raise ego.element.fault("the ego must be placed in a lane")
         if self.turning is not None:
             return self._turning_frame(road, lane, spot)
         width, centre, lanes = lane.width, lane.centre, 2
@@ -372,7 +345,7 @@ class _Player:
             driving = [it for it in sorted(road.lanes.values(), key=lambda it: it.centre) if it.kind == "driving"]
             own = next((k for k, it in enumerate(driving) if it.number == lane.number), None)
             if own is None:
-                raise fault(ego.element, f"the ego's lane {lane.number} must be a driving lane, it is `{lane.kind}`")
+                raise ego.element.fault(f"the ego's lane {lane.number} must be a driving lane, it is `{lane.kind}`")
             first, last = own, own
             while first > 0 and abs(driving[first].centre - driving[first - 1].centre - width) < _ON:
                 first -= 1
@@ -398,7 +371,7 @@ class _Player:
         origin = road.pose(0.0, spot.t)
         there = spot.pose.seen_from(origin)
         if road.bent or abs(there.y) > _ON or abs(there.heading) > _SAME:
-            raise fault(self.entities[self.ego].element, "an ego that turns must begin along a straight road")
+            raise self.entities[self.ego].element.fault("an ego that turns must begin along a straight road")
         first = self.turning.pieces[0]
         run_up = (Piece(there.x),) if there.x > _ON else ()
         if run_up and first.begin == first.end == 0.0:
@@ -430,7 +403,7 @@ class _Player:
         if self.turning is not None:
             return spot.pose.moved(entity.centre, entity.offset).seen_from(frame.origin)._replace(y=0.0)
         if spot.road is None or spot.road.name != frame.road:
-            raise fault(entity.element, "on a road that bends every place must be told along that road")
+            raise entity.element.fault("on a road that bends every place must be told along that road")
         pose = spot.pose.moved(entity.centre, entity.offset)
         if not spot.turned:
             pose = spot.road.pose(spot.s + entity.centre, spot.t + entity.offset)
@@ -440,60 +413,57 @@ class _Player:
         )
         return Pose(x, 0.0 if abs(y) < _ON else y, 0.0 if not spot.turned else heading)
 
-    def _keep_distance(self, element: Element, entity: Entity) -> None:
+    def _keep_distance(self, element: Part, entity: Entity) -> None:
         """A LongitudinalDistanceAction that is done once at the start: the entity stands at the distance."""
-        scope = self.scope
-        if flag(element, "continuous", scope, default=False):
-            raise fault(element, "a distance that is kept all the time is not played")
-        if not flag(element, "freespace", scope, default=False):
-            raise fault(element, "distances that are played are free space, from bumper to bumper")
+        if element.flag("continuous"):
+            raise element.fault("a distance that is kept all the time is not played")
+        if not element.flag("freespace"):
+            raise element.fault("distances that are played are free space, from bumper to bumper")
         if element.find("DynamicConstraints") is not None:
-            raise fault(element, "a distance that is reached with limited dynamics is not played")
-        other = self.places.entity(text(element, "entityRef", scope), element)
-        where = one_of(element, "displacement", ("any", "leadingReferencedEntity", "trailingReferencedEntity"), "any")
+            raise element.fault("a distance that is reached with limited dynamics is not played")
+        other = self.places.entity(element.text("entityRef"), element)
+        where = element.one_of("displacement", ("any", "leadingReferencedEntity", "trailingReferencedEntity"), "any")
         assert other.frame is not None
         assert entity.frame is not None
         if entity.on_map or other.on_map:
-            raise fault(element, "a distance along the road is not played of who drives straight on the map")
+            raise element.fault("a distance along the road is not played of who drives straight on the map")
         ahead = entity.frame.x >= other.frame.x if where == "any" else where == "leadingReferencedEntity"
         if element.get("timeGap") is not None:
-            gap = number(element, "timeGap", scope) * (other.speed if ahead else entity.speed)
+            gap = element.number("timeGap") * (other.speed if ahead else entity.speed)
         else:
-            gap = number(element, "distance", scope)
+            gap = element.number("distance")
         apart = (gap + 0.5 * (entity.length + other.length)) / self._ground(other.frame)
         entity.frame = entity.frame._replace(x=other.frame.x + (apart if ahead else -apart))
 
     # -- the story -----------------------------------------------------------------------------------------------------
 
-    def _acts(self, story: Element) -> Iterator[tuple[Element, Scope]]:
-        """Every act of the stories, and what is known in it."""
-        for part in story.iterfind("Story"):
-            scope = within(self.scope, part)
-            for act in part.iterfind("Act"):
-                yield act, scope
+    def _acts(self, story: Part) -> Iterator[Part]:
+        """Every act of the stories."""
+        for part in story.all("Story"):
+            yield from part.within().all("Act")
 
-    def _delete_at_once(self, story: Element) -> None:
+    def _delete_at_once(self, story: Part) -> None:
         """Entities that are deleted at the start are not there."""
-        conditions = Conditions(self.entities, {})
-        for act, scope in self._acts(story):
-            for event in act.iterfind("ManeuverGroup/Maneuver/Event"):
-                deleted = event.findall("Action/GlobalAction/EntityAction")
+        conditions = Conditions(self.places, {})
+        for act in self._acts(story):
+            for event in act.all("ManeuverGroup/Maneuver/Event"):
+                deleted = event.all("Action/GlobalAction/EntityAction")
                 if not any(part.find("DeleteEntityAction") is not None for part in deleted):
                     continue
-                begin = conditions.moment(act.find("StartTrigger"), scope, Moment(0.0))
-                begin = conditions.moment(event.find("StartTrigger"), scope, begin)
+                begin = conditions.moment(act.find("StartTrigger"), Moment(0.0))
+                begin = conditions.moment(event.find("StartTrigger"), begin)
                 if begin.time == NEVER:
                     continue
                 if begin.time > 0.0 or not begin.known:
-                    raise fault(event, "an entity that is deleted during the drive is not played")
+                    raise event.fault("an entity that is deleted during the drive is not played")
                 for part in deleted:
-                    self.places.entity(text(part, "entityRef", scope), part).deleted = True
+                    self.places.entity(part.text("entityRef"), part).deleted = True
 
-    def _act(self, act: Element, scope: Scope) -> None:
-        begin = self.conditions.moment(act.find("StartTrigger"), scope, Moment(0.0))
+    def _act(self, act: Part) -> None:
+        begin = self.conditions.moment(act.find("StartTrigger"), Moment(0.0))
         self.conditions.note(act, Span(begin, NEVER))  # for who is in it
         before = sum(len(doing.acts) for doing in self.doing.values())
-        ends = [self._group(group, scope, begin) for group in act.iterfind("ManeuverGroup")]
+        ends = [self._group(group, begin) for group in act.all("ManeuverGroup")]
         end = max(ends, default=begin.time)
         self.conditions.note(act, Span(begin, end), again=True)
         stop = act.find("StopTrigger")
@@ -503,31 +473,29 @@ class _Player:
             self._ignore(stop)
             return
         by_time = stop.find(".//ByEntityCondition") is None and stop.find(".//VariableCondition") is None
-        if not by_time or self.conditions.moment(stop, scope, Moment(0.0)).time < min(end, self.ends):
-            raise fault(stop, "an act that is stopped while somebody moves in it is not played")
+        if not by_time or self.conditions.moment(stop, Moment(0.0)).time < min(end, self.ends):
+            raise stop.fault("an act that is stopped while somebody moves in it is not played")
 
-    def _group(self, group: Element, around: Scope, begin: Moment) -> float:
-        if number(group, "maximumExecutionCount", around, 1.0) != 1.0:
-            raise fault(group, "a group of manoeuvres that runs more or less than once is not played")
-        actors = child(group, "Actors")
-        if flag(actors, "selectTriggeringEntities", around, default=False):
-            raise fault(actors, "actors that the trigger selects are not played")
-        names = [text(part, "entityRef", around) for part in actors.iterfind("EntityRef")]
+    def _group(self, group: Part, begin: Moment) -> float:
+        if group.number("maximumExecutionCount", 1.0) != 1.0:
+            raise group.fault("a group of manoeuvres that runs more or less than once is not played")
+        actors = group.child("Actors")
+        if actors.flag("selectTriggeringEntities"):
+            raise actors.fault("actors that the trigger selects are not played")
+        names = [part.text("entityRef") for part in actors.all("EntityRef")]
         ends = [begin.time]
-        for part in children(group):
+        for part in group.children():
             if part.tag == "CatalogReference":
-                maneuver, scope = self.catalogs.entry(part, around)
-                ends.append(self._maneuver(maneuver, scope, names, begin))
+                ends.append(self._maneuver(self.catalogs.entry(part), names, begin))
             elif part.tag == "Maneuver":
-                scope = within(around, part)
-                ends.append(self._maneuver(part, scope, names, begin))
+                ends.append(self._maneuver(part.within(), names, begin))
         return max(ends)
 
-    def _maneuver(self, maneuver: Element, scope: Scope, names: list[str], begin: Moment) -> float:
+    def _maneuver(self, maneuver: Part, names: list[str], begin: Moment) -> float:
         ends, moves = [begin.time], []
-        running: list[tuple[Element, Span]] = []
-        for event in maneuver.iterfind("Event"):
-            span = self._event(event, scope, names, begin)
+        running: list[tuple[Part, Span]] = []
+        for event in maneuver.all("Event"):
+            span = self._event(event, names, begin)
             if span is not None:
                 self._check_priority(event, span, running)
                 running.append((event, span))
@@ -537,79 +505,79 @@ class _Player:
         self.conditions.note(maneuver, Span(begin, end, move))
         return end
 
-    def _check_priority(self, event: Element, span: Span, above: list[tuple[Element, Span]]) -> None:
+    def _check_priority(self, event: Part, span: Span, above: list[tuple[Part, Span]]) -> None:
         """Refuse an event that ends another move of its manoeuvre half-way, or is left out while another one runs."""
         for other, there in above:
             for one, first, two, second in ((event, span, other, there), (other, there, event, span)):
-                ends_it = attribute(one, "priority") in ("overwrite", "override") and _kinds(one) != _kinds(two)
-                if not ends_it and attribute(one, "priority") != "skip":
+                ends_it = one.attribute("priority") in ("overwrite", "override") and _kinds(one) != _kinds(two)
+                if not ends_it and one.attribute("priority") != "skip":
                     continue
                 if not first.begin.known or not second.begin.known:
-                    if attribute(one, "priority") == "skip":
-                        raise fault(one, "the priority `skip` is played between events that begin at times only")
+                    if one.attribute("priority") == "skip":
+                        raise one.fault("the priority `skip` is played between events that begin at times only")
                     continue
                 if second.begin.time < first.begin.time < second.end - _SAME and _kinds(two):
-                    what = "is left out" if attribute(one, "priority") == "skip" else "ends"
-                    raise fault(one, f"with its priority `{attribute(one, 'priority')}` it {what} while event "
-                                     f"`{attribute(two, 'name')}` runs, which is not played")  # fmt: skip
+                    what = "is left out" if one.attribute("priority") == "skip" else "ends"
+                    raise one.fault(f"with its priority `{one.attribute('priority')}` it {what} while event "
+                                     f"`{two.attribute('name')}` runs, which is not played")  # fmt: skip
 
-    def _event(self, event: Element, scope: Scope, names: list[str], begin: Moment) -> Span | None:
+    def _event(self, event: Part, names: list[str], begin: Moment) -> Span | None:
         """When an event runs; None where nothing in it means anything here."""
-        one_of(event, "priority", ("overwrite", "override", "parallel", "skip"))
-        told = [only(action) for action in event.iterfind("Action")]
+        event.one_of("priority", ("overwrite", "override", "parallel", "skip"))
+        told = [action.only() for action in event.all("Action")]
         idle = [part for part in told if part.tag == "UserDefinedAction" or self._idle(part, names)]
         if len(idle) == len(told):
             for part in told:
-                self._ignore(part if part.tag == "UserDefinedAction" else only(part))
+                self._ignore(part if part.tag == "UserDefinedAction" else part.only())
             return None
-        begin = self.conditions.moment(event.find("StartTrigger"), scope, begin)
-        if number(event, "maximumExecutionCount", scope, 1.0) != 1.0:
-            raise fault(event, "an event that runs more than once is not played")
+        begin = self.conditions.moment(event.find("StartTrigger"), begin)
+        if event.number("maximumExecutionCount", 1.0) != 1.0:
+            raise event.fault("an event that runs more than once is not played")
         found = Span(begin, begin.time)
-        for action, inner in zip(event.iterfind("Action"), told, strict=True):
+        for action, inner in zip(event.all("Action"), told, strict=True):
             if inner in idle:
-                self._ignore(only(inner))
+                self._ignore(inner.only())
                 continue
             span = Span(begin, NEVER)
             for name in names:
                 if begin.time < NEVER and inner.tag == "PrivateAction":
-                    span = self._move(only(inner), scope, self.places.entity(name, event), begin)
+                    span = self._move(inner.only(), self.places.entity(name, event), begin)
             self.conditions.note(action, span)
             found = Span(begin, max(found.end, span.end), span.move or found.move)
         self.conditions.note(event, found)
         return found
 
-    def _idle(self, action: Element, names: list[str]) -> bool:
+    def _idle(self, action: Part, names: list[str]) -> bool:
         """Whether an action means nothing here, or belongs to the ego, which is the ADS's."""
-        inner = only(action)
+        inner = action.only()
         if action.tag == "GlobalAction":
             deletes = inner.tag == "EntityAction" and inner.find("DeleteEntityAction") is not None
             if inner.tag not in IGNORED_GLOBAL and not deletes:
-                raise not_played(inner)
+                raise inner.not_played()
             return True
         if action.tag != "PrivateAction":
-            raise not_played(action)
+            raise action.not_played()
         if inner.tag in IGNORED_PRIVATE:
             return True
         if self.ego in names:
-            raise fault(inner, "the ego is driven by the ADS: what it does during the drive cannot be told")
+            raise inner.fault("the ego is driven by the ADS: what it does during the drive cannot be told")
         return False
 
-    def _move(self, element: Element, scope: Scope, entity: Entity, begin: Moment) -> Span:
+    def _move(self, element: Part, entity: Entity, begin: Moment) -> Span:
         """An action of one of the others during the drive."""
         if entity.deleted:
             return Span(begin, begin.time)
         doing = self.doing[entity.name]
         if element.tag in ("LongitudinalAction", "LateralAction", "RoutingAction"):
-            element = only(element)
+            element = element.only()
         known = {
             "SpeedAction": self._speed, "LaneChangeAction": self._lane_change, "LaneOffsetAction": self._lane_offset,
             "LongitudinalDistanceAction": self._distance, "FollowTrajectoryAction": self._follow,
             "SynchronizeAction": self._synchronize,
         }  # fmt: skip
         if element.tag not in known:
-            raise not_played(element, f"moves that are: {', '.join(known)}")
-        return known[element.tag](element, scope, entity, doing, begin)
+            raise element.not_played(f"moves that are: {', '.join(known)}")
+        return known[element.tag](element, entity, doing, begin)
 
     def _add(self, entity: Entity, doing: Doing, begin: Moment, act: played.Act, lasts: float) -> Span:
         doing.acts.append(act._replace(begin=begin.time, program=begin.program))
@@ -617,26 +585,26 @@ class _Player:
             return Span(begin, begin.time + lasts)
         return Span(begin, NEVER, (self.number_of[entity.name], len(doing.acts) - 1))
 
-    def _speed(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
-        target = self._target_speed(element, scope)
-        dynamics = child(element, "SpeedActionDynamics")
-        shape = one_of(dynamics, "dynamicsShape", ("linear", "step", "cubic", "sinusoidal"))
+    def _speed(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        target = self._target_speed(element)
+        dynamics = element.child("SpeedActionDynamics")
+        shape = dynamics.one_of("dynamicsShape", ("linear", "step", "cubic", "sinusoidal"))
         change = abs(target - doing.speed)
         if shape not in ("linear", "step"):
-            raise fault(dynamics, f"a change of speed of the shape `{shape}` is not played, `linear` and `step` are")
+            raise dynamics.fault(f"a change of speed of the shape `{shape}` is not played, `linear` and `step` are")
         if change <= _SAME:
             return Span(begin, begin.time)
         if shape == "step":
             rate = change / _AT_ONCE
         else:
-            value = number(dynamics, "value", scope)
-            kind = one_of(dynamics, "dynamicsDimension", ("rate", "time", "distance"))
+            value = dynamics.number("value")
+            kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
             if kind == "rate":
                 rate = abs(value)
             elif value <= 0.0:
-                raise fault(dynamics, f"`value` must be above 0, got {value:g}")
+                raise dynamics.fault(f"`value` must be above 0, got {value:g}")
             elif begin.known and begin.time < doing.steady - _SAME:
-                raise fault(dynamics, f"`{entity.name}` still changes its speed when this begins, at {begin.time:g} s: "
+                raise dynamics.fault(f"`{entity.name}` still changes its speed when this begins, at {begin.time:g} s: "
                                       "by `rate` alone that is played")  # fmt: skip
             elif kind == "time":
                 rate = change / value
@@ -648,16 +616,16 @@ class _Player:
         doing.steady = begin.time + change / rate if begin.known else 0.0
         return self._add(entity, doing, begin, played.Act(played.SPEED, 0.0, 0.0, target, 0.0, rate), change / rate)
 
-    def _lateral(self, element: Element, entity: Entity, doing: Doing, begin: Moment, to: float, lasts: float,
+    def _lateral(self, element: Part, entity: Entity, doing: Doing, begin: Moment, to: float, lasts: float,
                  shape: str) -> Span:  # fmt: skip
         """A move across the road to the offset `to` m from where it started, in `lasts` s."""
         if entity.on_map:
-            raise fault(element, f"`{entity.name}` drives straight on the map, so it has no lane to move across")
+            raise element.fault(f"`{entity.name}` drives straight on the map, so it has no lane to move across")
         offset = to - doing.offset
         if abs(offset) <= _ON:
             return Span(begin, begin.time)
         if begin.known and begin.time < doing.busy_until - _SAME:
-            raise fault(element, f"`{entity.name}` still moves across when this begins, at {begin.time:.2f} s")
+            raise element.fault(f"`{entity.name}` still moves across when this begins, at {begin.time:.2f} s")
         doing.offset = to
         doing.busy_until = begin.time + lasts if begin.known else 0.0
         if shape == "sinusoidal":
@@ -666,72 +634,72 @@ class _Player:
             act = played.Act(played.CONSTANT, 0.0, lasts, abs(offset) / lasts, offset)
         return self._add(entity, doing, begin, act, lasts)
 
-    def _shape(self, dynamics: Element) -> str:
-        shape = one_of(dynamics, "dynamicsShape", ("linear", "step", "cubic", "sinusoidal"))
+    def _shape(self, dynamics: Part) -> str:
+        shape = dynamics.one_of("dynamicsShape", ("linear", "step", "cubic", "sinusoidal"))
         if shape not in ("linear", "sinusoidal"):
-            raise fault(dynamics, f"a move across of the shape `{shape}` is not played, `linear` and `sinusoidal` are")
+            raise dynamics.fault(f"a move across of the shape `{shape}` is not played, `linear` and `sinusoidal` are")
         return shape
 
-    def _lane_change(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
-        if number(element, "targetLaneOffset", scope, 0.0) != 0.0:
-            raise fault(element, "`targetLaneOffset` is not played")
-        target = only(child(element, "LaneChangeTarget"))
+    def _lane_change(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        if element.number("targetLaneOffset", 0.0) != 0.0:
+            raise element.fault("`targetLaneOffset` is not played")
+        target = element.child("LaneChangeTarget").only()
         own = entity.placed(element)
         if target.tag == "RelativeTargetLane":
-            other = self._now(self.places.entity(text(target, "entityRef", scope), target), entity, target)
-            lanes = whole(target, "value", scope)
+            other = self._now(self.places.entity(target.text("entityRef"), target), entity, target)
+            lanes = target.whole("value")
             assert other.lane is not None
             lane = other.lane if lanes == 0 else self.places.lane_beside(other, lanes, target)
         elif target.tag == "AbsoluteTargetLane":
             if own.road is None:
-                raise fault(target, "the entity is on no road")
-            lane = self.network.lane(own.road, text(target, "value", scope), target)
+                raise target.fault("the entity is on no road")
+            lane = self.network.lane(own.road, target.text("value"), target)
         else:
-            raise not_played(target)
+            raise target.not_played()
         assert entity.frame is not None
         to = self._y(lane.centre, element, own) - entity.frame.y
-        dynamics = child(element, "LaneChangeActionDynamics")
-        shape, value = self._shape(dynamics), number(dynamics, "value", scope)
+        dynamics = element.child("LaneChangeActionDynamics")
+        shape, value = self._shape(dynamics), dynamics.number("value")
         offset = abs(to - doing.offset)
         if value <= 0.0:
-            raise fault(dynamics, f"`value` must be above 0, got {value:g}")
-        kind = one_of(dynamics, "dynamicsDimension", ("rate", "time", "distance"))
+            raise dynamics.fault(f"`value` must be above 0, got {value:g}")
+        kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
         if kind == "time":
             lasts = value
         elif kind == "rate":
             lasts = offset / value * (0.5 * math.pi if shape == "sinusoidal" else 1.0)
         else:
-            raise fault(dynamics, "a move across by `distance` is not played")
+            raise dynamics.fault("a move across by `distance` is not played")
         return self._lateral(element, entity, doing, begin, to, lasts, shape)
 
-    def _now(self, other: Entity, mover: Entity, element: Element) -> Spot:
+    def _now(self, other: Entity, mover: Entity, element: Part) -> Spot:
         """Where somebody is in a lane when a move that is relative to it begins: the mover itself after its own moves
         across, the ego where it starts. Another one must keep its lane.
         """
         spot = other.placed(element)
         if spot.road is None or spot.lane is None:
-            raise fault(element, "the entity that it is relative to is in no lane")
+            raise element.fault("the entity that it is relative to is in no lane")
         if other.name == self.ego or self.doing[other.name].offset == 0.0:
             return spot
         if other is not mover:
-            raise fault(element, f"`{other.name}`, to which it is relative, moves across itself")
+            raise element.fault(f"`{other.name}`, to which it is relative, moves across itself")
         centre = spot.t + self.doing[other.name].offset
         lanes = sorted(spot.road.lanes.values(), key=lambda it: abs(it.centre - centre))
         if abs(lanes[0].centre - centre) > 0.5 * lanes[0].width:
-            raise fault(element, f"`{other.name}`, to which it is relative, is in no lane any more")
+            raise element.fault(f"`{other.name}`, to which it is relative, is in no lane any more")
         return replace(spot, lane=lanes[0])
 
-    def _y(self, t: float, element: Element, spot: Spot) -> float:
+    def _y(self, t: float, element: Part, spot: Spot) -> float:
         """y of a place t m left of the reference line of the ego's road."""
         if spot.road is None or spot.road.name != self.frame.road:
-            raise fault(element, "a move across is played on the ego's road only")
+            raise element.fault("a move across is played on the ego's road only")
         return t - self.frame.offset
 
-    def _lane_offset(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
-        if flag(element, "continuous", scope, default=False):
-            raise fault(element, "an offset that is kept all the time is not played")
-        target = only(child(element, "LaneOffsetTarget"))
-        value = number(target, "value", scope)
+    def _lane_offset(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        if element.flag("continuous"):
+            raise element.fault("an offset that is kept all the time is not played")
+        target = element.child("LaneOffsetTarget").only()
+        value = target.number("value")
         assert entity.frame is not None
         own = entity.placed(element)
         if target.tag == "AbsoluteTargetLaneOffset":
@@ -739,101 +707,101 @@ class _Player:
             assert lane is not None
             to = self._y(lane.centre, element, own) + value
         elif target.tag == "RelativeTargetLaneOffset":
-            other = self.places.entity(text(target, "entityRef", scope), target)
+            other = self.places.entity(target.text("entityRef"), target)
             assert other.frame is not None
             moved = 0.0 if other.name == self.ego else self.doing[other.name].offset
             if moved and other is not entity:
-                raise fault(target, f"`{other.name}`, to which it is relative, moves across itself")
+                raise target.fault(f"`{other.name}`, to which it is relative, moves across itself")
             to = other.frame.y + moved + value
         else:
-            raise not_played(target)
+            raise target.not_played()
         to -= entity.frame.y
-        dynamics = child(element, "LaneOffsetActionDynamics")
-        shape, strongest = self._shape(dynamics), number(dynamics, "maxLateralAcc", scope)
+        dynamics = element.child("LaneOffsetActionDynamics")
+        shape, strongest = self._shape(dynamics), dynamics.number("maxLateralAcc")
         if strongest <= 0.0:
-            raise fault(dynamics, f"`maxLateralAcc` must be above 0 m/s2, got {strongest:g}")
+            raise dynamics.fault(f"`maxLateralAcc` must be above 0 m/s2, got {strongest:g}")
         if shape != "sinusoidal":
-            raise fault(dynamics, "an offset with `maxLateralAcc` is played in the shape `sinusoidal` only")
+            raise dynamics.fault("an offset with `maxLateralAcc` is played in the shape `sinusoidal` only")
         lasts = math.pi * math.sqrt(abs(to - doing.offset) / (2.0 * strongest))
         return self._lateral(element, entity, doing, begin, to, lasts, shape)
 
-    def _distance(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
+    def _distance(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
         if not begin.known or begin.time > 0.0:
-            raise fault(element, "a distance is taken up at the start only")
+            raise element.fault("a distance is taken up at the start only")
         self._keep_distance(element, entity)
         return Span(begin, begin.time)
 
-    def _follow(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
+    def _follow(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
         trajectory = self._trajectory(element)
         assert entity.frame is not None
         pose = entity.placed(element).pose
         first = trajectory.points[0]
         if math.hypot(first[0] - pose.x, first[1] - pose.y) > 0.5:
-            raise fault(element, f"the trajectory must begin where `{entity.name}` is")
+            raise element.fault(f"the trajectory must begin where `{entity.name}` is")
         if trajectory.bends:
-            raise fault(element, "a trajectory that bends is not played")
+            raise element.fault("a trajectory that bends is not played")
         entity.way = trajectory.points
         if self.frame.line:
             if entity.speed > 0.0 and not (begin.known and begin.time == 0.0):
-                raise fault(element, "on a road that bends a trajectory is played from the start, or of who stands")
+                raise element.fault("on a road that bends a trajectory is played from the start, or of who stands")
             entity.on_map = True
             entity.frame = self._found_in_frame(entity)
         else:
             entity.frame = self._along(entity)
-        if number(element, "initialDistanceOffset", scope, 0.0) != 0.0:
-            raise fault(element, "`initialDistanceOffset` is played before the start only")
+        if element.number("initialDistanceOffset", 0.0) != 0.0:
+            raise element.fault("`initialDistanceOffset` is played before the start only")
         if not trajectory.times:
             return self._add(entity, doing, begin, played.Act(played.KEEP), NEVER)
         if trajectory.times[0] != 0.0:
-            raise fault(element, f"the first time of its trajectory must be 0 s, got {trajectory.times[0]:g}")
+            raise element.fault(f"the first time of its trajectory must be 0 s, got {trajectory.times[0]:g}")
         timing = element.find("TimeReference/Timing")
-        scale = 1.0 if timing is None else number(timing, "scale", scope, 1.0)
-        if timing is not None and number(timing, "offset", scope, 0.0) != 0.0:
-            raise fault(timing, "`offset` must be 0")
-        if timing is not None and attribute(timing, "domainAbsoluteRelative") != "relative":
-            raise fault(timing, "times of a trajectory are played relative to its begin only")
+        scale = 1.0 if timing is None else timing.number("scale", 1.0)
+        if timing is not None and timing.number("offset", 0.0) != 0.0:
+            raise timing.fault("`offset` must be 0")
+        if timing is not None and timing.attribute("domainAbsoluteRelative") != "relative":
+            raise timing.fault("times of a trajectory are played relative to its begin only")
         knots: list[tuple[float, float]] = []
         speed = doing.speed
         for k in range(1, len(trajectory.points)):
             (x, y), (x2, y2) = trajectory.points[k - 1 : k + 1]
             since, until = trajectory.times[k - 1] * scale, trajectory.times[k] * scale
             if until <= since:
-                raise fault(element, "the times of its trajectory must ascend")
+                raise element.fault("the times of its trajectory must ascend")
             speed = math.hypot(x2 - x, y2 - y) / (until - since)
             knots += [(since + _AT_ONCE, speed), (until, speed)]
         doing.speed = speed
         return self._add(entity, doing, begin, played.Act(played.BY_TIME, table=tuple(knots)), knots[-1][0])
 
-    def _synchronize(self, element: Element, scope: Scope, entity: Entity, doing: Doing, begin: Moment) -> Span:
-        master = self.places.entity(text(element, "masterEntityRef", scope), element)
+    def _synchronize(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        master = self.places.entity(element.text("masterEntityRef"), element)
         if not begin.known:
-            raise fault(element, "a SynchronizeAction that begins by a condition on the drive is not played")
+            raise element.fault("a SynchronizeAction that begins by a condition on the drive is not played")
         if master.name != self.ego or master.speed <= 0.0:
-            raise fault(element, "it is played for a master that is the ego and moves at the start")
-        goal = self.places.spot(child(element, "TargetPositionMaster"), scope).pose
+            raise element.fault("it is played for a master that is the ego and moves at the start")
+        goal = self.places.spot(element.child("TargetPositionMaster")).pose
         way = goal.seen_from(master.placed(element).pose).x
         if self.turning is not None:  # along the way on which it turns
             at, begins = (pose.seen_from(self.frame.origin) for pose in (goal, master.placed(element).pose))
             way = float(frame_places(self.frame.line, at.x, at.y)[0]) - begins.x
-        target = self.places.spot(child(element, "TargetPosition"), scope).pose
+        target = self.places.spot(element.child("TargetPosition")).pose
         arrives = way / master.speed - begin.time
         steady, final = 0.0, doing.speed
         wanted = element.find("FinalSpeed")
         if wanted is not None:
-            kind = only(wanted)
+            kind = wanted.only()
             if kind.tag != "AbsoluteSpeed":
-                raise not_played(kind)
-            final = number(kind, "value", scope)
-            rest = children(kind)
+                raise kind.not_played()
+            final = kind.number("value")
+            rest = kind.children()
             if rest:
                 by_time = rest[0].tag == "TargetTimeSteadyState"
-                steady = number(rest[0], "time" if by_time else "distance", scope) * (final if by_time else 1.0)
+                steady = rest[0].number("time" if by_time else "distance") * (final if by_time else 1.0)
         ahead = target.seen_from(entity.placed(element).pose._replace(heading=self._heading(entity))).x
         ahead -= doing.speed * begin.time
         try:
             knots = synchronized(ahead, arrives, doing.speed, final, steady)
         except InputError as error:
-            raise fault(element, f"`{entity.name}` cannot be there when the ego is: {error}") from None
+            raise element.fault(f"`{entity.name}` cannot be there when the ego is: {error}") from None
         doing.speed = final
         return self._add(entity, doing, begin, played.Act(played.BY_TIME, table=knots), arrives)
 
@@ -858,7 +826,7 @@ class _Player:
         assert frame is not None
         acts = list(doing.acts)
         if len(entity.way) > 2:
-            raise fault(entity.element, "a trajectory of more than one straight line is not played")
+            raise entity.element.fault("a trajectory of more than one straight line is not played")
         heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
         across = self._on_map(entity) if entity.on_map else None
         ground = 1.0 if across is not None or any(act.table for act in acts) else self._ground(frame)
@@ -888,22 +856,20 @@ class _Player:
         width = self.frame.lane_width
         return -0.5 * width <= y <= width * (self.frame.lanes - 0.5)
 
-    def _stop(self, trigger: Element | None) -> None:
+    def _stop(self, trigger: Part | None) -> None:
         """Stops by time end the case; what else may stop a file ends it here by contact, standstill or its decision."""
-        for group in () if trigger is None else trigger.findall("ConditionGroup"):
-            conditions = group.findall("Condition")
+        for group in () if trigger is None else trigger.all("ConditionGroup"):
+            conditions = group.all("Condition")
             kinds = [
-                only(only(condition)).tag if condition.find("ByValueCondition") is not None else ""
+                condition.only().only().tag if condition.find("ByValueCondition") is not None else ""
                 for condition in conditions
             ]
             if kinds == ["SimulationTimeCondition"]:
-                time = only(only(conditions[0]))
-                rule, value = one_of(time, "rule", RULES), number(time, "value", self.scope)
-                stop = value + number(conditions[0], "delay", self.scope, 0.0)
-                if rule in ("lessThan", "lessOrEqual") and not compared(rule, 0.0, value, time):
-                    continue  # it never comes
-                if rule not in ("greaterThan", "greaterOrEqual", "equalTo") or stop <= 0.0:
-                    raise fault(time, f"a stop by time must come after the start, got {rule} {value:g} s")
+                stop = self.conditions.group(group).time
+                if stop <= 0.0:
+                    time = conditions[0].only().only()
+                    got = f"{time.get('rule')} {time.number('value'):g} s"
+                    raise time.fault(f"a stop by time must come after the start, got {got}")
                 self.ends = min(self.ends, stop)
             else:
                 self._ignore(group)
