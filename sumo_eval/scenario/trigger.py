@@ -33,7 +33,7 @@ FUNCTIONS = {
 _ARITHMETIC: dict[type[ast.operator], int] = {
     ast.Add: played.ADD, ast.Sub: played.SUBTRACT, ast.Mult: played.MULTIPLY, ast.Div: played.DIVIDE,
 }  # fmt: skip
-_OF_NUMBERS = {"min": played.SMALLER, "max": played.LARGER}
+OF_NUMBERS = {"min": played.SMALLER, "max": played.LARGER}
 EGO_NAME = "ego"
 
 Step = tuple[int, int, int, Expression | None]
@@ -139,7 +139,7 @@ class _Writer:
             case ast.Call(func=ast.Name(id="abs"), args=[one], keywords=[]):
                 return [*self.number(one, depth + 1), _step(played.ABSOLUTE)]
             case ast.Call(func=ast.Name(id="min" | "max" as name), args=[one, two], keywords=[]):
-                return [*self.number(one, depth + 1), *self.number(two, depth + 1), _step(_OF_NUMBERS[name])]
+                return [*self.number(one, depth + 1), *self.number(two, depth + 1), _step(OF_NUMBERS[name])]
             case ast.Call(func=ast.Name(id=name), args=[ast.Name(id=one)], keywords=[]) if name in OF_ONE:
                 return [(OF_ONE[name], self._vehicle(one), 0, None)]
             case ast.Call(func=ast.Name(id=name), args=[ast.Name(id=one), ast.Name(id=two)], keywords=[]) if (
@@ -148,8 +148,8 @@ class _Writer:
                 if one == two:
                     raise self._wrong(node, "of two vehicles")
                 return [(OF_TWO[name], self._vehicle(one), self._vehicle(two), None)]
-            case ast.Call(func=ast.Name(id=name)) if name not in FUNCTIONS and name not in (*_OF_NUMBERS, "abs"):
-                raise unknown(f"function in `{self.text}` of {self.owner}:", name, [*FUNCTIONS, *_OF_NUMBERS, "abs"])
+            case ast.Call(func=ast.Name(id=name)) if name not in FUNCTIONS and name not in (*OF_NUMBERS, "abs"):
+                raise unknown(f"function in `{self.text}` of {self.owner}:", name, [*FUNCTIONS, *OF_NUMBERS, "abs"])
             case ast.Call(func=ast.Name(id=name)) if name in FUNCTIONS:
                 raise self._wrong(node, f"as in {FUNCTIONS[name]}")
         raise self._wrong(node, "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(FUNCTIONS))

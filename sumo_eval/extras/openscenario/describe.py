@@ -35,17 +35,14 @@ def described(read: Read) -> Iterator[str]:
     yield f"  road {read.frame.name}: {road.lanes} lanes of {road.lane_width:g} m, judged to {road.length:g} m"
     if len(read.roads) > 1:
         yield f"  this is road {read.road + 1} of {len(read.roads)} ({', '.join(read.roads)}); `?road=2` names another"
-    size, reasons, first = grid_size(space), dict(read.refused), None
-    if size <= _MOST:
-        reasons = {}
-        for point, why in concrete_points(read):
-            if why is not None:
-                reasons[why] = reasons.get(why, 0) + 1
-            elif first is None:
-                first = point
-        yield f"  {size - sum(reasons.values())} of {size} points play"
-    else:
+    size, known, first = grid_size(space), all_points(read), None
+    if known is None:
+        reasons = dict(read.refused)
         yield f"  {size} points, of which those are tried that are driven"
+    else:
+        reasons = Counter(why for _, why in known if why is not None)
+        first = next((point for point, why in known if why is None), None)
+        yield f"  {size - sum(reasons.values())} of {size} points play"
     for why, count in list(reasons.items())[:_SHOWN]:
         yield f"  {count} do not: {why.removeprefix('= ')}"
     if len(reasons) > _SHOWN:

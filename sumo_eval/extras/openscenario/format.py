@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from sumo_eval.extras.openscenario.collections import COLLECTIONS, entries_of
-from sumo_eval.extras.openscenario.logical import read_logical
+from sumo_eval.extras.openscenario.logical import read_file
 from sumo_eval.extras.openscenario.points import from_openscenario
 from sumo_eval.scenario.formats import Format
 
 FORMAT = Format(
-    read=read_logical,
+    read=lambda path, given: read_file(path, given).logical,
     expand=entries_of,
     catalogues=tuple(COLLECTIONS),
     samplings={"openscenario": (from_openscenario, frozenset({"file", "count"}))},

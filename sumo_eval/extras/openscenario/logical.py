@@ -370,16 +370,11 @@ class Read:
     refused: tuple[tuple[str, int], ...]
 
 
-def read_logical(path: Path, given: Mapping[str, str] | None = None) -> LogicalScenario:
-    """The logical scenario of an OpenSCENARIO file. given: options by name, as written: `road`.
+def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
+    """An OpenSCENARIO file, read and tried at points of its space. given: options by name, as written: `road`.
 
     Raises InputError with file, line and element for what is not played.
     """
-    return read_file(path, given).logical
-
-
-def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
-    """An OpenSCENARIO file, read and tried at points of its space."""
     try:
         changed = path.stat().st_mtime_ns
     except OSError as error:
@@ -476,8 +471,10 @@ def _road_names(frames: Sequence[Frame]) -> tuple[str, ...]:
     return tuple("_".join(part) for part in parts)
 
 
-def _grid(space: Space) -> Iterator[tuple[float, ...]]:
-    return itertools.product(*(axis.values for axis in space.axes))
+def _grid(space: Space) -> Iterator[dict[str, float]]:
+    names = [axis.name for axis in space.axes]
+    for row in itertools.product(*(axis.values for axis in space.axes)):
+        yield dict(zip(names, row, strict=True))
 
 
 def grid_size(space: Space) -> int:
@@ -494,30 +491,30 @@ def _tried(space: Space, refused: dict[str, int]) -> Iterator[tuple[dict[str, fl
     size = grid_size(space)
     if size > _MOST:
         raise must_be("The points", space.name, f"at most {_MOST:,}", size)
-    values = [axis.values for axis in space.axes]
-    if size <= _LOOKED_AT:
-        rows = list(_grid(space))
-    else:
-        bases = [[row[0] for row in values], [row[-1] for row in values], [row[len(row) // 2] for row in values]]
-        rows = []
-        for base in bases:
-            for k, own in enumerate(values):
-                rows += [tuple(value if place == k else it for place, it in enumerate(base)) for value in own]
-        rows = list(dict.fromkeys(rows))
-    names, first = [axis.name for axis in space.axes], None
-    found = 0
-    for row in rows:
-        point = dict(zip(names, row, strict=True))
-        there = _looked_at(space, space.given(point))
-        if isinstance(there, str):
-            if not there.startswith("= "):
-                first = first or InputError(there)
-                refused[there] = refused.get(there, 0) + 1
-            continue
-        found += 1
-        yield point, there
-    if not found and first is not None:
+    points = list(_grid(space)) if size <= _LOOKED_AT else _along_axes(space)
+    first, plays = None, False
+    for point in points:
+        found = _looked_at(space, space.given(point))
+        if not isinstance(found, str):
+            plays = True
+            yield point, found
+        elif not found.startswith("= "):
+            first = first or InputError(found)
+            refused[found] = refused.get(found, 0) + 1
+    if not plays and first is not None:
         raise first
+
+
+def _along_axes(space: Space) -> list[dict[str, float]]:
+    """Each axis at each of its values, from the first, the last and the middle value of the others."""
+    values = {axis.name: axis.values for axis in space.axes}
+    found: dict[tuple[float, ...], dict[str, float]] = {}
+    for share in (0.0, 1.0, 0.5):
+        base = {name: row[min(int(share * len(row)), len(row) - 1)] for name, row in values.items()}
+        for name, row in values.items():
+            points = [{**base, name: value} for value in row]
+            found |= {tuple(point.values()): point for point in points}
+    return list(found.values())
 
 
 def _without_roads(space: Space, frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]]) -> Space:
@@ -602,8 +599,7 @@ def _logical(
     if space.axes:
         allowed = b""
         if grid_size(space) <= _LOOKED_AT:
-            grid = [dict(zip((it.name for it in space.axes), row, strict=True)) for row in _grid(space)]
-            allowed = bytes(refusal(space, frame, point) is None for point in grid)
+            allowed = bytes(refusal(space, frame, point) is None for point in _grid(space))
         about = "one that the file's constraints allow and that can be played"
         constraints = (Constraint(about, Holds(space, frame, allowed)),)
     spread = [part for part in parts if part.distribution is not None]
@@ -620,12 +616,7 @@ def _logical(
         time_limit=time_limit,
         samples=samples,
         default_sample=samples[0].name if samples else "grid",
-        options=(
-            Option("ego", "name", _OPTIONS["ego"]),
-            Option("flat", "1", _OPTIONS["flat"]),
-            Option("road", "1", _OPTIONS["road"]),
-            Option("zones", "1", _OPTIONS["zones"]),
-        ),
+        options=tuple(Option(key, "name" if key == "ego" else "1", about) for key, about in _OPTIONS.items()),
         search=_search(scenes, road) if searched else None,
         has_drivers=not any(_comes_across(actor) for _, found in scenes for actor in found.actors),
     )
@@ -655,17 +646,8 @@ def _parameter(axis: Axis, space: Space) -> Parameter:
 
 def _unit(name: str) -> str:
     """The unit that a parameter's name ends with, else `1`: OpenSCENARIO has none."""
-    for ending, unit in (
-        ("_kph", "km/h"),
-        ("_mps", "m/s"),
-        ("_mps2", "m/s2"),
-        ("_m", "m"),
-        ("_s", "s"),
-        ("_rad", "rad"),
-    ):
-        if name.endswith(ending):
-            return unit
-    return "1"
+    units = {"_kph": "km/h", "_mps": "m/s", "_mps2": "m/s2", "_m": "m", "_s": "s", "_rad": "rad"}
+    return next((unit for ending, unit in units.items() if name.endswith(ending)), "1")
 
 
 def _road(frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]], time_limit: float) -> Road:
@@ -708,9 +690,7 @@ def _search(scenes: Sequence[tuple[dict[str, float], Scene]], road: Road) -> Fir
 
 def concrete_points(read: Read) -> Iterator[tuple[dict[str, float], str | None]]:
     """All grid points of a file that was read, each with why it cannot be played, None where it can."""
-    names = [axis.name for axis in read.space.axes]
-    for row in _grid(read.space):
-        point = dict(zip(names, row, strict=True))
+    for point in _grid(read.space):
         yield point, refusal(read.space, read.frame, point)
 
 

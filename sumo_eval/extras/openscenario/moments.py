@@ -231,7 +231,7 @@ class Conditions:
         other = self.places.entity(to.text("entityRef"), to)
         if not element.flag("freespace"):
             raise element.fault(f"{what} that are played are free space, from bumper to bumper")
-        a, b = one.seen, other.seen
+        a, b = one.frame, other.frame
         half = 0.0
         for pose, entity in ((a, one), (b, other)):
             half += 0.5 * (entity.length * abs(math.cos(pose.heading)) + entity.width * abs(math.sin(pose.heading)))
@@ -259,7 +259,7 @@ class Conditions:
         self._along_road(element, "relativeDistanceType")
         target = element.child("TimeToCollisionConditionTarget").child("EntityRef")
         other, gap = self._between(element, one, "times to collision", target)
-        closing = one.speed * math.cos(one.seen.heading) - other.speed * math.cos(other.seen.heading)
+        closing = one.speed * math.cos(one.frame.heading) - other.speed * math.cos(other.frame.heading)
         return self._until(element, played.TTC, one, other, gap, closing)
 
     def _until(
@@ -283,7 +283,7 @@ class Conditions:
         return (*steps, (played.SUBTRACT, 0, 0, 0.0)), one.speed - other.speed
 
     def _travelled(self, element: Part, one: Entity) -> tuple[tuple[Step, ...], float]:
-        if one.on_map or abs(math.sin(one.seen.heading)) > 1e-9:
+        if one.on_map or abs(math.sin(one.frame.heading)) > 1e-9:
             raise element.fault("a distance travelled across the road is not played as a start")
-        begin = ((played.X, self._number(one, element), 0, 0.0), (played.VALUE, 0, 0, one.seen.x))
+        begin = ((played.X, self._number(one, element), 0, 0.0), (played.VALUE, 0, 0, one.frame.x))
         return (*begin, (played.SUBTRACT, 0, 0, 0.0), (played.ABSOLUTE, 0, 0, 0.0)), 0.0

@@ -23,6 +23,9 @@ _FINE = 0.25  # m between two points of a trajectory that bends
 _STRAIGHT = 0.05  # m that a route may be off the straight line through its ends
 
 
+NOWHERE = Pose(math.nan, math.nan, math.nan)
+
+
 @dataclass(frozen=True, slots=True)
 class Spot:
     """A place: its pose on the map, and the road, lane, s and t that it was told by, where it was.
@@ -57,15 +60,9 @@ class Entity:
     spot: Spot | None = None
     speed: float = 0.0
     way: tuple[tuple[float, float], ...] = ()
-    frame: Pose | None = None
+    frame: Pose = NOWHERE
     deleted: bool = False
     on_map: bool = False
-
-    @property
-    def seen(self) -> Pose:
-        """`frame`, once the road is known."""
-        assert self.frame is not None
-        return self.frame
 
     def placed(self, asks: Part) -> Spot:
         """Where it is; refused while nobody has said."""

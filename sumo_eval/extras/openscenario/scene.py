@@ -220,7 +220,6 @@ class _Player:
         for act in self._acts(story):
             self._act(act)
         ego = self.entities[self.ego]
-        assert ego.frame is not None
         if abs(ego.frame.heading) > 1e-6:
             raise ego.element.fault("the ego must start along its lane")
         if self.turning is not None and ego.offset != 0.0:
@@ -396,22 +395,20 @@ class _Player:
     def _framed(self, entity: Entity) -> Pose:
         """The centre of an entity's body along and across the road, and its heading there."""
         spot, frame = entity.placed(entity.element), self.frame
-        if not frame.line:
-            return spot.pose.moved(entity.centre, entity.offset).seen_from(frame.origin)
         if entity.on_map:
             return self._found_in_frame(entity)
+        pose = spot.pose.moved(entity.centre, entity.offset)
+        if not frame.line:
+            return pose.seen_from(frame.origin)
         if self.turning is not None:
-            return spot.pose.moved(entity.centre, entity.offset).seen_from(frame.origin)._replace(y=0.0)
+            return pose.seen_from(frame.origin)._replace(y=0.0)
         if spot.road is None or spot.road.name != frame.road:
             raise entity.element.fault("on a road that bends every place must be told along that road")
-        pose = spot.pose.moved(entity.centre, entity.offset)
         if not spot.turned:
             pose = spot.road.pose(spot.s + entity.centre, spot.t + entity.offset)
-        at = pose.seen_from(frame.origin)
-        x, y, heading = (
-            float(it) for it in frame_places(frame.line, at.x, at.y, at.heading, near=spot.s + entity.centre)
-        )
-        return Pose(x, 0.0 if abs(y) < _ON else y, 0.0 if not spot.turned else heading)
+        at, near = pose.seen_from(frame.origin), spot.s + entity.centre
+        x, y, heading = (float(it) for it in frame_places(frame.line, at.x, at.y, at.heading, near=near))
+        return Pose(x, 0.0 if abs(y) < _ON else y, heading if spot.turned else 0.0)
 
     def _keep_distance(self, element: Part, entity: Entity) -> None:
         """A LongitudinalDistanceAction that is done once at the start: the entity stands at the distance."""
@@ -423,8 +420,6 @@ class _Player:
             raise element.fault("a distance that is reached with limited dynamics is not played")
         other = self.places.entity(element.text("entityRef"), element)
         where = element.one_of("displacement", ("any", "leadingReferencedEntity", "trailingReferencedEntity"), "any")
-        assert other.frame is not None
-        assert entity.frame is not None
         if entity.on_map or other.on_map:
             raise element.fault("a distance along the road is not played of who drives straight on the map")
         ahead = entity.frame.x >= other.frame.x if where == "any" else where == "leadingReferencedEntity"
@@ -509,16 +504,17 @@ class _Player:
         """Refuse an event that ends another move of its manoeuvre half-way, or is left out while another one runs."""
         for other, there in above:
             for one, first, two, second in ((event, span, other, there), (other, there, event, span)):
-                ends_it = one.attribute("priority") in ("overwrite", "override") and _kinds(one) != _kinds(two)
-                if not ends_it and one.attribute("priority") != "skip":
+                priority = one.attribute("priority")
+                skips = priority == "skip"
+                if not skips and (priority == "parallel" or _kinds(one) == _kinds(two)):
                     continue
                 if not first.begin.known or not second.begin.known:
-                    if one.attribute("priority") == "skip":
+                    if skips:
                         raise one.fault("the priority `skip` is played between events that begin at times only")
                     continue
                 if second.begin.time < first.begin.time < second.end - _SAME and _kinds(two):
-                    what = "is left out" if one.attribute("priority") == "skip" else "ends"
-                    raise one.fault(f"with its priority `{one.attribute('priority')}` it {what} while event "
+                    what = "is left out" if skips else "ends"
+                    raise one.fault(f"with its priority `{priority}` it {what} while event "
                                      f"`{two.attribute('name')}` runs, which is not played")  # fmt: skip
 
     def _event(self, event: Part, names: list[str], begin: Moment) -> Span | None:
@@ -588,28 +584,19 @@ class _Player:
     def _speed(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
         target = self._target_speed(element)
         dynamics = element.child("SpeedActionDynamics")
-        shape = dynamics.one_of("dynamicsShape", ("linear", "step", "cubic", "sinusoidal"))
+        shape = self._shape(dynamics, "change of speed", "linear", "step")
         change = abs(target - doing.speed)
-        if shape not in ("linear", "step"):
-            raise dynamics.fault(f"a change of speed of the shape `{shape}` is not played, `linear` and `step` are")
         if change <= _SAME:
             return Span(begin, begin.time)
-        if shape == "step":
-            rate = change / _AT_ONCE
-        else:
-            value = dynamics.number("value")
+        rate = change / _AT_ONCE
+        if shape == "linear":
             kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
-            if kind == "rate":
-                rate = abs(value)
-            elif value <= 0.0:
-                raise dynamics.fault(f"`value` must be above 0, got {value:g}")
-            elif begin.known and begin.time < doing.steady - _SAME:
+            value = abs(dynamics.number("value")) if kind == "rate" else dynamics.above_zero("value")
+            if kind != "rate" and begin.known and begin.time < doing.steady - _SAME:
                 raise dynamics.fault(f"`{entity.name}` still changes its speed when this begins, at {begin.time:g} s: "
-                                      "by `rate` alone that is played")  # fmt: skip
-            elif kind == "time":
-                rate = change / value
-            else:
-                rate = abs(target * target - doing.speed * doing.speed) / (2.0 * value)
+                                     "by `rate` alone that is played")  # fmt: skip
+            by_distance = abs(target * target - doing.speed * doing.speed) / 2.0
+            rate = {"rate": value, "time": change / (value or 1.0), "distance": by_distance / (value or 1.0)}[kind]
             if rate == 0.0:  # it never gets there
                 return Span(begin, NEVER)
         doing.speed = target
@@ -634,10 +621,12 @@ class _Player:
             act = played.Act(played.CONSTANT, 0.0, lasts, abs(offset) / lasts, offset)
         return self._add(entity, doing, begin, act, lasts)
 
-    def _shape(self, dynamics: Part) -> str:
+    def _shape(self, dynamics: Part, what: str, *shapes: str) -> str:
+        """The shape of a change, one of those that are played."""
         shape = dynamics.one_of("dynamicsShape", ("linear", "step", "cubic", "sinusoidal"))
-        if shape not in ("linear", "sinusoidal"):
-            raise dynamics.fault(f"a move across of the shape `{shape}` is not played, `linear` and `sinusoidal` are")
+        if shape not in shapes:
+            those = " and ".join(f"`{name}`" for name in shapes)
+            raise dynamics.fault(f"a {what} of the shape `{shape}` is not played, {those} are")
         return shape
 
     def _lane_change(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
@@ -656,13 +645,10 @@ class _Player:
             lane = self.network.lane(own.road, target.text("value"), target)
         else:
             raise target.not_played()
-        assert entity.frame is not None
         to = self._y(lane.centre, element, own) - entity.frame.y
         dynamics = element.child("LaneChangeActionDynamics")
-        shape, value = self._shape(dynamics), dynamics.number("value")
-        offset = abs(to - doing.offset)
-        if value <= 0.0:
-            raise dynamics.fault(f"`value` must be above 0, got {value:g}")
+        shape = self._shape(dynamics, "move across", "linear", "sinusoidal")
+        value, offset = dynamics.above_zero("value"), abs(to - doing.offset)
         kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
         if kind == "time":
             lasts = value
@@ -700,7 +686,6 @@ class _Player:
             raise element.fault("an offset that is kept all the time is not played")
         target = element.child("LaneOffsetTarget").only()
         value = target.number("value")
-        assert entity.frame is not None
         own = entity.placed(element)
         if target.tag == "AbsoluteTargetLaneOffset":
             lane = self._now(entity, entity, target).lane
@@ -708,7 +693,6 @@ class _Player:
             to = self._y(lane.centre, element, own) + value
         elif target.tag == "RelativeTargetLaneOffset":
             other = self.places.entity(target.text("entityRef"), target)
-            assert other.frame is not None
             moved = 0.0 if other.name == self.ego else self.doing[other.name].offset
             if moved and other is not entity:
                 raise target.fault(f"`{other.name}`, to which it is relative, moves across itself")
@@ -717,9 +701,8 @@ class _Player:
             raise target.not_played()
         to -= entity.frame.y
         dynamics = element.child("LaneOffsetActionDynamics")
-        shape, strongest = self._shape(dynamics), dynamics.number("maxLateralAcc")
-        if strongest <= 0.0:
-            raise dynamics.fault(f"`maxLateralAcc` must be above 0 m/s2, got {strongest:g}")
+        shape = self._shape(dynamics, "move across", "linear", "sinusoidal")
+        strongest = dynamics.above_zero("maxLateralAcc", " m/s2")
         if shape != "sinusoidal":
             raise dynamics.fault("an offset with `maxLateralAcc` is played in the shape `sinusoidal` only")
         lasts = math.pi * math.sqrt(abs(to - doing.offset) / (2.0 * strongest))
@@ -733,7 +716,6 @@ class _Player:
 
     def _follow(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
         trajectory = self._trajectory(element)
-        assert entity.frame is not None
         pose = entity.placed(element).pose
         first = trajectory.points[0]
         if math.hypot(first[0] - pose.x, first[1] - pose.y) > 0.5:
@@ -823,7 +805,6 @@ class _Player:
 
     def _actor(self, entity: Entity) -> Actor:
         frame, doing = entity.frame, self.doing[entity.name]
-        assert frame is not None
         acts = list(doing.acts)
         if len(entity.way) > 2:
             raise entity.element.fault("a trajectory of more than one straight line is not played")

@@ -15,15 +15,16 @@ from sumo_eval.extras.openscenario.logical import Read, concrete
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.scenario.road.table import bend_name
+from sumo_eval.scenario.trigger import OF_NUMBERS, OF_ONE, OF_TWO
 
 _ONLY = "only"
-_OF_ONE = {played.X: "x", played.Y: "y", played.ALONG: "speed", played.ACROSS: "lateral_speed"}
-_OF_TWO = {played.GAP: "gap", played.DISTANCE: "distance", played.TTC: "ttc", played.THW: "thw"}
+_OF_ONE = {op: name for name, op in OF_ONE.items()}
+_OF_TWO = {op: name for name, op in OF_TWO.items()}
 _JOINED = {
     played.ADD: "+", played.SUBTRACT: "-", played.MULTIPLY: "*", played.DIVIDE: "/",
     played.BELOW: "<", played.AT_MOST: "<=", played.AND: "and", played.OR: "or",
 }  # fmt: skip
-_OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
+_OF_NUMBERS = {op: name for name, op in OF_NUMBERS.items()}
 
 
 def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
