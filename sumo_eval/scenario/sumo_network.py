@@ -25,9 +25,10 @@ from lxml import etree
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.input_file import hash_of, read_input
 from sumo_eval.scenario.concrete import NetworkFile, Road
-from sumo_eval.scenario.road.fitted_line import WITHIN, Pose, fitted_line, onto_the_line
+from sumo_eval.scenario.road.fitted_line import WITHIN, fitted_line, onto_the_line
 from sumo_eval.scenario.road.lanes import LaneSpan
-from sumo_eval.scenario.road.reference_line import Piece, drawn_points, frame_places, map_places
+from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.road.reference_line import Piece, drawn_points, frame_places, length_of, map_places
 from sumo_eval.scenario.road.table import bend_name, check_line
 from sumo_eval.text import shown
 from sumo_eval.trajectory import FloatArray
@@ -208,10 +209,10 @@ def _bent_road(
     what = f"the road along {', '.join(edges)} of {owner}"
     line, begins = _line_along(np.array(way), what)
     if lane > lowest:  # the right-hand lane of all begins or ends on the way: its line is beside this one
-        s = drawn_points(line, 0.0, sum(piece.length for piece in line), 2.0)
+        s = drawn_points(line, 0.0, length_of(line), 2.0)
         x, y, _ = map_places(line, s, -width * (lane - lowest))
         line, beside = _line_along(np.column_stack([x, y]), what)
-        begins = _seen_before(begins, beside)
+        begins = begins.moved(*beside)
     count = max(set().union(*there)) - lowest + 1
     check_line(line, count, width, what)
     for of_edge, shift in zip(lanes, shifts, strict=True):
@@ -240,12 +241,6 @@ def _line_along(way: FloatArray, what: str) -> tuple[tuple[Piece, ...], Pose]:
             "The lanes", what, f"without corners, so that a line can follow them within {WITHIN:g} m", f"{off:.2f} m"
         )
     return line, begins
-
-
-def _seen_before(first: Pose, then: Pose) -> Pose:
-    """A pose that is given from another one."""
-    c, s = math.cos(first[2]), math.sin(first[2])
-    return first[0] + then[0] * c - then[1] * s, first[1] + then[0] * s + then[1] * c, first[2] + then[2]
 
 
 class _Link(NamedTuple):

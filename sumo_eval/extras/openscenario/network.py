@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -11,31 +10,12 @@ from typing import NamedTuple
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.extras.openscenario.reading import Part
 from sumo_eval.scenario.road.opendrive import lane_offset, reference_line
-from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.road.reference_line import Piece, bends, length_of
 from sumo_eval.scenario.xml_file import read_xml
 
 WIDEST = 6.0  # m: a wider lane is an area without marks
 MARKED = 3.5  # m: the lane that the ego is given in such an area
-
-
-class Pose(NamedTuple):
-    """A place on the map, m, and where it points, rad."""
-
-    x: float
-    y: float
-    heading: float
-
-    def moved(self, ahead: float, left: float = 0.0, turned: float = 0.0) -> Pose:
-        """The place so far ahead and to the left of it."""
-        c, s = math.cos(self.heading), math.sin(self.heading)
-        return Pose(self.x + ahead * c - left * s, self.y + ahead * s + left * c, self.heading + turned)
-
-    def seen_from(self, origin: Pose) -> Pose:
-        """It in the axes of another: x ahead, y to the left."""
-        dx, dy = self.x - origin.x, self.y - origin.y
-        c, s = math.cos(origin.heading), math.sin(origin.heading)
-        turned = math.remainder(self.heading - origin.heading, math.tau)
-        return Pose(dx * c + dy * s, dy * c - dx * s, turned)
 
 
 class Lane(NamedTuple):
@@ -59,19 +39,16 @@ class MapRoad:
     @property
     def length(self) -> float:
         """Of its reference line, m."""
-        return sum(piece.length for piece in self.line)
+        return length_of(self.line)
 
     @property
     def bent(self) -> bool:
         """Whether it is no straight line."""
-        return any(piece.begin != 0.0 or piece.end != 0.0 for piece in self.line)
+        return bends(self.line)
 
     def pose(self, s: float, t: float) -> Pose:
         """The place s m along the reference line and t m to the left of it."""
-        if self.bent:
-            x, y, heading = (float(it) for it in map_places(self.line, s, t))
-            return self.begin.moved(x, y, heading)
-        return self.begin.moved(s, t)
+        return self.begin.along(self.line, s, t)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,10 +112,7 @@ def _read(path: Path, changed: int, flat: bool) -> Network:
 
 def _road(element: Part, name: str, flat: bool) -> MapRoad:
     owner = f"road `{name}` of OpenDRIVE file {element.file.name}"
-    line, _ = reference_line(element.element, owner)
-    first = element.find("planView/geometry")
-    assert first is not None
-    begin = Pose(*(first.decimal(key) for key in ("x", "y", "hdg")))
+    line, begin = reference_line(element.element, owner)
     sections = element.all("lanes/laneSection")
     if len(sections) != 1:
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")

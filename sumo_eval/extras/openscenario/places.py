@@ -15,9 +15,10 @@ from itertools import pairwise
 import numpy as np
 
 from sumo_eval.extras.openscenario.catalogs import Catalogs
-from sumo_eval.extras.openscenario.network import Lane, MapRoad, Network, Pose
+from sumo_eval.extras.openscenario.network import Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Part
-from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.road.reference_line import Piece, bends, length_of, map_places
 
 _FINE = 0.25  # m between two points of a trajectory that bends
 _STRAIGHT = 0.05  # m that a route may be off the straight line through its ends
@@ -83,7 +84,7 @@ class Trajectory:
     @property
     def bends(self) -> bool:
         """Whether it is no straight line."""
-        return any(piece.begin != 0.0 or piece.end != 0.0 for piece in self.pieces)
+        return bends(self.pieces)
 
     def at(self, s: float, element: Part, t: float = 0.0) -> Pose:
         """The place s m along it, and t m to its left."""
@@ -230,7 +231,7 @@ class Places:
         for segment in segments:
             ends = segment.number("curvatureStart"), segment.number("curvatureEnd")
             pieces.append(Piece(segment.above_zero("length", " m"), *ends))
-        total = sum(piece.length for piece in pieces)
+        total = length_of(pieces)
         s = np.linspace(0.0, total, math.ceil(total / _FINE) + 1)
         x, y, _ = map_places(tuple(pieces), s, 0.0)
         poses = [begin.pose.moved(float(a), float(b)) for a, b in zip(x, y, strict=True)]

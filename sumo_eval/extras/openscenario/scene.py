@@ -24,14 +24,15 @@ from typing import NamedTuple
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs, named_file
 from sumo_eval.extras.openscenario.moments import NEVER, Conditions, Moment, Span
-from sumo_eval.extras.openscenario.network import MARKED, WIDEST, Lane, MapRoad, Pose, read_network
+from sumo_eval.extras.openscenario.network import MARKED, WIDEST, Lane, MapRoad, read_network
 from sumo_eval.extras.openscenario.places import Entity, Places, Spot, Trajectory, entity_of
 from sumo_eval.extras.openscenario.reading import Part, read_openscenario
 from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, EgoBody, Start, keeps_on
 from sumo_eval.scenario.road.opendrive import beside
-from sumo_eval.scenario.road.reference_line import Piece, curvatures, frame_places, tightest
+from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.road.reference_line import Piece, bends, curvatures, frame_places, length_of, tightest
 
 EGO = "Ego"
 _AT_ONCE = 1e-6  # s that a speed takes which is told to change at once
@@ -355,7 +356,7 @@ class _Player:
         name = f"{self.network.path.stem}_{road.name}_{lanes}x{width:g}m_at_{centre:g}m"
         if road.bent:
             line = _beside(road.line, centre, f"road `{road.name}` of {self.network.path.name}")
-            return Frame(origin, line, lanes, width, sum(it.length for it in line), name, centre, road.name)
+            return Frame(origin, line, lanes, width, length_of(line), name, centre, road.name)
         length = road.length
         if self.end_of_way is not None:
             length = max(length, self.end_of_way.seen_from(origin).x)
@@ -373,14 +374,14 @@ class _Player:
             raise self.entities[self.ego].element.fault("an ego that turns must begin along a straight road")
         first = self.turning.pieces[0]
         run_up = (Piece(there.x),) if there.x > _ON else ()
-        if run_up and first.begin == first.end == 0.0:
+        if run_up and not bends([first]):
             run_up, pieces = (), (Piece(there.x + first.length), *self.turning.pieces[1:])
         else:
             pieces = self.turning.pieces
         line = (*run_up, *pieces)
         name = f"{self.network.path.stem}_{road.name}_turn_{tightest(line):g}m"
         width = MARKED if lane.width > WIDEST else lane.width
-        return Frame(origin, line, 1, width, sum(it.length for it in line), name, spot.t, road.name)
+        return Frame(origin, line, 1, width, length_of(line), name, spot.t, road.name)
 
     def _on_map(self, entity: Entity) -> Pose:
         """The centre of an entity's body on the map, in the axes of the road's beginning, and where it leads there."""

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.trajectory import FloatArray
 
@@ -18,8 +19,6 @@ _ROUNDS = 12  # of Gauss and Newton's, at most
 _SETTLED = 1e-3  # m by which a round moves the beginning, and as little of a curvature over the length: the last one
 _SMOOTH = 0.05  # by which, times the square of the knots' distance, the curvature's second difference counts as off
 _DIGITS = 8  # of a curvature, 1/m: the last digit of a machine's arithmetic decides nothing
-
-Pose = tuple[float, float, float]
 
 
 def fitted_line(polyline: FloatArray) -> tuple[tuple[Piece, ...], Pose, float]:
@@ -39,7 +38,7 @@ def fitted_line(polyline: FloatArray) -> tuple[tuple[Piece, ...], Pose, float]:
             best = found
         if best[2] <= WITHIN:
             break
-    return best or ((), (0.0, 0.0, 0.0), math.inf)
+    return best or ((), Pose(0.0, 0.0, 0.0), math.inf)
 
 
 def onto_the_line(points: FloatArray, begins: Pose) -> FloatArray:
@@ -106,7 +105,7 @@ def _fitted(places: FloatArray, apart: float) -> tuple[tuple[Piece, ...], Pose, 
             break
     curvature = np.round(curvature, _DIGITS) + 0.0
     pieces = tuple(Piece(length / knots, begin, end) for begin, end in itertools.pairwise(curvature.tolist()))
-    begins = (float(first[0]), float(first[1]), float(first[2]))
+    begins = Pose(*map(float, first))
     seen = onto_the_line(places, begins)
     return pieces, begins, _off(pieces, seen, s)
 

@@ -20,7 +20,8 @@ from lxml import etree
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.parametric import Cubic, pieces_along
-from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.road.reference_line import Piece, bends, length_of
 from sumo_eval.scenario.xml_file import read_xml
 
 _JOINT = 0.01  # m and rad that a geometry may begin beside the end of the one before it
@@ -45,28 +46,15 @@ class ReadRoad:
 
 
 class _Stretch(NamedTuple):
-    """A road that is driven one way: the right-hand driving lane's centre line, where it begins (x, y m, heading rad),
-    how many driving lanes there are, their width, m, and those that are not there throughout.
+    """A road that is driven one way: the right-hand driving lane's centre line, where it begins, how many driving lanes
+    there are, their width, m, and those that are not there throughout.
     """
 
     line: tuple[Piece, ...]
-    begin: tuple[float, float, float]
+    begin: Pose
     lanes: int
     width: float
     spans: tuple[LaneSpan, ...]
-
-    @property
-    def length(self) -> float:
-        return sum(piece.length for piece in self.line)
-
-    @property
-    def end(self) -> tuple[float, float, float]:
-        """Where the line ends."""
-        x, y, turned = (float(it) for it in map_places(self.line, self.length, 0.0))
-        if all(piece.begin == piece.end == 0.0 for piece in self.line):
-            x, y, turned = self.length, 0.0, 0.0
-        c, s = math.cos(self.begin[2]), math.sin(self.begin[2])
-        return self.begin[0] + x * c - y * s, self.begin[1] + x * s + y * c, self.begin[2] + turned
 
 
 def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadRoad:
@@ -91,9 +79,8 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
     else:
         chain = _chain([roads[name] for name in names], owner)
     line = tuple(piece for stretch in chain for piece in stretch.line)
-    bent = any(piece.begin != 0.0 or piece.end != 0.0 for piece in line)
-    length = sum(piece.length for piece in line)
-    return ReadRoad(line if bent else (), chain[0].lanes, chain[0].width, length, chain[0].spans)
+    shape = line if bends(line) else ()
+    return ReadRoad(shape, chain[0].lanes, chain[0].width, length_of(line), chain[0].spans)
 
 
 def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
@@ -105,7 +92,7 @@ def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
             ways = [first] if number == 0 else [False, True]
             found = [it for it in (_stretch_or_none(element, name, way) for way in ways) if it is not None]
             if number:
-                found = [it for it in found if _meet(chain[-1].end, it.begin)]
+                found = [it for it in found if _meet(chain[-1], it.begin)]
             if not found:
                 break
             chain.append(found[0])
@@ -130,23 +117,21 @@ def _stretch_or_none(road: etree._Element, owner: str, against: bool) -> _Stretc
     return _stretch(road, owner, against=against) if driven else None
 
 
-def _meet(end: tuple[float, float, float], begin: tuple[float, float, float]) -> bool:
-    apart = math.hypot(end[0] - begin[0], end[1] - begin[1])
-    return apart <= _MEETS and abs(math.remainder(end[2] - begin[2], math.tau)) <= _MEETS
+def _meet(before: _Stretch, begin: Pose) -> bool:
+    end = before.begin.along(before.line, length_of(before.line))
+    turned = math.remainder(end.heading - begin.heading, math.tau)
+    return math.dist(end[:2], begin[:2]) <= _MEETS and abs(turned) <= _MEETS
 
 
 def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
     """A road driven along its reference line, or against it on its left-hand lanes."""
     reference, begin = reference_line(road, owner)
     if against:
-        begin = _Stretch(reference, begin, 0, 0.0, ()).end
-        begin = begin[0], begin[1], begin[2] + math.pi
+        end = begin.along(reference, length_of(reference))
+        begin = end._replace(heading=end.heading + math.pi)
         reference = tuple(Piece(piece.length, -piece.end, -piece.begin) for piece in reversed(reference))
-    length = sum(piece.length for piece in reference)
-    offset, lanes, width, spans = _driving_lanes(road, owner, length, against=against)
-    line = beside(reference, offset, owner)
-    starts = begin[0] - offset * math.sin(begin[2]), begin[1] + offset * math.cos(begin[2]), begin[2]
-    return _Stretch(line, starts, lanes, width, spans)
+    offset, lanes, width, spans = _driving_lanes(road, owner, length_of(reference), against=against)
+    return _Stretch(beside(reference, offset, owner), begin.moved(0.0, offset), lanes, width, spans)
 
 
 def _number(element: etree._Element, name: str, owner: str) -> float:
@@ -160,12 +145,12 @@ def _number(element: etree._Element, name: str, owner: str) -> float:
     return value
 
 
-def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...], tuple[float, float, float]]:
+def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...], Pose]:
     """The pieces of a reference line, and where it begins."""
     pieces: list[Piece] = []
     begin = None
     for geometry in road.iterfind("planView/geometry"):
-        place = tuple(_number(geometry, name, owner) for name in ("x", "y", "hdg"))
+        place = Pose(*(_number(geometry, name, owner) for name in ("x", "y", "hdg")))
         if begin is None:
             begin = place
         _check_joint(pieces, begin, place, owner)
@@ -187,7 +172,7 @@ def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...],
     if not pieces:
         raise InputError(f"{owner} has no <geometry>.".capitalize())
     assert begin is not None
-    return tuple(pieces), (begin[0], begin[1], begin[2])
+    return tuple(pieces), begin
 
 
 def _cubic(shape: etree._Element, length: float, owner: str) -> Cubic:
@@ -209,13 +194,11 @@ def _cubic(shape: etree._Element, length: float, owner: str) -> Cubic:
     return Cubic(along, left, kinds[kind])
 
 
-def _check_joint(pieces: list[Piece], begin: tuple[float, ...], place: tuple[float, ...], owner: str) -> None:
+def _check_joint(pieces: list[Piece], begin: Pose, place: Pose, owner: str) -> None:
     """Each geometry must begin where the ones before it end."""
-    s = sum(piece.length for piece in pieces)
-    x, y, heading = (float(it) for it in map_places(tuple(pieces), s, 0.0))
-    c, n = math.cos(begin[2]), math.sin(begin[2])
-    off = math.hypot(begin[0] + x * c - y * n - place[0], begin[1] + x * n + y * c - place[1])
-    turned = abs(math.remainder(begin[2] + heading - place[2], math.tau))
+    s = length_of(pieces)
+    end = begin.along(pieces, s)
+    off, turned = math.dist(end[:2], place[:2]), abs(math.remainder(end.heading - place.heading, math.tau))
     if off > _JOINT or turned > _JOINT:
         raise must_be(
             f"The <geometry> at s = {s:g}", owner, f"where the one before it ends, within {_JOINT:g} m and rad",

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,6 +66,16 @@ def tightest(pieces: Sequence[Piece]) -> float:
     """The smallest radius on a line, m, inf on a straight one."""
     most = max((max(abs(piece.begin), abs(piece.end)) for piece in pieces), default=0.0)
     return 1.0 / most if most > 0.0 else math.inf
+
+
+def length_of(pieces: Sequence[Piece]) -> float:
+    """The length of a line, m."""
+    return sum(piece.length for piece in pieces)
+
+
+def bends(pieces: Sequence[Piece]) -> bool:
+    """Whether a line is not straight."""
+    return any(piece.begin != 0.0 or piece.end != 0.0 for piece in pieces)
 
 
 @functools.lru_cache(maxsize=256)
@@ -194,13 +204,7 @@ def map_places(
     pieces: tuple[Piece, ...], s: ArrayLike, d: ArrayLike, heading: ArrayLike = 0.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(x, y, heading) on the map of places in the frame of a line: m and rad, arrays that broadcast to one shape."""
-    places = np.broadcast_arrays(*(np.asarray(it, dtype=np.float64) for it in (s, d, heading)))
-    if not pieces:
-        return places[0].copy(), places[1].copy(), places[2].copy()
-    stacked = np.stack([it.ravel() for it in places], axis=1)
-    found = np.empty((len(stacked), 4))
-    _to_map_rows(knots_of(pieces), stacked, found)
-    x, y, turned = (found[:, k].reshape(places[0].shape) for k in range(3))
+    x, y, turned, _ = _each(pieces, (s, d, heading), _to_map_rows)
     return x, y, turned
 
 
@@ -212,31 +216,37 @@ def frame_places(
     Of several feet of a perpendicular the one near s = `near`; without it the one that is nearest to the place, for
     which the line is looked through every 5 m.
     """
-    places = np.broadcast_arrays(*(np.asarray(it, dtype=np.float64) for it in (x, y, heading)))
-    if not pieces:
-        return places[0].copy(), places[1].copy(), places[2].copy()
-    stacked = np.stack([it.ravel() for it in places], axis=1)
-    begins = np.full(len(stacked), 0.0 if near is None else near)
-    if near is None:
-        grid = np.arange(0.0, sum(piece.length for piece in pieces) + 5.0, 5.0)
-        grid_x, grid_y, _ = map_places(pieces, grid, 0.0)
-        for i, (place_x, place_y, _) in enumerate(stacked):
-            begins[i] = grid[np.argmin(np.square(grid_x - place_x) + np.square(grid_y - place_y))]
-    found = np.empty((len(stacked), 4))
-    _to_frame_rows(knots_of(pieces), stacked, begins, found)
-    s, d, turned = (found[:, k].reshape(places[0].shape) for k in range(3))
+
+    def found(line: NDArray[Any], places: FloatArray, rows: FloatArray) -> None:
+        begins = np.full(len(places), 0.0 if near is None else near)
+        if near is None:
+            grid = np.arange(0.0, length_of(pieces) + 5.0, 5.0)
+            grid_x, grid_y, _ = map_places(pieces, grid, 0.0)
+            for i, (place_x, place_y, _) in enumerate(places):
+                begins[i] = grid[np.argmin(np.square(grid_x - place_x) + np.square(grid_y - place_y))]
+        _to_frame_rows(line, places, begins, rows)
+
+    s, d, turned, _ = _each(pieces, (x, y, heading), found)
     return s, d, turned
 
 
 def curvatures(pieces: tuple[Piece, ...], s: ArrayLike) -> FloatArray:
     """Curvature of a line at s (any shape), 1/m, left positive."""
-    places = np.asarray(s, dtype=np.float64)
-    if not pieces:
-        return np.zeros(places.shape)
-    stacked = np.stack([places.ravel(), np.zeros(places.size), np.zeros(places.size)], axis=1)
-    found = np.empty((len(stacked), 4))
-    _to_map_rows(knots_of(pieces), stacked, found)
-    return found[:, 3].reshape(places.shape)
+    return _each(pieces, (s, 0.0, 0.0), _to_map_rows)[3]
+
+
+def _each(
+    pieces: tuple[Piece, ...], places: Sequence[ArrayLike], rule: Callable[[NDArray[Any], FloatArray, FloatArray], None]
+) -> list[FloatArray]:
+    """The four numbers of a rule at places, three arrays that broadcast; on a straight line these themselves and 0."""
+    arrays = np.broadcast_arrays(*(np.asarray(it, dtype=np.float64) for it in places))
+    shape, stacked = arrays[0].shape, np.stack([it.ravel() for it in arrays], axis=1)
+    found = np.zeros((len(stacked), 4))
+    if pieces:
+        rule(knots_of(pieces), stacked, found)
+    else:
+        found[:, :3] = stacked
+    return [found[:, k].reshape(shape) for k in range(4)]
 
 
 def drawn_points(pieces: tuple[Piece, ...], begin: float, end: float, longest: float = 1.0) -> FloatArray:
@@ -249,7 +259,6 @@ def drawn_points(pieces: tuple[Piece, ...], begin: float, end: float, longest: f
         s += piece.length
         if high <= low:
             continue
-        bends = piece.begin != 0.0 or piece.end != 0.0
-        count = max(math.ceil((high - low) / longest - 1e-9), 1) if bends else 1
+        count = max(math.ceil((high - low) / longest - 1e-9), 1) if bends([piece]) else 1
         found += [low, *(low + (high - low) * k / count for k in range(1, count + 1))]
     return np.unique([*found, end])

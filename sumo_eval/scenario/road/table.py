@@ -10,7 +10,7 @@ from typing import Annotated
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.expression import checked_names, number
-from sumo_eval.scenario.road.reference_line import Piece, tightest
+from sumo_eval.scenario.road.reference_line import Piece, bends, length_of, tightest
 from sumo_eval.settings import About, Checked, Positive, VehicleSettings
 
 _LEAST_EDGE = 1.0  # m from the centre of a bend to the road's inner edge, at least
@@ -44,12 +44,10 @@ def line_of(
         end = _curvature(table.end_radius if table.radius is None else table.radius, options, owner)
         pieces.append(Piece(table.length, begin, end))
         check_line(pieces[-1:], lanes, lane_width, owner)
-    drawn = sum(piece.length for piece in pieces)
+    drawn = length_of(pieces)
     if drawn > length + 1e-9:
         raise must_be("The pieces", f"the road of {where}", f"at most as long as the road ({length:g} m)", drawn)
-    if all(piece.begin == piece.end == 0.0 for piece in pieces):
-        return ()
-    return tuple(pieces)
+    return tuple(pieces) if bends(pieces) else ()
 
 
 def _curvature(radius: str | float | None, options: Mapping[str, float], owner: str) -> float:

@@ -1,0 +1,35 @@
+"""Places on the map, and places seen from other places."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from sumo_eval.scenario.road.reference_line import Piece, bends, map_places
+
+
+class Pose(NamedTuple):
+    """A place on the map, m, and where it points, rad."""
+
+    x: float
+    y: float
+    heading: float
+
+    def moved(self, ahead: float, left: float = 0.0, turned: float = 0.0) -> Pose:
+        """The place so far ahead and to the left of it."""
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        return Pose(self.x + ahead * c - left * s, self.y + ahead * s + left * c, self.heading + turned)
+
+    def along(self, line: Sequence[Piece], s: float, t: float = 0.0) -> Pose:
+        """The place s m along a line that begins here, and t m to the left of it."""
+        if not bends(line):
+            return self.moved(s, t)
+        return self.moved(*(float(it) for it in map_places(tuple(line), s, t)))
+
+    def seen_from(self, origin: Pose) -> Pose:
+        """It in the axes of another: x ahead, y to the left."""
+        dx, dy = self.x - origin.x, self.y - origin.y
+        c, s = math.cos(origin.heading), math.sin(origin.heading)
+        turned = math.remainder(self.heading - origin.heading, math.tau)
+        return Pose(dx * c + dy * s, dy * c - dx * s, turned)
