@@ -23,6 +23,8 @@ from sumo_eval.text import clean, shown
 
 LONGEST = 1_000  # characters of an expression
 DEEPEST = 50  # brackets within brackets
+UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError)
+"""What Python's parser raises for what is no expression."""
 
 
 def _quiet(function: Callable[..., Any]) -> Callable[..., float]:
@@ -105,11 +107,8 @@ class Expression:
 
     def value(self, values: Mapping[str, ArrayLike]) -> Any:
         """The value at the given values by name, which broadcast. Where it is not defined (1 / 0) it is inf or nan."""
-        try:
-            with np.errstate(all="ignore"):
-                return np.asarray(_compiled(self.text, _ARRAYS)(values))
-        except KeyError as error:
-            raise unknown(f"name in expression `{self.text}`:", str(error.args[0]), sorted(values)) from None
+        with np.errstate(all="ignore"):
+            return np.asarray(self._worked_out(values, _ARRAYS))
 
     def room(self, values: Mapping[str, ArrayLike]) -> Any:
         """How far a condition is from its limit, in the unit of what it compares: below 0 where it does not hold."""
@@ -118,8 +117,11 @@ class Expression:
 
     def at(self, values: Mapping[str, float]) -> Any:
         """The value at one point, given as plain floats: the number (or truth) that `value` has there, faster."""
+        return self._worked_out(values, _FLOATS)
+
+    def _worked_out(self, values: Mapping[str, Any], kind: int) -> Any:
         try:
-            return _compiled(self.text, _FLOATS)(values)
+            return _compiled(self.text, kind)(values)
         except KeyError as error:
             raise unknown(f"name in expression `{self.text}`:", str(error.args[0]), sorted(values)) from None
 
@@ -159,7 +161,7 @@ def _tree(text: str) -> ast.expr:
         raise InputError(f"An expression must have at most {LONGEST} characters, got {len(text)}.")
     try:
         tree = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+    except UNREADABLE as error:
         raise InputError(f"Expression `{clean(text)}` cannot be read: {_reason(error)}.") from None
     _check(tree, text, 0)
     return tree

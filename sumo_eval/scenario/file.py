@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.first_places import STANDARD_EGO, misplaced
@@ -17,11 +14,9 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.reachable import leaves_at, never_begin
 from sumo_eval.scenario.tables import ScenarioFile
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.settings.config import mistakes
+from sumo_eval.settings.config import validated
 from sumo_eval.settings.toml_file import read_toml
 from sumo_eval.trajectory import FloatArray
-
-_ADAPTER = TypeAdapter(ScenarioFile)
 
 
 def read_scenario(path: Path, given: Mapping[str, str] | None = None) -> LogicalScenario:
@@ -39,11 +34,7 @@ def scenario_from(
 
     given: as in `read_scenario`.
     """
-    try:
-        table = _ADAPTER.validate_json(json.dumps(content, default=str), strict=True)
-    except ValidationError as error:
-        raise InputError(mistakes(error, where, ScenarioFile)) from None
-    table, options = _with_options(table, given or {})
+    table, options = _with_options(validated(content, ScenarioFile, where), given or {})
     return table.logical(options, where, folder)
 
 
@@ -111,8 +102,7 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
     limit = SimulationSettings().time_limit if logical.time_limit is None else logical.time_limit
     end = logical.road.length + logical.road.run_out
     left: dict[str, list[tuple[float, str]]] = {}
-    for row in points.tolist():
-        concrete = logical.concrete(**dict(zip(logical.names, row, strict=True)))
+    for concrete in logical.concretes(points):
         for name, time in leaves_at(concrete, end, limit):
             left.setdefault(name, []).append((time, concrete.label))
     for name, times in left.items():
@@ -126,8 +116,7 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
 
 def check_points(logical: LogicalScenario, points: FloatArray) -> None:
     """Place every vehicle at every point (n, k), and work out the approach there. InputError at the first fault."""
-    for row in points.tolist():
-        concrete = logical.concrete(**dict(zip(logical.names, row, strict=True)))
+    for concrete in logical.concretes(points):
         start, end = concrete.ego.x, logical.road.length
         if start >= end:
             at = f"scenario `{logical.name}` at {concrete.label}"

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.input_file import input_file
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 JointKind = Literal["kde", "copula"]
 GRID = 1025  # places at which a copula's one-dimensional densities are kept
@@ -81,7 +81,7 @@ class Joint:
         A copula's integrates to 1 over the box, a KDE's to the share of it that lies within.
         """
         rows = np.asarray(points, dtype=np.float64).reshape(-1, len(self.names))
-        inside = np.all((rows >= np.array(self.low)) & (rows <= np.array(self.high)), axis=1)
+        inside = self._inside(rows)
         found = np.zeros(len(rows))
         if inside.any():
             of = _kde_density if self.kind == "kde" else _copula_density
@@ -100,14 +100,18 @@ class Joint:
         parts: list[FloatArray] = []
         have = 0
         while have < count:
-            chosen = stream.choice(len(self.events), size=2 * count, p=prepared.shares)
-            rows = prepared.rows[chosen] + stream.standard_normal((2 * count, len(self.names))) @ prepared.root.T
-            rows = rows[np.all((rows >= np.array(self.low)) & (rows <= np.array(self.high)), axis=1)]
+            rows = prepared.draw(2 * count, stream)
+            rows = rows[self._inside(rows)]
             if not len(rows):
                 raise InputError(f"No draw of the joint distribution {self.source} lies within the ranges.")
             parts.append(rows)
             have += len(rows)
         return np.concatenate(parts)[:count]
+
+    def _inside(self, rows: FloatArray) -> BoolArray:
+        """Which points (n, k) lie within the box."""
+        within: BoolArray = np.all((rows >= np.array(self.low)) & (rows <= np.array(self.high)), axis=1)
+        return within
 
     def __str__(self) -> str:
         what = "a Gaussian KDE" if self.kind == "kde" else "a Gaussian copula of one-dimensional KDEs"
@@ -129,6 +133,11 @@ class _Prepared(NamedTuple):
     densities: FloatArray
     distributions: FloatArray
 
+    def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
+        """Points (count, k) of a KDE's kernels."""
+        chosen = stream.choice(len(self.rows), size=count, p=self.shares)
+        return self.rows[chosen] + stream.standard_normal((count, self.rows.shape[1])) @ self.root.T
+
     def scores(self, points: FloatArray) -> FloatArray:
         """Normal scores (n, k) of points."""
         from scipy.special import ndtri
@@ -149,10 +158,7 @@ class _Prepared(NamedTuple):
 def _share_inside(joint: Joint) -> float:
     prepared = _prepared(joint)
     stream = np.random.default_rng(len(joint.events))
-    chosen = stream.choice(len(joint.events), size=MASS_DRAWS, p=prepared.shares)
-    rows = prepared.rows[chosen] + stream.standard_normal((MASS_DRAWS, len(joint.names))) @ prepared.root.T
-    inside = np.all((rows >= np.array(joint.low)) & (rows <= np.array(joint.high)), axis=1)
-    return max(float(np.mean(inside)), 1e-4)
+    return max(float(np.mean(joint._inside(prepared.draw(MASS_DRAWS, stream)))), 1e-4)
 
 
 @lru_cache(maxsize=512)

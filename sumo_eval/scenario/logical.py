@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
 from numbers import Real
@@ -319,12 +319,8 @@ class LogicalScenario:
             if isinstance(value, bool) or not isinstance(value, Real):
                 raise must_be(f"`{parameter.name}`", owner, "a number", value)
             if not parameter.low <= value <= parameter.high:
-                raise must_be(
-                    f"`{parameter.name}`",
-                    owner,
-                    f"within {parameter.low:g}..{parameter.high:g}{parameter.behind}",
-                    float(value),
-                )
+                within = f"within {parameter.low:g}..{parameter.high:g}{parameter.behind}"
+                raise must_be(f"`{parameter.name}`", owner, within, float(value))
             if parameter.values and float(value) not in parameter.values:
                 allowed = ", ".join(f"{known:g}" for known in parameter.values)
                 raise must_be(f"`{parameter.name}`", owner, f"one of {allowed}{parameter.behind}", float(value))
@@ -351,11 +347,6 @@ class LogicalScenario:
             standstill_time=self.standstill_time,
         )
 
-    def concretes(self, points: ArrayLike, exposure: ArrayLike | None = None) -> Sequence[ConcreteScenario]:
-        """The concrete scenarios at the rows of `points` (n, k). exposure: (n,), where it is not the space's own."""
-        rows = np.asarray(points).tolist()
-        found = [self.concrete(**dict(zip(self.names, row, strict=True))) for row in rows]
-        if exposure is None:
-            return found
-        counts = np.asarray(exposure, dtype=np.float64).tolist()
-        return [replace(concrete, exposure=count) for concrete, count in zip(found, counts, strict=True)]
+    def concretes(self, points: ArrayLike) -> list[ConcreteScenario]:
+        """The concrete scenarios at the rows of `points` (n, k)."""
+        return [self.concrete(**dict(zip(self.names, row, strict=True))) for row in np.asarray(points).tolist()]

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.scenario.expression import Expression, checked_names, condition
+from sumo_eval.scenario.expression import UNREADABLE, Expression, checked_names, condition
 from sumo_eval.trajectory import FloatArray
 
 SERIES = {
@@ -106,7 +106,7 @@ def requirement(
             raise InputError(f"`{taken}` of {owner} must have another name: requirements ask for the drive by it.")
     try:
         tree = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
+    except UNREADABLE:
         raise InputError(f"Requirement `{text[:200]}` of {owner} cannot be read.") from None
     found = _Parts(text, owner, vehicles)
     outer = condition(ast.unparse(ast.fix_missing_locations(found.visit(tree))), owner)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario import played
-from sumo_eval.scenario.expression import Expression, checked_names, number
+from sumo_eval.scenario.expression import UNREADABLE, Expression, checked_names, number
 from sumo_eval.scenario.parts import Names
 
 OF_ONE = {"x": played.X, "y": played.Y, "speed": played.ALONG, "lateral_speed": played.ACROSS}
@@ -61,7 +61,7 @@ def trigger(text: str, owner: str, names: Names, *, departs: bool) -> Trigger:
     """
     try:
         tree = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
+    except UNREADABLE:
         raise InputError(f"Condition `{text[:200]}` of {owner} cannot be read.") from None
     steps = _Writer(text, owner, names, departs).condition(tree)
     if len(steps) > 4 * played.DEEPEST:

@@ -36,7 +36,7 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
 
     own_ads: whether its `[[ads]]` drive; without it the caller names others, and the file may have none.
     """
-    settings = _validated(
+    settings = validated(
         with_suites(read_toml(path, "evaluation file"), str(path)), EvaluationSettings, str(path), path
     )
     check_evaluation(settings, str(path), own_ads=own_ads)
@@ -81,18 +81,18 @@ def suite_of(settings: EvaluationSettings) -> str:
 
 def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
     """The settings in a file of another kind, which `what` names in sentences: `gate file`."""
-    return _validated(read_toml(path, what), kind, str(path), path)
+    return validated(read_toml(path, what), kind, str(path), path)
 
 
 def settings_from(content: Mapping[str, Any], where: str, *, own_ads: bool = True) -> EvaluationSettings:
     """Settings from a plain mapping; `where` names it in error sentences. own_ads: as in `read_evaluation`."""
-    settings = _validated(with_suites(content, where), EvaluationSettings, where)
+    settings = validated(with_suites(content, where), EvaluationSettings, where)
     check_evaluation(settings, where, own_ads=own_ads)
     return settings
 
 
-def _validated(content: Mapping[str, Any], kind: type[Settings], where: str, file: Path | None = None) -> Settings:
-    """file: where the content was read, so that a mistake can be told with its line."""
+def validated(content: Mapping[str, Any], kind: type[Settings], where: str, file: Path | None = None) -> Settings:
+    """Settings of a kind. where: names the content in errors. file: where it was read, to tell lines of mistakes."""
     try:
         adapter: TypeAdapter[Settings] = _adapter(kind)  # type: ignore[arg-type]  # every class can be hashed
         settings = adapter.validate_json(json.dumps(content, default=str), strict=True)

@@ -184,9 +184,9 @@ class Part:
             raise self.fault(f"`{name}` must be a whole number, got {value:g}")
         return int(value)
 
-    def flag(self, name: str, default: str = "false") -> bool:
-        """An attribute that is true or false."""
-        found = self.text(name, default)
+    def flag(self, name: str) -> bool:
+        """An attribute that is true or false; false where it is missing."""
+        found = self.text(name, "false")
         if found not in _BOOLEAN:
             raise self.fault(f"`{name}` must be true or false, got {shown(found)}")
         return _BOOLEAN[found]

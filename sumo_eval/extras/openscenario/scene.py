@@ -238,7 +238,7 @@ class _Player:
         self.distances: list[tuple[Part, Entity]] = []
         for part in actions.children():
             if part.tag == "GlobalAction":
-                self._global(part.only(), at_start=True)
+                self._global(part.only())
             elif part.tag == "UserDefinedAction":
                 self._ignore(part)
             elif part.tag == "Private":
@@ -248,10 +248,10 @@ class _Player:
             else:
                 raise part.not_played()
 
-    def _global(self, element: Part, *, at_start: bool) -> None:
+    def _global(self, element: Part) -> None:
         if element.tag in IGNORED_GLOBAL:
             self._ignore(element)
-        elif element.tag == "EntityAction" and element.find("DeleteEntityAction") is not None and at_start:
+        elif element.tag == "EntityAction" and element.find("DeleteEntityAction") is not None:
             self.places.entity(element.text("entityRef"), element).deleted = True
         else:
             raise element.not_played()

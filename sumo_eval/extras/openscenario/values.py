@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 
 from sumo_eval.errors import did_you_mean
+from sumo_eval.scenario.expression import UNREADABLE
 from sumo_eval.text import shown
 
 Value = float | str
@@ -104,7 +105,7 @@ def _tree(inner: str) -> ast.expr:
         raise WrongValueError(f"must have at most {_LONGEST} characters")
     try:
         return ast.parse(_REFERENCE.sub(r"p_\1", inner).strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
+    except UNREADABLE:
         raise WrongValueError("cannot be read") from None
 
 

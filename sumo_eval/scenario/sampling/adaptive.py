@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.drawn_points import evenly
-from sumo_eval.scenario.sampling.request import Drawn, Request
+from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
@@ -47,8 +47,7 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
 
     count: points of all rounds together, at most. round: of one.
     """
-    owner = f"the sampling of scenario `{logical.name}`"
-    budget = request.wanted(owner)
+    owner, budget = owner_of(logical), request.wanted(logical)
     size = size_of_round(budget, request.round, owner)
     possible, cells = _cells(logical, size, request.seed)
     if len(possible) < _SPARE * budget:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sumo_eval.errors import must_be
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.grid import grid_axes, mesh
-from sumo_eval.scenario.sampling.request import Drawn, Request
+from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.trajectory import BoolArray
 
 Levels = NDArray[np.intp]
@@ -28,9 +28,7 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     """Every possible combination of values of `strength` parameters, in few points."""
     most, strength = len(logical.parameters), 2 if request.strength is None else request.strength
     if not 1 <= strength <= most:
-        raise must_be(
-            "`strength`", f"the sampling of scenario `{logical.name}`", f"within 1..{most}, its parameters", strength
-        )
+        raise must_be("`strength`", owner_of(logical), f"within 1..{most}, its parameters", strength)
     return _covering(logical, request, strength)
 
 

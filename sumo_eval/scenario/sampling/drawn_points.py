@@ -7,14 +7,14 @@ that the last digit of a machine's arithmetic decides nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.sampling.request import Drawn, Request
-from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.trajectory import FloatArray
 
 CANDIDATES = 64  # drawn for each point that is chosen among them
@@ -22,28 +22,21 @@ MOST_CANDIDATES = 2**18
 LEAST_DANGER = 0.05  # share of the attention that goes where nothing is dangerous: no place is left out
 
 
-def latin_hypercube(logical: LogicalScenario, request: Request) -> Drawn:
-    """One point in each of `count` layers of every axis."""
-    count = request.wanted(_owner(logical))
-    stream = random_stream(request.seed, "sampling", logical.name, "latin_hypercube")
-    return Drawn(logical.from_shares(_qmc().LatinHypercube(len(logical.names), rng=stream).random(count)))
+def sequence(name: str) -> Callable[[LogicalScenario, Request], Drawn]:
+    """The method that takes the first `count` points of a sequence: `latin_hypercube`, `sobol` or `halton`.
 
+    Of a Latin hypercube there is one point in each of `count` layers of every axis. The others are scrambled.
+    """
 
-def sobol(logical: LogicalScenario, request: Request) -> Drawn:
-    """The first `count` points of a scrambled Sobol sequence."""
-    count = request.wanted(_owner(logical))
-    notes: tuple[str, ...] = ()
-    if count & (count - 1):
-        notes = (f"Sobol points are evenest in powers of 2; {count} is none.",)
-    stream = random_stream(request.seed, "sampling", logical.name, "sobol")
-    return Drawn(logical.from_shares(_sobol(len(logical.names), count, stream)), notes=notes)
+    def first_points(logical: LogicalScenario, request: Request) -> Drawn:
+        count, stream, k = request.wanted(logical), request.stream(logical, name), len(logical.names)
+        if name == "sobol":
+            uneven = (f"Sobol points are evenest in powers of 2; {count} is none.",)
+            return Drawn(evenly(logical, count, stream), notes=uneven if count & (count - 1) else ())
+        kind = _qmc().LatinHypercube if name == "latin_hypercube" else _qmc().Halton
+        return Drawn(logical.from_shares(kind(k, rng=stream).random(count)))
 
-
-def halton(logical: LogicalScenario, request: Request) -> Drawn:
-    """The first `count` points of a scrambled Halton sequence."""
-    count = request.wanted(_owner(logical))
-    stream = random_stream(request.seed, "sampling", logical.name, "halton")
-    return Drawn(logical.from_shares(_qmc().Halton(len(logical.names), rng=stream).random(count)))
+    return first_points
 
 
 def by_exposure(logical: LogicalScenario, request: Request) -> Drawn:
@@ -58,7 +51,7 @@ def by_exposure_and_danger(logical: LogicalScenario, request: Request) -> Drawn:
     Drawn with a density in proportion to exposure * danger, so a point's exposure is 1 / danger, up to a factor.
     """
     if request.danger is None:
-        raise InputError(f"Nobody says how dangerous the points in {_owner(logical)} are.")
+        raise InputError(f"Nobody says how dangerous the points in {owner_of(logical)} are.")
     danger = request.danger
     points, drawn_more = _drawn(logical, request, "exposure_danger", lambda rows: LEAST_DANGER + danger(rows))
     return Drawn(points, exposure=float(np.mean(drawn_more)) / drawn_more, notes=_fewer(len(points), request))
@@ -87,8 +80,8 @@ def _drawn(logical: LogicalScenario, request: Request, label: str, attention: ob
     Candidates come evenly from the parameters' distributions (evenly over the range without one), so that what is left
     to weigh is only the part of the exposure that they do not have, and the attention.
     """
-    count = request.wanted(_owner(logical))
-    stream = random_stream(request.seed, "sampling", logical.name, label)
+    count = request.wanted(logical)
+    stream = request.stream(logical, label)
     shares = _sobol(len(logical.names), min(max(1024, CANDIDATES * count), MOST_CANDIDATES), stream)
     columns, density = [], np.ones(len(shares))
     for column, item in enumerate(logical.parameters):
@@ -132,7 +125,3 @@ def _qmc() -> Any:
     from scipy.stats import qmc
 
     return qmc
-
-
-def _owner(logical: LogicalScenario) -> str:
-    return f"the sampling of scenario `{logical.name}`"

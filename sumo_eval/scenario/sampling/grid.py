@@ -15,7 +15,7 @@ import numpy as np
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
-from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Levels, Request
+from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Levels, Request, owner_of
 from sumo_eval.trajectory import FloatArray
 
 
@@ -34,7 +34,7 @@ def mesh(axes: list[list[float]]) -> FloatArray:
 def grid_axes(logical: LogicalScenario, request: Request) -> tuple[list[list[float]], tuple[str, ...]]:
     """The values of each axis, and sentences about axes that do not end where their range does."""
     levels, steps = request.levels, request.steps
-    owner = f"the sampling of scenario `{logical.name}`"
+    owner = owner_of(logical)
     levels_of, step_of = _by_name(logical, levels, owner), dict(steps or {})
     for name in (*levels_of, *step_of):
         if name not in logical.names:

@@ -13,10 +13,9 @@ import numpy as np
 from sumo_eval.errors import InputError, did_you_mean, must_be, said
 from sumo_eval.input_file import input_file
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.sampling.request import Drawn, Request
+from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.scenario.units import factor_to
 from sumo_eval.settings.locators import load_object
-from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.text import clean, from_cell, shown
 
 EXPOSURE = "exposure"
@@ -26,7 +25,7 @@ _WITH_UNIT = re.compile(r"(\w+)\s*[(\[]([^()\[\]]*)[)\]]")  # as tables are head
 def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     """The rows of a CSV file with a column for each parameter, and, if it likes, one called `exposure`."""
     if request.file is None:
-        raise InputError(f"`file` of the sampling of scenario `{logical.name}` is missing.")
+        raise InputError(f"`file` of {owner_of(logical)} is missing.")
     path = (request.folder or Path.cwd()) / request.file
     try:
         with input_file(path, "file of points").open(newline="", encoding="utf-8-sig") as file:
@@ -80,12 +79,12 @@ def _columns(logical: LogicalScenario, titles: Sequence[str], owner: str) -> tup
 
 def from_function(logical: LogicalScenario, request: Request, locator: str) -> Drawn:
     """What the user's function `(space, n, rng) -> points` returns."""
-    count = request.wanted(f"the sampling of scenario `{logical.name}`")
+    count = request.wanted(logical)
     function = load_object(locator, request.folder, "Sampler")
     if not callable(function):
         raise must_be(f"Sampler `{locator}`", f"scenario `{logical.name}`", "a function", type(function).__name__)
     try:
-        found = function(logical, count, random_stream(request.seed, "sampling", logical.name, locator))
+        found = function(logical, count, request.stream(logical, locator))
         points = np.asarray(found, dtype=np.float64)
     except KeyboardInterrupt:
         raise
@@ -118,9 +117,5 @@ def _check_box(logical: LogicalScenario, points: np.ndarray, owner: str) -> None
         row = points[outside[0]]
         for item, value in zip(logical.parameters, row, strict=True):
             if not item.low <= value <= item.high:
-                raise must_be(
-                    f"`{item.name}` of point {outside[0] + 1}",
-                    owner,
-                    f"within {item.low:g}..{item.high:g}",
-                    float(value),
-                )
+                what = f"`{item.name}` of point {outside[0] + 1}"
+                raise must_be(what, owner, f"within {item.low:g}..{item.high:g}", float(value))

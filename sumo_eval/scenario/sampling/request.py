@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.errors import must_be
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
 MAX_POINTS = 1_000_000
@@ -50,11 +52,20 @@ class Request:
         present = {name for name in names if getattr(self, name) is not None}
         return frozenset(present | {name for name in ("steps", "rounds") if getattr(self, name)})
 
-    def wanted(self, owner: str) -> int:
+    def wanted(self, logical: LogicalScenario) -> int:
         """`count`, which has to be there."""
         if isinstance(self.count, bool) or not isinstance(self.count, int) or not 1 <= self.count <= MAX_POINTS:
-            raise must_be("`count`", owner, f"a whole number from 1 to {MAX_POINTS:,}", self.count)
+            raise must_be("`count`", owner_of(logical), f"a whole number from 1 to {MAX_POINTS:,}", self.count)
         return self.count
+
+    def stream(self, logical: LogicalScenario, *label: str) -> np.random.Generator:
+        """Random numbers of a method."""
+        return random_stream(self.seed, "sampling", logical.name, *label)
+
+
+def owner_of(logical: LogicalScenario) -> str:
+    """How errors call the sampling of a space."""
+    return f"the sampling of scenario `{logical.name}`"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,10 +18,10 @@ from sumo_eval.scenario.formats import formats
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.adaptive import adaptive
 from sumo_eval.scenario.sampling.combinations import combinations, pairwise
-from sumo_eval.scenario.sampling.drawn_points import by_exposure, by_exposure_and_danger, halton, latin_hypercube, sobol
+from sumo_eval.scenario.sampling.drawn_points import by_exposure, by_exposure_and_danger, sequence
 from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.listed_points import from_csv, from_function
-from sumo_eval.scenario.sampling.request import Drawn, Levels, Request, Steps
+from sumo_eval.scenario.sampling.request import Drawn, Levels, Request, Steps, owner_of
 from sumo_eval.trajectory import FloatArray
 
 
@@ -52,9 +52,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "grid": (full_grid, frozenset({"levels", "steps"})),
         "pairwise": (pairwise, frozenset({"levels", "steps"})),
         "combinations": (combinations, frozenset({"levels", "steps", "strength"})),
-        "latin_hypercube": (latin_hypercube, frozenset({"count"})),
-        "sobol": (sobol, frozenset({"count"})),
-        "halton": (halton, frozenset({"count"})),
+        **{name: (sequence(name), frozenset({"count"})) for name in ("latin_hypercube", "sobol", "halton")},
         "exposure": (by_exposure, frozenset({"count"})),
         "exposure_danger": (by_exposure_and_danger, frozenset({"count"})),
         "adaptive": (adaptive, frozenset({"count", "round", "aim", "until", "rounds"})),
@@ -88,7 +86,7 @@ def sample(
     given = request.given
     if method is None:
         method = "grid" if given & {"levels", "steps"} else "file" if "file" in given else logical.default_sample
-    owner = f"the sampling of scenario `{logical.name}`"
+    owner = owner_of(logical)
     prescribed = {item.name: item for item in logical.samples}
     if method in prescribed:
         if given:
