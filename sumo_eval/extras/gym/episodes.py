@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.features import Interface, read_interface, usual
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.cosim.pack import Pack
 from sumo_eval.errors import InputError, must_be, said
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import SimulationSettings
 
@@ -105,7 +105,7 @@ class Episodes:
 
     def begin(self, rows: NDArray[np.intp], generators: list[np.random.Generator], options: Mapping[str, Any]) -> None:
         """Let these episodes begin anew, each with a point drawn by its generator; options: see `point`."""
-        cases = {row: self.case(generators[row], options) for row in rows.tolist()}
+        cases = {row: self.logical.concrete(**self.point(generators[row], options)) for row in rows.tolist()}
         if self._pack is None:
             first = next(iter(cases.values()))
             self._pack = Pack([cases.get(row, first) for row in range(self.count)], self.settings, sumo=self._sumo)
@@ -114,10 +114,6 @@ class Episodes:
                 self._pack.restart(row, concrete)
         for row, concrete in cases.items():
             self._start_speeds[row] = concrete.ego.speed
-
-    def case(self, generator: np.random.Generator, options: Mapping[str, Any]) -> ConcreteScenario:
-        """The concrete scenario at a point."""
-        return self.logical.concrete(**self.point(generator, options))
 
     def point(self, generator: np.random.Generator, options: Mapping[str, Any]) -> dict[str, float]:
         """A point of the space. options: values of parameters by name, the others are drawn; or a `sampler`."""
@@ -196,11 +192,5 @@ class Episodes:
 
     def _impact(self, row: int) -> float:
         world = self.pack.world
-        ego, other = world.egos[row], world.others[row, int(world.egos["struck"][row])]
-
-        def velocity(body: Any) -> tuple[float, float]:
-            c, s = math.cos(body["heading"]), math.sin(body["heading"])
-            return body["speed"] * c - body["across"] * s, body["speed"] * s + body["across"] * c
-
-        (ahead, left), (their_ahead, their_left) = velocity(ego), velocity(other)
-        return math.sqrt((ahead - their_ahead) ** 2 + (left - their_left) ** 2)
+        both = world.egos[row], world.others[row, int(world.egos["struck"][row])]
+        return math.dist(*(Body(*vehicle.tolist()[:7]).velocity for vehicle in both))
