@@ -243,8 +243,8 @@ def intervals(asked: Asked) -> Figure:
                 marks.append(Marks("", interval, [place, place], colour, "-"))
             if value is not None:
                 marks.append(Marks("", [value], [place], colour, marker=marker))
-        missing = "" if len(marks) >= len(scores) else " (nothing: not computed)"
-        panels.append(Panel(marks, symbol + missing))
+        known = all(getattr(one, field_) is not None for one in scores)
+        panels.append(Panel(marks, symbol if known else f"{symbol} (no mark: not computed)"))
     columns = 2 if asked.width == "column" else 4
     figure = on_paper(panels, asked.width, max(0.5, 0.09 * len(scores) + 0.3) * (1.3 if columns == 2 else 2.0), columns)
     for place, ax in enumerate(figure.axes):

@@ -13,7 +13,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.extras.panels import Marks, Panel, on_page
+from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.tables import aligned
 from sumo_eval.method.agreement import Agreement, concordance, rank_correlation, rank_interval
 from sumo_eval.report.opinion_section import OPINION, opinion_content
@@ -155,7 +155,7 @@ def opinion_panels(run: Path) -> list[Panel]:
         ends = told.get("intervals", {}).get(name)
         within = "" if ends is None else f", {ends[0]:z.2f}..{ends[1]:z.2f}"
         marks = Marks(
-            "", [row["opinion"] for row in rows], [row["scores"][name] for row in rows], marker="o",
+            "", [row["opinion"] for row in rows], [row["scores"][name] for row in rows], COLOURS[0], marker="o",
             spread=[row["deviation"] for row in rows], words=[f"{row['ads']}, {row['scenario']}" for row in rows],
         )  # fmt: skip
         title = f"{name} (no correlation)" if rho is None else f"{name} (rho {rho:z.2f}{within})"
