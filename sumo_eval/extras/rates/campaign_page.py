@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.campaign import AdsRate, Campaign, Part, people
 from sumo_eval.extras.rates.importance import DEFENSIVE
 from sumo_eval.extras.rates.page import Fold, Piece, Table, Text, amount, interval, table, write_parts
+from sumo_eval.report.page import write_page
 
 PAGE, PLAIN = "campaign.html", "campaign.json"
 OUTSIDE: Final = (
@@ -23,11 +23,7 @@ OUTSIDE: Final = (
 
 def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
     """Write `campaign.html` and `campaign.json` into a folder; return their paths."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / PLAIN).write_text(json.dumps(plain(campaign), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"The campaign cannot be written into {folder}: {error}.") from error
+    write_page(folder / PLAIN, json.dumps(plain(campaign), indent=2, allow_nan=False) + "\n", "The campaign")
     title = f"{campaign.settings.name}: collisions per million km"
     write_parts(folder / PAGE, kicker="Crash rates", title=title, sentences=[], parts=parts(campaign))
     return folder / PAGE, folder / PLAIN

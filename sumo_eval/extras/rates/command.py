@@ -53,15 +53,14 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     with Progress() as progress:
         lesson = learned_from(parts, out, source, lambda what, done: progress(what, done, max(done, 1)))
     say(sentences(lesson))
-    for path in write_lesson(lesson, out):
-        tell(str(path))
+    say(map(str, write_lesson(lesson, out)))
 
 
 @click.command(epilog="Example: sumo-eval campaign learned/campaign.toml --out results/rates")
 @path_argument("file", metavar="CAMPAIGN.toml")
 @path_option("--out",
               help="Folder for campaign.html and campaign.json (default: results/CAMPAIGN-TIME).")  # fmt: skip
-@click.option("--budget", type=click.IntRange(min=40), help="Drives of an ADS in a scenario, instead of the file's.")
+@click.option("--budget", type=int, help="Drives of an ADS in a scenario, instead of the file's.")
 @count_option("--workers", help="Processes that simulate, instead of the file's.")
 def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
     """Say how many collisions per million km the ADSs of CAMPAIGN.toml have, and how sure that is.
@@ -80,11 +79,10 @@ def campaign(file: Path, out: Path | None, budget: int | None, workers: int | No
     out = out or out_folder.default(settings.name)
     out_folder.ready(out)
     with Progress() as progress:
-        found = run_campaign(settings, file.parent, lambda what, done, total: progress(what, done, total))
+        found = run_campaign(settings, file.parent, progress)
     say(sentences(found))
     lost = sum((rate.lost for rate in found.rates), Counter[str]())
     if lost:
         tell(lost_words(lost))
-    for path in write_campaign(found, out):
-        tell(str(path))
+    say(map(str, write_campaign(found, out)))
     sys.exit(NOT_EVALUATED if lost else DONE)

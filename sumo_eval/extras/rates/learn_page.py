@@ -9,12 +9,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from sumo_eval.errors import InputError
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.rates.intervals import kolmogorov_by_chance
 from sumo_eval.extras.rates.learned import Learnt, Lesson
 from sumo_eval.extras.rates.page import Chart, Fold, Piece, Table, Text, interval, table, write_parts
 from sumo_eval.extras.rates.scenes import SCENES
+from sumo_eval.report.page import write_page
 from sumo_eval.settings.random_streams import random_stream
 
 PAGE, PLAIN, CAMPAIGN = "learned.html", "learned.json", "campaign.toml"
@@ -28,13 +28,10 @@ def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
     Where no scenario was learnt there is no campaign, and none of an earlier time stays.
     """
     learnt = any(one.logical is not None for one in lesson.learnt.values())
-    try:
-        (folder / PLAIN).write_text(json.dumps(plain(lesson), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        (folder / CAMPAIGN).unlink(missing_ok=True)
-        if learnt:
-            (folder / CAMPAIGN).write_text(campaign_text(lesson), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"What was learnt cannot be written into {folder}: {error}.") from error
+    write_page(folder / PLAIN, json.dumps(plain(lesson), indent=2, allow_nan=False) + "\n", "The lesson")
+    (folder / CAMPAIGN).unlink(missing_ok=True)
+    if learnt:
+        write_page(folder / CAMPAIGN, campaign_text(lesson), "The campaign")
     write_parts(
         folder / PAGE, kicker=f"Learnt from {lesson.source}", title="Scenarios learnt from recordings",
         sentences=[sentences(lesson)[0], f"Lanes are {lesson.found.lane_width:.2f} m apart."], parts=parts(lesson),

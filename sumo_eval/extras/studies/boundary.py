@@ -63,8 +63,6 @@ def find_boundary(
     It stops sooner when a round is expected to move less than `tolerance` of the space from one side to the other.
     watch: told the number of simulations done and the budget. Raises InputError for an ADS that does not exist.
     """
-    if budget < FIRST:
-        raise must_be("`budget`", "the search", f"at least {FIRST} simulations", budget)
     if not 0.0 <= tolerance < 1.0:
         raise must_be("`tolerance`", "the search", "a share of the space within 0..1", tolerance)
     identify([("ADS", controller)], setup)

@@ -12,7 +12,7 @@ from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.options import SEED, count_option, path_option
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say, tell
+from sumo_eval.cli.sentences import say
 
 
 @click.command(epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --budget 64 --out boundary")
@@ -58,6 +58,5 @@ def boundary(
             watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),
         )  # fmt: skip
     say(sentences(found, held))
-    for path in write_boundary(found, out, held):
-        tell(str(path))
+    say(map(str, write_boundary(found, out, held)))
     sys.exit(NOT_EVALUATED if found.not_evaluated else DONE)

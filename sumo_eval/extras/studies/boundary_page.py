@@ -13,7 +13,7 @@ import numpy as np
 from sumo_eval.errors import InputError
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.boundary import FailureBoundary
-from sumo_eval.report.page import write_csv
+from sumo_eval.report.page import write_csv, write_page
 from sumo_eval.report.study_page import write_study
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
@@ -69,10 +69,7 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
         ),
     )
     told = {**summary(found), "held": held}
-    try:
-        plain.write_text(json.dumps(told, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"The boundary cannot be written into {folder}: {error}.") from error
+    write_page(plain, json.dumps(told, indent=2, allow_nan=False) + "\n", "The boundary")
     title, panels = edge_panels(folder)
     write_study(
         page,

@@ -10,7 +10,7 @@ import click
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say, tell
+from sumo_eval.cli.sentences import say
 
 
 @click.command(epilog="Example: sumo-eval qualify --out qualification")
@@ -30,6 +30,5 @@ def qualify(out: Path) -> None:
         found = qualified.qualify(table.all_checks(), progress)
     written = pages.write_qualification(found, out)
     say(pages.lines(found))
-    for path in written:
-        tell(str(path))
+    say(map(str, written))
     sys.exit(GATE_FAILED if found.failed else DONE)

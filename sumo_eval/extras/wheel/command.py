@@ -85,8 +85,7 @@ def _collect(path: Path) -> None:
 
     found = collect(read_study(path))
     say(found.sentences())
-    for file in found.files:
-        tell(str(file))
+    say(map(str, found.files))
     tell(
         f"Score with these people: sumo-eval run {found.files[-1]} --out RUN; "
         f"sumo-eval humans opinion RUN {found.files[1]}"

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
-from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.qualification.qualified import DOMAIN, LIMITS, PURPOSE, Qualification
 from sumo_eval.extras.studies.qualification.table import Answer
-from sumo_eval.report.page import asset, template
+from sumo_eval.report.page import asset, template, write_page
 
 _HEAD = f"     {'check':<40} {'expected':>9} {'found':>9} {'bound':>7} unit"
 
@@ -49,10 +48,6 @@ def write_qualification(found: Qualification, folder: Path) -> tuple[Path, Path]
         found=found, kinds=kinds, purpose=PURPOSE, domain=DOMAIN, limits=LIMITS, shown=shown, css=asset("report.css"),
         page_js=asset("page.js"),
     )  # fmt: skip
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        page.write_text(text, encoding="utf-8")
-        plain.write_text(json.dumps(found.plain(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"The qualification cannot be written into {folder}: {error}.") from error
+    write_page(page, text, "The qualification")
+    write_page(plain, json.dumps(found.plain(), indent=2, allow_nan=False) + "\n", "The qualification")
     return page, plain
