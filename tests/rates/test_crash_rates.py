@@ -127,7 +127,7 @@ def test_a_scenario_of_which_nobody_says_how_often_it_is_met_is_refused_in_a_sen
     file.write_text(FILE.replace("per_km = 0.2\n", ""))
     result = CliRunner().invoke(main, ["campaign", str(file), "--out", str(tmp_path / "out")])
     assert result.exit_code == 2
-    assert "how often scenario `front_vehicle_low_speed` is met" in result.output + result.stderr
+    assert "Scenario `front_vehicle_low_speed` needs an encounter rate" in result.output + result.stderr
 
 
 def test_drives_that_could_not_be_evaluated_are_told_by_why():

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import json
 import signal
 import subprocess
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,11 @@ LOGICAL = catalogue.load("front_vehicle_cut_out")
 CONCRETE = concrete_of(LOGICAL, {"ego_speed": 20.0, "obstacle_speed": 5.0, "gap": 40.0})
 SETTINGS = settings_at(20)
 WRONG_INPUT = "A message must be one of the page's; `input.0`: Input should be a valid integer."
+
+
+def run(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """A test that awaits, as one that pytest knows."""
+    return functools.wraps(test)(lambda *given, **named: asyncio.run(test(*given, **named)))
 
 
 async def asked(window: Window, text: str) -> str:
@@ -66,31 +72,30 @@ async def closing(peer: Any, *texts: str | bytes) -> int:
         return int(peer.close_code)
 
 
-def test_only_its_own_page_at_its_own_address_may_talk() -> None:
-    async def body() -> None:
-        async with Window(page("Drive")) as window:
-            good = f"GET / HTTP/1.1\nHost: 127.0.0.1:{window.port}"
-            answer = await asked(window, good)
-            assert answer.startswith("HTTP/1.1 200")
-            assert "frame-ancestors 'none'" in answer
-            assert "no-store" in answer
-            assert "{nonce}" not in answer
-            assert window.token not in answer
-            for host in ("evil.example", "127.0.0.1", f"evil.example:{window.port}", ""):
-                assert "HTTP/1.1 421" in await asked(window, f"GET / HTTP/1.1\nHost: {host}")
-            assert "HTTP/1.1 421" in await asked(window, f"{good}\nHost: 127.0.0.1:{window.port}")
-            own = f"127.0.0.1:{window.port}"
-            near = [f"http://127.0.0.1:{window.port + 1}", f"https://{own}", "http://127.0.0.1", f"http://{own}/",
-                    f"http://localhost:{window.port}", f"http://[::1]:{window.port}"]  # fmt: skip
-            for origin in ("http://evil.example", "null", None, *near):
-                with pytest.raises(InvalidStatus, match="403"):
-                    await opened(window, origin=origin)
-            assert window._listening.getsockname()[0] == "127.0.0.1"
-
-    asyncio.run(body())
+@run
+async def test_only_its_own_page_at_its_own_address_may_talk() -> None:
+    async with Window(page("Drive")) as window:
+        good = f"GET / HTTP/1.1\nHost: 127.0.0.1:{window.port}"
+        answer = await asked(window, good)
+        assert answer.startswith("HTTP/1.1 200")
+        assert "frame-ancestors 'none'" in answer
+        assert "no-store" in answer
+        assert "{nonce}" not in answer
+        assert window.token not in answer
+        for host in ("evil.example", "127.0.0.1", f"evil.example:{window.port}", ""):
+            assert "HTTP/1.1 421" in await asked(window, f"GET / HTTP/1.1\nHost: {host}")
+        assert "HTTP/1.1 421" in await asked(window, f"{good}\nHost: 127.0.0.1:{window.port}")
+        own = f"127.0.0.1:{window.port}"
+        near = [f"http://127.0.0.1:{window.port + 1}", f"https://{own}", "http://127.0.0.1", f"http://{own}/",
+                f"http://localhost:{window.port}", f"http://[::1]:{window.port}"]  # fmt: skip
+        for origin in ("http://evil.example", "null", None, *near):
+            with pytest.raises(InvalidStatus, match="403"):
+                await opened(window, origin=origin)
+        assert window._listening.getsockname()[0] == "127.0.0.1"
 
 
-def test_no_path_is_served_but_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@run
+async def test_no_path_is_served_but_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From within a study's folder: its own files, what a link in it leads to, what lies outside, by dots as they are,
     encoded once and twice, with backslashes, as an address of its own: each is 404, and no byte of a file comes.
     """
@@ -107,39 +112,33 @@ def test_no_path_is_served_but_the_page(tmp_path: Path, monkeypatch: pytest.Monk
         f"/{tmp_path}/outside.txt", f"/{study}", "//etc/passwd", "/./", "//", "/index.html", "/favicon.ico", "/?a=b",
         "/wheel/..", "/wheel?a", "/wheel/", "/journal.jsonl%00", "/;/../outside.txt", "file:///etc/passwd",
     ]  # fmt: skip
-
-    async def body() -> None:
-        async with Window(page("Drive")) as window:
-            own = f"http://127.0.0.1:{window.port}/outside.txt"
-            for path in (*paths, own):
-                answer = await asked(window, f"GET {path} HTTP/1.1\nHost: 127.0.0.1:{window.port}")
-                assert answer.startswith("HTTP/1.1 404"), path
-                assert "SECRET" not in answer
-            for method in ("POST", "PUT", "DELETE", "HEAD", "OPTIONS", "TRACE"):
-                answer = await asked(window, f"{method} / HTTP/1.1\nHost: 127.0.0.1:{window.port}")
-                assert answer.startswith(("HTTP/1.1 405", "HTTP/1.1 400"))
-                assert "SECRET" not in answer
-
-    asyncio.run(body())
+    async with Window(page("Drive")) as window:
+        own = f"http://127.0.0.1:{window.port}/outside.txt"
+        for path in (*paths, own):
+            answer = await asked(window, f"GET {path} HTTP/1.1\nHost: 127.0.0.1:{window.port}")
+            assert answer.startswith("HTTP/1.1 404"), path
+            assert "SECRET" not in answer
+        for method in ("POST", "PUT", "DELETE", "HEAD", "OPTIONS", "TRACE"):
+            answer = await asked(window, f"{method} / HTTP/1.1\nHost: 127.0.0.1:{window.port}")
+            assert answer.startswith(("HTTP/1.1 405", "HTTP/1.1 400"))
+            assert "SECRET" not in answer
 
 
-def test_the_token_opens_and_nothing_else() -> None:
-    async def body() -> None:
-        async with Window(page("Drive")) as window:
-            for text in ('{"token": "ä"}', json.dumps({"token": window.token[:-1]}), '{"ready": true}'):
-                assert await closing(await opened(window), text) == UNKNOWN
-            assert await closing(await opened(window), "no json") == WRONG
-            assert await closing(await opened(window), "x" * 9000) == 1009
-            assert await closing(await opened(window), b"binary") == WRONG
-            first = await known(window)
-            await window.show({"show": "sheet", "title": "here"})
-            assert json.loads(await first.recv())["title"] == "here"
-            assert await closing(await known(window)) == TAKEN
-            await first.close()
-            again_ = await known(window)  # whoever comes back sees what was to be seen
-            assert json.loads(await again_.recv())["title"] == "here"
-
-    asyncio.run(body())
+@run
+async def test_the_token_opens_and_nothing_else() -> None:
+    async with Window(page("Drive")) as window:
+        for text in ('{"token": "ä"}', json.dumps({"token": window.token[:-1]}), '{"ready": true}'):
+            assert await closing(await opened(window), text) == UNKNOWN
+        assert await closing(await opened(window), "no json") == WRONG
+        assert await closing(await opened(window), "x" * 9000) == 1009
+        assert await closing(await opened(window), b"binary") == WRONG
+        first = await known(window)
+        await window.show({"show": "sheet", "title": "here"})
+        assert json.loads(await first.recv())["title"] == "here"
+        assert await closing(await known(window)) == TAKEN
+        await first.close()
+        again_ = await known(window)  # whoever comes back sees what was to be seen
+        assert json.loads(await again_.recv())["title"] == "here"
 
 
 def answer_of(state: list[Any]) -> Given:
@@ -246,39 +245,33 @@ def test_quitting_is_an_end_of_its_own_and_a_broken_message_ends_the_drive_with_
         assert said == ("quit" if name == "quit" else WRONG_INPUT)
 
 
-def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on(tmp_path: Path) -> None:
+@run
+async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on(tmp_path: Path) -> None:
     """Closed at step 20, opened again: that state is there, the drive goes on to its end, the tape has the pause."""
     path = tmp_path / "drive.jsonl"
-
-    async def body() -> None:
-        async with drive_in_window(path) as (window, drive):
-            assert await steps(await known(window), stop_at=20) == 20
-            await asyncio.sleep(0.1)
-            assert await steps(await known(window), stop_at=10**6, until=drive) > 100
-            recording, quality = await drive
-            assert (recording.end_reason, quality.pauses) == ("road_end", 1)
-
-    asyncio.run(body())
+    async with drive_in_window(path) as (window, drive):
+        assert await steps(await known(window), stop_at=20) == 20
+        await asyncio.sleep(0.1)
+        assert await steps(await known(window), stop_at=10**6, until=drive) > 100
+        recording, quality = await drive
+        assert (recording.end_reason, quality.pauses) == ("road_end", 1)
     door = simulate(CONCRETE, AtTheDoor(), SETTINGS)
     assert read_tape(path).came_of_it["digest"] == digest(door)  # type: ignore[index]
     assert [it["why"] for it in read_tape(path).notes if it["note"] == "pause"] == ["closed"]
 
 
-def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(tmp_path: Path) -> None:
+@run
+async def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(tmp_path: Path) -> None:
     """`pause` and `ready` in one breath, while the seat waits for the answer to step 20: one pause, by the key."""
     path = tmp_path / "drive.jsonl"
-
-    async def body() -> None:
-        async with drive_in_window(path) as (window, drive):
-            peer = await known(window)
-            assert await steps(peer, stop_at=20, closes=False) == 20
-            window._take({"pause": "key"})
-            window._take({"ready": True})
-            await peer.send(json.dumps({"input": [21, 20, *answer_of(window._latest)]}))
-            await steps(peer, stop_at=10**6, until=drive, closes=False)
-            assert (await drive)[1].pauses == 1
-
-    asyncio.run(body())
+    async with drive_in_window(path) as (window, drive):
+        peer = await known(window)
+        assert await steps(peer, stop_at=20, closes=False) == 20
+        window._take({"pause": "key"})
+        window._take({"ready": True})
+        await peer.send(json.dumps({"input": [21, 20, *answer_of(window._latest)]}))
+        await steps(peer, stop_at=10**6, until=drive, closes=False)
+        assert (await drive)[1].pauses == 1
     assert [(it["step"], it["why"]) for it in read_tape(path).notes if it["note"] == "pause"] == [(20, "key")]
 
 
@@ -310,14 +303,12 @@ def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_canno
             again(path)
 
 
-def test_who_sends_too_much_is_shut_out() -> None:
-    async def body() -> None:
-        async with Window(page("Drive")) as window:
-            peer = await known(window)
-            assert await closing(peer, *['{"ready": true}'] * 3000) == FLOODED
-            assert "messages a second" in window.faults[0]
-
-    asyncio.run(body())
+@run
+async def test_who_sends_too_much_is_shut_out() -> None:
+    async with Window(page("Drive")) as window:
+        peer = await known(window)
+        assert await closing(peer, *['{"ready": true}'] * 3000) == FLOODED
+        assert "messages a second" in window.faults[0]
 
 
 @pytest.mark.parametrize(
@@ -333,41 +324,35 @@ def test_who_sends_too_much_is_shut_out() -> None:
         (b"\xff\x00", WRONG, "A message must be text."),
     ],
 )
-def test_whatever_is_wrong_with_a_message_the_drive_ends_with_a_sentence(
+@run
+async def test_whatever_is_wrong_with_a_message_the_drive_ends_with_a_sentence(
     tmp_path: Path, text: str | bytes, code: int, words: str
 ) -> None:
     """Also what is wrong before it can be read; what was driven until then is there, and comes to the same bytes."""
     path = tmp_path / "drive.jsonl"
-
-    async def body() -> None:
-        async with drive_in_window(path) as (window, drive):
-            peer = await known(window)
-            assert await steps(peer, stop_at=5, closes=False) == 5
-            assert await closing(peer, text) == code
-            recording, _ = await asyncio.wait_for(drive, 30.0)
-            assert recording.error is not None
-            assert recording.error.startswith(words)
-            assert window.faults == [recording.error]
-
-    asyncio.run(body())
+    async with drive_in_window(path) as (window, drive):
+        peer = await known(window)
+        assert await steps(peer, stop_at=5, closes=False) == 5
+        assert await closing(peer, text) == code
+        recording, _ = await asyncio.wait_for(drive, 30.0)
+        assert recording.error is not None
+        assert recording.error.startswith(words)
+        assert window.faults == [recording.error]
     assert again(path).same is True
 
 
-def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path: Path) -> None:
+@run
+async def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path: Path) -> None:
     path = tmp_path / "drive.jsonl"
-
-    async def body() -> None:
-        async with drive_in_window(path) as (window, drive):
-            peer = await known(window)
-            assert await steps(peer, stop_at=10, closes=False) == 10
-            assert await closing(await known(window), '{"quit": true}') == TAKEN
-            assert await closing(await opened(window), json.dumps({"token": "x"})) == UNKNOWN
-            await peer.send(json.dumps({"input": [11, 10, *LET_GO]}))
-            await steps(peer, stop_at=10**6, until=drive)
-            recording, quality = await drive
-            assert (recording.end_reason, quality.pauses) == ("road_end", 0)
-
-    asyncio.run(body())
+    async with drive_in_window(path) as (window, drive):
+        peer = await known(window)
+        assert await steps(peer, stop_at=10, closes=False) == 10
+        assert await closing(await known(window), '{"quit": true}') == TAKEN
+        assert await closing(await opened(window), json.dumps({"token": "x"})) == UNKNOWN
+        await peer.send(json.dumps({"input": [11, 10, *LET_GO]}))
+        await steps(peer, stop_at=10**6, until=drive)
+        recording, quality = await drive
+        assert (recording.end_reason, quality.pauses) == ("road_end", 0)
     assert again(path).same is True
 
 

@@ -130,24 +130,26 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
     logical = catalogue.load("cut_in")
     grid = sample(logical).points
     concretes = list(logical.concretes(grid[:: max(len(grid) // cases, 1)][:cases]))
-    ways: dict[str, Callable[[], list[Recording]]] = {
-        "native SUMO ego (sumo:IDM)": lambda: [simulate(one, "sumo:IDM", SETTINGS) for one in concretes],
-        "user's function, setSpeed": lambda: [simulate(one, set_speed, SETTINGS) for one in concretes],
-        "user's ten lines, vehicle model and moveToXY": lambda: [
-            simulate(one, TenLines, SETTINGS) for one in concretes
-        ],
-        "careful_driver, one at a time": lambda: [simulate(one, "careful_driver", SETTINGS) for one in concretes],
-        **{
-            f"{ads}, packed": functools.partial(_packed, concretes, ads)
-            for ads in ("careful_driver", "no_reaction", "idm", "fsm", "rss", "reg157")
-        },
-        "user's policy, packed": functools.partial(_packed, concretes, Policy),
-        "user's policy over arrays, packed": functools.partial(_packed, concretes, BatchPolicy),
+    alone = {
+        "native SUMO ego (sumo:IDM)": "sumo:IDM",
+        "user's function, setSpeed": set_speed,
+        "user's ten lines, vehicle model and moveToXY": TenLines,
+        "careful_driver, one at a time": "careful_driver",
+    }
+    packed = {
+        **{f"{ads}, packed": ads for ads in ("careful_driver", "no_reaction", "idm", "fsm", "rss", "reg157")},
+        "user's policy, packed": Policy,
+        "user's policy over arrays, packed": BatchPolicy,
+    }
+    ways = {
+        name: functools.partial(drive, concretes, ads)
+        for drive, those in ((_alone, alone), (_packed, packed))
+        for name, ads in those.items()
     }
     recordings = {name: way() for name, way in ways.items()}  # warms up, and says how many steps there are
     steps = {name: [round(one.simulated_time / SETTINGS.step) for one in found] for name, found in recordings.items()}
     timed: dict[str, list[float]] = {}
-    with _bare_process() as alone, tempfile.TemporaryDirectory() as folder:
+    with _bare_process() as bare_, tempfile.TemporaryDirectory() as folder:
         lines = [
             command_line(one, one.simulation(SETTINGS), *_place(Path(folder), number))
             for number, one in enumerate(concretes)
@@ -155,7 +157,7 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
         for _ in range(rounds):
             for name, way in ways.items():
                 timed.setdefault(name, []).append(_seconds(way))
-                timed.setdefault(f"bare {name}", []).append(alone.submit(bare_seconds, lines, steps[name]).result())
+                timed.setdefault(f"bare {name}", []).append(bare_.submit(bare_seconds, lines, steps[name]).result())
     count = len(concretes)
     rows = [
         Row(
@@ -172,6 +174,10 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
     rows.append(Row("co-simulation", "bare libsumo, one at a time, as many steps", count / bare, "cases/s"))
     rows.append(_storing(concretes, recordings["careful_driver, packed"]))
     return rows
+
+
+def _alone(concretes: Sequence[ConcreteScenario], ads: Any) -> list[Recording]:
+    return [simulate(one, ads, SETTINGS) for one in concretes]
 
 
 def _packed(concretes: Sequence[ConcreteScenario], ads: Any) -> list[Recording]:

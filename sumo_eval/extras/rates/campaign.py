@@ -152,17 +152,16 @@ def spaces_of(settings: CampaignSettings, folder: Path) -> tuple[Space, ...]:
     for item in settings.scenario:
         logical = catalogue.find(item.use, folder)
         met = logical.met
-        if item.per_km is None and (met is None or not met.events):
-            raise InputError(
-                f"Nobody says how often scenario `{item.use}` is met: its file has no [met] with events, and its "
-                "[[scenario]] no `per_km`."
-            )
-        if item.per_km is not None or met is None:
-            assert item.per_km is not None
-            found.append(Space(item.use, logical, how_met(logical), item.per_km, None, None, "as given"))
+        if item.per_km is not None:
+            rest: tuple[float, int | None, float | None, str] = item.per_km, None, None, "as given"
+        elif met is not None and met.events:
+            rest = met.events / met.vehicle_km, met.events, met.vehicle_km, met.where
         else:
-            rate = met.events / met.vehicle_km
-            found.append(Space(item.use, logical, how_met(logical), rate, met.events, met.vehicle_km, met.where))
+            raise InputError(
+                f"Scenario `{item.use}` needs an encounter rate: [met] with events in its file, or `per_km` in its "
+                "[[scenario]]."
+            )
+        found.append(Space(item.use, logical, how_met(logical), *rest))
     return tuple(found)
 
 
@@ -258,9 +257,7 @@ def _often(
         if space.events is not None and space.vehicle_km is not None:
             events = stream.gamma(space.events + 0.5, size=DRAWS) / space.vehicle_km
         return lambda terms: np.stack([events, events]) * terms.sum()
-    joint = space.met.joint
-    assert joint is not None
-    before = np.maximum(joint.density(points) / joint.mass(), 1e-300)
+    before = np.maximum(space.met.base_density(points), 1e-300)
     forms = [[replace(other, narrow=True) for other, _ in anew], [other for other, _ in anew]]
     ratios = np.array([[one.density(points) / one.mass() / before for one in form] for form in forms])
     counts = np.array([count for _, count in anew])

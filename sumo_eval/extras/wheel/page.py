@@ -7,6 +7,7 @@ from importlib.resources import files
 from typing import Any, Final
 
 import jinja2
+from markupsafe import Markup
 
 from sumo_eval.record.store import EGO
 from sumo_eval.report.page import asset
@@ -20,23 +21,17 @@ VIEW: Final = 600.0  # m of road that are drawn before its beginning and behind 
 _TEMPLATES: Final = files("sumo_eval.extras.wheel") / "templates"
 
 
-def _own(name: str) -> str:
-    return (_TEMPLATES / name).read_text(encoding="utf-8")
+def _own(name: str) -> Markup:
+    return Markup((_TEMPLATES / name).read_text(encoding="utf-8"))  # noqa: S704 - a file of this package
 
 
 def page(title: str) -> str:
     """The page, with `{nonce}` where the server puts that of its policy."""
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     return environment.from_string(_own("drive.html.j2")).render(
-        title=title, css=_plain(_own("drive.css") + str(asset("replay.css"))), field_js=asset("field.js"),
-        scene_js=asset("scene3d.js"), replay_js=asset("replay.js"), drive_js=_plain(_own("drive.js")),
+        title=title, css=_own("drive.css") + asset("replay.css"), field_js=asset("field.js"),
+        scene_js=asset("scene3d.js"), replay_js=asset("replay.js"), drive_js=_own("drive.js"),
     )  # fmt: skip
-
-
-def _plain(text: str) -> Any:
-    from markupsafe import Markup
-
-    return Markup(text)  # noqa: S704 - a file of this package
 
 
 def drawn_road(road: Road) -> dict[str, Any]:
