@@ -1,6 +1,6 @@
 """Trajectory field of a vehicle, Eqs. 9-10: how strongly a driven trajectory is felt at points of the road.
 
-Readings of the paper (docs/METHOD.md) that this file is built on:
+Readings of the paper (docs/method.md) that this file is built on:
 - Magnitudes are summed. The printed unit vector would cancel on the path itself, where the paper draws the peak.
 - Nearer than 1 m the distance counts as 1 m; the angle stays what it is.
 - A point on the vehicle itself lies dead ahead of it (cos theta = 1), so the field never rises on the way out.

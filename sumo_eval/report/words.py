@@ -88,7 +88,7 @@ GLOSSARY = {
     "avoidable": "a collision that the ideal vehicle does not have in the same concrete scenario",
     "unavoidable": "a collision that the ideal vehicle has as well",
     "caused": "an avoidable collision that even a car that does nothing would not have had",
-    "ideal vehicle": "sees whatever is in sight, brakes at once and as hard as the road allows",
+    "ideal vehicle": "knows what actors will do, sees what is in sight, brakes at once with its full deceleration",
     "doing nothing": "the driver `no_reaction`: keeps speed and lane whatever happens",
     "U": "severity of a collision, Eq. 15: relative speed at first contact over the overlap of the bumpers, m/s",
     "Ug": "severity of the ideal vehicle in the same concrete scenario, m/s; 0 where it avoids",
@@ -105,7 +105,7 @@ GLOSSARY = {
     "trajectory field": "how strongly a vehicle claims the space around its path, Eqs. 9–10",
     "plausibility": "share of recorded people who go to such extremes of headway, time to collision, braking, jerk and "
     "lateral motion, 1 from 5 % on",
-    "safe zone, hazardous zone": "where braking as set (5 m/s²) keeps clear of a collision, and where not",
+    "safe zone, hazardous zone": "where braking as set (5 m/s²) keeps the inverse time to collision below 0.7 1/s",
     "interval": "a range that would hold the true number in 95 of 100 evaluations with other cases and drivers",
 }
 """The terms of the report in plain words; what the page explains of a term stands here once."""
