@@ -17,7 +17,8 @@ COMMANDS = {
     "bench --whole": "`time sumo-eval run --out DIR` measures a whole evaluation, and `run` says when each stage ends",
     "nightly --install": "copy the files for cron, systemd or GitHub from docs/examples/nights",
     "humans coverage": "a run counts the recorded people behind each D_i: `recorded_drivers` in cases.csv",
-    "humans population": "docs/humans.md has the comparison with people and says where its script stands",
+    "humans population": "docs/explanation/drivers.md has the comparison; its script: `git show a7c0632:"
+    "sumo_eval/drivers/recorded/population_check.py`",
     "humans similarity": "D and H compare drives; `export RUN` writes trajectories that tslearn can compare by DTW",
 }
 """Commands by their words, and what to do instead."""

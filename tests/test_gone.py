@@ -20,7 +20,7 @@ from sumo_eval.cli import main
         ("import --steps", "`[[require]]` of a scenario file"),
         ("humans similarity RUN", "tslearn"),
         ("humans coverage EVALUATION", "`recorded_drivers` in cases.csv"),
-        ("humans population", "docs/humans.md"),
+        ("humans population", "docs/explanation/drivers.md"),
         ("bench --small --whole", "`time sumo-eval run"),
         ("check sumo_eval.adapters:CarlaAgent?options.agent=my.py:Agent", "docs/examples/adapters"),
     ],
