@@ -16,7 +16,7 @@ import numpy as np
 
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.doors.controller import Controller, NativeModel, ObservingController
+from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObservingController
 from sumo_eval.cosim.doors.observation import Senses, kinds_of, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
@@ -40,11 +40,11 @@ _CHORD_SHARE = 0.03  # of the motion on a bend, by which SUMO's polylines and it
 class OnTraci(Driver):
     """The one row of an ADS that has the simulation to itself."""
 
-    def __init__(self, ads: Controller, seed: int, terms: Terms) -> None:
+    def __init__(self, ads: Adapter, seed: int, terms: Terms) -> None:
         super().__init__(terms)
         self.ads, self._seed, self._terms = ads, seed, terms
         self._waits = hasattr(ads, "took")  # for a program that drives in its own time
-        self._target = getattr(ads, "target", getattr(ads, "function", None))  # the user's own object
+        self._target = ads.target
         self._settled = getattr(self._target, "settled", None)
         self._handed_over = False  # from the vehicle model back to SUMO, in this step
         self._senses: Senses | None = None

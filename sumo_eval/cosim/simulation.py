@@ -19,22 +19,21 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.doors.controller import (
-    Controller,
+    Adapter,
     ControllerLike,
     ListenerController,
     NativeModel,
-    ObjectController,
     adapted,
     find_controller,
     load_controller,
     own_vehicle_type,
     takes_arrays,
 )
-from sumo_eval.cosim.doors.entry import split_entry, steps_between
+from sumo_eval.cosim.doors.entry import PLAIN, split_entry, steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
 from sumo_eval.cosim.doors.traci_program import TraciProgram, served
@@ -99,12 +98,12 @@ def simulate(
     target = _target(ads)
     if every > 1 and (Compiled.rides(target) or isinstance(ads, ListenerController)):
         raise InputError("What ships, and a step listener, drive at every step; they take no `period`.")
-    alone = Compiled.rides(target) or is_policy(ads)
+    alone = Compiled.rides(target) or ads.is_policy
     world = World([concrete], settings, MODEL if alone else SUMO)
     driver: Driver
     if Compiled.rides(target):
         driver = Rows([target], terms)
-    elif is_policy(ads):
+    elif ads.is_policy:
         driver = _policies([ads], [seed], terms)
     else:
         driver = OnTraci(ads, seed, terms)
@@ -129,14 +128,9 @@ def _steps_between(controller: ControllerLike, period: float | None, settings: S
     return steps_between(period, settings.step, f"ADS `{controller}`" if isinstance(controller, str) else "the ADS")
 
 
-def _target(ads: Controller) -> Any:
-    """The user's own object, or what ships."""
-    return ads.target if isinstance(ads, ObjectController) else getattr(ads, "function", None)
-
-
-def is_policy(ads: Controller) -> bool:
-    """Whether it looks through observations and nothing else."""
-    return getattr(ads, "is_policy", False) is True
+def _target(ads: Adapter) -> Any:
+    """The user's own object, or what ships, of what is no policy."""
+    return None if ads.is_policy else ads.target
 
 
 def _policies(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> Driver:
@@ -148,13 +142,13 @@ def _policies(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> Driver:
 
 
 def _opened(
-    concrete: ConcreteScenario, settings: SimulationSettings, ads: Controller, step_timeout: float, alone: bool
+    concrete: ConcreteScenario, settings: SimulationSettings, ads: Adapter, step_timeout: float, alone: bool
 ) -> AbstractContextManager[Any]:
     """The simulation of a single case. alone: SUMO's own models are asked nothing."""
     if isinstance(ads, TraciProgram):
         return served(concrete, settings, ads, step_timeout)
     if alone and concrete.road.network is None:
-        asks = is_policy(ads)  # and may look at SUMO's lanes
+        asks = ads.is_policy  # and may look at SUMO's lanes
         network = network_xml(plain(concrete.road)) if asks else shared_network_xml([concrete])
         texts = network, shared_routes_xml([concrete], settings.vehicle, own_lanes=asks)
         return running(*texts, settings, concrete.road, collisions="none")
@@ -216,7 +210,7 @@ def simulate_together(
     folder: Path | None = None,
     step_timeout: float = math.inf,
     seeds: Sequence[int] | None = None,
-    wrap: Callable[[Controller], Controller] = lambda ads: ads,
+    wrap: Callable[[Adapter], Adapter] = lambda ads: ads,
     batches: bool = True,
 ) -> Iterator[Recording | Alone]:
     """Recordings of cases driven together, in their order; for one that has to be driven alone, the reason. Those of a
@@ -227,26 +221,32 @@ def simulate_together(
     """
     basis = settings or USUAL
     check_intervals(basis)
-    given = seeds or [0] * len(cases)
+    given, terms = seeds or [0] * len(cases), Terms(step_timeout, None, folder)
     if isinstance(controller, list | tuple):
         if len(controller) != len(cases):
             each = f"one for each of the {len(cases)} cases"
             raise must_be("The controllers", "`simulate_many`", each, len(controller))
-        riders, why = _given_riders(controller, folder), None
+        riders = [_rider(its_own, folder, wrap, batches, its_own=True) for its_own in controller]
     else:
-        riders, why = _riders(controller, folder, wrap, batches, _steps_between(controller, None, basis))
+        terms = terms._replace(every=_steps_between(controller, None, basis))
+        riders = [_rider(controller, folder, wrap, batches)] * len(cases)
     as_usual = basis.plant is None and basis.conditions == ConditionSettings()
 
     def kind(index: int) -> tuple[object, ...] | None:
-        concrete = cases[index]
-        if why is not None or not as_usual or concrete.road.network is not None or not _stands_on_its_road(concrete):
+        concrete, rider = cases[index], riders[index]
+        if (
+            rider.why is not None
+            or not as_usual
+            or concrete.road.network is not None
+            or not _stands_on_its_road(concrete)
+        ):
             return None
         body = (
             concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit, concrete.standstill_time,
             len(concrete.actors),
             tuple([(it.body, it.model is None, it.follows_at_once) for it in concrete.actors if concrete.lively]),
         )  # fmt: skip
-        return (*body, riders.kind(index))
+        return (*body, rider.kind)
 
     for window in _chunks(list(range(len(cases))), SORTED_AT_ONCE):
         found: dict[int, Recording | Alone] = {}
@@ -254,85 +254,63 @@ def simulate_together(
         for index in window:
             alike.setdefault(kind(index), []).append(index)
         for key, members in alike.items():
-            if key is None or key[-1] is None:
-                found.update(dict.fromkeys(members, why or (NOT_TOGETHER if key is None else ON_TRACI)))
+            if key is None:
+                found.update({index: riders[index].why or NOT_TOGETHER for index in members})
                 continue
             resolved = cases[members[0]].simulation(basis)
             order = sorted(members, key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided))
             for part in _chunks(order, TOGETHER):
-                driver = riders.driver(part, step_timeout, [given[index] for index in part])
-                pack = [cases[index] for index in part]
-                found.update(zip(part, _together(pack, driver, resolved), strict=True))
+                made, batch = [riders[index].make() for index in part], [cases[index] for index in part]
+                driver = (
+                    Rows(made) if isinstance(made[0], Compiled)
+                    else _policies(made, [given[index] for index in part], terms)
+                )  # fmt: skip
+                found.update(zip(part, _together(batch, driver, resolved), strict=True))
         for index in window:
             yield found.pop(index)
 
 
-class _Riders:
-    """What drives the cases of a call, or None where it cannot drive many."""
+class _Rider(NamedTuple):
+    """How a case is driven: `make` gives its driver, those of one kind can share a simulation. why: it drives alone."""
 
-    def __init__(
-        self, kind: Callable[[int], object], make: Callable[[int], Any], folder: Path | None = None, every: int = 1
-    ) -> None:
-        self.kind, self._make, self._folder, self._every = kind, make, folder, every
-
-    def driver(self, part: Sequence[int], step_timeout: float, seeds: Sequence[int]) -> Driver:
-        """Who drives these cases."""
-        made = [self._make(index) for index in part]
-        if isinstance(made[0], Compiled):
-            return Rows(made)
-        return _policies(made, seeds, Terms(step_timeout, None, self._folder, self._every))
+    kind: type | None
+    make: Callable[[], Any]
+    why: Alone | None = None
 
 
-def _riders(
-    controller: ControllerLike, folder: Path | None, wrap: Callable[[Controller], Controller], batches: bool, every: int
-) -> tuple[_Riders, Alone | None]:
-    """What makes the drivers of one ADS, asked at `every` so manieth step, and why it cannot drive many, None where it
-    can.
-    """
-    nobody = _Riders(lambda index: None, lambda index: None)
-    found = find_controller(controller, folder) if isinstance(controller, str) else controller
-    described = controller if isinstance(controller, str) else repr(controller)
-    options = split_entry(controller)[1].options if isinstance(controller, str) else {}
-    if isinstance(found, type) and not issubclass(found, Compiled) and not callable(getattr(found, "act", None)):
-        return nobody, ON_TRACI  # none is made in vain
-    ads = adapted(found, described, options)
+def _rider(
+    controller: ControllerLike, folder: Path | None, wrap: Callable[[Adapter], Adapter], batches: bool,
+    *, its_own: bool = False,
+) -> _Rider:  # fmt: skip
+    """How an ADS drives its cases. its_own: the object serves this case and no other."""
+
+    def alone(why: Alone) -> _Rider:
+        return _Rider(None, lambda: None, why)
+
+    found, name, entry = controller, repr(controller), PLAIN
+    if isinstance(controller, str):
+        found, name, entry = find_controller(controller, folder), controller, split_entry(controller)[1]
+    make = partial(adapted, found, name, entry.options)
+    in_vain = isinstance(found, type) and not issubclass(found, Compiled) and not callable(getattr(found, "act", None))
+    if in_vain or (its_own and entry.period):
+        return alone(ON_TRACI)
+    with seen_as_traci():
+        ads: Any = make()
     target = _target(ads)
     if Compiled.rides(target):
-        return _Riders(lambda index: type(target), lambda index: target), None
-    if not is_policy(ads):
-        return nobody, ON_TRACI
-    if asks_traci(ads.target if ads.target is not None else ads.act):  # type: ignore[attr-defined]
-        return nobody, ASKS_SUMO
-    if takes_arrays(ads.target):  # type: ignore[attr-defined]
-        if not batches:
-            return nobody, BATCH
+        return _Rider(type(target), lambda: target)
+    if not ads.is_policy:
+        return alone(ON_TRACI)
+    if asks_traci(ads.target if ads.target is not None else ads.act):
+        return alone(ASKS_SUMO)
+    if its_own:
+        return _Rider(type(ads), lambda: ads)
+    if takes_arrays(ads.target):
         all_of_them = wrap(ads)
-        return _Riders(lambda index: controller, lambda index: all_of_them, folder, every), None
-    if ads.target is None or isinstance(found, type):  # type: ignore[attr-defined]
-        each = partial(adapted, found, described, options)
-        return _Riders(lambda index: controller, lambda index: wrap(each()), folder, every), None
-    return nobody, ONE_OBJECT
-
-
-def _given_riders(controllers: Sequence[ControllerLike], folder: Path | None) -> _Riders:
-    """Drivers that are given one by one; those of one type follow each other together."""
-    made = [load_controller(controller, folder) for controller in controllers]
-
-    def kind(index: int) -> object:
-        target, named = _target(made[index]), controllers[index]
-        if isinstance(named, str) and split_entry(named)[1].period:
-            return None
-        if Compiled.rides(target):
-            return type(target)
-        if is_policy(made[index]) and not asks_traci(getattr(made[index], "target", None)):
-            return type(made[index])
-        return None
-
-    def make(index: int) -> Any:
-        target = _target(made[index])
-        return target if Compiled.rides(target) else made[index]
-
-    return _Riders(kind, make)
+        return _Rider(type(ads), lambda: all_of_them) if batches else alone(BATCH)
+    if ads.target is None or isinstance(found, type):
+        return _Rider(type(ads), lambda: wrap(make()))
+    return alone(ONE_OBJECT)
 
 
 def asks_traci(target: Any) -> bool:

@@ -14,8 +14,8 @@ from typing import Any
 
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.doors.controller import (
+    Adapter,
     Briefing,
-    Controller,
     NativeModel,
     ObjectController,
     ObservingController,
@@ -46,7 +46,7 @@ class _OverdueError(BaseException):
     """Raised in the middle of a step that is over its time. No `except Exception` of the ADS catches it."""
 
 
-def watched(controller: Controller, limits: RunSettings) -> Controller:
+def watched(controller: Adapter, limits: RunSettings) -> Adapter:
     """The controller under watch. SUMO's own models and what ships need none, and programs are watched where they are
     talked to.
     """
@@ -67,20 +67,18 @@ def interrupted(error: KeyboardInterrupt) -> RuntimeError:
     return RuntimeError(f"it raised {kind_of(error)}")
 
 
-class WatchedController:
+class WatchedController(Adapter):
     """A controller whose steps end in time, by an exception raised in them, wherever Python code runs or waits.
 
     Code that keeps the interpreter's lock cannot be interrupted so; there the deadline of the case ends the process.
     """
-
-    is_adapter = True
 
     def __init__(self, controller: Any, limits: RunSettings) -> None:
         self._controller = controller
         self._allowed = limits.step_timeout
         self._limits = limits
         self._process = os.getpid()
-        self.target: Any = getattr(controller, "target", getattr(controller, "function", None))  # the user's own object
+        self.target = controller.target
         self._armed = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:

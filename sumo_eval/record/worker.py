@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.ads.known_answers import IdealBraking, no_reaction
-from sumo_eval.cosim.doors.controller import Controller, load_controller
+from sumo_eval.cosim.doors.controller import Adapter, load_controller
 from sumo_eval.cosim.doors.entry import loading, split_entry
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.simulation import simulate, simulate_together
@@ -120,7 +120,7 @@ def _simulate(case: Case, setup: Setup) -> Recording:
     )
 
 
-def _loaded(case: Case, setup: Setup) -> Controller:
+def _loaded(case: Case, setup: Setup) -> Adapter:
     """Load the ADS of a case. No keyboard reaches this process: an interrupt comes from the ADS itself."""
     try:
         return load_controller(case.controller, setup.folder)

@@ -72,26 +72,27 @@ class Controller(Protocol):
         """Called once, after the last step, whatever happened."""
 
 
-@dataclass(slots=True)
-class FunctionController:
-    """A controller that is a plain function."""
+class Adapter:
+    """Base of what makes a controller of something else: does nothing. target: the user's own object."""
 
-    function: Callable[[Any, str, float], Command | None]
+    target: Any = None
+    is_policy: ClassVar[bool] = False  # whether it looks through observations and nothing else
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """A function keeps nothing between cases."""
+        """Nothing is kept between cases."""
 
-    def step(self, traci: Any, ego: str, time: float) -> Command | None:
-        """Ask the function."""
-        return self.function(traci, ego, time)
+    def step(self, traci: Any, ego: str, time: float) -> Any:
+        """SUMO is commanded without it."""
 
     def close(self) -> None:
-        """A function holds nothing."""
+        """Pass on, when the object has one."""
+        if hasattr(self.target, "close"):
+            self.target.close()
 
 
 @dataclass(slots=True)
-class ObjectController:
-    """A controller that is an object; `reset` and `close` are optional."""
+class ObjectController(Adapter):
+    """A function (traci, ego, time), or an object with such a `step`; its `reset` and `close` are optional."""
 
     target: Any
 
@@ -100,62 +101,43 @@ class ObjectController:
         if hasattr(self.target, "reset"):
             self.target.reset(scenario, traci, ego)
 
-    def step(self, traci: Any, ego: str, time: float) -> Command | None:
-        """Ask the object."""
-        command: Command | None = self.target.step(traci, ego, time)
-        return command
-
-    def close(self) -> None:
-        """Pass on, when the object has one."""
-        if hasattr(self.target, "close"):
-            self.target.close()
+    def step(self, traci: Any, ego: str, time: float) -> Any:
+        """Ask it."""
+        return getattr(self.target, "step", self.target)(traci, ego, time)
 
 
 @dataclass(slots=True)
-class ListenerController:
-    """A `traci.StepListener` as a controller: its `step` is called after every step of the simulation."""
+class ListenerController(Adapter):
+    """A `traci.StepListener` as a controller: the harness calls its `step` after every step, and removes it."""
 
-    listener: Any
+    target: Any
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Register it, as a TraCI script would."""
-        traci.addStepListener(self.listener)
-
-    def step(self, traci: Any, ego: str, time: float) -> None:
-        """The harness calls the listeners."""
+        traci.addStepListener(self.target)
 
     def close(self) -> None:
         """The harness removes the listeners."""
 
 
-class ObservingController:
+class ObservingController(Adapter):
     """Base of the adapters that are shown Observations; the harness lends the senses before `reset`."""
 
     senses: Senses
 
 
 @dataclass(slots=True)
-class PolicyController(ObservingController):
+class PolicyController(Adapter):
     """A policy: a function `(observation)`, or an object with `act(observation)`."""
 
-    is_policy: ClassVar[bool] = True
     act: Callable[[Observation], Any]
     target: Any
-    senses: Senses = field(init=False, repr=False)
+    is_policy: ClassVar[bool] = True
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Pass the briefing on, when the object takes one."""
         if hasattr(self.target, "reset"):
             self.target.reset(scenario)
-
-    def step(self, traci: Any, ego: str, time: float) -> Wanted:
-        """Show what is seen, take the action."""
-        return as_command(self.act(self.senses.observe()))
-
-    def close(self) -> None:
-        """Pass on, when the object has one."""
-        if hasattr(self.target, "close"):
-            self.target.close()
 
 
 def takes_arrays(policy: Any) -> bool:
@@ -205,7 +187,7 @@ PARAMETER = "carFollowModel."
 
 
 @dataclass(frozen=True, slots=True)
-class NativeModel:
+class NativeModel(Adapter):
     """The ego driven by one of SUMO's own car-following models: `sumo:MODEL?tau=1.2&minGap=2`. It keeps its lane, or
     changes as SUMO's lane-changing model does where its route asks for it.
     """
@@ -230,12 +212,6 @@ class NativeModel:
         for name, value in self.attributes.items():
             if name.startswith(PARAMETER):
                 traci.vehicle.setParameter(ego, name, value)
-
-    def step(self, traci: Any, ego: str, time: float) -> None:
-        """SUMO drives."""
-
-    def close(self) -> None:
-        """Nothing is held."""
 
 
 SHIPPED = {
@@ -283,7 +259,7 @@ SUMO_MODELS = (
 ControllerLike = str | Callable[..., Any] | Any
 
 
-def load_controller(controller: ControllerLike, folder: Path | None = None) -> Controller:
+def load_controller(controller: ControllerLike, folder: Path | None = None) -> Adapter:
     """A fresh controller from a locator, a class, a function or an object. Paths are relative to `folder`.
 
     Raises InputError with one sentence when it cannot be found or is no controller.
@@ -427,10 +403,7 @@ def _is_finite(text: str) -> bool:
         return False
 
 
-_ADAPTERS = (NativeModel, FunctionController, ObjectController, ListenerController, ObservingController)
-
-
-def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None) -> Controller:
+def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None) -> Adapter:
     """A fresh controller from what a locator names, or from what was given in its place. options: of its entry."""
     if (refusal := _foreign(found, described)) is not None:
         raise InputError(refusal)
@@ -441,8 +414,8 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
         _named_type(found)  # refused before the first case
     elif options:
         raise InputError(f"ADS `{described}` takes no `options`: they are for a class or a program of `exec:`.")
-    if isinstance(found, _ADAPTERS) or getattr(found, "is_adapter", False):
-        return cast("Controller", found)
+    if isinstance(found, Adapter):
+        return found
     if isinstance(found, TRACI.StepListener):
         return ListenerController(found)
     if callable(getattr(found, "act", None)):
@@ -450,7 +423,7 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
     if callable(getattr(found, "step", None)):
         return ObjectController(found)
     if callable(found):
-        return PolicyController(found, None) if _takes_one_argument(found) else FunctionController(found)
+        return PolicyController(found, None) if _takes_one_argument(found) else ObjectController(found)
     raise InputError(
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a `step` method, "
         f"got {type(found).__name__}. Or, without TraCI, a function (observation) or one with `act`."
@@ -479,7 +452,7 @@ def _foreign(found: Any, described: str) -> str | None:
     kind = found if inspect.isclass(found) else type(found)
     smarts = any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__)
     own = ("act", "step")
-    if not smarts and (isinstance(found, _ADAPTERS) or any(callable(getattr(found, name, None)) for name in own)):
+    if not smarts and (isinstance(found, Adapter) or any(callable(getattr(found, name, None)) for name in own)):
         return None
     name = "act" if smarts else next((name for name in FOREIGN if callable(getattr(found, name, None))), None)
     call = getattr(kind, "__call__", None)  # noqa: B004  of the class itself: CARLA's agents have one without arguments

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
-from sumo_eval.cosim.doors.controller import Briefing, own_vehicle_type
+from sumo_eval.cosim.doors.controller import Adapter, own_vehicle_type
 from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.private_server import CLIENTS, LOOPBACK, PrivateServer, Relay
 from sumo_eval.cosim.sumo.session import check_start, command_line, quoted
@@ -49,7 +49,7 @@ _SETTINGS = {
 
 
 @dataclass(slots=True)
-class TraciProgram:
+class TraciProgram(Adapter):
     """A program that is a TraCI client of its own; nobody calls it, it acts while SUMO waits for it.
 
     options: of its entry; `vehicle_type`, the ego's vType as a table, is all that there is.
@@ -60,8 +60,6 @@ class TraciProgram:
     log: str = ""
     took: float = 0.0  # s of wall time of its last turn, the step of SUMO included
     options: dict[str, Any] = field(default_factory=dict)
-
-    is_adapter = True
 
     @property
     def vehicle_type(self) -> Any:
@@ -76,15 +74,6 @@ class TraciProgram:
         """Refuses a command that cannot be run, and a machine without sumo."""
         sumo_binary()
         return cls(split_command(command, folder, "traci"), folder)
-
-    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """The program has begun with the simulation."""
-
-    def step(self, traci: Any, ego: str, time: float) -> None:
-        """The program acts by itself."""
-
-    def close(self) -> None:
-        """The program ends with the simulation."""
 
 
 def sumo_binary() -> str:
