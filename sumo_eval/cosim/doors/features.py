@@ -18,19 +18,19 @@ it is, and so is an action without a range. `absent` is shown where there is no 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.settings.toml_file import read_toml
+from sumo_eval.settings.checked import Checked, Positive
+from sumo_eval.settings.config import read_checked, to_toml
 
 Floats = NDArray[Any]
 ACTIONS = ("acceleration", "steering")
@@ -49,7 +49,7 @@ _IN_PLACE = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}  # m, of a vehicle that i
 
 
 @dataclass(frozen=True, slots=True)
-class Feature:
+class Feature(Checked):
     """A number that a policy is shown, and how it is scaled.
 
     low, high: kept within and mapped onto -1..1. mean, deviation: (value - mean) / deviation. absent: the value where
@@ -74,7 +74,7 @@ class Feature:
 
 
 @dataclass(frozen=True, slots=True)
-class Action:
+class Action(Checked):
     """A number of a policy's answer. low, high: what its -1 and 1 mean, m/s2 or rad; without: it is meant as it is."""
 
     name: str
@@ -88,7 +88,7 @@ class Action:
 
 
 @dataclass(frozen=True)
-class Interface:
+class Interface(Checked):
     """Features in, actions out. frame: axes of `vehicles.K.x`, `y`, `vx`, `vy`, the road's or the ego's.
 
     period: s between two answers, of which the last holds; None: it answers at every step.
@@ -97,19 +97,16 @@ class Interface:
     features: tuple[Feature, ...]
     actions: tuple[Action, ...]
     frame: Literal["road", "ego"] = "road"
-    period: float | None = None
+    period: Annotated[float | None, Positive] = None
 
     def __post_init__(self) -> None:
+        Checked.__post_init__(self)
         if not self.features:
             raise must_be("The features", "an interface of a policy", "at least one", "none")
         names = tuple(action.name for action in self.actions)
         if names not in (ACTIONS[:1], ACTIONS):
             raise must_be("The actions", "an interface of a policy", "acceleration, or acceleration and steering",
                           ", ".join(names) or "none")  # fmt: skip
-        if self.frame not in ("road", "ego"):
-            raise must_be("`frame`", "an interface of a policy", '"road" or "ego"', self.frame)
-        if self.period is not None and not (math.isfinite(self.period) and self.period > 0.0):
-            raise must_be("`period`", "an interface of a policy", "greater than 0 s", self.period)
 
     @cached_property
     def _readers(self) -> list[tuple[Callable[[Observations, str], Floats], float]]:
@@ -157,32 +154,23 @@ class Interface:
 
     def to_toml(self) -> str:
         """The table as a file has it."""
-        lines = [f'frame = "{self.frame}"']
-        if self.period is not None:
-            lines.append(f"period = {self.period!r}")
-        for kind, items in (("feature", self.features), ("action", self.actions)):
-            for item in items:
-                lines += ["", f"[[{kind}]]", f'name = "{item.name}"']
-                keys = ("low", "high", "mean", "deviation", "absent")
-                lines += [f"{key} = {value!r}" for key in keys if (value := getattr(item, key, None)) is not None]
-        return "\n".join(lines) + "\n"
+        return to_toml(_File(self.features, self.actions, self.frame, self.period))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, slots=True)
+class _File(Checked):
+    """The table as a file has it."""
+
+    feature: tuple[Feature, ...] = ()
+    action: tuple[Action, ...] = ()
+    frame: Literal["road", "ego"] = "road"
+    period: Annotated[float | None, Positive] = None
 
 
 def read_interface(path: Path) -> Interface:
     """The table in a file. Raises InputError with one sentence."""
-    owner = f"the features table {path.name}"
-    content = read_toml(path, "Features table")
-    for key in content:
-        if key not in ("frame", "period", "feature", "action"):
-            raise unknown(f"key of {owner}", key, ("frame", "period", "feature", "action"))
-    features = tuple(Feature(**_numbers(item, ("low", "high", "mean", "deviation", "absent"), "feature", owner))
-                     for item in _tables(content, "feature", owner))  # fmt: skip
-    actions = tuple(Action(**_numbers(item, ("low", "high"), "action", owner))
-                    for item in _tables(content, "action", owner))  # fmt: skip
-    period = content.get("period")
-    if period is not None and not _is_number(period):
-        raise must_be("`period`", owner, "a number", period)
-    return Interface(features, actions or (Action("acceleration"),), content.get("frame", "road"), period)
+    found = read_checked(path, _File, "Features table")
+    return Interface(found.feature, found.action or (Action("acceleration"),), found.frame, found.period)
 
 
 def usual(*, steering: bool = False, vehicles: int = 2) -> Interface:
@@ -259,26 +247,3 @@ def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats
 def _check_range(name: str, low: float | None, high: float | None) -> None:
     if (low is None) != (high is None) or (low is not None and high is not None and not low < high):
         raise must_be("`low` and `high`", f"`{name}`", "both given, low < high", (low, high))
-
-
-def _tables(content: Mapping[str, Any], key: str, owner: str) -> Sequence[Mapping[str, Any]]:
-    found = content.get(key, [])
-    if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
-        raise must_be(f"`{key}`", owner, f"tables, [[{key}]]", found)
-    return found
-
-
-def _numbers(item: Mapping[str, Any], keys: Sequence[str], kind: str, owner: str) -> dict[str, Any]:
-    name = item.get("name")
-    if not isinstance(name, str):
-        raise must_be("`name`", f"a [[{kind}]] of {owner}", "a text", name)
-    for key, value in item.items():
-        if key != "name" and key not in keys:
-            raise unknown(f"key of {kind} `{name}` in {owner}", key, ("name", *keys))
-        if key != "name" and not _is_number(value):
-            raise must_be(f"`{key}`", f"{kind} `{name}` in {owner}", "a finite number", value)
-    return dict(item)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
