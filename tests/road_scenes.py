@@ -10,12 +10,26 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cosim.doors.controller import Briefing
+from sumo_eval.cosim.vehicle_model import LIMITED, Clipped, Command, EgoState, move
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.scenario import Actor, ConcreteScenario, LogicalScenario, Road, Start, catalogue
 from sumo_eval.settings import VehicleSettings
 
 ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=5400.0)
 BRIEFING = Briefing("test", ROAD, VehicleSettings(), 0.05)
+
+
+def advance(
+    state: EgoState, command: Command, limits: VehicleSettings, step: float
+) -> tuple[EgoState, tuple[Clipped, ...]]:
+    """The state one `step` (s) later and every limit that the command ran into; see `move`."""
+    clips: Any = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
+    x, y, heading, speed, acceleration, wheel = state
+    ego = SimpleNamespace(x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, steering=wheel, time=0.0)
+    move(ego, ego, command.acceleration, command.steering, limits, step, clips)
+    met = zip(LIMITED, clips, strict=True)
+    after = EgoState(ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering)
+    return after, tuple((what, clip.requested, clip.applied) for what, clip in met if clip.count)
 
 
 class Mover(SimpleNamespace):

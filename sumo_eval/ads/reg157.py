@@ -47,23 +47,14 @@ class LastMoment:
         """Rate at which the braking builds up, m/s3."""
         return self.braking / self.build_up if self.build_up > 0.0 else math.inf
 
-    def critical_ttc(self, closing_speed: float) -> float:
-        """TTC above which a collision has to be avoided, s: `avoidable_ttc`. closing_speed: m/s."""
-        return avoidable_ttc(closing_speed, self)
-
 
 @kernel
 def avoidable_ttc(closing_speed: float, granted: Any) -> float:
     """TTC above which a collision has to be avoided: v_rel / (2 a) + tau / 2 + response, s. closing_speed: m/s.
 
-    granted: a `LastMoment`, or a record of one.
+    granted: a `LastMoment`, or a record of one. UN R157, 5.2.5.2: v_rel / (2 * 6 m/s2) + 0.35 s.
     """
     return float(closing_speed / (2.0 * granted.braking) + 0.5 * granted.build_up + granted.response)
-
-
-def critical_ttc(closing_speed: float) -> float:
-    """TTC_intrusion = v_rel / (2 * 6 m/s2) + 0.35 s, in s. closing_speed: v_rel, m/s. Source: UN R157, 5.2.5.2."""
-    return Reg157.last_moment.critical_ttc(closing_speed)
 
 
 @kernel

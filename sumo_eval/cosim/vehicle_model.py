@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from sumo_eval.kernels import kernel
-from sumo_eval.settings import VehicleSettings
 
 GRAVITY = 9.81  # m/s2
 KINEMATIC_UP_TO = 0.4 * GRAVITY  # m/s2 across, up to which tyres may be taken not to slip
@@ -90,19 +88,6 @@ LIMITED = (
     _STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION, _ACCELERATION, _FRICTION, _SPEED, _ACCELERATION_RATE,
     _BEYOND_KINEMATIC,
 ) = range(8)  # fmt: skip
-
-
-def advance(
-    state: EgoState, command: Command, limits: VehicleSettings, step: float
-) -> tuple[EgoState, tuple[Clipped, ...]]:
-    """The state one `step` (s) later and every limit that the command ran into; see `move`."""
-    clips: Any = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
-    x, y, heading, speed, acceleration, wheel = state
-    ego = SimpleNamespace(x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, steering=wheel, time=0.0)
-    move(ego, ego, command.acceleration, command.steering, limits, step, clips)
-    met = zip(LIMITED, clips, strict=True)
-    after = EgoState(ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering)
-    return after, tuple((what, clip.requested, clip.applied) for what, clip in met if clip.count)
 
 
 @kernel

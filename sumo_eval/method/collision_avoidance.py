@@ -100,12 +100,6 @@ def collision_avoidance_index(
     )
 
 
-def beats_ideal(u: ArrayLike, u_ideal: ArrayLike) -> BoolArray:
-    """Collisions in which the ADS hit less hard than the ideal vehicle, U < Ug: (n,) flags for the report."""
-    hit, best, _ = _collisions(u, u_ideal, np.zeros(np.shape(u)))
-    return np.asarray(hit < best)
-
-
 def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArray) -> FloatArray:
     """Smallest t > 0, (n,), at which start + t direction (n, k) leaves the zone; unit-box coordinates.
 

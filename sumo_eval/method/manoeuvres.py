@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sumo_eval.scenario.concrete import Road
-from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 Manoeuvre = tuple[int, ...]
@@ -49,12 +48,6 @@ def manoeuvre_of(trajectory: Trajectory, road: Road, keeping_time: float) -> Man
     kept = trajectory.time[ends] - trajectory.time[starts] >= keeping_time
     visited = [int(lane[start]) for start, long in zip(starts, kept, strict=True) if long] or [int(lane[0])]
     return (visited[0], *[lane for lane in visited if lane != visited[0]][:1])
-
-
-def choose(ads: Trajectory, drivers: Sequence[Trajectory], road: Road, settings: AnthropomorphicSettings) -> Choice:
-    """Which drivers an ADS is compared with, and how usual its manoeuvre is among them."""
-    mine, *theirs = (manoeuvre_of(drive, road, settings.manoeuvre_time) for drive in (ads, *drivers))
-    return chosen(mine, theirs)
 
 
 def chosen(mine: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:

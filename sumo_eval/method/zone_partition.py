@@ -188,10 +188,6 @@ class ZonePartition:
         flat = exactly_hazardous(self.logical, rows.reshape(-1, rows.shape[-1]), self.settings)
         return flat.reshape(rows.shape[:-1])
 
-    def zone_of(self, points: ArrayLike) -> IntArray:
-        """Number of the hazardous zone that a point belongs to (0 is the largest), -1 in the safe zone."""
-        return np.where(self.hazardous(points), self.nearest_zone(points), -1)
-
     def nearest_zone(self, points: ArrayLike) -> IntArray:
         """Number of the zone nearest in the unit box, -1 if there is none; judged on the dense grid of the zones."""
         unit = _checked_unit(self.logical, points)

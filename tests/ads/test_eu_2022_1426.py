@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sumo_eval.ads.eu_2022_1426 import SEATED, STANDING
+from sumo_eval.ads.reg157 import avoidable_ttc
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, constant_lateral
 
@@ -41,4 +42,4 @@ def test_a_cut_in_above_the_value_of_the_table_is_avoided_by_the_margin_that_phy
 @pytest.mark.parametrize("granted", [SEATED, STANDING])
 def test_a_cut_in_far_below_the_value_is_not_avoided(granted):
     """Otherwise the test above would say nothing of the driver."""
-    assert simulate(cut_in(30.0 / 3.6, granted.critical_ttc(30.0 / 3.6) - 0.25), granted.ads).collision is not None
+    assert simulate(cut_in(30.0 / 3.6, avoidable_ttc(30.0 / 3.6, granted) - 0.25), granted.ads).collision is not None

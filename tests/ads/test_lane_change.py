@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from road_scenes import BRIEFING, mover
+from road_scenes import BRIEFING, advance, mover
 
 from sumo_eval.ads.lane_change import (
     path_at,
@@ -19,7 +19,7 @@ from sumo_eval.ads.lane_change import (
     smooth_step_rate,
     steering,
 )
-from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
+from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import concrete
 

@@ -28,7 +28,7 @@ from sumo_eval.ads.r157 import (
     time_to_collision,
 )
 from sumo_eval.ads.r157_careful_driver import CarefulDriver, needed_deceleration
-from sumo_eval.ads.reg157 import Reg157, critical_ttc
+from sumo_eval.ads.reg157 import Reg157, avoidable_ttc
 from sumo_eval.ads.rss import lateral_safe_distance, longitudinal_safe_distance
 from sumo_eval.cosim.records import MOVER
 from sumo_eval.cosim.simulation import simulate
@@ -118,7 +118,7 @@ def test_rss_by_hand():
 
 
 def test_the_ttc_of_the_regulation_by_hand():
-    assert critical_ttc(12.0) == pytest.approx(1.35)
+    assert avoidable_ttc(12.0, Reg157.last_moment) == pytest.approx(1.35)
 
 
 def test_the_needed_deceleration_by_hand():
@@ -189,7 +189,7 @@ def test_the_reaction_is_waited_for_once():
 )
 def test_the_ttc_of_regulation_2022_1426_is_the_printed_one(rule, times):
     # v_rel / (2 a) + tau / 2 + 0.1 s at 10, 20, .. 60 km/h
-    found = [rule.critical_ttc(speed / 3.6) for speed in range(10, 61, 10)]
+    found = [avoidable_ttc(speed / 3.6, rule) for speed in range(10, 61, 10)]
     assert [round(time, 2) for time in found] == list(times)
 
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from road_scenes import advance
 
 from sumo_eval.cosim.vehicle_model import (
     GRAVITY,
@@ -14,7 +15,6 @@ from sumo_eval.cosim.vehicle_model import (
     LIMITED,
     Command,
     EgoState,
-    advance,
     drive,
     grip_steering_wheel_angle,
     move_dynamic,

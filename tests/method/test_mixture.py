@@ -11,7 +11,7 @@ from drivers.real_data import needs_recordings, recording
 
 from sumo_eval.method.anthropomorphic import IndexNote, anthropomorphic_index, anthropomorphic_indexes
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings
-from sumo_eval.method.manoeuvres import choose, manoeuvre_of, pooled_deviation
+from sumo_eval.method.manoeuvres import chosen, manoeuvre_of, pooled_deviation
 from sumo_eval.scenario.concrete import Road, smooth_step
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import Trajectory
@@ -91,7 +91,8 @@ def test_the_deviation_is_completed_by_the_pooled_one_by_hand():
     people = [drive(begin=1.0), drive(begin=1.1), drive()]
     values, there = np.array([[0.0], [2.0], [10.0]]), np.ones((3, 1), dtype=bool)
     for ads, mean in ((drive(begin=1.2), 1.0), (drive(), 10.0)):
-        middle, deviation = pooled_deviation(values, there, choose(ads, people, ROAD, MIXTURE), 2.0)
+        own, *others = (manoeuvre_of(it, ROAD, MIXTURE.manoeuvre_time) for it in (ads, *people))
+        middle, deviation = pooled_deviation(values, there, chosen(own, others), 2.0)
         assert (middle[0], deviation[0]) == (pytest.approx(mean), pytest.approx(np.sqrt(2.0)))
 
 

@@ -106,7 +106,7 @@ def test_low_speed_has_no_hazardous_zone_at_all():
     assert zones.zone_shares == ()
     assert not zones.hazardous(points).any()
     assert np.all(zones.boundary_distance(points) == np.inf)
-    assert np.all(zones.zone_of(points) == -1)
+    assert np.all(zones.nearest_zone(points) == -1)
     assert np.all(zones.predicted(points) == 1.0)
     assert np.all(np.isinf(zones.length_scales))
     assert zones.notes == ("All 25 training points are safe: no GP is fitted, and the whole space counts as such.",)
@@ -128,7 +128,7 @@ def test_a_space_that_is_hazardous_everywhere_is_one_zone_without_a_boundary():
     assert zones.most_dangerous == ({"x": 10.0},)
     assert zones.hazardous(points).all()
     assert np.all(zones.boundary_distance(points) == -np.inf)
-    assert np.all(zones.zone_of(points) == 0)
+    assert np.all(zones.nearest_zone(points) == 0)
 
 
 def test_the_cut_out_boundary_is_where_the_closed_form_has_it(cut_out):
@@ -208,7 +208,6 @@ def test_the_gradient_is_the_slope_of_the_surface(cut_out):
 def test_hazardous_is_where_the_surface_is_not_above_zero(cut_out):
     points = scattered(CUT_OUT, 1_000)
     assert np.array_equal(cut_out.hazardous(points), cut_out.predicted(points) <= 0.0)
-    assert np.array_equal(cut_out.zone_of(points) >= 0, cut_out.hazardous(points))
 
 
 def test_no_hazardous_point_is_worse_than_the_most_dangerous_one(cut_out):
@@ -223,7 +222,7 @@ def test_no_hazardous_point_is_worse_than_the_most_dangerous_one(cut_out):
 
 def test_a_single_row_and_many_rows_agree(cut_out):
     points = scattered(CUT_OUT, 6)
-    for method in ("predicted", "hazardous", "zone_of", "nearest_zone", "boundary_distance", "exists"):
+    for method in ("predicted", "hazardous", "nearest_zone", "boundary_distance", "exists"):
         whole = getattr(cut_out, method)(points)
         assert whole.shape == (6,)
         assert getattr(cut_out, method)(points.reshape(2, 3, 3)).shape == (2, 3)
@@ -257,7 +256,7 @@ def test_the_target_runs_smoothly_through_contact():
 def test_two_zones_are_told_apart_and_ordered_by_size(hill):
     assert hill.zones == 2
     assert hill.zone_shares[0] > hill.zone_shares[1]
-    assert hill.zone_of([[30, 40], [80, 70], [55, 95]]).tolist() == [0, 1, -1]
+    assert hill.hazardous([[30, 40], [80, 70], [55, 95]]).tolist() == [True, True, False]
     assert hill.nearest_zone([[30, 40], [80, 70], [80, 95], [5, 95]]).tolist() == [0, 1, 1, 0]
     assert [(round(point["x"]), round(point["y"])) for point in hill.most_dangerous] == [(30, 40), (80, 70)]
 
@@ -409,7 +408,7 @@ def test_steps_are_exact_decimals_and_the_last_point_is_high():
     ],
 )
 def test_points_outside_the_space_are_refused(cut_out, points, sentence):
-    for method in (cut_out.hazardous, cut_out.predicted, cut_out.boundary_distance, cut_out.zone_of):
+    for method in (cut_out.hazardous, cut_out.predicted, cut_out.boundary_distance, cut_out.nearest_zone):
         with pytest.raises(InputError, match=sentence):
             method(points)
 

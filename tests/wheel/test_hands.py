@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
+from road_scenes import advance
 
-from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
+from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.extras.wheel.hands import BRAKE, DRIVE, EVADE, HARD, LEFT, RIGHT, Given, Hands, HandSettings, angle_of
 from sumo_eval.settings import VehicleSettings
 
