@@ -137,9 +137,9 @@ def nightly(
         )  # fmt: skip
     say((*morning_lines(result), *result.notes))
     show_scores(result.evaluation)
-    if result.comparison:
-        first = 1 + len(result.comparison.differences)  # the verdict and what differs stand above
-        say(comparison_lines(result.comparison, (), result.evaluation)[first:-1])
+    if comparison := result.judged.bases.comparison:
+        first = 1 + len(comparison.differences)  # the verdict and what differs stand above
+        say(comparison_lines(comparison, (), result.evaluation)[first:-1])
     say(closing_lines(result.evaluation)[:-1])
     say(tell_github(result))
     tell(f"The report is {result.report}")

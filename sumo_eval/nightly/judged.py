@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sumo_eval.nightly.bases import Bases, find_bases, pin_of, pinned_by_itself
@@ -16,13 +16,27 @@ from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import failed, judge
 from sumo_eval.report.rule import Noise, only_improved
 from sumo_eval.report.rule_limits import EVERYWHERE, judge_pairs, judge_rule
+from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
+
+
+@dataclass(frozen=True, slots=True)
+class Since:
+    """Since which night a limit has failed without a break, and for how many nights, tonight among them."""
+
+    night: str
+    nights: int
+
+    @property
+    def words(self) -> str:
+        """`new` or `since 2026-11-21T02-00-00Z, 3 nights`."""
+        return "new" if self.nights == 1 else f"since {self.night}, {count(self.nights, 'night')}"
 
 
 @dataclass(frozen=True, slots=True)
 class Judged:
     """A night beside its bases. gates: each limit once. noise: of tonight. shaky: cases bad in some drives only.
-    builds: of each ADS, where known.
+    builds: of each ADS, where known. since: when each limit that failed tonight has failed, by its name.
     """
 
     bases: Bases
@@ -30,6 +44,7 @@ class Judged:
     noise: Noise
     shaky: frozenset[ShakyCase]
     builds: Mapping[str, str]
+    since: Mapping[tuple[str, str, str], Since] = field(default_factory=dict)
 
 
 def judge_night(history: Path, lines: History, done: Evaluation, gate: GateSettings, progress: Progress) -> Judged:
@@ -56,9 +71,34 @@ def judge_night(history: Path, lines: History, done: Evaluation, gate: GateSetti
             found = [replace(one, against=name) for one in (*judge_rule(comparison, gate, noise), *found)]
         known = {one.name for one in failed(gates)}
         gates += [one for one in failed(found) if one.name not in known]
-    return Judged(
-        bases, tuple(gates), noise, frozenset(shaky_cases(done, noise.bad, gate)), done.manifest.get("builds", {})
-    )
+    since = failing_since(lines, gates, done.folder.name)
+    shaky, builds = frozenset(shaky_cases(done, noise.bad, gate)), done.manifest.get("builds", {})
+    return Judged(bases, tuple(new_first(gates, since)), noise, shaky, builds, since)
+
+
+def failing_since(lines: History, gates: Sequence[GateResult], tonight: str) -> dict[tuple[str, str, str], Since]:
+    """Since when each limit that failed tonight has failed, by its name."""
+    nights = [night.night for night in lines.nights() if not night.imported]
+    failing = {(line.night, line.ads, line.scenario, line.quantity) for line in lines.gates() if line.passed is False}
+    found = {}
+    for gate in failed(gates):
+        row = [tonight]
+        for night in reversed(nights):
+            if (night, *gate.name) not in failing:
+                break
+            row.append(night)
+        found[gate.name] = Since(row[-1], len(row))
+    return found
+
+
+def new_first(gates: Sequence[GateResult], since: Mapping[tuple[str, str, str], Since]) -> list[GateResult]:
+    """Limits that failed, new failures before old ones, and then all others."""
+
+    def place(gate: GateResult) -> tuple[bool, int]:
+        bad = gate.passed is False
+        return not bad, since[gate.name].nights if bad else 0
+
+    return sorted(gates, key=place)
 
 
 def new_pin(line: Night, judged: Judged, lines: History, gate: GateSettings) -> Accepted | None:

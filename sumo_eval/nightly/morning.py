@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from sumo_eval.nightly.bases import NIGHT
-from sumo_eval.nightly.history import History, Night
-from sumo_eval.nightly.judged import Judged
-from sumo_eval.report.comparison import Comparison, builds_besides
+from sumo_eval.nightly.history import Night
+from sumo_eval.nightly.judged import Judged, Since
+from sumo_eval.report.comparison import builds_besides
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.gates import failed
 from sumo_eval.report.page import REPORT
 from sumo_eval.report.terminal import gate_lines, ways_to, worst_lines
-from sumo_eval.report.words import count, one_line
+from sumo_eval.report.words import one_line
 from sumo_eval.results import Evaluation
 
 SUMMARY = "summary.md"
@@ -27,59 +27,20 @@ MOST_IN_CHAT = 5  # failed limits
 
 
 @dataclass(frozen=True, slots=True)
-class Since:
-    """Since which night a limit has failed without a break, and for how many nights, tonight among them."""
-
-    night: str
-    nights: int
-
-    @property
-    def words(self) -> str:
-        """`new` or `since 2026-11-21T02-00-00Z, 3 nights`."""
-        return "new" if self.nights == 1 else f"since {self.night}, {count(self.nights, 'night')}"
-
-
-@dataclass(frozen=True, slots=True)
 class NightResult:
     """What became of a night. notes: sentences on what was cleared away, not compared, or left out."""
 
     night: Night
     evaluation: Evaluation
-    comparison: Comparison | None
-    gates: tuple[GateResult, ...]
+    judged: Judged
     notes: tuple[str, ...]
     report: Path
     trend: Path
-    since: Mapping[tuple[str, str, str], Since]
-    accepted: Night | None
 
 
-def failing_since(lines: History, gates: Sequence[GateResult], tonight: str) -> dict[tuple[str, str, str], Since]:
-    """Since when each limit that failed tonight has failed, by its name."""
-    nights = [night.night for night in lines.nights() if not night.imported]
-    failing = {(line.night, line.ads, line.scenario, line.quantity) for line in lines.gates() if line.passed is False}
-    found = {}
-    for gate in failed(gates):
-        row = [tonight]
-        for night in reversed(nights):
-            if (night, *gate.name) not in failing:
-                break
-            row.append(night)
-        found[gate.name] = Since(row[-1], len(row))
-    return found
-
-
-def write_night(
-    history: Path,
-    folder: Path,
-    line: Night,
-    word: str,
-    judged: Judged,
-    since: Mapping[tuple[str, str, str], Since],
-    notes: Sequence[str],
-) -> None:
+def write_night(history: Path, line: Night, word: str, judged: Judged, notes: Sequence[str]) -> None:
     """Write `night.json` and `summary.md` into a night's folder, and `chat.json` beside the history."""
-    comparison, bases = judged.bases.comparison, judged.bases
+    comparison, bases, folder = judged.bases.comparison, judged.bases, history / line.folder
     told = {
         "night": line.night,
         "evaluation": line.evaluation,
@@ -88,8 +49,8 @@ def write_night(
         "exit_status": line.exit_status,
         "base": line.base,
         "accepted": None if bases.accepted is None else bases.accepted.night,
-        "since": min((one.night for one in since.values()), default=None),
-        "failed": [_plain(gate, since[gate.name], folder) for gate in failed(judged.gates)],
+        "since": min((one.night for one in judged.since.values()), default=None),
+        "failed": [_plain(gate, judged.since[gate.name], folder) for gate in failed(judged.gates)],
         "not_judged": [f"{gate.ads}: {gate.sentence}" for gate in judged.gates if gate.passed is None],
         "pairs": 0 if comparison is None else comparison.pairs,
         "differences": [asdict(one) for one in (comparison.differences if comparison else ())],
@@ -99,19 +60,9 @@ def write_night(
         "notes": list(notes),
     }
     (folder / NIGHT).write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    summary = "\n".join(markdown_lines(line, judged, since, folder))
+    summary = "\n".join(markdown_lines(line, judged, folder))
     (folder / SUMMARY).write_text(summary + "\n", encoding="utf-8")
-    (history / CHAT).write_text(json.dumps({"text": chat_text(line, judged, since)}) + "\n", encoding="utf-8")
-
-
-def new_first(gates: Sequence[GateResult], since: Mapping[tuple[str, str, str], Since]) -> list[GateResult]:
-    """Limits that failed, new failures before old ones, and then all others."""
-
-    def place(gate: GateResult) -> tuple[bool, int]:
-        bad = gate.passed is False
-        return not bad, since[gate.name].nights if bad else 0
-
-    return sorted(gates, key=place)
+    (history / CHAT).write_text(json.dumps({"text": chat_text(line, judged)}) + "\n", encoding="utf-8")
 
 
 def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
@@ -134,14 +85,13 @@ def _places(case: str, folder: Path) -> dict[str, str]:
     return {"replay": ways["again"], "run": ways["alone"], "link": f"{REPORT}#case:{quote(case, safe='')}"}
 
 
-def markdown_lines(
-    line: Night, judged: Judged, since: Mapping[tuple[str, str, str], Since], folder: Path
-) -> Iterator[str]:
+def markdown_lines(line: Night, judged: Judged, folder: Path) -> Iterator[str]:
     """The morning's screen in Markdown, e.g. for `$GITHUB_STEP_SUMMARY`."""
     yield f"## {_escaped(line.verdict)}"
     yield ""
     for gate in failed(judged.gates):
-        yield f"- **{_escaped(gate.ads)}** in {gate.scenario} ({since[gate.name].words}): {_escaped(gate.sentence)}"
+        since = judged.since[gate.name].words
+        yield f"- **{_escaped(gate.ads)}** in {gate.scenario} ({since}): {_escaped(gate.sentence)}"
         for case in gate.worst:
             yield f"  - `{case.case}`: {_escaped(case.point)}: {_escaped(case.words)}"
         for way in ways_to(folder, gate.worst[0].case).values() if gate.worst else ():
@@ -149,13 +99,13 @@ def markdown_lines(
     yield from (f"- {_escaped(words)}" for words in _besides(judged))
 
 
-def chat_text(line: Night, judged: Judged, since: Mapping[tuple[str, str, str], Since]) -> str:
+def chat_text(line: Night, judged: Judged) -> str:
     """The morning's screen in a few plain lines."""
     bad = failed(judged.gates)
     lines = [line.verdict]
     for gate in bad[:MOST_IN_CHAT]:
         worst = "".join(f"; {case.case}: {case.words}" for case in gate.worst[:1])
-        lines.append(f"{gate.ads} in {gate.scenario} ({since[gate.name].words}): {gate.sentence}{worst}")
+        lines.append(f"{gate.ads} in {gate.scenario} ({judged.since[gate.name].words}): {gate.sentence}{worst}")
     lines += [f"and {len(bad) - MOST_IN_CHAT} more"] if len(bad) > MOST_IN_CHAT else []
     return "\n".join(map(one_line, [*lines, *_besides(judged)]))
 
@@ -178,7 +128,7 @@ def github_annotations(gates: Sequence[GateResult]) -> list[str]:
 
 def morning_lines(result: NightResult) -> list[str]:
     """The first screen of a night: what differs besides the ADS, the verdict, new failures first."""
-    comparison = result.comparison
+    judged, comparison = result.judged, result.judged.bases.comparison
     lines = [f"{'DIFFERS' if one.decides else 'differs'}: {one_line(one.words)}"
              for one in (comparison.differences if comparison else ())]  # fmt: skip
     lines += [
@@ -186,9 +136,9 @@ def morning_lines(result: NightResult) -> list[str]:
         + (f" ({', '.join(one.examples)})" if one.examples else "")
         for one in (comparison.unpaired if comparison else ())
     ]
-    words = {name: since.words for name, since in result.since.items()}
-    lines += map(one_line, builds_besides(result.evaluation.manifest.get("builds", {}), comparison))
-    return [*lines, result.night.verdict, *gate_lines(result.gates, result.report.parent, words)]
+    words = {name: since.words for name, since in judged.since.items()}
+    lines += map(one_line, builds_besides(judged.builds, comparison))
+    return [*lines, result.night.verdict, *gate_lines(judged.gates, result.report.parent, words)]
 
 
 def tell_github(result: NightResult) -> list[str]:
@@ -197,7 +147,7 @@ def tell_github(result: NightResult) -> list[str]:
     if summary:
         with Path(summary).open("a", encoding="utf-8") as file:
             file.write((result.report.parent / SUMMARY).read_text(encoding="utf-8"))
-    return github_annotations(result.gates) if os.environ.get("GITHUB_ACTIONS") == "true" else []
+    return github_annotations(result.judged.gates) if os.environ.get("GITHUB_ACTIONS") == "true" else []
 
 
 def _escaped(text: str) -> str:

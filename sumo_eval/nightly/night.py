@@ -17,7 +17,6 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from sumo_eval.evaluation import let_go, record_rounds, score
 from sumo_eval.nightly.bases import in_force
 from sumo_eval.nightly.history import HISTORY, History, Night, is_begun, open_history
 from sumo_eval.nightly.judged import judge_night, new_pin
-from sumo_eval.nightly.morning import NightResult, failing_since, new_first, write_night
+from sumo_eval.nightly.morning import NightResult, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
 from sumo_eval.record.lock import held
@@ -91,10 +90,8 @@ def run_night(
             done, again = _evaluated(evaluation, folder, workers, stopped is not None, progress, stopping)
             judged = judge_night(history, lines, done, gate, progress)
             notes += [*again, *judged.bases.notes]
-            since = failing_since(lines, judged.gates, name)
-            judged = replace(judged, gates=tuple(new_first(judged.gates, since)))
             comparison, gates = judged.bases.comparison, judged.gates
-            told = {limit: one.words for limit, one in since.items()}
+            told = {limit: one.words for limit, one in judged.since.items()}
             write_tables(done)
             suites = merged([comparison_suites(comparison, gates), run_suites(done)])
             write_junit(suites, folder / JUNIT, score_parts(done))
@@ -125,10 +122,10 @@ def run_night(
             imported=False,
         )
         lines.add(line, done, gates, shaky=judged.shaky, pin=new_pin(line, judged, lines, gate))
-        write_night(history, folder, line, verdict_found.word, judged, since, notes)
+        write_night(history, line, verdict_found.word, judged, notes)
         notes += _prune(history, lines, keep)
         trend = write_trend(history, lines)
-        return NightResult(line, done, comparison, gates, tuple(notes), report, trend, since, judged.bases.accepted)
+        return NightResult(line, done, judged, tuple(notes), report, trend)
 
 
 def _clock_note(lines: History, name: str) -> list[str]:

@@ -6,13 +6,13 @@ import math
 from dataclasses import asdict, replace
 
 import pytest
+from drivers.populations import draw_population
 
 from sumo_eval.drivers.synthetic.population import (
     HEADWAY_LIMIT,
     ONSET_HEADWAY,
     ONSET_TTC,
     TTC_LIMIT,
-    draw_population,
 )
 from sumo_eval.settings import PopulationSettings
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drivers.populations import draw_population, synthetic_reference
 from road_scenes import Mover, actor, case, cut_outs_at_the_edge, fresh, low_speed, mover, safe_cut_outs
 
 from sumo_eval.ads.perception import carry_on
@@ -18,9 +19,8 @@ from sumo_eval.drivers.synthetic.driver import (
     SyntheticDriver,
     attend,
     human_controller,
-    synthetic_reference,
 )
-from sumo_eval.drivers.synthetic.population import draw_driver, draw_population
+from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import count_operations
 from sumo_eval.scenario import catalogue
@@ -242,11 +242,6 @@ def test_a_drive_does_not_depend_on_the_order_of_the_values():
 def test_a_driver_outside_the_population_is_refused(index):
     with pytest.raises(InputError, match=r"`index` of a population of 10 drivers must be within 0\.\.9"):
         human_controller(index, 10, 1, CUT_OUT)
-
-
-def test_a_reference_needs_drivers():
-    with pytest.raises(InputError, match="must have at least one driver"):
-        synthetic_reference(CUT_OUT, (), seed=1)
 
 
 def test_a_follower_in_danger_evades_when_braking_is_not_enough():

@@ -11,7 +11,7 @@ import pytest
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.bases import accept, finished_within, in_force, pin_of, pinned_by_itself
 from sumo_eval.nightly.history import Accepted, Night, open_history
-from sumo_eval.nightly.morning import failing_since
+from sumo_eval.nightly.judged import failing_since
 from sumo_eval.nightly.night import _prune, _size
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.results import Evaluation

@@ -13,8 +13,8 @@ from report_cases import pick, with_case
 
 from sumo_eval.nightly.bases import Bases, accept, pin_of
 from sumo_eval.nightly.history import Night, open_history
-from sumo_eval.nightly.judged import Judged, new_pin
-from sumo_eval.nightly.morning import Since, github_annotations, new_first, write_night
+from sumo_eval.nightly.judged import Judged, Since, new_first, new_pin
+from sumo_eval.nightly.morning import github_annotations, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.report.comparison import Comparison, compare
 from sumo_eval.report.gate_settings import GateSettings
@@ -67,7 +67,7 @@ def folder(judged: Judged, tmp_path: Path) -> Path:
     found = tmp_path / "nights" / SECOND
     found.mkdir(parents=True)
     since = {gate.name: Since(SECOND, 1) for gate in failed(judged.gates)}
-    write_night(tmp_path, found, night(SECOND, 1), "worse", judged, since, ())
+    write_night(tmp_path, night(SECOND, 1), "worse", replace(judged, since=since), ())
     return found
 
 

@@ -104,25 +104,21 @@ def reference(
 def _aligned(track: pd.DataFrame, start: float, concrete: ConcreteScenario, people: People) -> Trajectory:
     """A track from `start` s on, moved to where the ego starts, up to its first sample past the road's end."""
     rows = track[track["t"] >= start - 1e-6]
-    x = rows["x"].to_numpy() - rows["x"].iloc[0] + concrete.ego.x
+    x = rows["x"] - rows["x"].iloc[0] + concrete.ego.x
     last = np.flatnonzero(x >= concrete.road.length)
-    keep = slice(0, int(last[0]) + 1 if last.size else len(x))
     recording, lane = str(rows["recording"].iloc[0]), int(rows["lane"].iloc[0])
     centre = people.centres.get((recording, lane), 0.0)
     stretch = concrete.road.lane_width / _lane_width(people.centres, recording, concrete.road.lane_width)
-    y = concrete.ego.y + stretch * (rows["y"].to_numpy() - centre)
-    steering = rows["steering"].to_numpy(dtype=np.float64)
-    return Trajectory(
-        (rows["t"].to_numpy() - rows["t"].iloc[0])[keep],
-        x[keep],
-        y[keep],
-        heading=rows["heading"].to_numpy()[keep],
-        speed=rows["speed"].to_numpy()[keep],
-        acceleration=rows["acceleration"].to_numpy()[keep],
-        steering_wheel_angle=steering[keep],
-        length=float(rows["length"].iloc[0]),
-        width=float(rows["width"].iloc[0]),
-    )
+    y = concrete.ego.y + stretch * (rows["y"] - centre)
+    moved = rows.assign(t=rows["t"] - rows["t"].iloc[0], x=x, y=y).iloc[: int(last[0]) + 1 if last.size else None]
+    return _trajectory(moved, length=float(rows["length"].iloc[0]), width=float(rows["width"].iloc[0]))
+
+
+def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
+    """A track with what is known of it; body: its length and width, m."""
+    channels = {name: rows[name] for name in ("heading", "speed", "acceleration") if name in rows}
+    wheel = pd.to_numeric(rows["steering"], errors="coerce") if "steering" in rows else None
+    return Trajectory(rows["t"], rows["x"], rows["y"], **channels, steering_wheel_angle=wheel, **body)  # type: ignore[arg-type]
 
 
 def _lane_width(centres: Mapping[tuple[str, int], float], recording: str, default: float) -> float:
@@ -151,13 +147,8 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     ]
     if not here:
         return None
-    drives: list[Trajectory] = []
-    names: list[str] = []
-    for file in here:
-        for who, drive in _drives_in(people.folder / file):
-            drives.append(drive)
-            names.append(who)
-    return Reference(tuple(drives), tuple(names))
+    found = [drive for file in here for drive in _drives_in(people.folder / file)]
+    return Reference(tuple(drive for _, drive in found), tuple(who for who, _ in found))
 
 
 def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
@@ -171,19 +162,8 @@ def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
         table["driver"] = path.stem
     drives = []
     for who, rows in table.groupby("driver", sort=False):
-        wheel = pd.to_numeric(rows["steering"], errors="coerce") if "steering" in rows else None
-        known = {name: rows[name] for name in channels}
         try:
-            drive = Trajectory(
-                rows["t"],
-                rows["x"],
-                rows["y"],
-                heading=known.get("heading"),
-                speed=known.get("speed"),
-                acceleration=known.get("acceleration"),
-                steering_wheel_angle=wheel,
-            )
+            drives.append((str(who), _trajectory(rows)))
         except InputError as error:
             raise InputError(f"Driver `{who}` in {path}: {error}") from error
-        drives.append((str(who), drive))
     return drives

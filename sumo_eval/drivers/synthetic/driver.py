@@ -1,4 +1,4 @@
-"""Skilled human drivers as controllers, and the human reference that they drive in a concrete scenario."""
+"""Skilled human drivers as controllers."""
 
 from __future__ import annotations
 
@@ -21,15 +21,14 @@ from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabi
 from sumo_eval.ads.perception import carry_on, is_visible, take
 from sumo_eval.cosim.compiled import Compiled, unknown
 from sumo_eval.cosim.records import MOVER, Records, fields, flags
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.synthetic.population import AS_RECORDED, Driver, draw_driver
 from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at, noise_value
-from sumo_eval.errors import InputError, must_be
+from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import PopulationSettings, SimulationSettings
+from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import FloatArray, Recording
+from sumo_eval.trajectory import FloatArray
 
 WANDER_DEVIATION = 0.25  # m, within a driver (DLR Highway Traffic)
 WANDER_CORRELATION_TIME = 2.2
@@ -235,21 +234,6 @@ def human_controller(
     if not 0 <= index < count:
         raise must_be("`index`", f"a population of {count} drivers", f"within 0..{count - 1}", index)
     return SyntheticDriver(draw_driver(index, seed, population), concrete, seed)
-
-
-def synthetic_reference(
-    concrete: ConcreteScenario,
-    drivers: Sequence[Driver],
-    simulation_settings: SimulationSettings | None = None,
-    *,
-    seed: int,
-) -> list[Recording]:
-    """What each driver does in a concrete scenario, in the order of `drivers`, one after the other in this process."""
-    if not drivers:
-        raise InputError(
-            f"The human reference of scenario `{concrete.scenario}` must have at least one driver, got none."
-        )
-    return [simulate(concrete, SyntheticDriver(driver, concrete, seed), simulation_settings) for driver in drivers]
 
 
 def _point(concrete: ConcreteScenario) -> list[str]:

@@ -11,7 +11,8 @@ Every distribution is cut off at bounds, so that ten skilled drivers hold no fre
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -114,17 +115,6 @@ class Driver:
         """The speed at which he settles over the one at which a case begins: faster drivers gain, slower ones lose."""
         return 1.0 + SPEED_SPREAD * (self.free_speed - FREE_SPEED_MEAN) / FREE_SPEED_DEVIATION
 
-    def desired_speed(self, speed: float) -> float:
-        """The speed at which he settles when a case begins at `speed`, m/s."""
-        return speed * self.gain
-
-
-def draw_population(count: int, seed: int, settings: PopulationSettings = AS_RECORDED) -> tuple[Driver, ...]:
-    """The first `count` drivers of the population `seed`: a larger population begins with the same drivers."""
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise must_be("`count`", "a population of drivers", "a whole number of at least 1", count)
-    return tuple(draw_driver(index, seed, settings) for index in range(count))
-
 
 def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDED) -> Driver:
     """Driver number `index` (from 0) of the population `seed`. A setting changes what it names and nothing else."""
@@ -133,10 +123,12 @@ def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDE
     stream = random_stream(seed, "population", index)
     return Driver(
         index=index,
-        idm=_with_headway(_draw_idm(stream), settings.headway_scale),
-        free_speed=_draw_normal(stream, FREE_SPEED_MEAN, FREE_SPEED_DEVIATION, *FREE_SPEED_BOUNDS),
+        idm=_draw_idm(stream, settings.headway_scale),
+        free_speed=_within(lambda: float(stream.normal(FREE_SPEED_MEAN, FREE_SPEED_DEVIATION)), *FREE_SPEED_BOUNDS),
         reaction_time=settings.reaction_scale * _draw(stream, REACTION),
-        lane_offset=_draw_normal(stream, 0.0, LANE_OFFSET_DEVIATION, -LANE_OFFSET_BOUND, LANE_OFFSET_BOUND),
+        lane_offset=_within(
+            lambda: float(stream.normal(0.0, LANE_OFFSET_DEVIATION)), -LANE_OFFSET_BOUND, LANE_OFFSET_BOUND
+        ),
         overtakes=_overtakes(index, seed, settings.overtake_share),
         onset_headway=_limit(_draw(stream, ONSET_HEADWAY), ONSET_HEADWAY, HEADWAY_LIMIT, settings),
         onset_ttc=_limit(_draw(stream, ONSET_TTC), ONSET_TTC, TTC_LIMIT, settings),
@@ -163,11 +155,7 @@ def _limit(drawn: float, recorded: LogNormal, limit: LogNormal, settings: Popula
     return math.exp(limit.mu + limit.sigma * (math.log(drawn) - recorded.mu) / recorded.sigma)
 
 
-def _with_headway(idm: IdmParameters, scale: float) -> IdmParameters:
-    return replace(idm, headway=scale * idm.headway)
-
-
-def _draw_idm(stream: np.random.Generator) -> IdmParameters:
+def _draw_idm(stream: np.random.Generator, headway_scale: float) -> IdmParameters:
     factor = np.linalg.cholesky(np.array(IDM_CORRELATION))
     while True:
         deviates = (factor @ stream.standard_normal(len(IDM_FIT))).tolist()
@@ -176,18 +164,14 @@ def _draw_idm(stream: np.random.Generator) -> IdmParameters:
             for (name, fit), deviate in zip(IDM_FIT.items(), deviates, strict=True)
         }
         if all(fit.low <= values[name] <= fit.high for name, fit in IDM_FIT.items()):
-            return IdmParameters(**values)
+            return IdmParameters(**values | {"headway": headway_scale * values["headway"]})
 
 
 def _draw(stream: np.random.Generator, fit: LogNormal) -> float:
-    while True:
-        value = math.exp(float(stream.normal(fit.mu, fit.sigma)))
-        if fit.low <= value <= fit.high:
-            return value
+    return _within(lambda: math.exp(float(stream.normal(fit.mu, fit.sigma))), fit.low, fit.high)
 
 
-def _draw_normal(stream: np.random.Generator, mean: float, deviation: float, low: float, high: float) -> float:
-    while True:
-        value = float(stream.normal(mean, deviation))
-        if low <= value <= high:
-            return value
+def _within(draw: Callable[[], float], low: float, high: float) -> float:
+    while not low <= (value := draw()) <= high:
+        pass
+    return value
