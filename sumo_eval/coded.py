@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -10,11 +11,11 @@ from typing import Any
 import numpy as np
 
 Classes = Mapping[str, type]
-_IS, _OF, _MAP = "is", "of", "map"
+_IS, _OF, _MAP, _ARRAY = "is", "of", "map", "array"
 
 
 def encoded(value: object) -> bytes:
-    """A value made of records, tuples, mappings, texts, numbers and None. Lists come back as tuples."""
+    """A value made of records, tuples, mappings, arrays, texts, numbers and None. Lists come back as tuples."""
     return json.dumps(plain(value), separators=(",", ":")).encode()
 
 
@@ -29,6 +30,8 @@ def plain(value: Any) -> Any:
         return {_IS: type(value).__name__, _OF: [plain(getattr(value, field.name)) for field in fields(value)]}
     if isinstance(value, Mapping):
         return {_MAP: [[plain(key), plain(item)] for key, item in value.items()]}
+    if isinstance(value, np.ndarray):
+        return {_ARRAY: [value.dtype.str, value.shape, b64encode(value.tobytes()).decode()]}
     if isinstance(value, tuple | list):
         return [plain(item) for item in value]
     return value.item() if isinstance(value, np.generic) else value
@@ -40,6 +43,9 @@ def record_of(value: Any, classes: Classes) -> Any:
         return tuple(record_of(item, classes) for item in value)
     if not isinstance(value, dict):
         return value
+    if _ARRAY in value:
+        kind, shape, data = value[_ARRAY]
+        return np.frombuffer(b64decode(data), dtype=kind).reshape(shape).copy()
     if _MAP in value:
         return {record_of(key, classes): record_of(item, classes) for key, item in value[_MAP]}
     return classes[value[_IS]](*(record_of(item, classes) for item in value[_OF]))

@@ -132,8 +132,8 @@ def nightly(
     settings = read_gate(gate)
     with Progress() as progress:
         result = run_night(
-            evaluation, history, settings, keep=keep, workers=workers, resume=resume,
-            exit_statuses=(DONE, GATE_FAILED, NOT_EVALUATED), progress=progress, stopping=Stopping,
+            evaluation, history, settings, keep=keep, workers=workers, resume=resume, progress=progress,
+            stopping=Stopping,
         )  # fmt: skip
     say((*morning_lines(result), *result.notes))
     show_scores(result.evaluation)

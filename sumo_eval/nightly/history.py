@@ -21,7 +21,8 @@ from sumo_eval.scoring.case_terms import SCORES
 
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1
-GOOD = (0, 3)
+DONE, GATE_FAILED, NOT_EVALUATED = 0, 1, 3  # exit statuses of a night
+GOOD = (DONE, NOT_EVALUATED)
 """Exit statuses of a night in which no limit failed."""
 
 _KEPT = (

@@ -17,13 +17,14 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.evaluation import let_go, record_rounds, score
 from sumo_eval.nightly.bases import in_force
-from sumo_eval.nightly.history import HISTORY, History, Night, is_begun, open_history
+from sumo_eval.nightly.history import DONE, GATE_FAILED, HISTORY, NOT_EVALUATED, History, Night, is_begun, open_history
 from sumo_eval.nightly.judged import judge_night, new_pin
 from sumo_eval.nightly.morning import NightResult, write_night
 from sumo_eval.nightly.trend import write_trend
@@ -57,13 +58,11 @@ def run_night(
     keep: int = 14,
     workers: int | None = None,
     resume: bool = False,
-    exit_statuses: tuple[int, int, int] = (0, 1, 3),
     progress: Progress = quiet,
     stopping: Callable[[], AbstractContextManager[Stopping]] = lambda: nullcontext(never),
 ) -> NightResult:
     """Run a night. keep: newest nights whose folders stay. resume: go on with the night that was stopped, if one was.
-    exit_statuses: good, a gate failed, cases not evaluated. stopping: gives, while cases are driven, what says whether
-    to stop.
+    stopping: gives, while cases are driven, what says whether to stop.
     """
     read_evaluation(evaluation)  # a mistake in the file is said before anything is locked, removed or simulated
     _refuse_without_history(history)
@@ -106,21 +105,12 @@ def run_night(
             raise InputError(
                 f"The night could not be finished: {said(error)}. Earlier nights are as they were. {left}"
             ) from error
-        good, gate_failed, not_evaluated = exit_statuses
         strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
         verdict_found = verdict(comparison, gates, done)
-        line = Night(
-            night=name,
-            evaluation=done.name,
-            folder=f"{NIGHTS}/{name}",
-            wall_time=None if stopped is not None else time.monotonic() - clock,
-            exit_status=gate_failed if failed(gates) or strict else not_evaluated if done.not_evaluated else good,
-            base=None if judged.bases.good is None else judged.bases.good.night,
-            verdict=verdict_found.sentence,
-            sumo_eval=_version(done, "sumo_eval"),
-            libsumo=_version(done, "libsumo"),
-            imported=False,
-        )
+        status = GATE_FAILED if failed(gates) or strict else NOT_EVALUATED if done.not_evaluated else DONE
+        line = _line(done, name, f"{NIGHTS}/{name}", status, verdict_found.sentence)
+        base, took = judged.bases.good, None if stopped is not None else time.monotonic() - clock
+        line = replace(line, base=None if base is None else base.night, wall_time=took)
         lines.add(line, done, gates, shaky=judged.shaky, pin=new_pin(line, judged, lines, gate))
         write_night(history, line, verdict_found.word, judged, notes)
         notes += _prune(history, lines, keep)
@@ -168,18 +158,7 @@ def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet)
         for run in runs:
             done = score(run, progress=progress)
             created = datetime.fromisoformat(str(done.manifest["created"])).astimezone(UTC)
-            night = Night(
-                night=_name(created),
-                evaluation=done.name,
-                folder=str(run.resolve()),
-                wall_time=None,
-                exit_status=IMPORTED,
-                base=None,
-                verdict="Imported; no gate judged it.",
-                sumo_eval=_version(done, "sumo_eval"),
-                libsumo=_version(done, "libsumo"),
-                imported=True,
-            )
+            night = _line(done, _name(created), str(run.resolve()), IMPORTED, "Imported; no gate judged it.")
             lines.add(night, done, ())
             added.append(night)
     return added
@@ -274,8 +253,10 @@ def _name(moment: datetime) -> str:
     return moment.strftime("%Y-%m-%dT%H-%M-%SZ")
 
 
-def _version(evaluation: Evaluation, package: str) -> str:
-    return str(evaluation.manifest.get("versions", {}).get(package, "not known"))
+def _line(done: Evaluation, name: str, folder: str, status: int, verdict: str) -> Night:
+    """The history's line of a night that is compared with none."""
+    package, libsumo = (done.manifest.get("versions", {}).get(it, "not known") for it in ("sumo_eval", "libsumo"))
+    return Night(name, done.name, folder, None, status, None, verdict, package, libsumo, status == IMPORTED)
 
 
 def _room(history: Path, lines: History, stopped: str | None = None) -> None:

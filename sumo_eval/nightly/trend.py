@@ -66,25 +66,17 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Gate:
-    """A gate of one night: a short stroke at the value at which it fails."""
-
-    x: float
-    y: float
-    half: float
-    colour: str
-    words: str
-    row: tuple[str, str, float]
-
-
-@dataclass(frozen=True, slots=True)
 class Chart:
-    """One quantity in one logical scenario."""
+    """One quantity in one logical scenario.
+
+    gates: where each gate of a night fails, and its ADS's colour; a stroke of `half` to both sides.
+    """
 
     title: str
     unit: str
     lines: tuple[Line, ...]
-    gates: tuple[Gate, ...]
+    gates: tuple[tuple[Point, str], ...]
+    half: float
     ticks: tuple[tuple[float, str], ...]
     dates: tuple[tuple[float, str], ...]
 
@@ -158,6 +150,10 @@ def _chart(
         share = (value - ticks[0]) / (ticks[-1] - ticks[0])
         return round(HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM), 2)
 
+    def point(night: str, name: str, value: float) -> Point:
+        words = f"{name}, {_date(night)}: {value:z.6g} {unit}".rstrip()
+        return Point(round(at[night], 2), height(value), words, (night, name, value))
+
     lines = []
     for place, ads in enumerate(names):
         parts: list[list[Point]] = [[]]
@@ -166,33 +162,22 @@ def _chart(
             if value is None:
                 parts.append([])
             else:
-                words = f"{ads}, {_date(night.night)}: {value:z.6g} {unit}".rstrip()
-                parts[-1].append(Point(round(at[night.night], 2), height(value), words, (night.night, ads, value)))
+                parts[-1].append(point(night.night, ads, value))
         latest = series.get((nights[-1].night, ads))
-        lines.append(
-            Line(
-                ads,
-                COLOURS[place % len(COLOURS)],
-                DASHES[place % len(DASHES)],
-                tuple(tuple(part) for part in parts if part),
-                "not computed" if latest is None else f"{latest:z.4g}",
-            )
-        )
+        last = "not computed" if latest is None else f"{latest:z.4g}"
+        runs = tuple(tuple(part) for part in parts if part)
+        lines.append(Line(ads, COLOURS[place % len(COLOURS)], DASHES[place % len(DASHES)], runs, last))
     strokes = tuple(
-        Gate(
-            round(at[gate.night], 2), height(gate.threshold), round(0.42 * step, 2),
-            COLOURS[names.index(gate.ads) % len(COLOURS)],
-            f"gate of {gate.ads}, {_date(gate.night)}: {gate.threshold:z.6g} {unit}".rstrip(),
-            (gate.night, f"gate of {gate.ads}", gate.threshold),
-        )
+        (point(gate.night, f"gate of {gate.ads}", gate.threshold), COLOURS[names.index(gate.ads) % len(COLOURS)])
         for gate in limits
         if gate.threshold is not None and gate.ads in names
-    )  # fmt: skip
+    )
     every = math.ceil(len(nights) / MOST_LABELS)
     days = [night.night[:10] for night in nights]
     label = (lambda night: _date(night)[5:]) if len(set(days)) < len(days) else (lambda night: night[:10])
     dates = tuple((round(at[night.night], 2), label(night.night)) for night in nights[::-1][::every])
-    return Chart(title, unit, tuple(lines), strokes, tuple((height(tick), f"{tick:g}") for tick in ticks), dates)
+    heights = tuple((height(tick), f"{tick:g}") for tick in ticks)
+    return Chart(title, unit, tuple(lines), strokes, round(0.42 * step, 2), heights, dates)
 
 
 def _ticks(low: float, high: float, least: float = 0.0) -> list[float]:

@@ -70,7 +70,7 @@ _LOOKED_AT = 2_000  # points that an estimate looks at, of each scenario, at mos
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What a run folder holds now: drives by all, those among them without an outcome that counts, and which shard.
+    """What a run folder holds now: drives by all, and those among them without an outcome that counts.
 
     notes: sentences on what was recorded before and had to be driven again.
     """
@@ -78,7 +78,6 @@ class Recorded:
     folder: Path
     drives: int
     not_evaluated: int
-    shard: tuple[int, int]
     notes: tuple[str, ...] = ()
 
 
@@ -232,11 +231,11 @@ def record_facts(
             _record_beside(meanwhile, spaces, plan, store, progress, stopping)
         except (StoppedError, KeyboardInterrupt):
             raise StoppedError(
-                f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "
+                f"Stopped. {_counted(store, folder).drives} drives are recorded in {folder}; "
                 "the same command with --resume continues."
             ) from None
         store.seal()
-        return replace(_counted(store, folder, shard), notes=notes)
+        return replace(_counted(store, folder), notes=notes)
 
 
 @contextmanager
@@ -348,7 +347,7 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
                 store.take_over(found[shard] / run_folder.FACTS)
             store.note(run_folder.SHARD, "1/1")
             store.seal()
-            return _counted(store, out, WHOLE)
+            return _counted(store, out)
 
 
 def parse_shard(text: str) -> tuple[int, int]:
@@ -574,8 +573,8 @@ def _check_shard(store: Store, shard: tuple[int, int], folder: Path) -> None:
         raise InputError(f"Run {folder} is shard {before}; it cannot go on as shard {shard[0]}/{shard[1]}.")
 
 
-def _counted(store: Store, folder: Path, shard: tuple[int, int]) -> Recorded:
+def _counted(store: Store, folder: Path) -> Recorded:
     counts = store.counts()
     drives = sum(number for *_, number, _ in counts)
     failed = sum(number for _, role, _, status, number, _ in counts if role == "ads" and status not in EVALUATED)
-    return Recorded(folder, drives, failed, shard)
+    return Recorded(folder, drives, failed)

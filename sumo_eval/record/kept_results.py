@@ -23,7 +23,7 @@ Kind = Literal[
 Part = tuple[Kind, bytes, int, bytes]
 """What it is, what it depends on, its number among those of one key, and its content."""
 
-_VERSION = 1
+_VERSION = 2
 _HASH_SIZE = 16
 _PATIENCE = 30.0  # s that another process may take to write
 _SCHEMA = f"""

@@ -12,7 +12,7 @@ import contextlib
 import functools
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -71,17 +71,18 @@ def everything() -> list[str]:
 
 def load(pieces: Iterable[str]) -> None:
     """Have the loops of these pieces in this process: from disk, or compiled now, and then marked as done."""
+    parts: dict[str, Callable[[], object]] = {
+        WORLD: _load_world,
+        PLAYED: lambda: World([_concrete(0.01)], SimulationSettings()).wake(0.05),
+        AHEAD: _load_ahead,
+        FIELDS: shared_fields.prepare,
+        PEOPLE: lambda: _load_rule(human_controller(0, 1, 0, _concrete(0.0))),
+    }
     for piece in pieces:
-        if piece == WORLD:
-            _load_world()
-        elif piece == PLAYED:
-            _load_played()
-        elif piece == AHEAD:
-            _load_ahead()
-        elif piece == FIELDS:
-            shared_fields.prepare()
+        if piece in parts:
+            parts[piece]()
         else:
-            _load_rule(human_controller(0, 1, 0, _concrete(0.0)) if piece == PEOPLE else _made(piece))
+            _load_rule(_made(piece))
         with contextlib.suppress(OSError):  # where nothing can be kept
             _mark(piece).touch()
 
@@ -97,11 +98,6 @@ def _load_world() -> None:
     world.move(closely=True)
     world.see(sampling=True)
     stop_rows(world.egos, world.others, world.samples, 0, 0)
-
-
-def _load_played() -> None:
-    world = World([_concrete(0.01)], SimulationSettings())
-    world.wake(0.05)
 
 
 def _load_ahead() -> None:

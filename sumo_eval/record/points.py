@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,17 +37,10 @@ def kept_zones(logical: LogicalScenario, settings: ZoneSettings, kept: KeptResul
 
     data = kept.get("zones", key)
     if data is not None and key not in ZONES:
-        with np.load(BytesIO(data), allow_pickle=False) as found:
-            read = {name: found[name] for name in found.files}
-        told = decoded(read.pop("plain").tobytes(), {})
-        ZONES[key] = from_parts(logical, settings, PartitionParts(read, *told))
+        ZONES[key] = from_parts(logical, settings, decoded(data, {"PartitionParts": PartitionParts}))
     zones = ZONES[key] if key in ZONES else partition(logical, settings)
     if data is None:
-        parts, body = parts_of(zones), BytesIO()
-        plain = encoded((parts.numbers, parts.most_dangerous, parts.zone_shares, parts.notes))
-        arrays: dict[str, Any] = {**parts.arrays, "plain": np.frombuffer(plain, dtype=np.uint8)}
-        np.savez(body, **arrays)
-        kept.put([("zones", key, 0, body.getvalue())])
+        kept.put([("zones", key, 0, encoded(parts_of(zones)))])
     ZONES[key] = zones
     while len(ZONES) > _MOST_ZONES:
         del ZONES[next(iter(ZONES))]

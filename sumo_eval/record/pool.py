@@ -260,7 +260,7 @@ class _Child:
         self._folder = Path(tempfile.mkdtemp(dir=scratch))
         self._log = BoundedLog()
         self._to_send = memoryview(b"")
-        self._reader: FrameReader | None = None
+        self._reader = FrameReader(0)  # of no item: it must not answer yet
         self._answer: Any = None  # what its frame carries
         self._fault = ""
         self._ended: Report | None = None
@@ -332,7 +332,7 @@ class _Child:
             if not twice:
                 return "done", result, "", last or self._reported
             self._fault = "forked in a step, and both processes went on with the case"
-        begun = self._reader is not None and self._reader.has_begun
+        begun = self._reader.has_begun
         if self._fault:
             return "garbled", None, self._fault, True
         if self._reported:
@@ -358,8 +358,6 @@ class _Child:
 
     def _take_in(self, data: bytes) -> None:
         try:
-            if self._reader is None:
-                raise FrameError("wrote a result unasked")
             self._answer = self._reader.feed(data)
         except FrameError as error:
             self._fault = str(error)

@@ -192,7 +192,7 @@ def record(
             drivers = {f"driver_{index:02d}" for index in range(settings.drivers.count)}
             safe = set(space.safe) if space.logical.has_drivers else set()
             found = store.names("human", space.logical.name)
-            _forget(store, (case for case, point, who in found if point not in safe or who not in drivers))
+            store.remove((case for case, point, who in found if point not in safe or who not in drivers))
         else:
             _record_people(space, plan, store, work, progress)
 
@@ -244,7 +244,7 @@ def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progr
     if fill:
         work.do([_Stage(f"{name}: drivers where too few are recorded", name, "human", fill, len(fill))])
     known |= {case.key for case in fill}
-    _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
+    store.remove((case for case, _, _ in store.names("human", name) if case not in known))
 
 
 def _recorded_drives(plan: Planner, space: Space) -> Callable[[int, ConcreteScenario], Iterator[Outcome]]:
@@ -356,13 +356,6 @@ class _Work:
         """Raise StoppedError when the work shall stop."""
         if self._stopping():
             raise StoppedError("stopped")
-
-
-def _forget(store: Store, cases: Iterable[str]) -> None:
-    """Drop reference drives that belong to nothing any more, because an ADS or the zones have changed since."""
-    found = list(cases)
-    if found:
-        store.remove(found)
 
 
 def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:

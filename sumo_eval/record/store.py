@@ -66,6 +66,11 @@ _HASH_SIZE = 16  # bytes: damage and edits are found; who can write the file can
 _checked: set[tuple[str, int, int]] = set()  # files that this process has checked: path, size, time of last change
 
 
+_HALVES = """
+SELECT * FROM (SELECT "case" FROM facts EXCEPT SELECT "case" FROM circumstances)
+UNION SELECT * FROM (SELECT "case" FROM circumstances EXCEPT SELECT "case" FROM facts) ORDER BY 1
+"""
+Row = Sequence[Any]
 _ALL_FACTS = 'SELECT * FROM facts ORDER BY "case"'
 _ALL_DRIVES = 'SELECT * FROM trajectories ORDER BY "case", vehicle'
 _DRIVES = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
@@ -202,47 +207,43 @@ class Store:
         if fact is None and beside is None and not drives:
             return  # no such case: whoever asks says so
         if fact is None or beside is None:
-            raise InputError(f"{self.path} is damaged: a part of case `{case}` is missing. {_MEND}")
-        if not all(isinstance(data, bytes) for _, data in drives) or beside[-1] != _hash(fact, beside[:-1], drives):
-            raise self._changed(case)
+            raise self._lacking(case)
+        self._check_hash(fact, beside, drives)
 
-    def _changed(self, case: str) -> InputError:
-        return InputError(
-            f"Case `{case}` in {self.path} is not as it was recorded: its row or a trajectory of it was changed or "
-            f"damaged. {_MEND}"
-        )
+    def _check_hash(self, fact: Row, beside: Row, drives: Sequence[tuple[str, bytes]]) -> None:
+        if not all(isinstance(data, bytes) for _, data in drives) or beside[-1] != _hash(fact, beside[:-1], drives):
+            raise InputError(
+                f"Case `{fact[0]}` in {self.path} is not as it was recorded: its row or a trajectory of it was changed "
+                f"or damaged. {_MEND}"
+            )
+
+    def _lacking(self, case: str) -> InputError:
+        return InputError(f"{self.path} is damaged: a part of case `{case}` is missing. {_MEND}")
 
     def _compare(self) -> None:
-        damaged = f"{self.path} is damaged"
         for (words,) in self._read("PRAGMA integrity_check(1)"):
             if words != "ok":
-                raise InputError(f"{damaged}: {words.splitlines()[-1]}. {_MEND}")
+                raise InputError(f"{self.path} is damaged: {words.splitlines()[-1]}. {_MEND}")
+        for (case,) in self._read(_HALVES):
+            raise self._lacking(case)
         cases, seal = 0, hashlib.blake2b(digest_size=_HASH_SIZE)
-        drives = groupby(self._read(_ALL_DRIVES), key=lambda row: row[0])
+        groups = groupby(self._read(_ALL_DRIVES), key=lambda row: row[0])
+        recorded = next(groups, None)
         circumstances = self._read('SELECT * FROM circumstances ORDER BY "case"')
-        recorded, beside = next(drives, None), next(circumstances, None)
-        for fact in self._read(_ALL_FACTS):
-            mine: list[tuple[str, bytes]] = []
+        for fact, beside in zip(self._read(_ALL_FACTS), circumstances, strict=True):
+            drives: list[tuple[str, bytes]] = []
             if recorded is not None and recorded[0] == fact[0]:
-                mine = [(vehicle, data) for _, vehicle, data in recorded[1]]
-                recorded = next(drives, None)
-            if beside is None or beside[0] != fact[0]:
-                break
-            intact = all(isinstance(data, bytes) for _, data in mine)
-            if not intact or beside[-1] != _hash(fact, beside[:-1], mine):
-                raise self._changed(fact[0])
+                drives = [(vehicle, data) for _, vehicle, data in recorded[1]]
+                recorded = next(groups, None)
+            self._check_hash(fact, beside, drives)
             cases += 1
             seal.update(beside[-1])
-            beside = next(circumstances, None)
-        else:
-            fact = None
-        parts = [part[0] for part in (fact, beside, recorded) if part is not None]
-        if parts:
-            raise InputError(f"{damaged}: a part of case `{min(parts)}` is missing. {_MEND}")
+        if recorded is not None:
+            raise self._lacking(recorded[0])
         sealed = self.noted(_SEAL)
         if sealed and sealed != f"{cases} {seal.hexdigest()}":
             raise InputError(
-                f"{damaged}: it was complete with {sealed.partition(' ')[0]} cases and holds {cases} now, "
+                f"{self.path} is damaged: it was complete with {sealed.partition(' ')[0]} cases and holds {cases} now, "
                 f"or other ones. {_MEND}"
             )
 
@@ -377,9 +378,10 @@ class Store:
         return self._read(query) if self._has("reads") else iter(())
 
     def remove(self, cases: Iterable[str]) -> None:
-        """Take out cases that are no part of the evaluation any more."""
+        """Take out cases that are no part of the evaluation any more, as where an ADS or the zones have changed."""
+        gone = list(cases)
         with self._changes():
-            for case in cases:
+            for case in gone:
                 self._remove(case)
 
     def _is_recorded_otherwise(self, case: Case) -> bool:
