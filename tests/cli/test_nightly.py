@@ -291,8 +291,8 @@ def test_lost_pairs_fail_until_they_are_accepted(week: tuple[Path, list[str]], t
     file = evaluation(tmp_path, "2")
     result = run_night(file, history, GateSettings(resamples=100))
     assert result.night.exit_status == 1
-    assert result.comparison is not None
-    assert result.comparison.pairs == 3
+    assert result.judged.bases.comparison is not None
+    assert result.judged.bases.comparison.pairs == 3
     told = json.loads((result.report.parent / "night.json").read_text())
     assert told["verdict"] == "incomplete"
     assert [one["what"] for one in told["differences"]] == ["scenario.front_vehicle_low_speed.sampling.levels"]
