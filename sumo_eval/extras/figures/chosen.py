@@ -9,6 +9,7 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
+from sumo_eval.report.words import point as point_words
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.trajectory import Trajectory
@@ -80,11 +81,10 @@ class Asked:
     @property
     def row(self) -> CaseResult:
         """The case asked for, else a telling one: the least human-like of the scenario's that have an index D_i."""
-        cases = self.evaluation.cases
         if self.case is not None:
-            found = next((row for row in cases if row.case == self.case), None)
+            found = self.evaluation.case(self.case)
             if found is None:
-                raise unknown("case", self.case, [row.case for row in cases])
+                raise unknown("case", self.case, self.evaluation.cases.case)
             return found
         rows = self.evaluated
         judged = [row for row in rows if row.index is not None]
@@ -94,7 +94,7 @@ class Asked:
     def evaluated(self) -> list[CaseResult]:
         """The cases of the scenario that were evaluated, at least one."""
         name = self.one_place
-        rows = [row for row in self.evaluation.cases if row.scenario == name and row.evaluated]
+        rows = [row for row in self.evaluation.cases_in(name) if row.evaluated]
         if not rows:
             raise InputError(f"No case of scenario `{name}` was evaluated, so there is nothing to draw.")
         return rows
@@ -121,6 +121,5 @@ def scene_of(asked: Asked, ads: Sequence[str]) -> Scene:
         }
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")
-    words = ", ".join(f"{name} = {value:g}" for name, value in case.values.items())
     logical = evaluation.scenarios[case.scenario]
-    return Scene(case.scenario, words, runs, others, people, logical.placed(case.values).road.line)
+    return Scene(case.scenario, point_words(case.values), runs, others, people, logical.placed(case.values).road.line)
