@@ -293,16 +293,14 @@ def test_a_leader_that_changes_lane_while_it_brakes_counts_and_has_no_parameters
     assert found.events == 1
     assert dict(found.left_out) == left_out
     if not left_out:
-        assert found.values["deceleration"] == pytest.approx([2.0], abs=0.1)
-        assert found.values["duration"] == pytest.approx([3.0], abs=0.5)
+        assert found.rows[0]["deceleration"] == pytest.approx(2.0, abs=0.1)
+        assert found.rows[0]["duration"] == pytest.approx(3.0, abs=0.5)
 
 
 def test_events_that_are_all_alike_give_no_file_and_still_say_how_many_are_needed(tmp_path):
     found = find_encounters([braking_leader(0.0)])
     one = found.classes["braking"]
-    alike = replace(
-        one, values={name: np.repeat(values, 3) for name, values in one.values.items()}, who=pd.concat([one.who] * 3)
-    )
+    alike = replace(one, rows=one.rows * 3, who=one.who * 3)
     met = measure(alike, found, tmp_path, "made up")
     assert met.logical is None
     assert met.needed == 5 * 5  # five events for each of five parameters

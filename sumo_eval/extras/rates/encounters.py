@@ -25,7 +25,6 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
-import pandas as pd
 
 from sumo_eval.drivers.recorded.events import RULES, RecordedLaneChange, Traffic, encounters, find_lane_changes
 from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings
@@ -75,21 +74,34 @@ Measured = tuple[dict[str, float], Moved]
 """Parameters of an event, and how the other vehicle of it moved."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Encounters:
-    """The encounters of one class. values: parameter -> (n,). who: recording, ego, other and t of each.
+    """The encounters of one class.
 
-    motions: how the other of each really moved. events: how many count for the rate, those without parameters
-    included; left_out: why these have none. ghosts are in neither.
+    rows: parameters of each. who: `recording`, `ego`, `other` and `t` of each. motions: how the other vehicle of each
+    really moved. events: how many count for the rate, those without parameters included. left_out: why these have
+    none. ghosts are in neither.
     """
 
     name: str
-    values: Mapping[str, FloatArray]
-    who: pd.DataFrame
-    motions: tuple[Moved, ...]
-    events: int
-    left_out: Mapping[str, int]
-    ghosts: int
+    rows: list[dict[str, float]] = field(default_factory=list)
+    who: list[dict[str, Any]] = field(default_factory=list)
+    motions: list[Moved] = field(default_factory=list)
+    events: int = 0
+    left_out: Counter[str] = field(default_factory=Counter)
+    ghosts: int = 0
+
+    def add(self, who: dict[str, Any], measure: Callable[[], Measured]) -> None:
+        """Count an event that is no ghost, with its parameters where `measure` finds them."""
+        self.events += 1
+        try:
+            row, motion = measure()
+        except NotMeasuredError as reason:
+            self.left_out[str(reason)] += 1
+            return
+        self.rows.append(row)
+        self.motions.append(motion)
+        self.who.append(who)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,28 +119,6 @@ class Found:
     speeds: tuple[float, float, float]
     lane_width: float
     notes: tuple[str, ...]
-
-
-@dataclass(slots=True)
-class _Class:
-    rows: list[dict[str, float]] = field(default_factory=list)
-    who: list[dict[str, Any]] = field(default_factory=list)
-    motions: list[Moved] = field(default_factory=list)
-    events: int = 0
-    ghosts: int = 0
-    left_out: Counter[str] = field(default_factory=Counter)
-
-    def add(self, who: dict[str, Any], measure: Callable[[], Measured]) -> None:
-        """Count an event that is no ghost, with its parameters where `measure` finds them."""
-        self.events += 1
-        try:
-            row, motion = measure()
-        except NotMeasuredError as reason:
-            self.left_out[str(reason)] += 1
-            return
-        self.rows.append(row)
-        self.motions.append(motion)
-        self.who.append(who)
 
 
 class _Tracks:
@@ -201,7 +191,7 @@ def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], Non
     watch: told the name of the recording that was looked through last, and how many were. Raises InputError where two
     have one name.
     """
-    classes = {name: _Class() for name in CLASSES}
+    classes = {name: Encounters(name) for name in CLASSES}
     kilometres = hours = 0.0
     names: list[str] = []
     notes: list[str] = []
@@ -227,7 +217,7 @@ def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], Non
     everybody = np.concatenate(speeds)
     low, middle, high = np.quantile(everybody, [0.05, 0.5, 0.95]) if len(everybody) else (0.0, 0.0, 0.0)
     return Found(
-        {name: _encounters(name, found) for name, found in classes.items()},
+        classes,
         kilometres,
         hours,
         vehicles,
@@ -238,16 +228,7 @@ def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], Non
     )
 
 
-def _encounters(name: str, found: _Class) -> Encounters:
-    columns = list(found.rows[0]) if found.rows else []
-    values = {column: np.array([row[column] for row in found.rows]) for column in columns}
-    who = pd.DataFrame(found.who, columns=["recording", "ego", "other", "t"])
-    return Encounters(
-        name, values, who, tuple(found.motions), found.events, dict(sorted(found.left_out.items())), found.ghosts
-    )
-
-
-def _of_recording(name: str, traffic: Traffic, tracks: _Tracks, classes: Mapping[str, _Class]) -> None:
+def _of_recording(name: str, traffic: Traffic, tracks: _Tracks, classes: Mapping[str, Encounters]) -> None:
     changes = find_lane_changes(traffic)
     by_row = {(change.vehicle, round(change.t, 3)): change for change in changes}
     events = encounters(traffic, changes)

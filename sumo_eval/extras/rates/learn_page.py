@@ -60,7 +60,7 @@ def plain(lesson: Lesson) -> dict[str, Any]:
         "vehicle_hours": found.hours,
         "speed_quantiles": dict(zip(("5 %", "50 %", "95 %"), found.speeds, strict=True)),
         "lane_width": found.lane_width,
-        "notes": list(lesson.notes),
+        "notes": list(lesson.found.notes),
         "classes": {name: _plain_class(learnt) for name, learnt in lesson.learnt.items()},
     }
 
@@ -73,7 +73,7 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
         "per_vehicle_km": learnt.measured.rate[0],
         "per_vehicle_km_interval": list(learnt.measured.rate[1:]),
         "ghosts": met.ghosts,
-        "without_parameters": dict(met.left_out),
+        "without_parameters": dict(sorted(met.left_out.items())),
         "against_a_constraint": int((~learnt.measured.kept).sum()),
         "constants": dict(learnt.measured.constants),
         "left_out_of_the_distribution_evenly": learnt.thinned,
@@ -128,7 +128,7 @@ def sentences(lesson: Lesson) -> list[str]:
         line = f"{name}: {met.events} events, {rate:.3g} ({interval(low, high)}) per vehicle-km"
         if learnt.logical is None:
             said.append(
-                f"{line}; {len(met.who)} with all parameters, {learnt.measured.needed} are needed: no scenario file."
+                f"{line}; {len(met.rows)} with all parameters, {learnt.measured.needed} are needed: no scenario file."
             )
             continue
         best = learnt.models[0]
@@ -151,7 +151,7 @@ def parts(lesson: Lesson) -> list[Piece]:
     """The page, piece by piece."""
     classes = plain(lesson)["classes"]
     out: list[Piece] = [
-        *(Text(note, "note") for note in lesson.notes),
+        *(Text(note, "note") for note in lesson.found.notes),
         table({name: known.get(name) for name in SUMMARY} for known in classes.values()),
         Text("By chance: what as many events exceed in one case of twenty though the distribution is their own. Below "
              "it, the events do not tell whether the distribution is another."),
@@ -172,11 +172,12 @@ def _class_parts(learnt: Learnt, known: Mapping[str, Any]) -> list[Text | Table]
     """What is known of a class, without its chart."""
     met = learnt.encounters
     out: list[Text | Table] = [
-        Text(f"{met.events} events ({met.ghosts} ghosts dropped); {len(met.who)} with all parameters, "
+        Text(f"{met.events} events ({met.ghosts} ghosts dropped); {len(met.rows)} with all parameters, "
              f"{known['against_a_constraint']} of them against a constraint of the scenario.")
     ]  # fmt: skip
-    if met.left_out:
-        out.append(table({"without parameters because": why, "events": count} for why, count in met.left_out.items()))
+    without = known["without_parameters"]
+    if without:
+        out.append(table({"without parameters because": why, "events": count} for why, count in without.items()))
     if learnt.logical is None:
         return [
             *out,

@@ -77,7 +77,6 @@ class Lesson:
 
     found: Found
     learnt: Mapping[str, Learnt]
-    notes: tuple[str, ...]
     source: str
 
 
@@ -103,7 +102,7 @@ def learn(
             learnt[name] = _learnt(found.classes[name], found, folder, source)
     except OSError as error:
         raise InputError(f"What was learnt cannot be written into {folder}: {error}.") from error
-    return Lesson(found, learnt, found.notes, source)
+    return Lesson(found, learnt, source)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,8 +138,8 @@ def measure(encounters: Encounters, found: Found, folder: Path, source: str) -> 
         *rate_interval(encounters.events, found.kilometres),
     )
     names = [item.name for item in scene.quantities]
-    n = len(encounters.who)
-    rows = np.column_stack([encounters.values[name] for name in names]) if n else np.zeros((0, len(names)))
+    n = len(encounters.rows)
+    rows = np.array([[row[name] for name in names] for row in encounters.rows]).reshape(n, len(names))
     constants = {
         name: float(np.median(rows[:, j])) for j, name in enumerate(names) if n > 1 and rows[:, j].std() < SAME
     }
@@ -185,15 +184,14 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     if len(places) > MOST_FITTED:
         even = np.linspace(0, len(places) - 1, MOST_FITTED).round().astype(np.intp)
         places, rows = places[even], rows[even]
-    who = encounters.who.iloc[places]
+    who = [encounters.who[place] for place in places]
     models = choose_model(rows, free, (low, high), fold_of(who))
     best = models[0]
     kind, factor = _named(best.model)
     path = folder / f"{encounters.name}.toml"
     table = folder / f"{encounters.name}.events.csv"
-    told = zip(rows.tolist(), who.to_numpy(), strict=True)
-    columns = [*free, *who.columns]
-    write_csv(table, columns, ([*row, *(cell(str(value)) for value in one)] for row, one in told))
+    told = zip(rows.tolist(), who, strict=True)
+    write_csv(table, [*free, *who[0]], ([*row, *(cell(str(value)) for value in one.values())] for row, one in told))
     distribution = {"events": table.name, "kind": kind} | ({} if factor is None else {"bandwidth": factor})
     _write(path, {**met.content, "joint": distribution})
     value_sets(PREFIX + encounters.name, free, rows, path.name, met.rate, folder / f"{encounters.name}.xosc")
@@ -225,10 +223,9 @@ def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
 # --- held out ---------------------------------------------------------------------------------------------------------
 
 
-def fold_of(who: Any) -> FloatArray:
+def fold_of(who: Sequence[Mapping[str, Any]]) -> FloatArray:
     """The fold of each event, by the vehicle that met it: no vehicle is in two."""
-    keys = (who["recording"].astype(str) + "/" + who["ego"].astype(str)).tolist()
-    return np.array([zlib.crc32(key.encode()) % FOLDS for key in keys])
+    return np.array([zlib.crc32(f"{one['recording']}/{one['ego']}".encode()) % FOLDS for one in who])
 
 
 _CANDIDATES: Final = ("kde", "copula", *(f"{kind} {factor:g}" for kind in ("kde", "copula") for factor in FACTORS))
