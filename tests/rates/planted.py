@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtr
 
+from sumo_eval.drivers.recorded.recordings import Recordings, canonical
 from sumo_eval.scenario.concrete import smooth_step
 
 RANGES = {
@@ -64,19 +65,7 @@ def planted(path: Path, scenes: int, events_expected: float, seed: int) -> tuple
             ("ego", ego, 0.0 * time, np.full(len(time), value["ego_speed"])),
             ("other", x + place + LENGTH, y, speed + rate * moving),
         ):
-            parts.append(
-                pd.DataFrame(
-                    {
-                        "timestep_time": np.round(time + scene * APART, 1),
-                        "vehicle_id": f"{name}{scene}",
-                        "vehicle_x": front.round(4),
-                        "vehicle_y": aside.round(4),
-                        "vehicle_angle": 90.0,
-                        "vehicle_speed": v.round(4),
-                        "vehicle_posLat": (aside - 3.5 * np.round(aside / 3.5)).round(4),
-                    }
-                )
-            )
+            parts.append(_fcd(time + scene * APART, f"{name}{scene}", front, aside, v))
     pd.concat(parts).sort_values("timestep_time", kind="stable").to_csv(path, sep=";", index=False)
     return events_expected / kilometres, events
 
@@ -84,14 +73,31 @@ def planted(path: Path, scenes: int, events_expected: float, seed: int) -> tuple
 def _alone(begin: float) -> pd.DataFrame:
     """A vehicle that keeps its lane along the whole road, 2.2 km: roads are straightened along the longest track."""
     time = np.round(begin + np.arange(0.0, 55.05, 0.1), 1)
+    return _fcd(time, "alone", 40.0 * (time - begin), 0.0 * time, 40.0 + 0.0 * time)
+
+
+def _fcd(time: np.ndarray, vehicle: str, x: np.ndarray, y: np.ndarray, speed: np.ndarray) -> pd.DataFrame:
+    """Rows of a vehicle as SUMO writes them."""
     return pd.DataFrame(
         {
-            "timestep_time": time,
-            "vehicle_id": "alone",
-            "vehicle_x": (40.0 * (time - begin)).round(4),
-            "vehicle_y": 0.0,
+            "timestep_time": np.round(time, 1),
+            "vehicle_id": vehicle,
+            "vehicle_x": x.round(4),
+            "vehicle_y": y.round(4),
             "vehicle_angle": 90.0,
-            "vehicle_speed": 40.0,
-            "vehicle_posLat": 0.0,
+            "vehicle_speed": speed.round(4),
+            "vehicle_posLat": (y - 3.5 * np.round(y / 3.5)).round(4),
         }
     )
+
+
+def recordings_of(
+    time: np.ndarray, tracks: dict[str, tuple[np.ndarray, np.ndarray]], lane_width: float, begin: float = 0.0
+) -> Recordings:
+    """Cars on straight lanes of one recording, `r`, that begins at `begin`; tracks: x and y of each, (n,) m."""
+    rows = [
+        pd.DataFrame({"recording": "r", "vehicle": name, "t": time + begin, "x": x, "y": y, "length": 4.4, "width": 1.8,
+                      "class": "car", "speed": np.gradient(x, time), "heading": 0.0, "lane": np.round(y / lane_width)})
+        for name, (x, y) in tracks.items()
+    ]  # fmt: skip
+    return canonical(pd.concat(rows, ignore_index=True))

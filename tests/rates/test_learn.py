@@ -10,15 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from click.testing import CliRunner
 from lxml import etree
-from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, shares_of
+from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, recordings_of, shares_of
 
 from sumo_eval.cli import main
 from sumo_eval.drivers.recorded.importing import import_recordings
-from sumo_eval.drivers.recorded.recordings import Recordings, canonical
+from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.extras.rates.command import called
 from sumo_eval.extras.rates.encounters import LEAD_MOVES, find_encounters
 from sumo_eval.extras.rates.intervals import (
@@ -263,12 +262,7 @@ def braking_leader(across: float) -> Recordings:
         "first": (500.0 + 30.0 * time, 0.0 * time),
         "second": (700.0 + 30.0 * time, 3.5 + 0.0 * time),
     }
-    rows = [
-        pd.DataFrame({"recording": "r", "vehicle": name, "t": time, "x": x, "y": y, "length": 4.4, "width": 1.8,
-                      "class": "car", "speed": np.gradient(x, time), "heading": 0.0, "lane": np.round(y / 3.5)})
-        for name, (x, y) in tracks.items()
-    ]  # fmt: skip
-    return canonical(pd.concat(rows, ignore_index=True))
+    return recordings_of(time, tracks, 3.5)
 
 
 @pytest.mark.campaign

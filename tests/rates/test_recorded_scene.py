@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from rates.planted import recordings_of
 
 from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
@@ -33,12 +34,7 @@ def recorded() -> Recordings:
         "left": (230.0 + 28.0 * TIME, 3.6 + 0.0 * TIME),
         "far": (900.0 + 28.0 * TIME, 3.6 + 0.0 * TIME),
     }
-    rows = [
-        pd.DataFrame({"recording": "r", "vehicle": name, "t": TIME + 100.0, "x": x, "y": y, "length": 4.4, "width": 1.8,
-                      "class": "car", "speed": np.gradient(x, TIME), "heading": 0.0, "lane": np.round(y / 3.6)})
-        for name, (x, y) in tracks.items()
-    ]  # fmt: skip
-    return canonical(pd.concat(rows, ignore_index=True))
+    return recordings_of(TIME, tracks, 3.6, 100.0)
 
 
 @pytest.fixture(scope="module")
