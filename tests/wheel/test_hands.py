@@ -8,7 +8,21 @@ import pytest
 from road_scenes import advance
 
 from sumo_eval.cosim.vehicle_model import Command, EgoState
-from sumo_eval.extras.wheel.hands import BRAKE, DRIVE, EVADE, HARD, LEFT, RIGHT, Given, Hands, HandSettings, angle_of
+from sumo_eval.extras.wheel.hands import (
+    BRAKE,
+    BRAKES,
+    BRAKES_HARD,
+    DRIVE,
+    DRIVES,
+    EVADE,
+    HARD,
+    LEFT,
+    RIGHT,
+    WIDEST,
+    Given,
+    Hands,
+    angle_of,
+)  # fmt: skip
 from sumo_eval.settings import VehicleSettings
 
 CAR = VehicleSettings()
@@ -17,14 +31,14 @@ STEP = 0.02
 
 def test_the_limit_gives_the_stated_acceleration_across_the_road() -> None:
     """At 20 m/s: 16 atan(3 * 2.7 / 400) = 0.32396 rad; v^2 tan(angle / 16) / 2.7 = 3 m/s2."""
-    angle = angle_of(3.0, 20.0, CAR, math.inf)
+    angle = angle_of(3.0, 20.0, CAR)
     assert angle == pytest.approx(0.32396, abs=1e-5)
     assert 400.0 * math.tan(angle / 16.0) / 2.7 == pytest.approx(3.0)
-    assert angle_of(3.0, 0.0, CAR, math.radians(450.0)) == math.radians(450.0)
+    assert angle_of(3.0, 0.0, CAR) == WIDEST == math.radians(450.0)
 
 
 def test_a_held_key_turns_to_the_limit_in_its_time_and_back_in_its_own() -> None:
-    hands, limit = Hands(CAR, STEP), angle_of(3.0, 20.0, CAR, math.inf)
+    hands, limit = Hands(CAR, STEP), angle_of(3.0, 20.0, CAR)
     angles = [hands.command(Given(keys=LEFT), 20.0).steering for _ in range(20)]
     assert angles[14] == pytest.approx(limit)  # 0.3 s are 15 steps
     assert angles[13] < limit
@@ -35,7 +49,7 @@ def test_a_held_key_turns_to_the_limit_in_its_time_and_back_in_its_own() -> None
     assert hands.command(Given(keys=LEFT | RIGHT), 20.0).steering == 0.0
     for _ in range(30):
         hands.command(Given(keys=RIGHT | EVADE), 20.0)
-    assert hands.angle == pytest.approx(-angle_of(6.0, 20.0, CAR, math.inf))
+    assert hands.angle == pytest.approx(-angle_of(6.0, 20.0, CAR))
 
 
 def test_no_hand_is_faster_than_the_vehicle_lets_it() -> None:
@@ -49,8 +63,7 @@ def test_no_hand_is_faster_than_the_vehicle_lets_it() -> None:
 
 def test_pedals_and_keys_ask_for_what_they_say() -> None:
     hands = Hands(CAR, STEP)
-    law = HandSettings()
-    for keys, wanted in ((0, 0.0), (DRIVE, law.drive), (BRAKE, -law.brake), (BRAKE | HARD | DRIVE, -law.hard)):
+    for keys, wanted in ((0, 0.0), (DRIVE, DRIVES), (BRAKE, -BRAKES), (BRAKE | HARD | DRIVE, -BRAKES_HARD)):
         assert hands.command(Given(keys=keys), 20.0).acceleration == wanted
     assert hands.command(Given("stick", 0, 0.0, 0.5, 0.0), 20.0).acceleration == 0.5 * CAR.max_acceleration
     assert hands.command(Given("wheel", 0, 0.25, 0.0, 1.0), 20.0) == Command(-CAR.max_deceleration, 0.25)

@@ -9,7 +9,6 @@ driver (preview 1.2 s, reaction 0.25 s) at 10..40 m/s: lane changes of 3.5 m ove
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from sumo_eval.cosim.vehicle_model import Command
@@ -20,19 +19,14 @@ KEYS: Final = {"left": LEFT, "right": RIGHT, "drive": DRIVE, "brake": BRAKE, "ha
 """What a key does: name -> its bit in the message of the page."""
 
 
-@dataclass(frozen=True, slots=True)
-class HandSettings:
-    """The steering law: accelerations in m/s2, times in s."""
-
-    lateral: float = 3.0  # acceleration across the road that a held key steers for
-    evasive: float = 6.0  # with the key for evasion, and of a stick at its end
-    turn_time: float = 0.3  # from straight to that limit
-    return_time: float = 0.15  # and back
-    fastest: float = 12.0  # rad/s of the steering wheel
-    widest: float = math.radians(450.0)  # rad of the steering wheel
-    drive: float = 2.5
-    brake: float = 4.0
-    hard: float = 9.0
+# The steering law: accelerations in m/s2, times in s.
+LATERAL: Final = 3.0  # acceleration across the road that a held key steers for
+EVASIVE: Final = 6.0  # with the key for evasion, and of a stick at its end
+TURN_TIME: Final = 0.3  # from straight to that limit
+RETURN_TIME: Final = 0.15  # and back
+FASTEST: Final = 12.0  # rad/s of the steering wheel
+WIDEST: Final = math.radians(450.0)  # rad of the steering wheel
+DRIVES, BRAKES, BRAKES_HARD = 2.5, 4.0, 9.0
 
 
 class Given(NamedTuple):
@@ -52,12 +46,12 @@ class Given(NamedTuple):
 LET_GO: Final = Given()
 
 
-def angle_of(lateral: float, speed: float, vehicle: VehicleSettings, widest: float) -> float:
+def angle_of(lateral: float, speed: float, vehicle: VehicleSettings) -> float:
     """Steering wheel angle, rad, whose path has the acceleration `lateral` (m/s2) across it at a speed, m/s.
 
-    steering ratio * atan(lateral * wheelbase / v^2), at most `widest`.
+    steering ratio * atan(lateral * wheelbase / v^2), at most `WIDEST`.
     """
-    return min(vehicle.steering_ratio * math.atan2(lateral * vehicle.wheelbase, speed * speed), widest)
+    return min(vehicle.steering_ratio * math.atan2(lateral * vehicle.wheelbase, speed * speed), WIDEST)
 
 
 class Hands:
@@ -65,34 +59,32 @@ class Hands:
 
     def __init__(self, vehicle: VehicleSettings, step: float) -> None:
         self._vehicle, self._step = vehicle, step
-        self._law = HandSettings()
         self.angle = 0.0  # rad, positive to the left
 
     def command(self, given: Given, speed: float) -> Command:
         """The command of the coming step. speed: the ego's, m/s."""
         if given.kind == "keys":
             return self._by_keys(given.keys, speed)
-        law, vehicle = self._law, self._vehicle
+        vehicle = self._vehicle
         if given.kind == "wheel":
-            self.angle = min(max(given.steer, -law.widest), law.widest)
+            self.angle = min(max(given.steer, -WIDEST), WIDEST)
         else:
-            wanted = given.steer * angle_of(law.evasive, speed, vehicle, law.widest)
-            self._turn_to(wanted, law.fastest)
+            wanted = given.steer * angle_of(EVASIVE, speed, vehicle)
+            self._turn_to(wanted, FASTEST)
         return Command(given.throttle * vehicle.max_acceleration - given.brake * vehicle.max_deceleration, self.angle)
 
     def _by_keys(self, keys: int, speed: float) -> Command:
-        law = self._law
-        limit = angle_of(law.evasive if keys & EVADE else law.lateral, speed, self._vehicle, law.widest)
+        limit = angle_of(EVASIVE if keys & EVADE else LATERAL, speed, self._vehicle)
         side = bool(keys & LEFT) - bool(keys & RIGHT)
-        self._turn_to(side * limit, limit / (law.turn_time if side else law.return_time))
+        self._turn_to(side * limit, limit / (TURN_TIME if side else RETURN_TIME))
         if keys & HARD:
-            wanted = -law.hard
+            wanted = -BRAKES_HARD
         elif keys & BRAKE:
-            wanted = -law.brake
+            wanted = -BRAKES
         else:
-            wanted = law.drive if keys & DRIVE else 0.0
+            wanted = DRIVES if keys & DRIVE else 0.0
         return Command(wanted, self.angle)
 
     def _turn_to(self, wanted: float, rate: float) -> None:
-        reach = min(rate, self._law.fastest) * self._step
+        reach = min(rate, FASTEST) * self._step
         self.angle = min(max(wanted, self.angle - reach), self.angle + reach)
