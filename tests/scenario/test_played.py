@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sumo_eval.errors import InputError
-from sumo_eval.method.zone_partition import exact_inverse_ttc, partition
+from sumo_eval.method.zone_partition import criticality, partition
 from sumo_eval.scenario.file import check_points, scenario_from
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.undisturbed import tracks
@@ -192,7 +192,7 @@ def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_o
     moving = {**lead, "heading": 0.0}
     played = scenario_from({**BASE, "vehicle": [moving], "zone": {"obstacle": "lead"}}, "t", Path())
     points = np.linspace(10.0, 30.0, 41)[:, None]
-    a, b = (exact_inverse_ttc(it, points, partition(it).settings) for it in (plain, played))
+    a, b = (criticality(it, points, partition(it).settings).inverse for it in (plain, played))
     np.testing.assert_allclose(b[np.isfinite(a)], a[np.isfinite(a)], rtol=0.02, atol=1e-9)
     assert np.isinf(a).tolist() == np.isinf(b).tolist()
 
