@@ -225,37 +225,20 @@ def keeps_on(acts: Sequence[Act]) -> Act:
     return Act(played.KEEP, math.inf if acts else 0.0)
 
 
-def braking_time(speed: ArrayLike, deceleration: ArrayLike, jerk: ArrayLike = math.inf) -> FloatArray:
-    """Time from the first touch of the brake to standstill, s; arguments as in `braked_speed`."""
-    v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
-    rise = a / np.asarray(jerk, dtype=np.float64)
-    return np.asarray(np.where(v0 >= a * rise / 2.0, v0 / a + rise / 2.0, np.sqrt(2.0 * v0 * rise / a)))
+def braked_speed(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> FloatArray:
+    """Speed `time` s after a vehicle at `speed` m/s began to brake to a standstill with `deceleration`, m/s2.
 
-
-def braked_speed(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike, jerk: ArrayLike = math.inf) -> FloatArray:
-    """Speed `time` s after a vehicle at `speed` m/s began to brake, m/s. Arrays broadcast; before that, its own speed.
-
-    The deceleration rises linearly at `jerk` m/s3 to `deceleration` m/s2, stays there, and ends in standstill.
+    Arrays broadcast; before that, its own speed.
     """
     v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
-    rise = a / np.asarray(jerk, dtype=np.float64)
-    t = np.clip(time, 0.0, braking_time(v0, a, jerk))
-    rising = np.minimum(t, rise)
-    share = np.divide(rising, rise, out=np.zeros(np.broadcast_shapes(np.shape(rising), rise.shape)), where=rise > 0.0)
-    return np.asarray(np.maximum(v0 - a * (rising * share / 2.0 + (t - rising)), 0.0))
+    return np.asarray(np.maximum(v0 - a * np.clip(time, 0.0, v0 / a), 0.0))
 
 
-def braked_distance(
-    speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike, jerk: ArrayLike = math.inf
-) -> FloatArray:
+def braked_distance(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> FloatArray:
     """Distance driven `time` s after the brake was touched, m (negative before); arguments as in `braked_speed`."""
     v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
-    rise = a / np.asarray(jerk, dtype=np.float64)
-    t = np.minimum(np.asarray(time, dtype=np.float64), braking_time(v0, a, jerk))
-    rising = np.clip(t, 0.0, rise)
-    share = np.divide(rising, rise, out=np.zeros(np.broadcast_shapes(np.shape(rising), rise.shape)), where=rise > 0.0)
-    plateau = np.maximum(t - rise, 0.0)
-    return np.asarray(v0 * t - a * (rising**2 * share / 6.0 + rise * plateau / 2.0 + plateau**2 / 2.0))
+    t = np.minimum(np.asarray(time, dtype=np.float64), v0 / a)
+    return np.asarray(v0 * t - a * (np.maximum(t, 0.0) ** 2 / 2.0))
 
 
 @dataclass(frozen=True, slots=True)

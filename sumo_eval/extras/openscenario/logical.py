@@ -523,7 +523,7 @@ def _without_roads(space: Space, frame: Frame, scenes: Sequence[tuple[dict[str, 
     Where only some of the points were looked at, an axis decides if each of its values has one road.
     """
     everywhere = grid_size(space) <= _LOOKED_AT
-    axes = []
+    kept = {}
     for axis in space.axes:
         roads: dict[float, set[tuple[object, ...]]] = {}
         for point, found in scenes:
@@ -531,44 +531,38 @@ def _without_roads(space: Space, frame: Frame, scenes: Sequence[tuple[dict[str, 
         several = axis.choices and len(set.union(*roads.values())) > 1
         if several and (everywhere or all(len(it) == 1 for it in roads.values())):
             own = _shape(frame)  # a value that plays nowhere stays, to be counted with its reason
-            kept = tuple(choice for choice in axis.choices if own in roads.get(choice[0], {own}))
-            axes.append(replace(axis, choices=kept))
+            kept[axis.name] = tuple(choice for choice in axis.choices if own in roads.get(choice[0], {own}))
+    return _chosen(space, kept)
+
+
+def _chosen(space: Space, kept: Mapping[str, tuple[tuple[float, Assignments], ...]]) -> Space:
+    """The space with these choices of axes alone; axes of one value are fixed."""
+    fixed, axes = list(space.fixed), []
+    for axis in space.axes:
+        choices = kept.get(axis.name, axis.choices)
+        if len(choices) == 1:
+            fixed += choices[0][1]
+        elif choices:
+            axes.append(replace(axis, choices=choices, low=choices[0][0], high=choices[-1][0]))
         else:
             axes.append(axis)
-    return _folded(replace(space, axes=tuple(axes)))
-
-
-def _folded(space: Space) -> Space:
-    """A space in which axes of one value are fixed."""
-    single = [axis for axis in space.axes if len(axis.choices) == 1]
-    fixed = (*space.fixed, *itertools.chain.from_iterable(axis.choices[0][1] for axis in single))
-    axes = tuple(
-        replace(axis, low=axis.choices[0][0], high=axis.choices[-1][0]) if axis.choices else axis
-        for axis in space.axes
-        if len(axis.choices) != 1
-    )
-    return replace(space, fixed=fixed, axes=axes)
+    return replace(space, fixed=tuple(fixed), axes=tuple(axes))
 
 
 def _without_doubles(space: Space, scenes: Sequence[tuple[dict[str, float], Scene]]) -> tuple[Space, tuple[str, ...]]:
     """The space without the axes whose values all give the same drive, and their parameters."""
     dropped: list[str] = []
-    axes = []
+    kept = {}
     for axis in space.axes:
-        groups: dict[tuple[object, ...], set[object]] = {}
-        counts: dict[tuple[object, ...], int] = {}
+        drives: dict[tuple[object, ...], list[object]] = {}
         for point, found in scenes:
             rest = tuple(value for name, value in sorted(point.items()) if name != axis.name)
-            groups.setdefault(rest, set()).add((found.ego, found.actors, found.ego_body))
-            counts[rest] = counts.get(rest, 0) + 1
-        compared = [rest for rest, count in counts.items() if count > 1]
-        if compared and all(len(groups[rest]) == 1 for rest in compared):
+            drives.setdefault(rest, []).append((found.ego, found.actors, found.ego_body))
+        compared = [group for group in drives.values() if len(group) > 1]
+        if compared and all(len(set(group)) == 1 for group in compared):
             dropped += axis.names
-            choice = axis.choices[0] if axis.choices else (axis.low, axis.assigned(axis.low))
-            axes.append(replace(axis, choices=(choice,)))
-        else:
-            axes.append(axis)
-    return _folded(replace(space, axes=tuple(axes))), tuple(dropped)
+            kept[axis.name] = (axis.choices[0] if axis.choices else (axis.low, axis.assigned(axis.low)),)
+    return _chosen(space, kept), tuple(dropped)
 
 
 _BEFORE_END = 5.0  # m that the ego's front is before the road's end when the case ends: at the end SUMO takes it out

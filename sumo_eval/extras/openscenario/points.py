@@ -18,8 +18,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -30,10 +31,22 @@ from sumo_eval.extras.openscenario.values import Value, plain
 from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Request
+from sumo_eval.settings import About, Checked
+from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.settings.toml_file import read_toml
 
 Combination = dict[str, Value]
+
+
+@dataclass(frozen=True, slots=True)
+class MappingTable(Checked):
+    """A mapping file as it is written."""
+
+    distribution: Annotated[str, About("the .xosc of the variation, relative to this file")]
+    parameters: Annotated[dict[str, str | float], About("our parameter = expression of theirs")]
+    only: Annotated[dict[str, str | float | bool], About("their parameter = the value that it is held to")] = field(
+        default_factory=dict
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,24 +118,16 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
 
 def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
     """A mapping file. Raises InputError where a parameter of ours is missing or not known."""
-    content = read_toml(path, "mapping")
-    owner = f"mapping {path}"
-    for key in content:
-        if key not in ("distribution", "parameters", "only"):
-            raise unknown(f"key of {owner}", key, ("distribution", "parameters", "only"))
-    where, formulas, only = content.get("distribution"), content.get("parameters"), content.get("only", {})
-    if not isinstance(where, str) or not isinstance(formulas, dict) or not isinstance(only, dict):
-        raise InputError(f"{owner.capitalize()} must have a `distribution`, the .xosc file, and a table [parameters].")
-    for name in formulas:
+    table, owner = read_checked(path, MappingTable, "mapping"), f"mapping {path}"
+    for name in table.parameters:
         if name not in logical.names:
             raise unknown(f"parameter of scenario `{logical.name}` in {owner}:", name, logical.names)
-    found = []
     for name in logical.names:
-        if not isinstance(formulas.get(name), str | int | float):
+        if name not in table.parameters:
             raise InputError(f"`{name}` of scenario `{logical.name}` is missing in [parameters] of {owner}.")
-        found.append((name, number(formulas[name], owner)))
-    held = tuple((name, plain(str(value))) for name, value in only.items())
-    return SpaceMapping(path.parent / where, tuple(found), held)
+    found = tuple((name, number(table.parameters[name], owner)) for name in logical.names)
+    held = tuple((name, plain(str(value))) for name, value in table.only.items())
+    return SpaceMapping(path.parent / table.distribution, found, held)
 
 
 def read_variation(path: Path, count: int | None, seed: int) -> Variation:
@@ -192,38 +197,40 @@ def _stochastic(element: Part, path: Path, count: int | None, seed: int, notes: 
 
 def _draws(item: Part, name: str, runs: int, stream: np.random.Generator) -> list[Value]:
     kind = next(iter(item.children()), None)
-    tag = "nothing" if kind is None else str(kind.tag)
-    if kind is not None and tag == "ProbabilityDistributionSet":
-        elements = kind.all("Element")
-        weights = np.array([float(str(element.get("weight", "1"))) for element in elements])
-        picks = stream.choice(len(elements), runs, p=weights / weights.sum())
-        return [plain(str(elements[pick].get("value"))) for pick in picks]
-    if kind is not None and tag == "Histogram":
-        bins = kind.all("Bin")
-        weights = np.array([float(str(part.get("weight"))) for part in bins])
-        limits = np.array([range_of(part) for part in bins])
-        picks = stream.choice(len(bins), runs, p=weights / weights.sum())
+    tag = "nothing" if kind is None else kind.tag
+    if kind is None or tag not in _DISTRIBUTIONS:
+        raise InputError(f"Parameter `{name}` has the distribution `{tag}`, which this program does not know.")
+    if tag in ("ProbabilityDistributionSet", "Histogram"):
+        parts = kind.all("Element" if tag == "ProbabilityDistributionSet" else "Bin")
+        weights = np.array([float(str(part.get("weight", "1"))) for part in parts])
+        limits = np.array([range_of(part) for part in parts]) if tag == "Histogram" else None
+        picks = stream.choice(len(parts), runs, p=weights / weights.sum())
+        if limits is None:
+            return [plain(str(parts[pick].get("value"))) for pick in picks]
         return list((limits[picks, 0] + stream.uniform(size=runs) * np.ptp(limits[picks], axis=1)).tolist())
-    if kind is not None and tag == "UniformDistribution":
-        low, high = range_of(kind)
-        return list(stream.uniform(low, high, runs).tolist())
-    if kind is not None and tag in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
-        low, high = (-math.inf, math.inf) if kind.find("Range") is None else range_of(kind)
-        mean, variance = float(str(kind.get("expectedValue"))), float(str(kind.get("variance", "0")))
-        found: list[float] = []
-        for _ in range(1000):  # rejection: what lies outside the Range is drawn anew
-            if tag == "NormalDistribution":
-                drawn = stream.normal(mean, math.sqrt(variance), runs)
-            elif tag == "PoissonDistribution":
-                drawn = stream.poisson(mean, runs).astype(np.float64)
-            else:
-                spread = math.log1p(variance / mean**2)
-                drawn = stream.lognormal(math.log(mean) - spread / 2.0, math.sqrt(spread), runs)
-            found += drawn[(drawn >= low) & (drawn <= high)].tolist()
-            if len(found) >= runs:
-                return list(found[:runs])
-        raise must_be("The Range", f"parameter `{name}`", f"one in which the {tag} has values", f"{low}..{high}")
-    raise InputError(f"Parameter `{name}` has the distribution `{tag}`, which this program does not know.")
+    if tag == "UniformDistribution":
+        return list(stream.uniform(*range_of(kind), runs).tolist())
+    low, high = (-math.inf, math.inf) if kind.find("Range") is None else range_of(kind)
+    mean, variance = float(str(kind.get("expectedValue"))), float(str(kind.get("variance", "0")))
+    found: list[float] = []
+    for _ in range(1000):  # rejection: what lies outside the Range is drawn anew
+        if tag == "NormalDistribution":
+            drawn = stream.normal(mean, math.sqrt(variance), runs)
+        elif tag == "PoissonDistribution":
+            drawn = stream.poisson(mean, runs).astype(np.float64)
+        else:
+            spread = math.log1p(variance / mean**2)
+            drawn = stream.lognormal(math.log(mean) - spread / 2.0, math.sqrt(spread), runs)
+        found += drawn[(drawn >= low) & (drawn <= high)].tolist()
+        if len(found) >= runs:
+            return list(found[:runs])
+    raise must_be("The Range", f"parameter `{name}`", f"one in which the {tag} has values", f"{low}..{high}")
+
+
+_DISTRIBUTIONS = (
+    "ProbabilityDistributionSet", "Histogram", "UniformDistribution", "NormalDistribution", "LogNormalDistribution",
+    "PoissonDistribution",
+)  # fmt: skip
 
 
 # --- rows -----------------------------------------------------------------------------------------------------------

@@ -169,6 +169,10 @@ def _kinds(event: Part) -> set[str]:
     return {action.only().tag for action in event.all("Action/PrivateAction")} - set(IGNORED_PRIVATE)
 
 
+def _deletes(action: Part) -> bool:
+    return action.tag == "EntityAction" and action.find("DeleteEntityAction") is not None
+
+
 class _Player:
     """Walks through a file once."""
 
@@ -251,7 +255,7 @@ class _Player:
     def _global(self, element: Part) -> None:
         if element.tag in IGNORED_GLOBAL:
             self._ignore(element)
-        elif element.tag == "EntityAction" and element.find("DeleteEntityAction") is not None:
+        elif _deletes(element):
             self.places.entity(element.text("entityRef"), element).deleted = True
         else:
             raise element.not_played()
@@ -372,13 +376,10 @@ class _Player:
         there = spot.pose.seen_from(origin)
         if road.bent or abs(there.y) > _ON or abs(there.heading) > _SAME:
             raise self.entities[self.ego].element.fault("an ego that turns must begin along a straight road")
-        first = self.turning.pieces[0]
-        run_up = (Piece(there.x),) if there.x > _ON else ()
-        if run_up and not bends([first]):
-            run_up, pieces = (), (Piece(there.x + first.length), *self.turning.pieces[1:])
-        else:
-            pieces = self.turning.pieces
-        line = (*run_up, *pieces)
+        line = self.turning.pieces
+        if there.x > _ON:
+            first, *rest = line
+            line = (Piece(there.x), *line) if bends([first]) else (Piece(there.x + first.length), *rest)
         name = f"{self.network.path.stem}_{road.name}_turn_{tightest(line):g}m"
         width = MARKED if lane.width > WIDEST else lane.width
         return Frame(origin, line, 1, width, length_of(line), name, spot.t, road.name)
@@ -444,7 +445,7 @@ class _Player:
         for act in self._acts(story):
             for event in act.all("ManeuverGroup/Maneuver/Event"):
                 deleted = event.all("Action/GlobalAction/EntityAction")
-                if not any(part.find("DeleteEntityAction") is not None for part in deleted):
+                if not any(map(_deletes, deleted)):
                     continue
                 begin = conditions.moment(act.find("StartTrigger"), Moment(0.0))
                 begin = conditions.moment(event.find("StartTrigger"), begin)
@@ -548,8 +549,7 @@ class _Player:
         """Whether an action means nothing here, or belongs to the ego, which is the ADS's."""
         inner = action.only()
         if action.tag == "GlobalAction":
-            deletes = inner.tag == "EntityAction" and inner.find("DeleteEntityAction") is not None
-            if inner.tag not in IGNORED_GLOBAL and not deletes:
+            if inner.tag not in IGNORED_GLOBAL and not _deletes(inner):
                 raise inner.not_played()
             return True
         if action.tag != "PrivateAction":
@@ -800,9 +800,9 @@ class _Player:
 
     def _along(self, entity: Entity) -> Pose:
         """The centre of an entity that points along its way, in the frame."""
-        x, y = entity.way[0]
-        pose = Pose(x, y, math.atan2(entity.way[1][1] - y, entity.way[1][0] - x))
-        return pose.moved(entity.centre, entity.offset).seen_from(self.frame.origin)
+        return (
+            Pose(*entity.way[0], self._heading(entity)).moved(entity.centre, entity.offset).seen_from(self.frame.origin)
+        )
 
     def _actor(self, entity: Entity) -> Actor:
         frame, doing = entity.frame, self.doing[entity.name]
