@@ -93,7 +93,10 @@ def evaluation(folder: Path, partitions: dict[str, ZonePartition]) -> Evaluation
         "versions": {"python": "3.11", "sumo_eval": "0.0", "libsumo": "1.28"},
         "machine": {"system": "a machine"},
     }
-    return Evaluation(settings.name, folder, settings, manifest, tuple(zones), tuple(scores), tuple(cases))
+    spaces = {name: catalogue.load(name) for name in SCENARIOS}
+    return Evaluation(
+        settings.name, folder, settings, manifest, tuple(zones), tuple(scores), tuple(cases), scenarios=spaces
+    )
 
 
 def _record_drivers(store: Store, number: int, concrete: ConcreteScenario) -> None:

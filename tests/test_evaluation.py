@@ -417,7 +417,7 @@ def test_the_ideal_vehicle_has_an_outcome_wherever_an_ads_collided(done: Evaluat
 
 
 def test_what_was_preventable_follows_the_reference_and_needs_no_simulation(done: Evaluation) -> None:
-    from sumo_eval.report.preventability import preventability
+    from sumo_eval.scoring.preventability import preventability
 
     ideal = {(row.ads, row.scenario): row for row in preventability(done)}
     for score in done.scores:

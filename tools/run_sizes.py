@@ -39,12 +39,11 @@ from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import run_suites, write_junit
 from sumo_eval.report.ledger import ledger
 from sumo_eval.report.people import people_rows, worst_cases
-from sumo_eval.report.preventability import preventability
 from sumo_eval.report.sent_drives import Embedded
 from sumo_eval.report.shown_cases import shown_cases
 from sumo_eval.report.tables import cases_csv
 from sumo_eval.report.terminal import closing_lines, ledger_lines
-from sumo_eval.report.words import collision_shares, explain_a, explain_h, index_notes
+from sumo_eval.report.words import explain_a, explain_h, index_notes
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import case_terms
@@ -52,7 +51,9 @@ from sumo_eval.scoring.confidence.assessment import assess
 from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import REPLICATES, Judged, score_intervals
 from sumo_eval.scoring.confidence.resamples import strata
+from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.kept_scores import KeptChunk, table_of
+from sumo_eval.scoring.preventability import preventability
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
 from sumo_eval.settings import (
@@ -158,7 +159,16 @@ def of_rows_alone(folder: Path, cases: int) -> Evaluation:
     """A made-up run with its rows, none of them read yet; its scores are those of two of them."""
     rows = made_up_rows(folder, cases)
     two = combine("first", "cut_in", rows[:2], MethodSettings())
-    return Evaluation(folder.name, folder, MADE_UP, {}, (), (two,), made_up_rows(folder, cases))
+    return Evaluation(
+        folder.name,
+        folder,
+        MADE_UP,
+        {},
+        (),
+        (two,),
+        made_up_rows(folder, cases),
+        scenarios={"cut_in": catalogue.load("cut_in")},
+    )
 
 
 def prepare(folder: Path, cases: int) -> None:
@@ -204,8 +214,8 @@ def written_page(run: Evaluation) -> Path:
 
 def why(run: Evaluation) -> object:
     """Why A and H are what they are, and what each collision has a part of."""
-    whole, rows = run.scores[0], run.cases_of("first", "cut_in")
-    return explain_a(whole, rows, run.settings), explain_h(whole, rows), collision_shares(rows, run.settings)
+    found = Findings.of(run, run.scores[0])
+    return explain_a(found), explain_h(found), found.collisions
 
 
 def named(run: Evaluation) -> object:
@@ -221,7 +231,7 @@ PARTS: dict[str, Callable[[Evaluation, Path], object]] = {
     "confidence": lambda run, _: confidence_json(assess(run, zone_partitions(run))),
     "cases.csv": lambda run, out: cases_csv(run, out / "cases.csv"),
     "junit.xml": lambda run, out: write_junit(run_suites(run), out / "junit.xml"),
-    "ledgers": lambda run, _: (ledger_lines(run), ledger(run, run.scores[0])),
+    "ledgers": lambda run, _: (ledger_lines(run), ledger(Findings.of(run, run.scores[0]))),
     "terminal": lambda run, _: closing_lines(run),
     "shown cases": lambda run, _: shown_cases(run),
     "preventability": lambda run, _: preventability(run),

@@ -15,7 +15,6 @@ from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.gate_settings import NearMissSettings
-from sumo_eval.report.words import cases_of
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
 
@@ -312,9 +311,10 @@ def near_misses(cases: CaseTable) -> int:
 
 def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, float | None]:
     """What a night keeps of one ADS in one logical scenario."""
+    cases = evaluation.cases_of(score.ads, score.scenario)
     return {
         **{name: getattr(score, field) for name, (field, _) in SCORES.items()},
         **{name: getattr(score, name) for name in _KEPT},
-        "near_misses": near_misses(cases_of(evaluation, score)),
-        "run_time": float(np.nansum(cases_of(evaluation, score).wall_time)),
+        "near_misses": near_misses(cases),
+        "run_time": float(np.nansum(cases.wall_time)),
     }

@@ -13,9 +13,10 @@ from sumo_eval.method.driving_task import asked_way, times_at
 from sumo_eval.method.measures import STANDING
 from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
 from sumo_eval.record.store import EGO, Fact, Store
-from sumo_eval.report.words import LIKENESS_FACTORS, count, percent
+from sumo_eval.report.words import count, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.findings import LIKENESS_FACTORS
 from sumo_eval.scoring.plausible_people import plausible_people
 from sumo_eval.trajectory import FloatArray, Trajectory
 
@@ -143,7 +144,7 @@ def _people(scene: Scene, car: str) -> str:
 
 def likeness_words(scene: Scene, people: Quantiles) -> _Said:
     """The factor that lowers H most, in words; each factor below `LOW`, the lowest first."""
-    factors = {name: getattr(scene.case, field) for name, (field, _) in LIKENESS_FACTORS.items()}
+    factors = {name: getattr(scene.case, field) for name, field in LIKENESS_FACTORS.items()}
     low = sorted((value, name) for name, value in factors.items() if value is not None and value < LOW)
     for _, name in low:
         if name == "plausibility":

@@ -20,12 +20,12 @@ from sumo_eval.input_file import hash_of
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
 from sumo_eval.report.page import asset, template
-from sumo_eval.report.preventability import preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.qualification import holds, qualification_sentence
-from sumo_eval.report.words import count, people_sentence
+from sumo_eval.report.words import count, people_sentence, reference_sentence
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scoring.confidence.intervals import LEVEL
 from sumo_eval.scoring.confidence.risk import risk
+from sumo_eval.scoring.preventability import preventability, reference_ads, verdicts
 
 FORMAT_VERSION = 1
 PAGE, PLAIN = "evidence.html", "evidence.json"

@@ -20,11 +20,8 @@ from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.report.driving_words import driving_words
 from sumo_eval.report.words import (
-    FACTORS,
-    LIKENESS_FACTORS,
     MEASURES,
     because,
-    cases_of,
     end_reason,
     explain_s,
     explain_s_plus,
@@ -40,6 +37,7 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
+from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS
 from sumo_eval.trajectory import FloatArray
 
 ROUNDING = 1e-9
@@ -130,7 +128,7 @@ def _collision(
         + (", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else "")
     )
     yield from _weight(case, zones)
-    cases = cases_of(evaluation, score)
+    cases = evaluation.cases_of(score.ads, score.scenario)
     hits = cases[cases.collided & np.isfinite(cases.ideal_severity)]
     weights, share = _share(case, hits, hits.weight)
     whole = worth(evaluation.settings.method.score)
@@ -177,7 +175,7 @@ def _likeness(
         yield f"Eqs. 11-13: no D_i: {why}"
         return
     if store.is_let_go(case.case):
-        factors = [getattr(case, field) for field, _ in FACTORS.values()]
+        factors = [getattr(case, field) for field in FACTORS.values()]
         product = " x ".join(number(value, 4) for value in factors)
         yield f"Eqs. 11-12: D_i = {product} = {case.index:z.4f}; its trajectories were let go (`[run] keep`)"
         return
@@ -190,7 +188,7 @@ def _likeness(
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
-    cases = cases_of(evaluation, score)
+    cases = evaluation.cases_of(score.ads, score.scenario)
     indexed = cases[cases.safe & np.isfinite(cases.index)]
     exposures, share = _share(case, indexed, indexed.exposure)
     of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
@@ -239,7 +237,7 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
         return
     settings = evaluation.settings
     unit = severity_unit(settings)
-    cases = cases_of(evaluation, score)
+    cases = evaluation.cases_of(score.ads, score.scenario)
     terms = case_terms(cases, settings.method)
     row = int(np.flatnonzero(cases.case == case.case)[0])
     losses = avoided_share_losses(terms)
@@ -272,7 +270,7 @@ def _task(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> It
         return
     beside = f"`{score.task_reference}` and the drivers" if score.task_reference else "the drivers"
     why = " for its incident" if case.incident else ""
-    cases = cases_of(evaluation, score)
+    cases = evaluation.cases_of(score.ads, score.scenario)
     timed = cases[cases.safe & np.isfinite(cases.task_share)]
     exposures, share = _share(case, timed, timed.exposure)
     yield (
@@ -298,12 +296,12 @@ def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> I
     if case.incident:
         yield "H: 0, an avoidable incident in a safe case"
     else:
-        factors = [getattr(case, field) for field, _ in LIKENESS_FACTORS.values()]
+        factors = [getattr(case, field) for field in LIKENESS_FACTORS.values()]
         yield (
             f"H: f_L f_n+ similarity plausibility = {' x '.join(number(value, 4) for value in factors)} = "
             f"{case.human_likeness:z.4f}; plausibility: 1 where at least 5 % of recorded people go to such extremes"
         )
-    cases = cases_of(evaluation, score)
+    cases = evaluation.cases_of(score.ads, score.scenario)
     likened = cases[np.isfinite(cases.human_likeness)]
     exposures, share = _share(case, likened, likened.exposure)
     if math.fsum(exposures) > 0.0:

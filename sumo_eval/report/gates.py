@@ -19,7 +19,6 @@ from sumo_eval.report.rule import QUIET, Noise
 from sumo_eval.report.rule_limits import end_words, judge_rule
 from sumo_eval.report.words import (
     REASON_WITHOUT_T,
-    cases_of,
     count,
     not_computed,
     number,
@@ -59,7 +58,7 @@ def judge(
                 if limit.quantity in QUANTITIES:
                     results += _judge(limit, score, beside, settings.confidence)
                 else:
-                    results += judge_cases(limit, cases_of(new, score), score, beside)
+                    results += judge_cases(limit, new.cases_of(score.ads, score.scenario), score, beside)
     return tuple(results)
 
 

@@ -12,7 +12,6 @@ from sumo_eval.cases import point_numbers
 from sumo_eval.method.score_terms import excess, exposure_mean, once
 from sumo_eval.report.words import (
     REASON_WITHOUT_T,
-    cases_of,
     count,
     interval_words,
     number,
@@ -21,6 +20,7 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import Evaluation, RankedAds, ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
+from sumo_eval.scoring.findings import Findings, findings
 
 CONTACT = 50.0 / 3.6
 """Impact speed that excess impact speed is counted in, m/s."""
@@ -93,7 +93,7 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
 
 def finding(evaluation: Evaluation, ads: str) -> Finding:
     """What one ADS did in all scenarios: sums, and means by the weights of the ranking."""
-    parts = [_in_scenario(evaluation, score) for score in evaluation.scores if score.ads == ads]
+    parts = [_in_scenario(one) for one in findings(evaluation) if one.score.ads == ads]
     weights = [_weight(evaluation, score) for score in evaluation.scores if score.ads == ads]
     sums = {
         name: sum(getattr(part, name) for part in parts)
@@ -124,9 +124,8 @@ def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
     return sum((value or 0.0) * weight for value, weight in pairs) / whole
 
 
-def _in_scenario(evaluation: Evaluation, score: ScenarioResult) -> Finding:
-    cases = cases_of(evaluation, score)
-    terms = case_terms(cases, evaluation.settings.method)
+def _in_scenario(found: Findings) -> Finding:
+    score, cases, terms = found.score, found.cases, case_terms(found.cases, found.settings.method)
     behind = cases.safe & ~cases.incident & (cases.task_share < 1.0 - NOTICEABLE)
     stands = behind & (cases.end_reason == "standstill")
     beyond = exposure_mean(excess(terms.severity, terms.ideal), terms.exposure, once(len(cases)))

@@ -20,7 +20,6 @@ from sumo_eval.report.citation import citation
 from sumo_eval.report.packing import packed_json, plotly
 from sumo_eval.report.page import REPORT, asset, template, write_page
 from sumo_eval.report.page_data import View, choose_view, page_data, told_cases
-from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.sections import SECTIONS, Beside, change_content
 from sumo_eval.report.sent_drives import sent_drives
@@ -29,8 +28,7 @@ from sumo_eval.report.words import (
     FACTORS,
     GLOSSARY,
     LIKENESS_FACTORS,
-    cases_of,
-    collision_shares,
+    LOOKS,
     collision_words,
     count,
     drivers_are_synthetic,
@@ -41,11 +39,8 @@ from sumo_eval.report.words import (
     explain_s,
     explain_s_plus,
     explain_t,
-    factor_means,
     index_notes,
     interval_words,
-    likened,
-    likeness_means,
     nobody_drove,
     nobody_recorded,
     number,
@@ -54,15 +49,16 @@ from sumo_eval.report.words import (
     point,
     reason_without_d,
     reason_without_h,
+    reference_sentence,
     score_note,
     severity_unit,
-    share_lost,
-    unevaluated,
     why_missing,
 )
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.scoring.findings import Findings, unevaluated
+from sumo_eval.scoring.preventability import preventability, reference_ads, verdicts
 from sumo_eval.settings import SamplingSettings
 
 NOTHING_BESIDE = Beside()
@@ -91,7 +87,7 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
     missing = unevaluated(evaluation)
     in_page = shown_cases(evaluation, [one.case for gate in beside.gates for one in gate.worst])
     told = told_cases(evaluation, in_page)
-    cases_of_page = {name: [one.case for one in cases] for name, cases in told.items()}
+    cases_of_page = {name: [case for case, _ in cases] for name, cases in told.items()}
     with ThreadPoolExecutor(1) as thread:
         sent = thread.submit(sent_drives, evaluation.folder / FACTS, cases_of_page)
         found = [(section, section.content(evaluation, beside)) for section in SECTIONS]
@@ -139,8 +135,8 @@ def _shared(
         "prevented": preventability(evaluation),
         "reference": reference_ads(settings),
         "reference_sentence": reference_sentence(settings),
-        "factors": {name: meaning for name, (_, meaning) in FACTORS.items()},
-        "likeness_factors": {name: meaning for name, (_, meaning) in LIKENESS_FACTORS.items()},
+        "factors": FACTORS,
+        "likeness_factors": LIKENESS_FACTORS,
         "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
         "missing": [
             {"case": case, "key": quote(case.case, safe=""), "point": point(case.values), "sentence": why_missing(case)}
@@ -230,7 +226,7 @@ def _group(
         "exposure": logical.exposure_about,
         "probability": collision_words(evaluation.exposure_known(logical.name)),
         "mean": "exposure-weighted mean" if evaluation.exposure_known(logical.name) else "mean over the points",
-        "rows": [_row(score, evaluation) for score in scores],
+        "rows": [_row(Findings.of(evaluation, score)) for score in scores],
         "zone": zone,
         "map_words": view.words,
         "looks": [verdict for verdict in LOOKS if verdict in found],
@@ -288,14 +284,11 @@ def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
     return f"{method}, {how}"
 
 
-def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
+def _row(found: Findings) -> dict[str, Any]:
     """One ADS in one logical scenario, in the words and digits of the page."""
-    settings = evaluation.settings
-    cases = cases_of(evaluation, score)
-    means, likeness = factor_means(cases), likeness_means(cases)
-    hits, losses = collision_shares(cases, settings), share_lost(cases, settings)
-    indexed = np.isfinite(cases.index)
-    counted, collided = likened(cases)
+    score, cases, likened, indexed = found.score, found.cases, found.likened, found.indexed
+    means, likeness = found.factor_means, found.likeness_means
+    hits, losses = found.collisions, found.share_lost
     return {
         "notes": [score_note(note) for note in score.notes],
         "score": score,
@@ -313,17 +306,17 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
         "probability": percent(score.collision_probability),
         "explained": [
             explain_t(score),
-            explain_a(score, cases, settings),
-            explain_h(score, cases),
-            [explain_s_plus(score, settings)],
+            explain_a(found),
+            explain_h(found),
+            [explain_s_plus(score, found.settings)],
         ],
-        "explained_paper": [explain_c(score, cases, settings), explain_d(score, cases), [explain_s(score, settings)]],
+        "explained_paper": [explain_c(found), explain_d(found), [explain_s(score, found.settings)]],
         "factor_means": [number(means.get(name), 3) for name in FACTORS],
         "likeness_means": [number(likeness.get(name), 3) for name in LIKENESS_FACTORS],
-        "likened": counted,
-        "likened_hits": collided,
+        "likened": int(np.count_nonzero(likened)),
+        "likened_hits": int(np.count_nonzero(likened & cases.incident)),
         "has_index": bool(indexed.any()),
-        "indexed": int(np.count_nonzero(indexed & cases.safe)),
+        "indexed": int(np.count_nonzero(indexed)),
         "collisions": [
             _collision(cases[place], float(avoided), float(lost), float(losses[place]))
             for place, avoided, lost in zip(hits.places[:MOST_LISTED], hits.avoided, hits.lost, strict=False)

@@ -29,7 +29,6 @@ from sumo_eval.report.words import (
     count,
     end_reason,
     explain_s_plus,
-    missing_from_means,
     number,
     placed,
     point,
@@ -37,6 +36,7 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.scoring.findings import findings
 from sumo_eval.settings import ReportSettings
 
 JUNIT = "junit.xml"
@@ -65,13 +65,11 @@ def run_suites(evaluation: Evaluation) -> Suites:
     """A suite for each ADS in each logical scenario, with a test for each case or for each cell of the space."""
     report = evaluation.settings.report
     suites: dict[tuple[str, str], Iterable[Test]] = {}
-    for score in evaluation.scores:
-        cases = evaluation.cases_of(score.ads, score.scenario)
-        missing = missing_from_means(evaluation, score).tolist()
-        tests: Iterable[Test] = map(partial(_case_test, report=report), cases, missing)
+    for one in findings(evaluation):
+        tests: Iterable[Test] = map(partial(_case_test, report=report), one.cases, one.missing.tolist())
         if report.junit == "cell":
-            tests = _by_cell(cases, tests, report.junit_cells)
-        suites[_suite_of(score)] = tests
+            tests = _by_cell(one.cases, tests, report.junit_cells)
+        suites[_suite_of(one.score)] = tests
     return suites
 
 

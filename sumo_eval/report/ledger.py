@@ -14,26 +14,18 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.cases import CaseResult, CaseTable, IntArray
 from sumo_eval.method.score_terms import mean_shares, product_losses, worth
 from sumo_eval.report.words import (
-    FACTORS,
-    LIKENESS_FACTORS,
     REASON_WITHOUT_T,
-    cases_of,
-    collision_shares,
     count,
     reason_without_d,
     reason_without_h,
 )
-from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
-from sumo_eval.settings import EvaluationSettings
+from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-IntArray = NDArray[np.intp]
 FULL = 100.0  # points
 ROUNDING = 1e-9  # an index off the product of its factors by less is only rounding
 WORTH_COUNTING = 1e-4  # of an index: a case that lost less is not one of the cases that lost
@@ -85,18 +77,17 @@ class Ledger:
         return math.fsum(line.index for line in self.lines if line.term == term)
 
 
-def ledger_plus(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
+def ledger_plus(found: Findings) -> Ledger:
     """100 points less what T, A' and (a + b H) / 100 take from S+ = T max(A', 0) (a + b H)."""
-    settings, cases = evaluation.settings, cases_of(evaluation, score)
-    points = settings.method.score
+    score, cases, points = found.score, found.cases, found.settings.method.score
     grade = max(score.avoidance_grade or 0.0, 0.0)
     manner = (points.a + points.b * (score.human_likeness or 0.0)) / FULL
     losses = product_losses(np.array([[score.task_share or 0.0, grade, manner]]))[0] * FULL
 
     terms: tuple[tuple[Term, float, _Lines], ...] = (
-        ("T", float(losses[0]), list(_task_lines(score, cases))),
-        ("A", float(losses[1]), list(_avoided_lines(score, cases, settings))),
-        ("H", float(losses[2]), list(_human_lines(score, cases))),
+        ("T", float(losses[0]), list(_task_lines(found))),
+        ("A", float(losses[1]), list(_avoided_lines(found))),
+        ("H", float(losses[2]), list(_human_lines(found))),
     )
     whole = "", "the task driven without avoidable harm, as people drive", 1.0, _NONE
     lines = _scaled("S+", FULL, cases, [whole])
@@ -106,13 +97,12 @@ def ledger_plus(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
     return Ledger("S+", score.ads, score.scenario, tuple(lines), _total(lines))
 
 
-def ledger(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
+def ledger(found: Findings) -> Ledger:
     """Every term, scale and correction of S, Eq. 18."""
-    settings, cases = evaluation.settings, cases_of(evaluation, score)
-    whole = worth(settings.method.score)
+    score, cases, whole = found.score, found.cases, worth(found.settings.method.score)
     lines = (
-        *_scaled("C", whole.c, cases, _collision_lines(score, cases, settings)),
-        *_scaled("D", whole.d, cases, _likeness_lines(score, cases)),
+        *_scaled("C", whole.c, cases, _collision_lines(found)),
+        *_scaled("D", whole.d, cases, _likeness_lines(found)),
     )
     return Ledger("S", score.ads, score.scenario, lines, _total(lines))
 
@@ -153,7 +143,8 @@ def _scaled(term: Term, scale: float, cases: CaseTable, lines: _Lines) -> list[L
     return scaled
 
 
-def _task_lines(score: ScenarioResult, cases: CaseTable) -> _Lines:
+def _task_lines(found: Findings) -> _Lines:
+    score, cases = found.score, found.cases
     if score.task_share is None:
         yield "", f"T not computed: {REASON_WITHOUT_T}", -1.0, _NONE
         return
@@ -182,11 +173,11 @@ def _first_of(groups: Sequence[tuple[str, BoolArray]], lost: FloatArray) -> _Lin
             yield "", words, 0.0, (places, -lost[places])
 
 
-def _avoided_lines(score: ScenarioResult, cases: CaseTable, settings: EvaluationSettings) -> _Lines:
-    if score.avoided_share is None:
+def _avoided_lines(found: Findings) -> _Lines:
+    cases = found.cases
+    if found.score.avoided_share is None:
         yield "", "A not computed", -1.0, _NONE
         return
-    losses = np.nan_to_num(avoided_share_losses(case_terms(cases, settings.method)))
     yield from _first_of(
         (
             ("given up, which counts as doing nothing", cases.gave_up),
@@ -195,15 +186,16 @@ def _avoided_lines(score: ScenarioResult, cases: CaseTable, settings: Evaluation
             ("collisions that the ideal vehicle has too, but softer", cases.unavoidable),
             ("left the road", cases.departed),
         ),
-        losses,
+        np.nan_to_num(found.share_lost),
     )
 
 
-def _human_lines(score: ScenarioResult, cases: CaseTable) -> _Lines:
+def _human_lines(found: Findings) -> _Lines:
+    score, cases = found.score, found.cases
     if score.human_likeness is None:
         yield "", f"H not computed: {reason_without_h(score)}", -1.0, _NONE
         return
-    counted = np.isfinite(cases.human_likeness)
+    counted = found.likened
     weights, incident = _shares(cases, counted), cases.incident
     hits = np.flatnonzero(counted & incident)
     if len(hits):
@@ -211,13 +203,13 @@ def _human_lines(score: ScenarioResult, cases: CaseTable) -> _Lines:
     yield from _factor_lines(cases, np.flatnonzero(counted & ~incident), weights, "human_likeness")
 
 
-def _collision_lines(score: ScenarioResult, cases: CaseTable, settings: EvaluationSettings) -> _Lines:
+def _collision_lines(found: Findings) -> _Lines:
     yield "17", "C = 1, no collision or none worse than the ideal vehicle's", 1.0, _NONE
-    if score.c is None:
+    if found.score.c is None:
         yield "17", "C not computed", -1.0, _NONE
         return
-    shares, safe = collision_shares(cases, settings), cases.safe
-    hits = np.nan_to_num(cases.ideal_severity) != 0.0
+    shares, safe = found.collisions, found.cases.safe
+    hits = np.nan_to_num(found.cases.ideal_severity) != 0.0
     groups = (
         ("collisions in the safe zone", safe),
         ("collisions that the ideal vehicle avoids", ~safe & ~hits),
@@ -229,7 +221,8 @@ def _collision_lines(score: ScenarioResult, cases: CaseTable, settings: Evaluati
             yield "14–17", words, 0.0, (shares.places[part], -shares.lost[part])
 
 
-def _likeness_lines(score: ScenarioResult, cases: CaseTable) -> _Lines:
+def _likeness_lines(found: Findings) -> _Lines:
+    score, cases = found.score, found.cases
     yield "13", "D = 1, within the drivers' own spread everywhere", 1.0, _NONE
     if score.d is None:
         hits = np.flatnonzero(cases.voids_index)
@@ -255,7 +248,7 @@ def _factor_lines(
         return
     factors, equation = (FACTORS, "11–13") if what == "index" else (LIKENESS_FACTORS, "")
     share = weights[places]
-    values = np.column_stack([getattr(cases, field)[places] for field, _ in factors.values()])
+    values = np.column_stack([getattr(cases, field)[places] for field in factors.values()])
     losses = product_losses(values)
     for column, name in enumerate(factors):
         label = name if name in ("similarity", "plausibility") else f"{name} factor"

@@ -14,18 +14,14 @@ from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.report.failure_groups import failure_groups
 from sumo_eval.report.packing import packed_bytes
-from sumo_eval.report.preventability import LOOKS, verdicts
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
 from sumo_eval.report.shown_cases import Shown
 from sumo_eval.report.words import (
+    LOOKS,
     MEASURES,
-    cases_of,
-    collision_shares,
     end_reason,
     index_note_words,
-    missing_from_means,
     severity_unit,
-    share_lost,
     why_missing,
 )
 from sumo_eval.results import Evaluation
@@ -33,6 +29,8 @@ from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
+from sumo_eval.scoring.findings import findings
+from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.trajectory import FloatArray
 
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
@@ -78,40 +76,29 @@ def page_data(
     }
 
 
-@dataclass(frozen=True, slots=True)
-class Told:
-    """A case that the page has, and what is said of it beside its row. missing: why it left the means. avoided: Ug/U.
-    c_lost, a_lost: what it takes from C and A.
-    """
-
-    case: CaseResult
-    missing: str | None
-    avoided: float | None
-    c_lost: float | None
-    a_lost: float | None
-    verdict: str
+Told = tuple[CaseResult, dict[str, Any]]
+"""A case that the page has, and what is said of it beside its row."""
 
 
 def told_cases(evaluation: Evaluation, shown: Mapping[str, Shown]) -> dict[str, list[Told]]:
     """The cases that the page has, by scenario, there ADS by ADS. shown: which these are, by scenario."""
-    return {zone.scenario: _told(evaluation, zone.scenario, shown[zone.scenario]) for zone in evaluation.zones}
-
-
-def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[Told]:
-    found = []
-    for score in evaluation.scores:
-        if score.scenario != scenario:
-            continue
-        cases = cases_of(evaluation, score)
-        missing, judged = missing_from_means(evaluation, score), verdicts(evaluation, score)
-        shares, numbers = collision_shares(cases, evaluation.settings), np.full((3, len(cases)), np.nan)
+    told: dict[str, list[Told]] = {zone.scenario: [] for zone in evaluation.zones}
+    for one in findings(evaluation):
+        missing, judged = one.missing, verdicts(evaluation, one.score)
+        shares, numbers = one.collisions, np.full((3, len(one.cases)), np.nan)
         numbers[:2, shares.places] = shares.avoided, shares.lost
-        numbers[2] = share_lost(cases, evaluation.settings)
-        for place, case in shown.among(cases):
+        numbers[2] = one.share_lost
+        for place, case in shown[one.score.scenario].among(one.cases):
             avoided, c_lost, a_lost = (None if math.isnan(value) else value for value in numbers[:, place].tolist())
-            why = why_missing(case) if missing[place] else None
-            found.append(Told(case, why, avoided, c_lost, a_lost, str(judged[place])))
-    return found
+            beside = {
+                "missing": why_missing(case) if missing[place] else None,
+                "avoided": avoided,
+                "lost": c_lost,
+                "aLost": a_lost if case.collided else None,
+                "verdict": str(judged[place]),
+            }
+            told[one.score.scenario].append((case, beside))
+    return told
 
 
 def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]) -> dict[str, Any]:
@@ -121,9 +108,7 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     telling = telling_slice(view, cases)
     drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
-    rows = []
-    for one in told:
-        rows.append(_case(one, logical.row(one.case.values), view))
+    rows = [_case(case, logical.row(case.values), view) | beside for case, beside in told]
     names = cases.case
     keys = {row["key"] for row in rows}
     here = np.array([name in keys for name in names.tolist()], dtype=np.bool_)
@@ -174,7 +159,6 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
             {
                 "values": logical.row(values).tolist(),
                 "panel": view.panel_of(logical.row(values)),
-                "inPlace": view.holds(values),
             }
             for values in zones.most_dangerous
         ],
@@ -189,51 +173,29 @@ def _mean_index(cases: CaseTable) -> float | None:
     return None if math.isnan(mean) else mean
 
 
-def _case(told: Told, row: FloatArray, view: View) -> dict[str, Any]:
+_SHOWN = (
+    "ads", "zone", "exposure", "status", "outcome", "error", "error_place", "impact_speed", "overlap", "side",
+    "severity", "loss", "ideal_severity", "no_reaction_severity", "human_likeness", "operation_tolerance",
+    "mixture_similarity", "plausibility", "weight", "index", "length_factor", "operation_factor", "similarity", "clips",
+)  # fmt: skip
+"""What the page has of a case as it is."""
+
+
+def _case(case: CaseResult, row: FloatArray, view: View) -> dict[str, Any]:
     """One case; the page computes nothing of this anew."""
-    case = told.case
-    return {
+    return {name: getattr(case, name) for name in _SHOWN} | {
         "key": case.case,
-        "ads": case.ads,
         "values": row.tolist(),
         "panel": view.panel_of(row) if view.shows(case) else None,
-        "zone": case.zone,
-        "exposure": case.exposure,
-        "status": case.status,
-        "outcome": case.outcome,
         "end": end_reason(case),
-        "error": case.error,
-        "errorPlace": case.error_place,
-        "missing": told.missing,
         "time": case.simulated_time,
         "latency": case.latency_max,
-        "impactSpeed": case.impact_speed,
-        "overlap": case.overlap,
-        "side": case.side,
-        "severity": case.severity,
-        "loss": case.loss,
-        "idealSeverity": case.ideal_severity,
-        "noReactionSeverity": case.no_reaction_severity,
-        "kind": "caused" if case.caused else "avoidable" if case.avoidable else "unavoidable",
-        "aLost": told.a_lost if case.collided else None,
-        "humanLikeness": case.human_likeness,
-        "operationTolerance": case.operation_tolerance,
-        "mixtureSimilarity": case.mixture_similarity,
-        "plausibility": case.plausibility,
-        "weight": case.weight,
-        "avoided": told.avoided,
-        "lost": told.c_lost,
-        "index": case.index,
-        "lengthFactor": case.length_factor,
-        "operationFactor": case.operation_factor,
-        "similarity": case.similarity,
-        "indexNote": index_note_words(case),
-        "clips": case.clips,
+        "kind": "unavoidable" if case.kind == "not known" else case.kind,
+        "index_note": index_note_words(case),
         "ttc": case.min_ttc,
         "measures": [
             [label, value, unit] for name, label, unit in MEASURES if (value := getattr(case, name)) is not None
         ],
-        "verdict": told.verdict,
     }
 
 
@@ -269,11 +231,6 @@ class View:
         if self.panel is None:
             return 0
         return int(np.argmin([abs(float(row[self.panel]) - (value or 0.0)) for value in self.panels]))
-
-    def holds(self, values: Mapping[str, float]) -> bool:
-        """Whether a point lies on one of the slices that are drawn."""
-        on_panel = self.panel is None or values[self.names[self.panel]] in self.panels
-        return on_panel and all(values[self.names[column]] == value for column, value in self.fixed.items())
 
     def shows(self, case: CaseResult) -> bool:
         """Whether a case is drawn."""

@@ -14,8 +14,9 @@ from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import read_input_text
 from sumo_eval.method.score_terms import exposure_mean, once
-from sumo_eval.report.words import cases_of, count, number, percent, point
+from sumo_eval.report.words import count, number, percent, point
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.findings import findings
 from sumo_eval.trajectory import FloatArray
 
 MOST_WORST = 10  # cases
@@ -97,9 +98,8 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
 def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
     """A row for each score whose cases have a D_i."""
     rows = []
-    for score in evaluation.scores:
-        cases = cases_of(evaluation, score)
-        own = cases[cases.safe & np.isfinite(cases.index)]
+    for one in findings(evaluation):
+        score, own = one.score, one.cases[one.indexed]
         if not len(own):
             continue
         banded, drivers = own[np.isfinite(own.human_mean)], own.drivers

@@ -28,6 +28,7 @@ from sumo_eval.report.verdict import verdict_of
 from sumo_eval.report.words import interval_words, number, parts_of_total, point
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.assessment import Confidence
+from sumo_eval.scoring.findings import findings
 
 MOST_LEDGER_CASES = 5  # of one line of the ledger
 MOST_CHANGED = 200  # cases in the table of changes
@@ -163,11 +164,7 @@ def _outcome(item: ChangedCase, *, base: bool) -> str:
 
 def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """Where the points of every S+, and of the S beside it, went."""
-    return {
-        "ledgers": [
-            (_ledger(ledger_plus(evaluation, score)), _ledger(ledger(evaluation, score))) for score in evaluation.scores
-        ]
-    }
+    return {"ledgers": [(_ledger(ledger_plus(one)), _ledger(ledger(one))) for one in findings(evaluation)]}
 
 
 def _ledger(found: Ledger) -> dict[str, Any]:

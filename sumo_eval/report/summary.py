@@ -14,14 +14,12 @@ from sumo_eval.report.gates import GateResult
 from sumo_eval.report.headline import headline, ranked
 from sumo_eval.report.verdict import verdict_of
 from sumo_eval.report.words import (
-    cases_of,
     count,
     interval_words,
     number,
-    share_lost,
-    unevaluated,
 )
 from sumo_eval.results import Evaluation, RankedAds, ScenarioResult
+from sumo_eval.scoring.findings import findings, unevaluated
 
 MOST_CHANGES = 4  # failed limits whose worst case is named
 WIDE = 20.0  # points of S+: an interval wider than this tells little
@@ -73,36 +71,29 @@ def _looks(evaluation: Evaluation, best: str) -> list[tuple[str, str]]:
     least = _least_human(evaluation, best)
     if least is not None:
         looks.append((f"the least human-like case of {best}: {_at(least)}", _address(least)))
-    if any(_failed(evaluation, score) for score in evaluation.scores):
+    if (evaluation.cases.collided | ~evaluation.cases.evaluated).any():
         looks.append(("failures that are alike, in the maps", "#maps"))
     return looks
-
-
-def _failed(evaluation: Evaluation, score: ScenarioResult) -> bool:
-    """Whether a case collided or could not be evaluated."""
-    cases = cases_of(evaluation, score)
-    return bool((cases.collided | ~cases.evaluated).any())
 
 
 def _costliest(evaluation: Evaluation, ads: str) -> CaseResult | None:
     """The case of an ADS that takes most from A: a collision, a departure or a case given up."""
     worst: list[tuple[float, CaseResult]] = []
-    for score in evaluation.scores:
-        if score.ads == ads:
-            cases = cases_of(evaluation, score)
-            losses = np.nan_to_num(share_lost(cases, evaluation.settings))
+    for one in findings(evaluation):
+        if one.score.ads == ads:
+            losses = np.nan_to_num(one.share_lost)
             most = float(losses.max(initial=0.0))
             if most > 0.0:
-                worst.append((most, max(cases[losses == most], key=lambda case: case.case)))
+                worst.append((most, max(one.cases[losses == most], key=lambda case: case.case)))
     return max(worst, key=lambda pair: (pair[0], pair[1].case))[1] if worst else None
 
 
 def _least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
     """The case without a collision in which an ADS is least human-like."""
     found: list[CaseResult] = []
-    for score in evaluation.scores:
-        if score.ads == ads:
-            cases = cases_of(evaluation, score)
+    for one in findings(evaluation):
+        if one.score.ads == ads:
+            cases = one.cases
             likeness = np.where(cases.collided, np.nan, cases.human_likeness)
             if np.isfinite(likeness).any():
                 found.append(min(cases[likeness == np.nanmin(likeness)], key=lambda case: case.case))

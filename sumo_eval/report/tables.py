@@ -14,18 +14,18 @@ from typing import Any
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError
 from sumo_eval.report.checks import checked_cases
-from sumo_eval.report.preventability import preventability, reference_ads
 from sumo_eval.report.words import (
     exposure_note_words,
     index_note_words,
     not_computed,
-    people_behind,
     reason_without_d,
     reason_without_h,
     reference_note_words,
     score_note,
 )
 from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring.findings import people_behind
+from sumo_eval.scoring.preventability import preventability, reference_ads
 from sumo_eval.text import cell
 
 CHECKS = "checks.csv"

@@ -32,11 +32,11 @@ from sumo_eval.report.words import (
     reason_without_d,
     reason_without_h,
     score_note,
-    unevaluated,
     why_missing,
 )
 from sumo_eval.results import CasesMissing, Evaluation, Ranking, ReferenceMissing
 from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.scoring.findings import findings, unevaluated
 from sumo_eval.text import without_numbers
 
 NOT_COMPUTED = "not computed"
@@ -304,9 +304,9 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
     """The ledger of every score, with the cases that moved each term most."""
     return [
         line
-        for score in evaluation.scores
+        for one in findings(evaluation)
         for made in (ledger_plus, ledger)  # one after the other: each holds what every case adds to every line
-        for line in _ledger_lines(made(evaluation, score))
+        for line in _ledger_lines(made(one))
     ]
 
 

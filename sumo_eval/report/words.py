@@ -8,14 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_eval.cases import CaseResult, CaseTable, point_numbers
+from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.manoeuvres import words as manoeuvre_words
-from sumo_eval.method.score_terms import exposure_mean, ideal_ratio, mean_shares, once
+from sumo_eval.method.score_terms import ideal_ratio
 from sumo_eval.results import (
     ActorsLeft,
     BeyondRange,
@@ -39,11 +38,9 @@ from sumo_eval.results import (
     ThinReferences,
     WorstAndBest,
 )
-from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms, ratios
+from sumo_eval.scoring.findings import Findings, findings, people_behind
+from sumo_eval.scoring.preventability import Verdict, reference_ads
 from sumo_eval.settings import EvaluationSettings
-from sumo_eval.trajectory import BoolArray, FloatArray
-
-IntArray = NDArray[np.intp]
 
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
 REASON_WITHOUT_T = "no safe case could be compared with a reference"
@@ -53,19 +50,19 @@ WITHOUT_REFERENCE_CAR = (
 )
 
 FACTORS = {
-    "length": ("length_factor", "f_L, min(1, L / mean L of the drivers)"),
-    "operations": ("operation_factor", "f_n, min(1, operations of the drivers / operations of the ADS)"),
-    "similarity": ("similarity", "mean over the slices of min(1, pt/pt_2s) min(1, pv/pv_2s)"),
+    "length": "f_L, min(1, L / mean L of the drivers)",
+    "operations": "f_n, min(1, operations of the drivers / operations of the ADS)",
+    "similarity": "mean over the slices of min(1, pt/pt_2s) min(1, pv/pv_2s)",
 }
-"""The factors of D_i: name -> (field of CaseResult, meaning)."""
+"""Meaning of the factors of D_i."""
 
 LIKENESS_FACTORS = {
-    "length": ("length_factor", "f_L, min(1, L / mean L of the drivers)"),
-    "operations": ("operation_tolerance", "f_n+, 1 up to the drivers' mean number of operations, less far above it"),
-    "similarity": ("mixture_similarity", "as in D, beside the drivers who made the same kind of manoeuvre"),
-    "plausibility": ("plausibility", "1 where at least 5 % of recorded people go to such extremes, less beyond"),
+    "length": FACTORS["length"],
+    "operations": "f_n+, 1 up to the drivers' mean number of operations, less far above it",
+    "similarity": "as in D, beside the drivers who made the same kind of manoeuvre",
+    "plausibility": "1 where at least 5 % of recorded people go to such extremes, less beyond",
 }
-"""The factors of a case's part in H: name -> (field of CaseResult, meaning)."""
+"""Meaning of the factors of a case's part in H."""
 
 GLOSSARY = {
     "A": "avoided share: how much of the collision severity that doing nothing would bring and the ideal vehicle would "
@@ -109,6 +106,26 @@ GLOSSARY = {
     "interval": "a range that would hold the true number in 95 of 100 evaluations with other cases and drivers",
 }
 """The terms of the report in plain words; what the page explains of a term stands here once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How a verdict appears: words, the letter in a cell of the map (so that nothing hangs on colour), colours."""
+
+    words: str
+    letter: str
+    colour: str
+    ink: str
+
+
+LOOKS: Mapping[Verdict, Look] = {
+    "avoided": Look("avoided", "", "#d3e6f3", "#1b1f24"),
+    "better": Look("avoided, the reference had an incident", "+", "#2b74a8", "#ffffff"),
+    "preventable": Look("preventable incident", "P", "#b23c00", "#ffffff"),
+    "unpreventable": Look("unpreventable incident", "U", "#f2b97c", "#1b1f24"),
+    "undecided": Look("incident, reference not known", "?", "#e0cfdc", "#1b1f24"),
+    "not evaluated": Look("not evaluated", "–", "#69727c", "#ffffff"),
+}
 
 MEASURES = (
     ("min_ttc", "shortest TTC", "s"),
@@ -218,40 +235,6 @@ def end_reason(case: CaseResult) -> str:
     return "not known" if case.end_reason is None else _END.get(case.end_reason, case.end_reason)
 
 
-@dataclass(frozen=True, slots=True)
-class PeopleBehind:
-    """How many recorded people stand behind the D_i and H of a scenario.
-
-    points: safe concrete scenarios; with_people: of these, with recorded people whom D_i compares with; drives: of
-    theirs, over all of these. Where references that are too thin are left out, their people stand behind nothing.
-    """
-
-    scenario: str
-    points: int
-    with_people: int
-    drives: int
-
-
-def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
-    """The recorded people of every scenario; empty where the evaluation asks for none."""
-    drivers = evaluation.settings.drivers
-    if drivers.source != "recorded":
-        return []
-    fewest = drivers.least if drivers.too_thin == "leave_out" else 1
-    found = []
-    for name in dict.fromkeys(score.scenario for score in evaluation.scores):
-        cases = evaluation.cases_in(name)
-        safe = cases.safe
-        if not safe.any():
-            continue
-        people = np.nan_to_num(cases.recorded_drivers[safe])
-        points, place = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
-        most = np.zeros(len(points))
-        np.maximum.at(most, place, np.where(people >= fewest, people, 0.0))
-        found.append(PeopleBehind(name, len(points), int(np.count_nonzero(most)), int(most.sum())))
-    return found
-
-
 def nobody_recorded(evaluation: Evaluation) -> bool:
     """Whether recorded people were asked for, and none stands behind any D_i."""
     behind = people_behind(evaluation)
@@ -313,25 +296,6 @@ def drivers_sentence(settings: EvaluationSettings) -> str:
 # --- what could not be evaluated --------------------------------------------------------------------------------------
 
 
-def cases_of(evaluation: Evaluation, score: ScenarioResult) -> CaseTable:
-    """The cases of one ADS in one logical scenario."""
-    return evaluation.cases_of(score.ads, score.scenario)
-
-
-def unevaluated(evaluation: Evaluation) -> list[CaseTable]:
-    """The cases that are missing from a mean, of each ADS in each scenario."""
-    return [cases_of(evaluation, score)[missing_from_means(evaluation, score)] for score in evaluation.scores]
-
-
-def missing_from_means(evaluation: Evaluation, score: ScenarioResult) -> BoolArray:
-    """Which cases of one ADS in one scenario are missing from a mean, (n,)."""
-    cases = cases_of(evaluation, score)
-    missed = cases.counts_for_index & np.isnan(cases.index)
-    if score.d_reason is not None and score.d_reason.why in ("collisions", "no_drivers"):
-        missed = np.zeros(len(cases), dtype=np.bool_)  # there is no D whatever the D_i are
-    return np.asarray(cases.missing | missed)
-
-
 def why_missing(case: CaseResult) -> str:
     """Why a case is missing from a mean, of one that is."""
     if not case.evaluated:
@@ -380,37 +344,38 @@ def collisions_sentence(score: ScenarioResult) -> str:
     return f"{score.ads} had {count(score.collisions, 'collision')}: {', '.join(parts)}."
 
 
-def explain_a(score: ScenarioResult, cases: CaseTable, settings: EvaluationSettings) -> list[str]:
+def explain_a(found: Findings) -> list[str]:
     """Why A is what it is."""
+    score = found.score
     said = [collisions_sentence(score)]
     if score.avoided_share is None:
         return [*said, "A is not computed: no case could be evaluated. Its term counts 0 points."]
-    regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{severity_unit(settings)}"
+    unit = severity_unit(found.settings)
+    regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{unit}"
     if score.avoided_share == 1.0:
         return [*said, f"A = A' = 1: no incident is harder than the ideal vehicle's{regret}."]
     below = ": worse than doing nothing, and S+ takes 0" if score.avoided_share < 0.0 else ""
     grade = number(score.avoidance_grade, 3)
     said.append(f"A = {number(score.avoided_share, 3)}, A' = {grade}{below}{regret}.")
-    losses = np.nan_to_num(share_lost(cases, settings))
+    losses, of = np.nan_to_num(found.share_lost), 1.0 - score.avoided_share
     worst = int(np.argmax(losses))
-    if losses[worst] >= SHARE_WORTH_NAMING * (1.0 - score.avoided_share):
-        of = number(1.0 - score.avoided_share, 3)
-        said.append(f"{point(cases[worst].values)} took the most from A: {number(float(losses[worst]), 3)} of {of}.")
-    return said
+    return said + _most_from("A", found.cases[worst], float(losses[worst]), of)
 
 
-def share_lost(cases: CaseTable, settings: EvaluationSettings) -> FloatArray:
-    """What each case of one ADS and scenario takes from A, (n,), together 1 - A; nan where it has no part in A."""
-    losses = avoided_share_losses(case_terms(cases, settings.method))
-    return np.where(np.isfinite(losses), losses, np.nan)
+def _most_from(name: str, case: CaseResult, lost: float, of: float) -> list[str]:
+    """Which case took most from a score, if it is worth naming."""
+    if not (lost and lost >= SHARE_WORTH_NAMING * of):
+        return []
+    return [f"{point(case.values)} took the most from {name}: {lost:z.3f} of {of:z.3f}."]
 
 
-def explain_h(score: ScenarioResult, cases: CaseTable) -> list[str]:
+def explain_h(found: Findings) -> list[str]:
     """Why H is what it is."""
+    score, likened = found.score, found.likened
     if score.human_likeness is None:
         return [f"H is not computed: {reason_without_h(score)}. Its term counts 0 points."]
-    counted, hits = likened(cases)
-    means = likeness_means(cases)
+    counted, hits = (int(np.count_nonzero(flags)) for flags in (likened, likened & found.cases.incident))
+    means = found.likeness_means
     limit = f", {_limit(means, '{}')}" if means else ""
     said = f"H = {number(score.human_likeness, 3)}: mean over {count(counted, 'safe case')}{limit}"
     lost = f"{count(hits, 'case')} with an avoidable incident {'counts' if hits == 1 else 'count'} 0."
@@ -447,42 +412,18 @@ def reason_without_h(score: ScenarioResult) -> str:
     return _reason(score.h_reason, "human-likeness")
 
 
-def likeness_means(cases: CaseTable) -> dict[str, float]:
-    """Mean of every factor of a case's human-likeness over the safe cases without an incident, by exposure."""
-    counted = np.isfinite(cases.human_likeness)
-    return _means(cases, counted & ~cases.incident, LIKENESS_FACTORS)
-
-
-def likened(cases: CaseTable) -> tuple[int, int]:
-    """How many cases have a human-likeness, and how many of them hold an incident."""
-    counted = np.isfinite(cases.human_likeness)
-    return int(np.count_nonzero(counted)), int(np.count_nonzero(counted & cases.incident))
+def reference_sentence(settings: EvaluationSettings) -> str:
+    """Who the reference is, and why."""
+    ads = reference_ads(settings)
+    if ads is not None:
+        return f"The reference is “{ads}”, driven through the same concrete scenarios as every other ADS of this run."
+    return (
+        f"No ADS of this run is “{settings.report.reference}”, so the reference is the ideal vehicle, which brakes at "
+        "once at the limit, driven through the same concrete scenarios."
+    )
 
 
 # --- why C, D and S are what they are ---------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CollisionShares:
-    """Collisions of one ADS in one scenario, the one that took most from C first (Eq. 17): their rows, (h,).
-
-    avoided: Ug/U of each (or of the loss classes); lost: its part of 1 - C; nan where not known. Parts add up.
-    """
-
-    places: IntArray
-    avoided: FloatArray
-    lost: FloatArray
-
-
-def collision_shares(cases: CaseTable, settings: EvaluationSettings) -> CollisionShares:
-    """The collisions among the cases of one ADS and scenario, the one that took most from C first (Eq. 17)."""
-    places = np.flatnonzero(cases.collided)
-    hits = cases[places]
-    found = ratios(hits.severity, hits.ideal_severity, settings.method)
-    known, lost = np.isfinite(found), np.full(len(places), np.nan)
-    lost[known] = mean_shares(np.nan_to_num(hits.weight[known])) * (1.0 - found[known])
-    order = np.lexsort((hits.case, -np.nan_to_num(lost), np.isnan(lost)))
-    return CollisionShares(places[order], found[order], lost[order])
 
 
 def ratio_of(case: CaseResult, loss: str) -> float | None:
@@ -495,46 +436,42 @@ def ratio_of(case: CaseResult, loss: str) -> float | None:
     return float(ideal_ratio(hit, best))
 
 
-def explain_c(score: ScenarioResult, cases: CaseTable, settings: EvaluationSettings) -> list[str]:
+def explain_c(found: Findings) -> list[str]:
     """Why C is what it is."""
+    score, loss = found.score, found.settings.method.collision.loss
     if score.c is None:
         return [f"C is not computed: {REASON_WITHOUT_C}. Its term counts 0 points."]
     if score.collisions == 0:
-        judged = int(np.count_nonzero(cases.evaluated))
+        judged = int(np.count_nonzero(found.cases.evaluated))
         return [f"{score.ads} did not collide in any of {count(judged, 'evaluated case')}, so C = 1."]
     risky = score.collisions - score.safe_collisions
     zones = ((risky, score.hazardous_cases, "hazardous case"), (score.safe_collisions, score.safe_cases, "safe case"))
     where = " and in ".join(f"{hits} of {count(of, noun)}" for hits, of, noun in zones if hits)
-    ratio = "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L"
-    sentences = [
+    ratio = "Ug/U" if loss == "severity" else "Lg/L"
+    shares = found.collisions
+    return [
         f"{score.ads} collided in {where}; the ideal vehicle avoids {score.avoidable_collisions} of these.",
         f"C = {score.c:z.3f}: the mean of {ratio} over the collisions, weighted by r. "
         + (
             f"A collision that the ideal vehicle avoids has {ratio} = 0."
-            if settings.method.collision.loss == "severity"
+            if loss == "severity"
             else "A collision that the ideal vehicle avoids still has Lg = 0.1."
         ),
+        *_most_from("C", found.cases[shares.places[0]], float(shares.lost[0]), 1.0 - score.c),
     ]
-    shares = collision_shares(cases, settings)
-    worst, lost = cases[shares.places[0]], float(shares.lost[0])
-    if lost and lost >= SHARE_WORTH_NAMING * (1.0 - score.c):
-        sentences.append(f"{point(worst.values)} took the most from C: {lost:z.3f} of {1.0 - score.c:z.3f}.")
-    return sentences
 
 
-def explain_d(score: ScenarioResult, cases: CaseTable) -> list[str]:
+def explain_d(found: Findings) -> list[str]:
     """Why D is what it is."""
+    score, cases, counted = found.score, found.cases, found.indexed
     if score.d is None:
         return [f"D is not computed: {reason_without_d(score)}. Its term counts 0 points."]
-    means = factor_means(cases)
-    index = cases.index
-    safe = cases.safe
-    indexed = int(np.count_nonzero(safe & np.isfinite(index)))
+    means, indexed = found.factor_means, int(np.count_nonzero(counted))
     sentences = [f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, {_limit(means, 'the {} factor')}."]
-    low = int(np.count_nonzero(safe & (index < 0.1)))
+    low = int(np.count_nonzero(counted & (cases.index < 0.1)))
     if 0 < low < indexed:
         sentences.append(f"{low} of them {'scores' if low == 1 else 'score'} below 0.1.")
-    split = sum(any(one.kind == "two_groups" for one in notes) for notes in cases.index_note[safe])
+    split = sum(any(one.kind == "two_groups" for one in notes) for notes in cases.index_note[cases.safe])
     if split:
         sentences.append(
             f"In {split} of them some drivers overtook and others followed. D compares the ADS "
@@ -584,24 +521,6 @@ def _reason(found: NotComputed | None, what: str) -> str:
 def not_computed(reason: str) -> str:
     """`not computed: no case lies in the safe zone`; nothing where there is no reason."""
     return f"not computed: {reason}" if reason else ""
-
-
-def factor_means(cases: CaseTable) -> dict[str, float]:
-    """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without any."""
-    indexed = np.isfinite(cases.index)
-    return _means(cases, cases.safe & indexed, FACTORS)
-
-
-def _means(cases: CaseTable, counted: BoolArray, factors: Mapping[str, tuple[str, str]]) -> dict[str, float]:
-    """The mean of every factor over the cases that are counted, (n,)."""
-    some = cases[counted]
-    exposure = some.exposure
-    if not exposure.sum() > 0.0:
-        return {}
-    return {
-        name: float(exposure_mean(getattr(some, field), exposure, once(len(exposure)))[0])
-        for name, (field, _) in factors.items()
-    }
 
 
 _INDEX_NOTES: dict[NoteKind, str] = {
@@ -750,14 +669,14 @@ class GatheredNote:
 def index_notes(evaluation: Evaluation) -> list[GatheredNote]:
     """The notes on D_i, gathered by kind and manoeuvre, the most frequent first."""
     gathered = []
-    for score in evaluation.scores:
-        found = Counter(note for notes in cases_of(evaluation, score).index_note for note in notes)
+    for one in findings(evaluation):
+        found = Counter(note for notes in one.cases.index_note for note in notes)
         alike: dict[tuple[NoteKind, Manoeuvre], list[IndexNote]] = {}
         for note in found:
             alike.setdefault((note.kind, note.manoeuvre), []).append(note)
         cases = {kind: sum(found[note] for note in notes) for kind, notes in alike.items()}
         gathered += [
-            GatheredNote(score.ads, score.scenario, cases[kind], _notes_sentence(alike[kind]))
+            GatheredNote(one.score.ads, one.score.scenario, cases[kind], _notes_sentence(alike[kind]))
             for kind in sorted(alike, key=lambda kind: (-cases[kind], kind))
         ]
     return gathered

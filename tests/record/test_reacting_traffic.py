@@ -10,7 +10,7 @@ import pytest
 import sumo_eval
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Store
-from sumo_eval.report.words import unevaluated
+from sumo_eval.scoring.findings import unevaluated
 
 SCENARIO = """
 name = "chased"

@@ -9,22 +9,25 @@ import builders
 import pytest
 
 from sumo_eval.report.ledger import ledger, ledger_plus, sentences
-from sumo_eval.report.words import cases_of, explain_a
+from sumo_eval.report.words import explain_a
 from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import MethodSettings, ScoreSettings
 
 
 def test_the_lines_add_up_to_the_printed_scores(evaluation: Evaluation) -> None:
     for score in evaluation.scores:
-        found = ledger(evaluation, score)
+        found = ledger(Findings.of(evaluation, score))
         assert found.total == pytest.approx(score.s, abs=1e-9)
         assert found.index("C") == pytest.approx(score.c or 0.0, abs=1e-12)
         assert found.index("D") == pytest.approx(score.d or 0.0, abs=1e-12)
 
 
 def test_every_line_with_cases_is_the_sum_of_its_cases(evaluation: Evaluation) -> None:
-    lines = [line for score in evaluation.scores for line in ledger(evaluation, score).lines if line.entries]
+    lines = [
+        line for score in evaluation.scores for line in ledger(Findings.of(evaluation, score)).lines if line.entries
+    ]
     assert len(lines) > 6
     for line in lines:
         assert math.fsum(line.parts * line.scale) == pytest.approx(line.points, abs=1e-9)
@@ -36,21 +39,21 @@ def test_scales_and_points_of_eq_18_are_in_the_sum(evaluation: Evaluation) -> No
     """a = 60, k5 = 0.5, k6 = 2: S = 60 * 0.5 C + 40 * 2 D."""
     settings = replace(evaluation.settings, method=MethodSettings(score=ScoreSettings(a=60.0, k5=0.5, k6=2.0)))
     for score in evaluation.scores:
-        found = ledger(replace(evaluation, settings=settings), score)
+        found = ledger(Findings.of(replace(evaluation, settings=settings), score))
         assert found.total == pytest.approx(30.0 * (score.c or 0.0) + 80.0 * (score.d or 0.0), abs=1e-9)
 
 
 def test_a_missing_d_is_a_line_with_the_collisions_that_took_it(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
     assert score.d is None
-    (line,) = [line for line in ledger(evaluation, score).lines if "not computed" in line.words]
+    (line,) = [line for line in ledger(Findings.of(evaluation, score)).lines if "not computed" in line.words]
     assert line.points == pytest.approx(-50.0)
     assert len(line.entries) == score.safe_collisions
 
 
 def test_what_cost_most_is_said_first(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, builders.SCENARIOS[1])
-    said = sentences(ledger(evaluation, score))
+    said = sentences(ledger(Findings.of(evaluation, score)))
     lost = [float(sentence.split(" lost ")[1].split(" of ")[0]) for sentence in said]
     assert lost == sorted(lost, reverse=True)
     assert any("operations factor in" in sentence for sentence in said)
@@ -71,7 +74,7 @@ def scores_with_a_below_zero(evaluation: Evaluation) -> tuple[Evaluation, Scenar
 
 def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation: Evaluation) -> None:
     for score in evaluation.scores:
-        found = ledger_plus(evaluation, score)
+        found = ledger_plus(Findings.of(evaluation, score))
         assert found.total == pytest.approx(score.s_plus, abs=1e-9)
         for term, value in (("T", score.task_share), ("A", score.avoided_share), ("H", score.human_likeness or 0.0)):
             assert 1.0 + found.index(term) == pytest.approx(value, abs=1e-12)
@@ -82,7 +85,11 @@ def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation: Eva
 
 def test_a_case_given_up_costs_points_of_t(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
-    (line,) = [line for line in ledger_plus(evaluation, score).lines if (line.term, line.words) == ("T", "given up")]
+    (line,) = [
+        line
+        for line in ledger_plus(Findings.of(evaluation, score)).lines
+        if (line.term, line.words) == ("T", "given up")
+    ]
     assert line.entries.status.tolist() == ["crashed"]
     assert line.points < 0.0
 
@@ -91,27 +98,29 @@ def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation: Evaluation) -> N
     worse, score = scores_with_a_below_zero(evaluation)
     assert score.avoided_share is not None
     assert score.avoided_share < 0.0
-    found = ledger_plus(worse, score)
+    found = ledger_plus(Findings.of(worse, score))
     assert 1.0 + found.index("A") == pytest.approx(score.avoided_share, abs=1e-12)
     assert found.total == pytest.approx(score.s_plus, abs=1e-9) == 0.0
-    assert any("worse than doing nothing" in said for said in explain_a(score, cases_of(worse, score), worse.settings))
+    assert any("worse than doing nothing" in said for said in explain_a(Findings.of(worse, score)))
 
 
 def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
-    rows = cases_of(evaluation, score)
+    rows = Findings.of(evaluation, score).cases
     struck = [case for case in rows if case.avoidable and case.no_reaction_severity == 0.0]
     assert score.caused_collisions == len(struck) > 0
     assert score.collisions == score.avoidable_collisions + score.unavoidable_collisions
-    (line,) = [line for line in ledger_plus(evaluation, score).lines if "caused" in line.words]
+    (line,) = [line for line in ledger_plus(Findings.of(evaluation, score)).lines if "caused" in line.words]
     assert set(line.entries.case.tolist()) == {case.case for case in struck}
-    assert f"({len(struck)} of them caused by the ADS)" in explain_a(score, rows, evaluation.settings)[0]
+    assert f"({len(struck)} of them caused by the ADS)" in explain_a(Findings.of(evaluation, score))[0]
 
 
 def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
-    (line,) = [line for line in ledger_plus(evaluation, score).lines if "incident in a safe case" in line.words]
-    counted = [case for case in cases_of(evaluation, score) if case.human_likeness is not None]
+    (line,) = [
+        line for line in ledger_plus(Findings.of(evaluation, score)).lines if "incident in a safe case" in line.words
+    ]
+    counted = [case for case in Findings.of(evaluation, score).cases if case.human_likeness is not None]
     hits = [case for case in counted if case.collided]
     exposure = sum(case.exposure for case in counted)
     assert line.index == pytest.approx(-sum(case.exposure for case in hits) / exposure)

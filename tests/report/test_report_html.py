@@ -25,11 +25,12 @@ from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import template
 from sumo_eval.report.page_data import choose_view, rooms_of, telling_slice
-from sumo_eval.report.preventability import preventability
 from sumo_eval.report.sections import Beside, ranking_content
-from sumo_eval.report.words import GLOSSARY, count, unevaluated
+from sumo_eval.report.words import GLOSSARY, count
 from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
 from sumo_eval.scenario import LogicalScenario, Parameter, catalogue
+from sumo_eval.scoring.findings import unevaluated
+from sumo_eval.scoring.preventability import preventability
 from sumo_eval.settings import DriverSettings
 
 

@@ -9,8 +9,9 @@ from click import unstyle
 
 from sumo_eval.report.score_table import score_lines
 from sumo_eval.report.terminal import closing_lines, ledger_lines
-from sumo_eval.report.words import count, unevaluated
+from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation, NotComputed
+from sumo_eval.scoring.findings import unevaluated
 from sumo_eval.settings import DriverSettings
 
 

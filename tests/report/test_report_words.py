@@ -17,20 +17,17 @@ from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
 from sumo_eval.report import words
 from sumo_eval.report.words import (
-    cases_of,
-    collision_shares,
     count,
     explain_c,
     explain_d,
     explain_s,
-    factor_means,
     index_note_sentence,
     index_notes,
     number,
     percent,
-    unevaluated,
 )
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.findings import Findings, unevaluated
 from sumo_eval.settings import CollisionSettings, MethodSettings
 
 CUT_OUT = builders.SCENARIOS[1]
@@ -44,31 +41,33 @@ def with_loss(evaluation: Evaluation, loss: str) -> Evaluation:
 @pytest.mark.parametrize("loss", ["severity", "class"])
 def test_the_parts_of_the_collisions_add_up_to_what_c_lost(evaluation: Evaluation, loss: str) -> None:
     odd = with_loss(evaluation, loss)
-    rows = cases_of(odd, odd.score(builders.HOSTILE, CUT_OUT))
+    found = Findings.of(odd, odd.score(builders.HOSTILE, CUT_OUT))
+    rows, shares = found.cases, found.collisions
     hits = [row for row in rows if row.collided]
     c = collision_avoidance_index(
         [row.severity for row in hits], [row.ideal_severity for row in hits], [row.weight for row in hits], loss
     )
-    shares = collision_shares(rows, odd.settings)
     assert shares.lost.sum() == pytest.approx(1.0 - c, abs=1e-12)
     assert shares.lost.tolist() == sorted(shares.lost, reverse=True)
 
 
 def test_without_any_weight_every_collision_counts_the_same(evaluation: Evaluation) -> None:
     rows = [replace(row, weight=0.0, ideal_severity=0.0) for row in evaluation.cases if row.collided][:4]
-    assert collision_shares(CaseTable.of(rows), evaluation.settings).lost.tolist() == [0.25] * 4
+    assert (
+        Findings(evaluation.scores[0], CaseTable.of(rows), evaluation.settings).collisions.lost.tolist() == [0.25] * 4
+    )
 
 
 def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, CUT_OUT)
-    rows = cases_of(evaluation, score)
+    rows = Findings.of(evaluation, score).cases
     first = next(row for row in rows if row.collided)
     odd = replace(
         evaluation,
         cases=tuple(replace(row, ideal_severity=None) if row is first else row for row in evaluation.cases),
     )
-    cases = cases_of(odd, score)
-    shares = collision_shares(cases, odd.settings)
+    found = Findings.of(odd, score)
+    cases, shares = found.cases, found.collisions
     assert cases[shares.places[-1]].case == first.case
     assert math.isnan(shares.lost[-1])
     assert first.case in {case.case for table in unevaluated(odd) for case in table}
@@ -76,7 +75,7 @@ def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluatio
 
 def test_c_is_explained_by_counts_of_each_zone(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, CUT_OUT)
-    text = " ".join(explain_c(score, cases_of(evaluation, score), evaluation.settings))
+    text = " ".join(explain_c(Findings.of(evaluation, score)))
     assert f"{score.collisions - score.safe_collisions} of {score.hazardous_cases} hazardous cases" in text
     assert f"in {score.safe_collisions} of {score.safe_cases} safe cases" in text
     assert f"avoids {score.avoidable_collisions} of these" in text
@@ -85,17 +84,16 @@ def test_c_is_explained_by_counts_of_each_zone(evaluation: Evaluation) -> None:
 
 def test_no_collision_is_said_as_such(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
-    rows = cases_of(evaluation, score)
-    (sentence,) = explain_c(score, rows, evaluation.settings)
+    rows = Findings.of(evaluation, score).cases
+    (sentence,) = explain_c(Findings.of(evaluation, score))
     assert sentence == f"calm did not collide in any of {sum(row.evaluated for row in rows)} evaluated cases, so C = 1."
 
 
 def test_d_names_the_factor_that_limits_it(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, CUT_OUT)
-    rows = cases_of(evaluation, score)
-    means = factor_means(rows)
+    means = Findings.of(evaluation, score).factor_means
     assert means["operations"] == pytest.approx(0.5)
-    text = " ".join(explain_d(score, rows))
+    text = " ".join(explain_d(Findings.of(evaluation, score)))
     assert "limited most by the operations factor (mean 0.50; length 1.00" in text
     assert f"mean over {score.safe_cases} safe cases" in text
 
@@ -104,17 +102,17 @@ def test_a_perfect_d_is_limited_by_nothing(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, CUT_OUT)
     rows = [
         replace(row, index=1.0, length_factor=1.0, operation_factor=1.0, similarity=1.0, index_note=())
-        for row in cases_of(evaluation, score)
+        for row in Findings.of(evaluation, score).cases
         if row.index is not None
     ]
-    assert explain_d(replace(score, d=1.0), CaseTable.of(rows)) == [
+    assert explain_d(Findings(replace(score, d=1.0), CaseTable.of(rows), evaluation.settings)) == [
         f"D = 1.000: mean over {len(rows)} safe cases, no factor limits it."
     ]
 
 
 def test_no_d_is_a_value_with_a_reason(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, CUT_OUT)
-    (sentence,) = explain_d(score, cases_of(evaluation, score))
+    (sentence,) = explain_d(Findings.of(evaluation, score))
     assert (
         sentence == f"D is not computed: {count(score.safe_collisions, 'collision')} in the safe zone. "
         "Its term counts 0 points."

@@ -20,9 +20,11 @@ from sumo_eval.method.trajectory_field import trajectory_fields
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.page_data import View, choose_view, slice_points, telling_slice
-from sumo_eval.report.preventability import LOOKS, verdicts
+from sumo_eval.report.words import LOOKS
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scenario.road.reference_line import map_places
+from sumo_eval.scoring.findings import Findings
+from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
@@ -273,7 +275,7 @@ def points(asked: Asked) -> Figure:
         drawn: dict[str, str] = {}
         for ax, make in zip(axes, (ledger_plus, ledger), strict=True):
             for place, one in enumerate(scores):
-                _ledger_bar(ax, make(asked.evaluation, one), place, drawn)
+                _ledger_bar(ax, make(Findings.of(asked.evaluation, one)), place, drawn)
             ax.set_title("S+" if make is ledger_plus else "S")
             _name_the_scores(ax, scores)
             ax.set_xlabel("points")

@@ -36,7 +36,7 @@
   function caseHover(scenario, item) {
     const lines = scenario.parameters.map((p, k) => `${plain(p.name)} = ${short(item.values[k])} ${plain(p.unit)}`);
     lines.push(`<b>${item.outcome}</b>, ${item.zone} zone`);
-    if (item.outcome === "collision") lines.push(`U = ${fixed(item.severity, 1)} m/s, ideal ${fixed(item.idealSeverity, 1)} m/s`);
+    if (item.outcome === "collision") lines.push(`U = ${fixed(item.severity, 1)} m/s, ideal ${fixed(item.ideal_severity, 1)} m/s`);
     if (item.index !== null) lines.push(`D<sub>i</sub> = ${fixed(item.index, 3)}`);
     return lines.join("<br>");
   }
@@ -418,7 +418,7 @@
     };
     const more = sumoPage.button("Show all", () => { most = Infinity; show(); });
     const columns = (item) => [...item.values.map((value) => [short(value), "n"]), [item.zone, ""], [item.outcome === "collision" ? `${item.kind} collision` : item.outcome, ""],
-      [fixed(item.severity, 1), "n"], [fixed(item.humanLikeness, 3), "n"], [fixed(item.index, 3), "n"]];
+      [fixed(item.severity, 1), "n"], [fixed(item.human_likeness, 3), "n"], [fixed(item.index, 3), "n"]];
     const heads = () => [...scenario.parameters.map((parameter) => [label(parameter), "n"]), ["zone", ""], ["outcome", ""], [`U${data.severityUnit ? "," : ""}${data.severityUnit}`, "n"], ["in H", "n"], ["D_i", "n"]];
     function show() {
       if (!box.open) return;
@@ -512,7 +512,7 @@
     const found = casesOf(scenario, view, ads, (item) => shows(item) && item[quantity] !== null);
     const look = (item) => ({
       z: item[quantity], word: fixed(item[quantity], 2),
-      text: `${caseHover(scenario, item)}<br>length ${fixed(item.lengthFactor, 2)}, operations ${fixed(item.operationFactor, 2)}, similarity ${fixed(item.similarity, 2)}`,
+      text: `${caseHover(scenario, item)}<br>length ${fixed(item.length_factor, 2)}, operations ${fixed(item.operation_factor, 2)}, similarity ${fixed(item.similarity, 2)}`,
     });
     return [tiles(scenario, view, found, look, { colorscale: CIVIDIS, zmin: 0, zmax: 1 })];
   }
@@ -655,32 +655,32 @@
     if (item.latency !== null) rows.push(["slowest controller step", `${(1000 * item.latency).toPrecision(2)} ms`]);
     if (item.outcome === "collision") {
       rows.push(
-        ["impact speed", `${fixed(item.impactSpeed, 1)} m/s`], ["overlap", `${fixed(100 * item.overlap, 0)} %`], ["side hit", item.side],
-        ["kind of collision", item.idealSeverity === null ? "ideal vehicle not known" : item.kind],
+        ["impact speed", `${fixed(item.impact_speed, 1)} m/s`], ["overlap", `${fixed(100 * item.overlap, 0)} %`], ["side hit", item.side],
+        ["kind of collision", item.ideal_severity === null ? "ideal vehicle not known" : item.kind],
         ["severity U", `${fixed(item.severity, 1)}${data.severityUnit}`], ["loss L", fixed(item.loss, 1)],
-        ["ideal vehicle's Ug", reference(item.idealSeverity)], ["doing nothing, U0", reference(item.noReactionSeverity)],
+        ["ideal vehicle's Ug", reference(item.ideal_severity)], ["doing nothing, U0", reference(item.no_reaction_severity)],
         ["weight r", fixed(item.weight, 3)], ["A lost", fixed(item.aLost, 4)], ["C lost", fixed(item.lost, 4)],
       );
     }
-    if (item.humanLikeness !== null) {
-      rows.push(["human-likeness in H", fixed(item.humanLikeness, 3)]);
+    if (item.human_likeness !== null) {
+      rows.push(["human-likeness in H", fixed(item.human_likeness, 3)]);
       if (item.outcome !== "collision") {
-        rows.push(["operations factor in H", fixed(item.operationTolerance, 3)], ["similarity in H", fixed(item.mixtureSimilarity, 3)]);
+        rows.push(["operations factor in H", fixed(item.operation_tolerance, 3)], ["similarity in H", fixed(item.mixture_similarity, 3)]);
       }
     }
     if (item.plausibility !== null) rows.push(["plausibility", fixed(item.plausibility, 3)]);
     if (item.index !== null) {
       rows.push(
-        ["D_i", fixed(item.index, 3)], ["length factor", fixed(item.lengthFactor, 3)],
-        ["operations factor in D_i", fixed(item.operationFactor, 3)], ["similarity in D_i", fixed(item.similarity, 3)],
+        ["D_i", fixed(item.index, 3)], ["length factor", fixed(item.length_factor, 3)],
+        ["operations factor in D_i", fixed(item.operation_factor, 3)], ["similarity in D_i", fixed(item.similarity, 3)],
       );
     }
     for (const [name, value, unit] of item.measures) rows.push([name, `${fixed(value, 2)} ${unit}`]);
     if (item.zone === "safe") rows.push(["drivers compared with", String(item.drivers)]);
     rows.push(["ended", item.end, true]);
-    if (item.errorPlace) rows.push(["where in the ADS's code", item.errorPlace, true]);
+    if (item.error_place) rows.push(["where in the ADS's code", item.error_place, true]);
     if (item.clips) rows.push(["limits that acted (how often)", item.clips, true]);
-    if (item.indexNote) rows.push(["note on D_i", item.indexNote, true]);
+    if (item.index_note) rows.push(["note on D_i", item.index_note, true]);
     return rows;
   }
 
@@ -1044,7 +1044,7 @@
 
   const player = sumoReplay.player(byId("replay"));
 
-  const contactOf = (item) => (item.contact === null ? null : { ...item.contact, speed: item.impactSpeed });
+  const contactOf = (item) => (item.contact === null ? null : { ...item.contact, speed: item.impact_speed });
 
   /** What may run beside the case: the other ADSs at the same point, and each driver. */
   function companions(view, all) {

@@ -8,7 +8,6 @@ the same run, `[report] reference`, or the ideal vehicle where the run has none.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -21,26 +20,6 @@ from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Verdict = Literal["avoided", "better", "preventable", "unpreventable", "undecided", "not evaluated"]
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """How a verdict appears: words, the letter in a cell of the map (so that nothing hangs on colour), colours."""
-
-    words: str
-    letter: str
-    colour: str
-    ink: str
-
-
-LOOKS: Mapping[Verdict, Look] = {
-    "avoided": Look("avoided", "", "#d3e6f3", "#1b1f24"),
-    "better": Look("avoided, the reference had an incident", "+", "#2b74a8", "#ffffff"),
-    "preventable": Look("preventable incident", "P", "#b23c00", "#ffffff"),
-    "unpreventable": Look("unpreventable incident", "U", "#f2b97c", "#1b1f24"),
-    "undecided": Look("incident, reference not known", "?", "#e0cfdc", "#1b1f24"),
-    "not evaluated": Look("not evaluated", "–", "#69727c", "#ffffff"),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,17 +52,6 @@ def reference_ads(settings: EvaluationSettings) -> str | None:
     named = [ads.name for ads in settings.ads if ads.name == wanted]
     driven_by = [ads.name for ads in settings.ads if ads.controller == wanted]
     return next(iter((*named, *driven_by)), None)
-
-
-def reference_sentence(settings: EvaluationSettings) -> str:
-    """Who the reference is, and why."""
-    ads = reference_ads(settings)
-    if ads is not None:
-        return f"The reference is “{ads}”, driven through the same concrete scenarios as every other ADS of this run."
-    return (
-        f"No ADS of this run is “{settings.report.reference}”, so the reference is the ideal vehicle, which brakes at "
-        "once at the limit, driven through the same concrete scenarios."
-    )
 
 
 def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:

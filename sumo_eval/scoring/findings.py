@@ -1,0 +1,155 @@
+"""Findings of a scored run: what one ADS did in one scenario, and what each case took from its scores.
+
+Reports read them here and compute nothing themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.cases import CaseTable, IntArray, point_numbers
+from sumo_eval.method.score_terms import exposure_mean, mean_shares, once
+from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms, ratios
+from sumo_eval.settings import EvaluationSettings
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+FACTORS = {"length": "length_factor", "operations": "operation_factor", "similarity": "similarity"}
+"""The factors of D_i: name -> field of CaseResult."""
+LIKENESS_FACTORS = {
+    "length": "length_factor",
+    "operations": "operation_tolerance",
+    "similarity": "mixture_similarity",
+    "plausibility": "plausibility",
+}
+"""The factors of a case's part in H: name -> field of CaseResult."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CollisionShares:
+    """Collisions of one ADS in one scenario, the one that took most from C first (Eq. 17): their rows, (h,).
+
+    avoided: Ug/U of each (or of the loss classes); lost: its part of 1 - C; nan where not known. Parts add up.
+    """
+
+    places: IntArray
+    avoided: FloatArray
+    lost: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Findings:
+    """One ADS in one scenario: its result, its cases, and the settings that they were scored with."""
+
+    score: ScenarioResult
+    cases: CaseTable
+    settings: EvaluationSettings
+
+    @classmethod
+    def of(cls, evaluation: Evaluation, score: ScenarioResult) -> Findings:
+        """Those of one result of a run."""
+        return cls(score, evaluation.cases_of(score.ads, score.scenario), evaluation.settings)
+
+    @property
+    def missing(self) -> BoolArray:
+        """Which cases are missing from a mean, (n,)."""
+        cases, why = self.cases, self.score.d_reason
+        missed = cases.counts_for_index & np.isnan(cases.index)
+        if why is not None and why.why in ("collisions", "no_drivers"):
+            missed = np.zeros(len(cases), dtype=np.bool_)  # there is no D whatever the D_i are
+        return np.asarray(cases.missing | missed)
+
+    @property
+    def share_lost(self) -> FloatArray:
+        """What each case takes from A, (n,), together 1 - A; nan where it has no part in A."""
+        losses = avoided_share_losses(case_terms(self.cases, self.settings.method))
+        return np.where(np.isfinite(losses), losses, np.nan)
+
+    @property
+    def collisions(self) -> CollisionShares:
+        """The collisions, the one that took most from C first (Eq. 17)."""
+        places = np.flatnonzero(self.cases.collided)
+        hits = self.cases[places]
+        found = ratios(hits.severity, hits.ideal_severity, self.settings.method)
+        known, lost = np.isfinite(found), np.full(len(places), np.nan)
+        lost[known] = mean_shares(np.nan_to_num(hits.weight[known])) * (1.0 - found[known])
+        order = np.lexsort((hits.case, -np.nan_to_num(lost), np.isnan(lost)))
+        return CollisionShares(places[order], found[order], lost[order])
+
+    @property
+    def indexed(self) -> BoolArray:
+        """Which safe cases have a D_i, (n,)."""
+        return np.asarray(self.cases.safe & np.isfinite(self.cases.index))
+
+    @property
+    def likened(self) -> BoolArray:
+        """Which cases have a human-likeness, (n,)."""
+        return np.isfinite(self.cases.human_likeness)
+
+    @property
+    def factor_means(self) -> dict[str, float]:
+        """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without any."""
+        return self._means(self.indexed, FACTORS)
+
+    @property
+    def likeness_means(self) -> dict[str, float]:
+        """Mean of every factor of a case's human-likeness over the safe cases without an incident, by exposure."""
+        return self._means(self.likened & ~self.cases.incident, LIKENESS_FACTORS)
+
+    def _means(self, counted: BoolArray, factors: Mapping[str, str]) -> dict[str, float]:
+        """The mean of every factor over the cases that are counted, (n,)."""
+        some = self.cases[counted]
+        exposure = some.exposure
+        if not exposure.sum() > 0.0:
+            return {}
+        return {
+            name: float(exposure_mean(getattr(some, field), exposure, once(len(exposure)))[0])
+            for name, field in factors.items()
+        }
+
+
+def findings(evaluation: Evaluation) -> list[Findings]:
+    """Of every ADS in every scenario."""
+    return [Findings.of(evaluation, score) for score in evaluation.scores]
+
+
+def unevaluated(evaluation: Evaluation) -> list[CaseTable]:
+    """The cases that are missing from a mean, of each ADS in each scenario."""
+    return [one.cases[one.missing] for one in findings(evaluation)]
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleBehind:
+    """How many recorded people stand behind the D_i and H of a scenario.
+
+    points: safe concrete scenarios; with_people: of these, with recorded people whom D_i compares with; drives: of
+    theirs, over all of these. Where references that are too thin are left out, their people stand behind nothing.
+    """
+
+    scenario: str
+    points: int
+    with_people: int
+    drives: int
+
+
+def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
+    """The recorded people of every scenario; empty where the evaluation asks for none."""
+    drivers = evaluation.settings.drivers
+    if drivers.source != "recorded":
+        return []
+    fewest = drivers.least if drivers.too_thin == "leave_out" else 1
+    found = []
+    for name in dict.fromkeys(score.scenario for score in evaluation.scores):
+        cases = evaluation.cases_in(name)
+        safe = cases.safe
+        if not safe.any():
+            continue
+        people = np.nan_to_num(cases.recorded_drivers[safe])
+        points, place = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
+        most = np.zeros(len(points))
+        np.maximum.at(most, place, np.where(people >= fewest, people, 0.0))
+        found.append(PeopleBehind(name, len(points), int(np.count_nonzero(most)), int(most.sum())))
+    return found
