@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from heapq import nsmallest
 from typing import Any
-from urllib.parse import quote
 
 from sumo_eval.report.words import count, point
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -96,7 +95,7 @@ def checks_content(evaluation: Evaluation) -> Mapping[str, Any] | None:
                 "rows": [
                     (
                         place,
-                        [(found.get(ads), quote(found[ads].case, safe="") if ads in found else "") for ads in names],
+                        [found.get(ads) for ads in names],
                     )
                     for place, found in rows.items()
                 ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.confidence.assessment import Assessment, Confidence
 from sumo_eval.scoring.confidence.coverage import PairCoverage, SpaceCoverage
-from sumo_eval.scoring.confidence.intervals import Interval
 
 SHOWN = 8  # further cases that the page lists; the file has all of them
 CELL = 17  # pixels of a bucket in the picture
@@ -40,34 +40,11 @@ def confidence_json(confidence: Confidence) -> dict[str, Any]:
 def confidence_content(evaluation: Evaluation, confidence: Confidence) -> dict[str, Any]:
     """What templates/sections/confidence.html.j2 shows."""
     return {
-        "rows": [_row(item) for item in confidence.assessments],
+        "rows": confidence.assessments,
+        "digits": SCORES,
         "spaces": [_space(zone.scenario, confidence.coverage[zone.scenario]) for zone in evaluation.zones],
         "further": [_further(item, confidence) for item in confidence.assessments],
     }
-
-
-def _row(item: Assessment) -> dict[str, Any]:
-    row: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
-    if item.risk is None or not item.intervals:
-        return row | {"known": False}
-    return row | {
-        "known": True,
-        "scores": {
-            name: _words(item.intervals[field], digits) if field in item.intervals else None
-            for name, (field, digits) in SCORES.items()
-        },
-        "sources": dict.fromkeys(("cases", "drivers"), "–")
-        | {name: f"{width:z.1f}" for name, width in item.sources.get("s_plus", {}).items()},
-        "probability": _words(item.risk.collision_probability, 1, percent=True),
-        "loss": _words(item.risk.expected_loss, 3),
-        "effective": f"{item.risk.effective_cases:z.0f}",
-    }
-
-
-def _words(interval: Interval, digits: int, *, percent: bool = False) -> dict[str, str]:
-    scale, unit = (100.0, " %") if percent else (1.0, "")
-    value, low, high = (f"{scale * number:z.{digits}f}" for number in (interval.value, interval.low, interval.high))
-    return {"value": value + unit, "limits": f"{low} to {high}{unit}"}
 
 
 def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
@@ -127,18 +104,14 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
     return {"x": pair.x, "y": pair.y, "cells": cells, "width": CELL * columns, "height": CELL * rows, "cell": CELL}
 
 
-def _interval_json(interval: Interval) -> dict[str, float]:
-    return {"value": interval.value, "low": interval.low, "high": interval.high, "level": interval.level}
-
-
 def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any]:
     plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
-    plain |= {name: _interval_json(interval) for name, interval in item.intervals.items()}
+    plain |= {name: asdict(interval) for name, interval in item.intervals.items()}
     plain |= {f"{name}_half_width_by_source": dict(parts) for name, parts in item.sources.items()}
     if item.risk is not None:
         plain |= {
-            "collision_probability": _interval_json(item.risk.collision_probability),
-            "expected_loss": _interval_json(item.risk.expected_loss),
+            "collision_probability": asdict(item.risk.collision_probability),
+            "expected_loss": asdict(item.risk.expected_loss),
             "effective_cases": item.risk.effective_cases,
         }
     if item.further is not None:

@@ -13,10 +13,10 @@ from sumo_eval.method.score_terms import excess, exposure_mean, once
 from sumo_eval.report.words import (
     REASON_WITHOUT_T,
     count,
-    interval_words,
     number,
     parts_of_total,
     severity_unit,
+    span,
 )
 from sumo_eval.results import Evaluation, RankedAds, ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
@@ -224,7 +224,7 @@ def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
     parts = "" if ranking is None else parts_of_total(ranking)
     if best.s_plus is None:
         return f"none: {REASON_WITHOUT_T}{parts}. Read A' instead."
-    interval = interval_words(best.interval, 1).replace("..", " to ")
+    interval = span(best.interval, 1)
     points = f"{best.ads} with {number(best.s_plus, 1)} of 100 points{f' ({interval})' if interval else ''}{parts}."
     if ranking is None or len(order) == 1 or order[1].s_plus is None:
         return points

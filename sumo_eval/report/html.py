@@ -13,7 +13,7 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from sumo_eval.cases import OUTCOMES, CaseResult, CaseTable
+from sumo_eval.cases import OUTCOMES, CaseTable
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
@@ -40,13 +40,11 @@ from sumo_eval.report.words import (
     explain_s_plus,
     explain_t,
     index_notes,
-    interval_words,
     nobody_drove,
     nobody_recorded,
     number,
     people_sentence,
     percent,
-    point,
     reason_without_d,
     reason_without_h,
     reference_sentence,
@@ -54,7 +52,7 @@ from sumo_eval.report.words import (
     severity_unit,
     why_missing,
 )
-from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.results import Evaluation, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.findings import Findings, unevaluated
@@ -125,6 +123,7 @@ def _shared(
         "avoidable": sum(score.avoidable_collisions for score in evaluation.scores),
         "departures": sum(score.departures for score in evaluation.scores),
         "term": term,
+        "digits": SCORES,
         "glossary": GLOSSARY,
         "unit": severity_unit(settings),
         "groups": [
@@ -138,10 +137,7 @@ def _shared(
         "factors": FACTORS,
         "likeness_factors": LIKENESS_FACTORS,
         "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
-        "missing": [
-            {"case": case, "key": quote(case.case, safe=""), "point": point(case.values), "sentence": why_missing(case)}
-            for case in islice(chain.from_iterable(missing), MOST_LISTED)
-        ],
+        "missing": [(case, why_missing(case)) for case in islice(chain.from_iterable(missing), MOST_LISTED)],
         "all_missing": sum(map(len, missing)),
         "index_notes": index_notes(evaluation),
         "synthetic": (drivers_are_synthetic(settings) or nobody_recorded(evaluation)) and not nobody_drove(evaluation),
@@ -237,13 +233,10 @@ def _group(
         "has_index": bool(np.isfinite(cases.index).any()),
         **_left_out(logical, evaluation, shown, view),
         "share_of_space": percent(sum(zones.zone_shares)),
-        "share_of_cases": percent(zone.hazardous_share),
         "dangerous": [
             ", ".join(f"{name} = {value:g}{behind[name]}" for name, value in values.items())
             for values in zone.most_dangerous
         ],
-        "boundary_error": percent(zone.boundary_error),
-        "boundary_error_box": percent(zone.boundary_error_box),
         "parameters": [
             f"{item.name}: {item.low:g} to {item.high:g}{item.behind}, {item.about}" for item in logical.parameters
         ],
@@ -292,18 +285,10 @@ def _row(found: Findings) -> dict[str, Any]:
     return {
         "notes": [score_note(note) for note in score.notes],
         "score": score,
-        "values": {name: _value(score, name) for name in SCORES},
-        "c": number(score.c, 3),
-        "d": number(score.d, 3),
-        "h": number(score.human_likeness, 3),
-        "a": number(score.avoided_share, 3),
         "no_d": reason_without_d(score),
         "no_h": reason_without_h(score),
-        "a_points": number(score.a_points, 1),
-        "h_points": number(score.h_points, 1),
         "a_width": f"{min(score.a_points, 100.0):z.2f}",
         "h_width": f"{min(score.h_points, 100.0 - min(score.a_points, 100.0)):z.2f}",
-        "probability": percent(score.collision_probability),
         "explained": [
             explain_t(score),
             explain_a(found),
@@ -318,41 +303,10 @@ def _row(found: Findings) -> dict[str, Any]:
         "has_index": bool(indexed.any()),
         "indexed": int(np.count_nonzero(indexed)),
         "collisions": [
-            _collision(cases[place], float(avoided), float(lost), float(losses[place]))
+            (cases[place], float(avoided), float(lost), float(losses[place]))
             for place, avoided, lost in zip(hits.places[:MOST_LISTED], hits.avoided, hits.lost, strict=False)
         ],
         "more_collisions": max(len(hits.places) - MOST_LISTED, 0),
-    }
-
-
-def _value(score: ScenarioResult, name: str) -> dict[str, str]:
-    """A score and its interval, in digits; both empty where there is none."""
-    field, digits = SCORES[name]
-    value, interval = getattr(score, field), getattr(score, f"{field}_interval")
-    return {
-        "value": "" if value is None else number(value, digits),
-        "interval": interval_words(interval, digits - 1),
-    }
-
-
-def _collision(case: CaseResult, avoided: float, lost: float, a_lost: float) -> dict[str, Any]:
-    return {
-        "kind": case.kind,
-        "unreacting": "not known" if case.no_reaction_severity is None else number(case.no_reaction_severity, 1),
-        "a_lost": number(a_lost, 4),
-        "key": quote(case.case, safe=""),
-        "point": point(case.values),
-        "zone": case.zone,
-        "impact_speed": number(case.impact_speed, 1),
-        "overlap": number(None if case.overlap is None else 100.0 * case.overlap, 0),
-        "side": case.side or "–",
-        "severity": number(case.severity, 1),
-        "loss": number(case.loss, 1),
-        "ideal": "not known" if case.ideal_severity is None else number(case.ideal_severity, 1),
-        "avoided": number(avoided, 2),
-        "beats": case.beats_ideal,
-        "weight": number(case.weight, 3),
-        "lost": number(lost, 4),
     }
 
 

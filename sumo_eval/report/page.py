@@ -8,10 +8,12 @@ from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from markupsafe import Markup
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.report.words import interval_words, number, percent, point, span
 
 if TYPE_CHECKING:
     import jinja2
@@ -39,13 +41,27 @@ def template(name: str) -> jinja2.Template:
 def _environment() -> jinja2.Environment:
     import jinja2  # whoever finds a page unchanged needs none
 
-    return jinja2.Environment(
+    made = jinja2.Environment(
         loader=jinja2.PackageLoader(_TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters |= {
+        "number": number,
+        "ends": interval_words,
+        "span": span,
+        "percent": percent,
+        "point": point,
+        "key": case_key,
+    }
+    return made
+
+
+def case_key(case: str) -> str:
+    """A case's key in an address."""
+    return quote(case, safe="")
 
 
 def asset(name: str) -> Markup:

@@ -14,7 +14,7 @@ from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import read_input_text
 from sumo_eval.method.score_terms import exposure_mean, once
-from sumo_eval.report.words import count, number, percent, point
+from sumo_eval.report.words import count, number, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import findings
 from sumo_eval.trajectory import FloatArray
@@ -37,18 +37,6 @@ class PeopleRow:
     below: str
     drivers: str
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class WorstCase:
-    """A safe case in which the ADS scores furthest below the drivers' own mean."""
-
-    ads: str
-    scenario: str
-    point: str
-    index: str
-    band: str
-    manoeuvre: str
 
 
 def people_context(evaluation: Evaluation) -> dict[str, Any]:
@@ -154,22 +142,11 @@ def _warnings(cases: CaseTable) -> tuple[str, ...]:
     return tuple(told)
 
 
-def worst_cases(evaluation: Evaluation) -> list[WorstCase]:
+def worst_cases(evaluation: Evaluation) -> CaseTable:
     """The cases in which an ADS scores furthest below the drivers' own mean."""
     cases, below = evaluation.cases, evaluation.cases.index - evaluation.cases.human_mean
     places = np.flatnonzero(below < 0.0)
-    rows = cases[places[np.lexsort((cases.case[places], below[places]))[:MOST_WORST]]]
-    return [
-        WorstCase(
-            case.ads,
-            case.scenario,
-            point(case.values),
-            number(case.index, 3),
-            f"{number(case.human_low, 2)} … {number(case.human_mean, 2)} … {number(case.human_high, 2)}",
-            case.manoeuvre if case.manoeuvre_share is None else f"{case.manoeuvre} ({percent(case.manoeuvre_share)})",
-        )
-        for case in rows
-    ]
+    return cases[places[np.lexsort((cases.case[places], below[places]))[:MOST_WORST]]]
 
 
 def exposure_sentence(found: Mapping[str, Any]) -> str:

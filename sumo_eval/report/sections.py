@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checks_content
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.confidence_section import confidence_content
@@ -25,7 +26,7 @@ from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.summary import summary_content
 from sumo_eval.report.terminal import moved_words, quantity_words, ways_to
 from sumo_eval.report.verdict import verdict_of
-from sumo_eval.report.words import interval_words, number, parts_of_total, point
+from sumo_eval.report.words import number, parts_of_total, point
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.assessment import Confidence
 from sumo_eval.scoring.findings import findings
@@ -138,20 +139,14 @@ def _standing(name: str, value: QuantityChange) -> str:
 
 def _changed(item: ChangedCase) -> dict[str, Any]:
     return {
-        "key": quote(item.new.case, safe=""),
-        "ads": item.new.ads,
-        "scenario": item.new.scenario,
-        "point": point(item.new.values),
-        "change": item.change,
-        "worse": item.worse,
+        "it": item,
         "by": ", ".join(moved_words(item)),
-        "base": _outcome(item, base=True),
-        "new": _outcome(item, base=False),
+        "base": _outcome(item.base),
+        "new": _outcome(item.new),
     }
 
 
-def _outcome(item: ChangedCase, *, base: bool) -> str:
-    case = item.base if base else item.new
+def _outcome(case: CaseResult) -> str:
     if case.severity is not None:
         return f"U {number(case.severity, 1)} m/s"
     likeness = [
@@ -207,25 +202,7 @@ def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
         "weights": weights if len(set(weights.values())) > 1 else {},
         "level": f"{100.0 * found.level:g} %",
         "parts": parts_of_total(found),
-        "rows": [
-            {
-                "ads": one.ads,
-                "place": "–" if one.place is None else str(one.place),
-                "s_plus": number(one.s_plus, 1),
-                "interval": interval_words(one.interval, 1).replace("..", " to "),
-            }
-            for one in found.ads
-        ],
-        "pairs": [
-            {
-                "above": pair.above,
-                "below": pair.below,
-                "difference": f"{pair.difference:+z.1f}",
-                "interval": interval_words(pair.interval, 1).replace("..", " to ") or "not known",
-                "told_apart": pair.told_apart,
-            }
-            for pair in found.pairs
-        ],
+        "found": found,
     }
 
 

@@ -15,8 +15,8 @@ from sumo_eval.report.headline import headline, ranked
 from sumo_eval.report.verdict import verdict_of
 from sumo_eval.report.words import (
     count,
-    interval_words,
     number,
+    span,
 )
 from sumo_eval.results import Evaluation, RankedAds, ScenarioResult
 from sumo_eval.scoring.findings import findings, unevaluated
@@ -115,7 +115,7 @@ def _row(evaluation: Evaluation, one: RankedAds, scenarios: Sequence[str], digit
         "ads": one.ads,
         "place": "–" if one.place is None else str(one.place),
         "s_plus": number(one.s_plus, digits),
-        "interval": interval_words(one.interval, 0).replace("..", " to "),
+        "interval": span(one.interval, 0),
         "whisker": _whisker(one.s_plus, one.interval),
         "collisions": sum(score.collisions for score in scores),
         "avoidable": sum(score.avoidable_collisions for score in scores),

@@ -198,6 +198,11 @@ def interval_words(interval: tuple[float, float] | None, digits: int) -> str:
     return "" if interval is None else f"{number(interval[0], digits)}..{number(interval[1], digits)}"
 
 
+def span(interval: tuple[float, float] | None, digits: int) -> str:
+    """`0.912 to 1.000`; nothing where there is no interval."""
+    return interval_words(interval, digits).replace("..", " to ")
+
+
 def percent(share: float | None) -> str:
     """A share with about three significant digits, e.g. `7.69 %`."""
     if share is None or not math.isfinite(share):
