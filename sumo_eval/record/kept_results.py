@@ -54,13 +54,22 @@ class KeptResults:
 
     def get(self, kind: Kind, key: bytes, place: int = 0) -> bytes | None:
         """The content of a part; None where it is not kept. Raises InputError for one that is not as it was written."""
-        query = "SELECT data, hash FROM parts WHERE kind = ? AND key = ? AND place = ?"
+        return next(iter(self.some(kind, key, place, place + 1)), None)
+
+    def some(self, kind: Kind, key: bytes, first: int, last: int) -> list[bytes]:
+        """The contents of the parts with these places, in their order, `last` not among them."""
+        query = (
+            "SELECT place, data, hash FROM parts WHERE kind = ? AND key = ? AND place >= ? AND place < ? ORDER BY place"
+        )
         for connection in self._connections:
-            for data, found in self._read(connection, query, (kind, key, place)):
-                if not isinstance(data, bytes) or found != _hash(kind, key, place, data):
+            found = []
+            for place, data, known in self._read(connection, query, (kind, key, first, last)):
+                if not isinstance(data, bytes) or known != _hash(kind, key, place, data):
                     raise InputError(f"{self.path} is not as it was written: a part of it was changed. {_MEND}")
-                return data
-        return None
+                found.append(data)
+            if found:
+                return found
+        return []
 
     def put(self, parts: Iterable[Part]) -> None:
         """Keep parts, all of them or none; a part of that key gives way."""

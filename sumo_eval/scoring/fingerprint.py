@@ -9,13 +9,13 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.record.kept_results import key_of
 from sumo_eval.scenario.catalogue import options_of
-from sumo_eval.scenario.formats import format_of
+from sumo_eval.scenario.formats import GROUP, format_of
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 _PACKAGE = Path(__file__).parent.parent
@@ -30,8 +30,9 @@ _LARGEST = 8 << 20  # bytes of a file whose text may name others
 
 @cache
 def sources(*rooms: str) -> str:
-    """A hash of the files of this package that scores come from, or of some rooms alone, and the versions of what they
-    compute with.
+    """A hash of the files of this package that scores come from, or of some rooms alone.
+
+    The versions of what they compute with, and of the packages that read scenarios, are in it.
     """
     files = [
         file
@@ -40,7 +41,8 @@ def sources(*rooms: str) -> str:
         for file in (_PACKAGE / room).rglob(ending)
     ]
     files += [] if rooms else [_PACKAGE / name for name in _FILES]
-    found = hashlib.blake2b(repr([version(name) for name in _COMPUTES]).encode())
+    readers = [(one.value, one.dist and one.dist.version) for one in entry_points(group=GROUP)]
+    found = hashlib.blake2b(repr(([version(name) for name in _COMPUTES], readers)).encode())
     for file in sorted(files):
         found.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
     return found.hexdigest()

@@ -49,14 +49,15 @@ def table_of(kept: KeptResults, key: bytes, chunks: Sequence[KeptChunk]) -> Case
     return CaseTable((Chunk(one.scenario, one.ads, one.rows, _reader(kept, key, one.place)) for one in chunks), key=key)
 
 
-def _reader(kept: KeptResults, key: bytes, place: int) -> Callable[[int], bytes]:
-    def column(number: int) -> bytes:
-        data = kept.get("rows", key, place * COLUMNS + number)
-        if data is None:
+def _reader(kept: KeptResults, key: bytes, place: int) -> Callable[[slice], list[bytes]]:
+    def columns(places: slice) -> list[bytes]:
+        first = place * COLUMNS
+        data = kept.some("rows", key, first + (places.start or 0), first + places.stop)
+        if not data:
             raise InputError(f"Rows of {kept.path} are gone: somebody took them out. Score the run again.")
         return data
 
-    return column
+    return columns
 
 
 class RowWriter:

@@ -10,6 +10,7 @@ import sys
 from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ from sumo_eval.report.explain import explain_case
 from sumo_eval.report.replay import recorded
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring import critical, drive_measures, likeness, steps
+from sumo_eval.scoring import critical, drive_measures, fingerprint, likeness, steps
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.zones import zones_are_known
@@ -217,6 +218,17 @@ def test_critical_points_are_collisions_flips_and_the_least_human(
     found = critical.critical_points(one, numbers)
     assert {number for _, number in found} <= {1, 2, 3, 6}
     assert {number for _, number in found} == {1, 2, 6}
+
+
+def test_the_version_of_a_package_that_reads_scenarios_is_part_of_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = []
+    for number in ("1.0", "1.0", "1.1"):
+        reader = SimpleNamespace(value="reader:read", dist=SimpleNamespace(version=number))
+        monkeypatch.setattr(fingerprint, "entry_points", lambda group, reader=reader: [reader])
+        fingerprint.sources.cache_clear()
+        keys.append(fingerprint.sources("scenario"))
+    fingerprint.sources.cache_clear()
+    assert keys[0] == keys[1] != keys[2]
 
 
 def test_a_scenario_file_and_what_it_names_are_part_of_the_key(tmp_path: Path) -> None:
