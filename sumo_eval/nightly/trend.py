@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.nightly.history import GateLine, History, Night, Value
-from sumo_eval.report.page import REPORT, asset, template, write_page
+from sumo_eval.report.page import REPORT, template, write_page
 
 TREND = "trend.html"
 CHARTS = (
@@ -87,8 +87,6 @@ def write_trend(folder: Path, history: History) -> Path:
     scenarios = list(dict.fromkeys(value.scenario for value in values))
     kept = {night.night for night in nights if not night.imported and (folder / night.folder / REPORT).is_file()}
     page = template("trend.html.j2").render(
-        css=asset("report.css"),
-        page_js=asset("page.js"),
         failed=failed_nights(nights),
         nights=list(reversed(nights)),
         dates={night.night: _date(night.night) for night in nights},

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,7 +19,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
-from sumo_eval.report.page import asset, template
+from sumo_eval.report.page import template
 from sumo_eval.report.qualification import holds, qualification_sentence
 from sumo_eval.report.words import count, people_sentence, reference_sentence
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
@@ -45,10 +45,10 @@ class Claim:
     claim: str
     verdict: Verdict
     argument: str
-    evidence: tuple[str, ...]
-    interval: dict[str, float] | None
-    cases: tuple[str, ...]
-    assumptions: tuple[str, ...]
+    evidence: tuple[str, ...] = ()
+    interval: dict[str, float] | None = None
+    cases: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def evidence_of(evaluation: Evaluation) -> Evidence:
 def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
     """Write `evidence.html` and `evidence.json` into a folder and return their paths."""
     found = evidence_of(evaluation)
-    text = template("evidence.html.j2").render(found=found, css=asset("report.css"), page_js=asset("page.js"))
+    text = template("evidence.html.j2").render(found=found)
     try:
         out.mkdir(parents=True, exist_ok=True)
         (out / PAGE).write_text(text, encoding="utf-8")
@@ -109,14 +109,17 @@ def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
 def _claims(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[Claim]:
     """What is claimed of one ADS in one scenario."""
     cases = evaluation.cases_of(score.ads, score.scenario)
-    assumptions = tuple(_assumptions(evaluation, score, zone))
     about = f"{score.ads} in {score.scenario}"
     yield _complete(about, score, cases)
-    yield _collisions(evaluation, about, score, cases, assumptions)
-    yield _preventable(evaluation, about, score, cases, assumptions)
-    yield _avoided(evaluation, about, score, cases, assumptions)
+    made = [
+        _collisions(evaluation, about, score, cases),
+        _preventable(evaluation, about, score, cases),
+        _avoided(about, score, cases),
+    ]
     if score.scenario in evaluation.checks:
-        yield _checked(evaluation, about, score, assumptions)
+        made.append(_checked(evaluation, about, score))
+    assumptions = tuple(_assumptions(evaluation, score, zone))
+    yield from (replace(claim, assumptions=assumptions) for claim in made)
 
 
 def _claim(score: ScenarioResult, kind: str, **parts: Any) -> Claim:
@@ -136,13 +139,11 @@ def _complete(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
         verdict="not supported" if len(missing) else "supported",
         argument="Cases are counted when they are planned and when they are stored; one without an outcome is named.",
         evidence=(f"{len(cases) - len(missing)} of {count(len(cases), 'case')} have an outcome that counts.",),
-        interval=None, cases=_names(missing), assumptions=(),
+        cases=_names(missing),
     )  # fmt: skip
 
 
-def _collisions(
-    evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable, assumptions: tuple[str, ...]
-) -> Claim:
+def _collisions(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
     """Collision share < p: p is the upper end of its interval."""
     known = evaluation.exposure_known(score.scenario)
     under = "this exposure" if known else "equal weights of its points"
@@ -152,8 +153,7 @@ def _collisions(
         return _claim(
             score, "collisions", claim=f"The collision share of {about} is known.", verdict="open",
             argument="An interval needs two evaluated cases with exposure.",
-            evidence=(f"{count(len(judged), 'case')} evaluated.",), interval=None, cases=_names(hit),
-            assumptions=assumptions,
+            evidence=(f"{count(len(judged), 'case')} evaluated.",), cases=_names(hit),
         )  # fmt: skip
     loss = np.nan_to_num(judged.loss)
     found = risk(exposure, loss, evaluation.settings.seed, (score.scenario, score.ads))
@@ -169,13 +169,11 @@ def _collisions(
             f"As informative as {found.effective_cases:z.1f} equally frequent cases.",
         ),
         interval={"estimate": it.value, "low": it.low, "high": it.high, "level": it.level},
-        cases=_names(hit), assumptions=assumptions,
+        cases=_names(hit),
     )  # fmt: skip
 
 
-def _preventable(
-    evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable, assumptions: tuple[str, ...]
-) -> Claim:
+def _preventable(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
     """In the words of assessors: unpreventable for a skilled driver, preventable for the ADS."""
     row = next(it for it in preventability(evaluation) if (it.ads, it.scenario) == (score.ads, score.scenario))
     against = cases[np.isin(verdicts(evaluation, score), ["preventable", "undecided"])]
@@ -195,13 +193,11 @@ def _preventable(
             f"{row.off_road} left the road, {row.gave_up} given up, {row.not_evaluated} not evaluated, "
             f"of {count(row.cases, 'case')}.",
         ),
-        interval=None, cases=_names(against), assumptions=assumptions,
+        cases=_names(against),
     )  # fmt: skip
 
 
-def _avoided(
-    evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable, assumptions: tuple[str, ...]
-) -> Claim:
+def _avoided(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
     """The avoided share A is above the lower end of its interval."""
     ends = score.avoided_share_interval
     if ends is not None and ends[0] >= 1.0:  # what was never seen takes something off wherever there is any harm
@@ -209,13 +205,12 @@ def _avoided(
             score, "avoided", claim=f"{about} had harm to avoid.", verdict="open",
             argument="Where a car that does nothing hits no harder than the ideal vehicle, A is 1 whoever drives.",
             evidence=(f"In none of {count(len(cases), 'case')} a car that does nothing does more harm.",),
-            interval=None, cases=(), assumptions=assumptions,
+
         )  # fmt: skip
     if score.avoided_share is None or ends is None:
         return _claim(
             score, "avoided", claim=f"The avoided share A of {about} is known.", verdict="open",
-            argument="A needs evaluated cases, its interval two of them.", evidence=(), interval=None, cases=(),
-            assumptions=assumptions,
+            argument="A needs evaluated cases, its interval two of them.",
         )  # fmt: skip
     against = cases[cases.avoidable]
     return _claim(
@@ -231,11 +226,11 @@ def _avoided(
         ),
         interval={"estimate": score.avoided_share, "low": ends[0], "high": ends[1],
                   "level": LEVEL},
-        cases=_names(against), assumptions=assumptions,
+        cases=_names(against),
     )  # fmt: skip
 
 
-def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, assumptions: tuple[str, ...]) -> Claim:
+def _checked(evaluation: Evaluation, about: str, score: ScenarioResult) -> Claim:
     failed: list[str] = []
     number = passed = 0
     for one in checked_cases(evaluation, (score,)):
@@ -253,7 +248,7 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, assumpti
             f"{passed} of {count(number, 'case')} pass all.",
             *(f"{name}: {text}" for name, text in checks.items()),
         ),
-        interval=None, cases=tuple(failed), assumptions=assumptions,
+        cases=tuple(failed),
     )  # fmt: skip
 
 

@@ -35,10 +35,10 @@ from sumo_eval.report.words import (
     reason_without_d,
     severity_unit,
 )
-from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
-from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.results import Evaluation
+from sumo_eval.scoring.case_terms import case_terms
+from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 ROUNDING = 1e-9
 
@@ -63,7 +63,8 @@ def known_case(run: Path, key: str) -> Fact:
 def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], key: str) -> list[str]:
     """The lines that `sumo-eval explain` prints."""
     case = find_case(evaluation, key)
-    zones, score = partitions[case.scenario], evaluation.score(case.ads, case.scenario)
+    zones = partitions[case.scenario]
+    found = Findings.of(evaluation, evaluation.score(case.ads, case.scenario))
     with open_store(evaluation.folder / FACTS) as store:
         fact = store.fact(key)
         assert fact is not None, "every case is of a recorded drive"
@@ -75,14 +76,14 @@ def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
             *(f"  {line}" for line in driving_words(evaluation, case, fact, zones.logical, store)),
             "",
             *(f"  {line}" for line in _zone(case, zones)),
-            *(f"  {line}" for line in _collision(case, fact, score, evaluation, zones)),
-            *(f"  {line}" for line in _likeness(case, fact, score, evaluation, zones, store)),
-            *(f"  {line}" for line in _task(case, score, evaluation)),
-            *(f"  {line}" for line in _avoided(case, score, evaluation)),
-            *(f"  {line}" for line in _human(case, score, evaluation)),
+            *(f"  {line}" for line in _collision(case, fact, found, zones)),
+            *(f"  {line}" for line in _likeness(case, fact, found, evaluation, zones, store)),
+            *(f"  {line}" for line in _task(case, found)),
+            *(f"  {line}" for line in _avoided(case, found)),
+            *(f"  {line}" for line in _human(case, found)),
             *(f"  {line}" for line in _measures(case)),
-            f"  {explain_s_plus(score, evaluation.settings)}",
-            f"  Eq. 18: {explain_s(score, evaluation.settings)}",
+            f"  {explain_s_plus(found.score, found.settings)}",
+            f"  Eq. 18: {explain_s(found.score, found.settings)}",
         ]
 
 
@@ -99,9 +100,7 @@ def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     yield f"Eqs. 7-8: y = {learnt:+z.4f}, {'above' if learnt > 0.0 else 'not above'} 0: the {case.zone} zone"
 
 
-def _collision(
-    case: CaseResult, fact: Fact, score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition
-) -> Iterator[str]:
+def _collision(case: CaseResult, fact: Fact, found: Findings, zones: ZonePartition) -> Iterator[str]:
     hit = fact.collision
     if hit is None:
         yield "Eqs. 14-17: no contact, so this case has no part in C"
@@ -119,7 +118,7 @@ def _collision(
         why = because(case.ideal_error)
         yield f"Eq. 17: the ideal vehicle's case could not be evaluated, so this collision has no part in C.{why}"
         return
-    loss = evaluation.settings.method.collision.loss
+    loss = found.settings.method.collision.loss
     ratio = ratio_of(case, loss) or 0.0
     what = "Ug/U" if loss == "severity" else "Lg/L"
     best = f"hits with Ug = {case.ideal_severity:z.3f} m/s" if case.ideal_severity else "avoids, Ug = 0"
@@ -128,12 +127,11 @@ def _collision(
         + (", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else "")
     )
     yield from _weight(case, zones)
-    cases = evaluation.cases_of(score.ads, score.scenario)
-    hits = cases[cases.collided & np.isfinite(cases.ideal_severity)]
-    weights, share = _share(case, hits, hits.weight)
-    whole = worth(evaluation.settings.method.score)
+    counted = found.cases.collided & np.isfinite(found.cases.ideal_severity)
+    weights, share = _share(case, found.cases, counted, found.cases.weight)
+    whole = worth(found.settings.method.score)
     yield (
-        f"Eq. 17: of 1 - C = {1.0 - (score.c or 0.0):z.4f} this case took r (1 - {what}) / sum r = "
+        f"Eq. 17: of 1 - C = {1.0 - (found.score.c or 0.0):z.4f} this case took r (1 - {what}) / sum r = "
         f"{number(case.weight, 4)} x {1.0 - ratio:z.4f} / {math.fsum(weights):z.4f} = {share * (1.0 - ratio):z.4f} "
         f"({len(weights)} collisions), {whole.c * share * (1.0 - ratio):z.2f} points of S"
     )
@@ -157,7 +155,7 @@ def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
 def _likeness(
     case: CaseResult,
     fact: Fact,
-    score: ScenarioResult,
+    found: Findings,
     evaluation: Evaluation,
     zones: ZonePartition,
     store: Store,
@@ -167,7 +165,7 @@ def _likeness(
         return
     if case.index is None:
         why = (
-            not_computed(reason_without_d(score))
+            not_computed(reason_without_d(found.score))
             or index_note_words(case)
             or case.error
             or "fewer than two drivers to compare with"
@@ -183,20 +181,18 @@ def _likeness(
     job = PointJob(tuple(one.case for one in drives if one.status == "ok"), zones.logical.road, (case.case,))
     settings = evaluation.settings.method.anthropomorphic
     with closing(KeptResults(evaluation.folder)) as kept:
-        (found,) = compute_points(store.path, [job], settings, map, lambda done: None, kept)
-    index = found.indexes[case.case]
+        (result,) = compute_points(store.path, [job], settings, map, lambda done: None, kept)
+    index = result.indexes[case.case]
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
-    cases = evaluation.cases_of(score.ads, score.scenario)
-    indexed = cases[cases.safe & np.isfinite(cases.index)]
-    exposures, share = _share(case, indexed, indexed.exposure)
+    exposures, share = _share(case, found.cases, found.indexed, found.cases.exposure)
     of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
-    whole = worth(evaluation.settings.method.score)
+    whole = worth(found.settings.method.score)
     yield (
         f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {math.fsum(exposures):z.6g} = {share:z.5f} "
-        f"({len(exposures)} cases); of D = {number(score.d, 4)} this case gives {share * case.index:z.5f} and took "
-        f"{share * (1.0 - case.index):z.5f}, {whole.d * share * (1.0 - case.index):z.2f} points of S"
+        f"({len(exposures)} cases); of D = {number(found.score.d, 4)} this case gives "
+        f"{share * case.index:z.5f} and took {share * (1.0 - case.index):z.5f}, {whole.d * share * (1.0 - case.index):z.2f} points of S"
     )
     for note in index.notes:
         yield f"note: {index_note_sentence(note)}"
@@ -221,7 +217,7 @@ def _factors(index: CaseIndex) -> Iterator[str]:
     yield f"Eq. 12: D_i = {product} = {index.value:z.4f}"
 
 
-def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> Iterator[str]:
+def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
     """What the case takes from A = 1 - sum(w max(0, U - Ug)) / sum(w max(0, U0 - Ug))."""
     unknown = [
         words
@@ -232,15 +228,12 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
         )
         if not known
     ]
+    score = found.score
     if unknown or score.avoided_share is None:
         yield f"A: this case has no part in it; {' and '.join(unknown) or 'it'} could not be evaluated"
         return
-    settings = evaluation.settings
-    unit = severity_unit(settings)
-    cases = evaluation.cases_of(score.ads, score.scenario)
-    terms = case_terms(cases, settings.method)
-    row = int(np.flatnonzero(cases.case == case.case)[0])
-    losses = avoided_share_losses(terms)
+    unit, terms = severity_unit(found.settings), case_terms(found.cases, found.settings.method)
+    row = int(np.flatnonzero(found.cases.case == case.case)[0])
     u, ideal, nothing = (float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting))
     lost, at_stake = (float(excess(part, ideal)) for part in (u, nothing))
     if case.departed:
@@ -251,7 +244,7 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
     which = "" if kind == "not known" else f": the collision is {kind}"
     beside = f"ideal vehicle Ug = {ideal:z.3f}{unit}, doing nothing U0 = {nothing:z.3f}{unit}"
     yield f"A: U = {u:z.3f}{unit}, {beside}{which}"
-    taken = float(losses[row])
+    taken = float(found.share_lost[row])
     yield (
         f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = {(case.weight or 0.0) * lost:z.4f}, "
         f"w max(0, U0 - Ug) = {(case.weight or 0.0) * at_stake:z.4f}; of 1 - A = {1.0 - score.avoided_share:z.4f} this "
@@ -260,7 +253,7 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
     )
 
 
-def _task(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> Iterator[str]:
+def _task(case: CaseResult, found: Findings) -> Iterator[str]:
     """What the case gives to T, the mean of t_i over the safe cases."""
     if case.zone != "safe":
         yield "T: the hazardous zone has no part in it"
@@ -268,11 +261,11 @@ def _task(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> It
     if case.task_share is None:
         yield "T: this case has no part in it: no reference is there without an incident"
         return
+    score = found.score
     beside = f"`{score.task_reference}` and the drivers" if score.task_reference else "the drivers"
     why = " for its incident" if case.incident else ""
-    cases = evaluation.cases_of(score.ads, score.scenario)
-    timed = cases[cases.safe & np.isfinite(cases.task_share)]
-    exposures, share = _share(case, timed, timed.exposure)
+    counted = found.cases.safe & np.isfinite(found.cases.task_share)
+    exposures, share = _share(case, found.cases, counted, found.cases.exposure)
     yield (
         f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of {beside} / own "
         f"time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
@@ -280,7 +273,7 @@ def _task(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> It
     )
 
 
-def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> Iterator[str]:
+def _human(case: CaseResult, found: Findings) -> Iterator[str]:
     """What the case gives to H, the mean of f_L f_n+ similarity plausibility over the safe cases."""
     if case.zone != "safe":
         yield "H: the hazardous zone has no part in it"
@@ -301,20 +294,18 @@ def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> I
             f"H: f_L f_n+ similarity plausibility = {' x '.join(number(value, 4) for value in factors)} = "
             f"{case.human_likeness:z.4f}; plausibility: 1 where at least 5 % of recorded people go to such extremes"
         )
-    cases = evaluation.cases_of(score.ads, score.scenario)
-    likened = cases[np.isfinite(cases.human_likeness)]
-    exposures, share = _share(case, likened, likened.exposure)
+    exposures, share = _share(case, found.cases, found.likened, found.cases.exposure)
     if math.fsum(exposures) > 0.0:
         yield (
-            f"H: share of the mean {share:z.5f} ({len(exposures)} cases); of H = {number(score.human_likeness, 4)} "
-            f"this case gives {share * case.human_likeness:z.5f} and took {share * (1.0 - case.human_likeness):z.5f}"
+            f"H: share of the mean {share:z.5f} ({len(exposures)} cases); of H = "
+            f"{number(found.score.human_likeness, 4)} this case gives {share * case.human_likeness:z.5f} and took {share * (1.0 - case.human_likeness):z.5f}"
         )
 
 
-def _share(case: CaseResult, counted: CaseTable, weights: FloatArray) -> tuple[list[float], float]:
-    """The weights of the cases that a mean is over, and what this case weighs in it."""
-    place = int(np.flatnonzero(counted.case == case.case)[0])
-    known = np.nan_to_num(weights)
+def _share(case: CaseResult, cases: CaseTable, counted: BoolArray, weights: FloatArray) -> tuple[list[float], float]:
+    """The weights of the cases that a mean is over, and what this case weighs in it. counted: those, (n,)."""
+    place = int(np.flatnonzero(cases.case[counted] == case.case)[0])
+    known = np.nan_to_num(weights[counted])
     return known.tolist(), float(mean_shares(known)[place])
 
 

@@ -17,8 +17,8 @@ from sumo_eval.cases import OUTCOMES, CaseTable
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
-from sumo_eval.report.packing import packed_json, plotly
-from sumo_eval.report.page import REPORT, asset, template, write_page
+from sumo_eval.report.packing import packed_json
+from sumo_eval.report.page import REPORT, template, write_page
 from sumo_eval.report.page_data import View, choose_view, page_data, told_cases
 from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.sections import SECTIONS, Beside, change_content
@@ -153,15 +153,6 @@ def _shared(
         "citation": citation(evaluation),
         "folder": evaluation.folder,
         "badges": _badges(evaluation, beside, sum(map(len, missing))),
-        "css": asset("report.css"),
-        "page_js": asset("page.js"),
-        "plotly": plotly(),
-        "field_js": asset("field.js"),
-        "scene_js": asset("scene3d.js"),
-        "replay_js": asset("replay.js"),
-        "replay_css": asset("replay.css"),
-        "maps_js": asset("maps.js"),
-        "report_js": asset("report.js"),
     }
 
 
@@ -172,7 +163,7 @@ def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path
     base = Path(beside.comparison.base_folder).name if beside.comparison else ""
     title = f"{base} and {evaluation.folder.name}: {evaluation.name}" if base else evaluation.name
     page = template("compare.html.j2").render(
-        name=title, content={"change": content}, css=asset("report.css"), page_js=asset("page.js"),
+        name=title, content={"change": content},
         case_page=_way(path, report) if report.is_file() else "",
         change_title=f"Change from {base} to {evaluation.folder.name}" if base else "",
     )  # fmt: skip

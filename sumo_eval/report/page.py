@@ -13,6 +13,7 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.report.packing import plotly
 from sumo_eval.report.words import interval_words, number, percent, point, span
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def _environment() -> jinja2.Environment:
         "point": point,
         "key": case_key,
     }
+    made.globals |= {"asset": asset, "plotly": plotly}
     return made
 
 

@@ -14,7 +14,7 @@ from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.packing import packed_json
-from sumo_eval.report.page import asset, template, write_page
+from sumo_eval.report.page import template, write_page
 from sumo_eval.report.page_data import drawn_bodies, drawn_line, drawn_shape
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
 from sumo_eval.report.words import point
@@ -59,9 +59,7 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
     }  # fmt: skip
     page = template("replay.html.j2").render(
         title=f"{fact.driver} in {fact.scenario}", point=point(fact.values), case=fact.case, end=fact.end_reason or "",
-        status=fact.status, drivers=len(ghosts), css=asset("report.css"), replay_css=asset("replay.css"),
-        field_js=asset("field.js"), scene_js=asset("scene3d.js"), replay_js=asset("replay.js"),
-        page_js=asset("page.js"), replay_page_js=asset("replay_page.js"), data=packed_json(data),
+        status=fact.status, drivers=len(ghosts), data=packed_json(data),
     )  # fmt: skip
     return write_page(path, page, "The replay")
 

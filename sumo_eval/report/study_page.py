@@ -7,8 +7,8 @@ from pathlib import Path
 
 import plotly.graph_objects as go
 
-from sumo_eval.report.packing import packed, plotly
-from sumo_eval.report.page import asset, template, write_page
+from sumo_eval.report.packing import packed
+from sumo_eval.report.page import template, write_page
 
 MOST_ROWS = 400  # of the table; the files beside the page have all of them
 
@@ -36,8 +36,7 @@ def write_study(
         kicker=kicker, title=title, sentences=sentences, head=list(rows[0]) if rows else [],
         rows=[list(row) for row in rows[1 : MOST_ROWS + 1]], more=max(0, len(rows) - 1 - MOST_ROWS),
         charts=[(caption, int(figure.layout.height or 520)) for caption, figure in figures.items()],
-        least_width=least_width, css=asset("report.css"),
-        page_js=asset("page.js"), field_js=asset("field.js"), study_js=asset("study.js"),
-        figures=packed(f"[{drawn}]"), plotly=plotly(),
+        least_width=least_width,
+        figures=packed(f"[{drawn}]"),
     )  # fmt: skip
     return write_page(path, page, "The page")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from sumo_eval.report.packing import packed, plotly
-from sumo_eval.report.page import asset, template, write_page
+from sumo_eval.report.packing import packed
+from sumo_eval.report.page import template, write_page
 
 NUMBER: Final = re.compile(r"-?\d")  # how a cell begins that is set like a number
 
@@ -67,9 +67,7 @@ def write_parts(path: Path, *, kicker: str, title: str, sentences: Sequence[str]
     page = template("parts.html.j2").render(
         kicker=kicker, title=title, sentences=sentences, parts=parts,
         kind=lambda part: type(part).__name__, number=lambda chart: numbers[id(chart)], charts=charts,
-        css=asset("report.css"), page_js=asset("page.js"), field_js=asset("field.js"), study_js=asset("study.js"),
         figures=packed(f"[{','.join(chart.figure.to_json() for chart in charts)}]"),
-        plotly=plotly() if charts else "",
     )  # fmt: skip
     return write_page(path, page, "The page")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sumo_eval.extras.studies.qualification.qualified import DOMAIN, LIMITS, PURPOSE, Qualification
 from sumo_eval.extras.studies.qualification.table import Answer
-from sumo_eval.report.page import asset, template, write_page
+from sumo_eval.report.page import template, write_page
 
 _HEAD = f"     {'check':<40} {'expected':>9} {'found':>9} {'bound':>7} unit"
 
@@ -45,8 +45,7 @@ def write_qualification(found: Qualification, folder: Path) -> tuple[Path, Path]
     page, plain = folder / "qualification.html", folder / "qualification.json"
     kinds = [(kind, list(group)) for kind, group in groupby(found.findings, key=lambda item: item.check.kind)]
     text = template("qualification.html.j2").render(
-        found=found, kinds=kinds, purpose=PURPOSE, domain=DOMAIN, limits=LIMITS, shown=shown, css=asset("report.css"),
-        page_js=asset("page.js"),
+        found=found, kinds=kinds, purpose=PURPOSE, domain=DOMAIN, limits=LIMITS, shown=shown,
     )  # fmt: skip
     write_page(page, text, "The qualification")
     write_page(plain, json.dumps(found.plain(), indent=2, allow_nan=False) + "\n", "The qualification")
