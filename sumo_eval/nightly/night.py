@@ -36,7 +36,7 @@ from sumo_eval.record.store import Store
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import failed
-from sumo_eval.report.junit import JUNIT, comparison_suites, merged, run_suites, score_parts, write_junit
+from sumo_eval.report.junit import JUNIT, comparison_suites, run_suites, score_parts, write_junit
 from sumo_eval.report.sections import Beside
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.verdict import verdict
@@ -92,7 +92,7 @@ def run_night(
             comparison, gates = judged.bases.comparison, judged.gates
             told = {limit: one.words for limit, one in judged.since.items()}
             write_tables(done)
-            suites = merged([comparison_suites(comparison, gates), run_suites(done)])
+            suites = {**comparison_suites(comparison, gates), **run_suites(done)}
             write_junit(suites, folder / JUNIT, score_parts(done))
             report = write_assessed_report(done, Beside(comparison, gates, told, tuple(notes)), progress=progress)
         except KeyboardInterrupt:

@@ -192,7 +192,8 @@ def _likeness(
     yield (
         f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {math.fsum(exposures):z.6g} = {share:z.5f} "
         f"({len(exposures)} cases); of D = {number(found.score.d, 4)} this case gives "
-        f"{share * case.index:z.5f} and took {share * (1.0 - case.index):z.5f}, {whole.d * share * (1.0 - case.index):z.2f} points of S"
+        f"{share * case.index:z.5f} and took {share * (1.0 - case.index):z.5f}, "
+        f"{whole.d * share * (1.0 - case.index):z.2f} points of S"
     )
     for note in index.notes:
         yield f"note: {index_note_sentence(note)}"
@@ -298,7 +299,8 @@ def _human(case: CaseResult, found: Findings) -> Iterator[str]:
     if math.fsum(exposures) > 0.0:
         yield (
             f"H: share of the mean {share:z.5f} ({len(exposures)} cases); of H = "
-            f"{number(found.score.human_likeness, 4)} this case gives {share * case.human_likeness:z.5f} and took {share * (1.0 - case.human_likeness):z.5f}"
+            f"{number(found.score.human_likeness, 4)} this case gives {share * case.human_likeness:z.5f} "
+            f"and took {share * (1.0 - case.human_likeness):z.5f}"
         )
 
 

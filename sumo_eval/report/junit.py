@@ -328,8 +328,3 @@ _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 def _clean(text: str) -> str:
     """Without what XML cannot hold; a controller's error may contain anything."""
     return _FORBIDDEN.sub("\ufffd", text)
-
-
-def merged(parts: Iterable[Suites]) -> Suites:
-    """Several sets of suites as one."""
-    return {key: tests for part in parts for key, tests in part.items()}

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable
-from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.report.failure_groups import failure_groups
 from sumo_eval.report.packing import packed_bytes
@@ -29,7 +28,7 @@ from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
-from sumo_eval.scoring.findings import findings
+from sumo_eval.scoring.findings import findings, mean_of
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.trajectory import FloatArray
 
@@ -46,18 +45,20 @@ def page_data(
     evaluation: Evaluation,
     partitions: Mapping[str, ZonePartition],
     told: Mapping[str, Sequence[Told]],
-    drives: Callable[[], SentDrives],
+    sent_drives: Callable[[], SentDrives],
 ) -> dict[str, Any]:
-    """Everything the page draws, as plain JSON values. told: the cases that it has, by scenario. drives: gives those
-    that travel in it, asked last.
+    """Everything the page draws, as plain JSON values.
+
+    told: the cases that it has, by scenario. sent_drives: gives the drives that travel in it, called last.
     """
     anthropomorphic = evaluation.settings.method.anthropomorphic
     scenarios = [_scenario(evaluation, partitions[name], cases) for name, cases in told.items()]
-    sent = drives()
+    sent = sent_drives()
     for scenario in scenarios:
         name = scenario["name"]
-        scenario |= {"trajectories": sent.trajectories[name], "drivers": sent.drivers[name]}
-        for row, recorded in zip(scenario["cases"], sent.rows[name], strict=True):
+        drives = sent.scenarios[name]
+        scenario |= {"trajectories": drives.trajectories, "drivers": drives.drivers}
+        for row, recorded in zip(scenario["cases"], drives.rows, strict=True):
             row |= recorded
     return {
         "field": {
@@ -169,8 +170,7 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
 def _mean_index(cases: CaseTable) -> float | None:
     """The mean D_i of all cases that have one, by exposure."""
     indexed = cases[np.isfinite(cases.index)]
-    mean = float(exposure_mean(indexed.index, indexed.exposure, once(len(indexed)))[0])
-    return None if math.isnan(mean) else mean
+    return mean_of(indexed.index, indexed.exposure)
 
 
 _SHOWN = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -13,11 +12,9 @@ import numpy as np
 from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import read_input_text
-from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.report.words import count, number, percent
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.findings import findings
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.scoring.findings import findings, mean_of
 
 MOST_WORST = 10  # cases
 STUDY: Final = "study.json"
@@ -95,9 +92,7 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
         numbers = np.unique(drivers[np.isfinite(drivers)]).astype(int).tolist()
         recorded, everybody = (int(np.nansum(values)) for values in (own.recorded_drivers, drivers))
         range_ = "–".join(dict.fromkeys(str(n) for n in (*numbers[:1], *numbers[-1:]))) or "no"
-        low, mean, high = (
-            _weighted(getattr(banded, f"human_{end}"), banded.exposure) for end in ("low", "mean", "high")
-        )
+        low, mean, high = (mean_of(getattr(banded, f"human_{end}"), banded.exposure) for end in ("low", "mean", "high"))
         rows.append(
             PeopleRow(
                 scenario=score.scenario,
@@ -112,12 +107,6 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
             )
         )
     return rows
-
-
-def _weighted(values: FloatArray, exposure: FloatArray) -> float | None:
-    """The mean of values, (n,) each."""
-    mean = float(exposure_mean(values, exposure, once(len(values)))[0])
-    return None if math.isnan(mean) else mean
 
 
 def _warnings(cases: CaseTable) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.summary import summary_content
 from sumo_eval.report.terminal import moved_words, quantity_words, ways_to
-from sumo_eval.report.verdict import verdict_of
+from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import number, parts_of_total, point
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.assessment import Confidence
@@ -89,7 +89,7 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
     ]
     of = sum(map(len, found))
     return {
-        "verdict": verdict_of(comparison, beside.gates, evaluation),
+        "verdict": verdict(comparison, beside.gates, evaluation).sentence,
         "failed": any(gate.passed is False for gate in beside.gates),
         "comparison": comparison,
         "notes": (*beside.notes, *(comparison.notes if comparison else ())),

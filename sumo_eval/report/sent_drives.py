@@ -10,7 +10,7 @@ from __future__ import annotations
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -50,15 +50,24 @@ BYTES_OF_A_RUN_BEYOND = 40  # about, of an entry of `beyond`
 
 
 @dataclass(frozen=True, slots=True)
-class SentDrives:
-    """The recorded drives that travel in a page, by scenario: `trajectories` as the page reads them; `rows`, what is
-    said of them beside each case, in the order of the cases; `drivers`, the places of each point's among them.
+class Drives:
+    """The recorded drives that travel in a page of one scenario.
+
+    trajectories: as the page reads them. rows: what is said of them beside each case, in the order of the cases.
+    drivers: of each point, the places of its drivers' among the trajectories.
     """
 
+    trajectories: Mapping[str, Any]
+    rows: Sequence[Mapping[str, Any]]
+    drivers: Mapping[int, Sequence[int]]
+
+
+@dataclass(frozen=True, slots=True)
+class SentDrives:
+    """The recorded drives that travel in a page, by scenario."""
+
     embedded: Embedded
-    trajectories: Mapping[str, dict[str, Any]]
-    rows: Mapping[str, Sequence[Mapping[str, Any]]]
-    drivers: Mapping[str, Mapping[int, Sequence[int]]]
+    scenarios: Mapping[str, Drives]
 
 
 def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> SentDrives:
@@ -70,35 +79,17 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
     with open_store(facts) as store:
         while True:
             embedded = worth_embedding(cases_of, store, runs)
-            found: dict[str, tuple[dict[str, Any], _Drives]] = {}
-            for name, cases in cases_of.items():
-                drives = _drives(name, store, embedded, cases)
-                found[name] = encode_trajectories(drives.trajectories), replace(drives, trajectories=())
-            size = sum(len(sent["data"]) + BYTES_OF_A_RUN_BEYOND * len(sent["beyond"]) for sent, _ in found.values())
+            found = {name: _drives(name, store, embedded, cases) for name, cases in cases_of.items()}
+            sizes = (len(one.trajectories["data"]) + BYTES_OF_A_RUN_BEYOND * len(one.trajectories["beyond"])
+                     for one in found.values())  # fmt: skip
+            size = sum(sizes)
             if size <= MOST_BYTES or not embedded.points:
                 break
             runs = int(runs * 0.95 * MOST_BYTES / size)  # as many as fit, by what these really took
-    return SentDrives(
-        embedded,
-        {name: sent for name, (sent, _) in found.items()},
-        {name: drives.rows for name, (_, drives) in found.items()},
-        {name: drives.drivers for name, (_, drives) in found.items()},
-    )
+    return SentDrives(embedded, found)
 
 
-@dataclass(frozen=True, slots=True)
-class _Drives:
-    """The recorded drives that the page has of a scenario. rows: what is said of them beside each case, in order.
-
-    drivers: of each point, the places of its drivers' among the trajectories.
-    """
-
-    trajectories: Sequence[Trajectory]
-    rows: Sequence[Mapping[str, Any]]
-    drivers: Mapping[int, Sequence[int]]
-
-
-def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[CaseResult]) -> _Drives:
+def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[CaseResult]) -> Drives:
     trajectories: list[Trajectory] = []
     rows: list[dict[str, Any]] = []
     points = _points_of(store, {one.case for one in cases}, scenario)
@@ -121,7 +112,7 @@ def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[Cas
             if fact.status == "ok" and not store.is_let_go(fact.case):  # D_i is made of those that ended well
                 drivers.setdefault(number, []).append(len(trajectories))
                 trajectories.append(store.trajectory(fact.case, EGO))
-    return _Drives(trajectories, rows, drivers)
+    return Drives(encode_trajectories(trajectories), rows, drivers)
 
 
 def worth_embedding(cases_of: Mapping[str, Sequence[CaseResult]], store: Store, most_runs: int) -> Embedded:

@@ -12,7 +12,7 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.report.comparison import Comparison, builds_besides
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.headline import headline, ranked
-from sumo_eval.report.verdict import verdict_of
+from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import (
     count,
     number,
@@ -43,7 +43,7 @@ def summary_content(
     builds = builds_besides(evaluation.manifest.get("builds", {}), comparison)
 
     return {
-        "verdict": verdict_of(comparison, gates, evaluation) if compared else "",
+        "verdict": verdict(comparison, gates, evaluation).sentence if compared else "",
         "failed": any(gate.passed is False for gate in gates),
         "failures": [(since.get(gate.name, ""), gate) for gate in gates if gate.passed is False] if compared else [],
         "beside": [*builds, *(one.words for one in comparison.differences)] if comparison else [],

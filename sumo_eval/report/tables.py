@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -14,6 +13,7 @@ from typing import Any
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError
 from sumo_eval.report.checks import checked_cases
+from sumo_eval.report.page import write_csv
 from sumo_eval.report.words import (
     exposure_note_words,
     index_note_words,
@@ -55,24 +55,20 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
         )
     )
     headings = [f"parameter_{name}" if name in (*_FIRST, *_REST, *_ALSO) else name for name in parameters]
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(map(cell, (*_FIRST, *headings, *_REST, *_ALSO)))
-            cases = evaluation.cases
-            worst = (None if math.isnan(value) else value for value in cases.incident_severity.tolist())
-            also = zip(cases.departed.tolist(), cases.gave_up.tolist(), worst, strict=True)
-            for case, more in zip(cases, also, strict=True):
-                row = (
-                    *(getattr(case, name) for name in _FIRST),
-                    *(case.values.get(name) for name in parameters),
-                    *(_shown(case, name) for name in _REST),
-                    case.index,
-                    *more,
-                )
-                writer.writerow(map(cell, row))
-    except OSError as error:
-        raise InputError(f"The table {path} cannot be written: {error}.") from error
+    cases = evaluation.cases
+    worst = (None if math.isnan(value) else value for value in cases.incident_severity.tolist())
+    also = zip(cases.departed.tolist(), cases.gave_up.tolist(), worst, strict=True)
+    rows = (
+        (
+            *(getattr(case, name) for name in _FIRST),
+            *(case.values.get(name) for name in parameters),
+            *(_shown(case, name) for name in _REST),
+            case.index,
+            *more,
+        )
+        for case, more in zip(cases, also, strict=True)
+    )
+    write_csv(path, map(cell, (*_FIRST, *headings, *_REST, *_ALSO)), (map(cell, row) for row in rows))
 
 
 def _shown(case: CaseResult, name: str) -> Any:
@@ -95,16 +91,13 @@ def write_tables(evaluation: Evaluation) -> None:
 
 def checks_csv(evaluation: Evaluation, path: Path) -> None:
     """Write one row for each check of a case: what was asked, and whether it passed."""
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(("case", "scenario", "ads", "point", "check", "condition", "verdict"))
-            for one in checked_cases(evaluation):
-                for name, condition in evaluation.checks[one.scenario].items():
-                    row = (one.case, one.scenario, one.ads, one.point, name, condition, one.verdict_of(name))
-                    writer.writerow(map(cell, row))
-    except OSError as error:
-        raise InputError(f"The table {path} cannot be written: {error}.") from error
+    rows = (
+        (one.case, one.scenario, one.ads, one.point, name, condition, one.verdict_of(name))
+        for one in checked_cases(evaluation)
+        for name, condition in evaluation.checks[one.scenario].items()
+    )
+    head = ("case", "scenario", "ads", "point", "check", "condition", "verdict")
+    write_csv(path, head, (map(cell, row) for row in rows))
 
 
 def scores_json(evaluation: Evaluation) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.page import REPORT
 from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.rule_limits import CANNOT_SEE
-from sumo_eval.report.verdict import verdict_of
+from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import (
     REASON_WITHOUT_C,
     REASON_WITHOUT_T,
@@ -184,7 +184,7 @@ MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
 
 def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evaluation: Evaluation) -> list[str]:
     """What changed between two runs: verdict first, then what flipped, then the quantities, then the gates."""
-    lines = [verdict_of(comparison, gates, evaluation)]
+    lines = [verdict(comparison, gates, evaluation).sentence]
     lines += [
         f"{'DIFFERS' if other.decides else 'differs'}: {one_line(other.words)}" for other in comparison.differences
     ]

@@ -31,11 +31,6 @@ def verdict(comparison: Comparison | None, gates: Sequence[GateResult], evaluati
     return Verdict(word, f"{standing}; {hit}.")
 
 
-def verdict_of(comparison: Comparison | None, gates: Sequence[GateResult], evaluation: Evaluation) -> str:
-    """The sentence of the verdict."""
-    return verdict(comparison, gates, evaluation).sentence
-
-
 def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tuple[Word, str]:
     bad = [gate for gate in gates if gate.passed is False]
     if comparison is None:

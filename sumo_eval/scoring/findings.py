@@ -111,6 +111,12 @@ class Findings:
         }
 
 
+def mean_of(values: FloatArray, exposure: FloatArray) -> float | None:
+    """The mean of values by exposure, (n,) each; None where nothing has any."""
+    mean = float(exposure_mean(values, exposure, once(len(values)))[0])
+    return None if np.isnan(mean) else mean
+
+
 def findings(evaluation: Evaluation) -> list[Findings]:
     """Of every ADS in every scenario."""
     return [Findings.of(evaluation, score) for score in evaluation.scores]

@@ -12,7 +12,7 @@ from report_cases import hit, pick, with_case
 from sumo_eval.report.comparison import compare
 from sumo_eval.report.gate_settings import GateSettings, LimitSettings
 from sumo_eval.report.gates import judge
-from sumo_eval.report.junit import comparison_suites, merged, run_suites, score_parts, write_junit
+from sumo_eval.report.junit import comparison_suites, run_suites, score_parts, write_junit
 from sumo_eval.report.words import number, point
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import unevaluated
@@ -145,5 +145,5 @@ def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(evaluation: Evalu
 def test_whatever_a_controller_says_the_file_stays_xml(evaluation: Evaluation, text: str, tmp_path: Path) -> None:
     broken = next(case for case in evaluation.cases if case.status == "crashed")
     other = with_case(evaluation, broken.case, lambda case: replace(case, error=text))
-    found = read(write_junit(merged([run_suites(other)]), tmp_path / "junit.xml"))
+    found = read(write_junit(run_suites(other), tmp_path / "junit.xml"))
     assert found[f"{broken.ads} in {broken.scenario}"][point(broken.values)] == "error"
