@@ -55,10 +55,26 @@ class DrivenInBlocks:
 
 
 @dataclass(frozen=True, slots=True)
-class ActorsLeft:
-    """Cases that lasted longer than an actor was on the road: how many."""
+class Counted:
+    """A number of cases, collisions or points, of so many.
 
-    cases: int
+    actors_left: cases that lasted longer than an actor was on the road. outside_support: cases in which no recorded
+    event is like the concrete scenario. struck_from_behind: cases in which a vehicle that reacts ran into the ego's
+    rear, its own fault and no collision here. gentler_than_ideal: collisions in which the ADS was gentler than the
+    ideal vehicle. references_collide: points of the safe zone at which drivers or the reference car collide.
+    ideal_collides_too: collisions in the safe zone that the ideal vehicle has as well.
+    """
+
+    what: Literal[
+        "actors_left",
+        "outside_support",
+        "struck_from_behind",
+        "gentler_than_ideal",
+        "references_collide",
+        "ideal_collides_too",
+    ]
+    number: int
+    of: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +92,6 @@ class ThinReferences:
     thin: int
     safe: int
     left_out: int
-
-
-@dataclass(frozen=True, slots=True)
-class OutsideSupport:
-    """Cases in which no recorded event is like the concrete scenario, of all."""
-
-    cases: int
-    of: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,36 +144,6 @@ class WorstAndBest:
 
 
 @dataclass(frozen=True, slots=True)
-class StruckFromBehind:
-    """Cases in which a vehicle that reacts ran into the ego's rear, the other's fault: they are no collision here."""
-
-    cases: int
-
-
-@dataclass(frozen=True, slots=True)
-class GentlerThanIdeal:
-    """Collisions in which the ADS was gentler than the ideal vehicle."""
-
-    collisions: int
-
-
-@dataclass(frozen=True, slots=True)
-class ReferencesCollide:
-    """Points of the safe zone at which drivers or the reference car collide, of all there with such a drive."""
-
-    points: int
-    of: int
-
-
-@dataclass(frozen=True, slots=True)
-class IdealCollidesToo:
-    """Collisions in the safe zone that the ideal vehicle has as well, of all there."""
-
-    collisions: int
-    of: int
-
-
-@dataclass(frozen=True, slots=True)
 class RequirementMissed:
     """A requirement of the scenario that some cases miss, of all that were evaluated. name, text: as in its file."""
 
@@ -179,18 +157,13 @@ ScoreNote = (
     DrivesLeftOut
     | DrivenAlone
     | DrivenInBlocks
-    | ActorsLeft
+    | Counted
     | BeyondRange
     | ThinReferences
-    | OutsideSupport
     | PlausibleTo
     | CasesMissing
     | ReferenceMissing
     | WorstAndBest
-    | StruckFromBehind
-    | GentlerThanIdeal
-    | IdealCollidesToo
-    | ReferencesCollide
     | RequirementMissed
 )
 """What a reader must know of a score."""

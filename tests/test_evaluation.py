@@ -25,11 +25,11 @@ from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.words import score_note
 from sumo_eval.results import (
     CasesMissing,
+    Counted,
     DrivesLeftOut,
     Evaluation,
     NotComputed,
     ReferenceMissing,
-    ReferencesCollide,
 )
 from sumo_eval.settings import (
     AdsSettings,
@@ -200,8 +200,8 @@ def test_drives_that_are_no_reference_are_named(done: Evaluation, tmp_path: Path
     note = again.score("idm", "front_vehicle_low_speed").notes[0]
     assert note == DrivesLeftOut(1, note.drives, (("collision", 1),))
     unsafe = again.score("idm", "front_vehicle_low_speed").notes[1]
-    assert isinstance(unsafe, ReferencesCollide)
-    assert unsafe.points == 1 <= unsafe.of
+    assert isinstance(unsafe, Counted)
+    assert unsafe.number == 1 <= unsafe.of
     assert "check `zone.obstacle`" in score_note(unsafe)
     assert any(score_note(unsafe) in line for line in closing_lines(again))
     page = write_report(again, zone_partitions(again)).read_text(encoding="utf-8")

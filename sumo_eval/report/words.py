@@ -16,25 +16,20 @@ from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.manoeuvres import words as manoeuvre_words
 from sumo_eval.method.score_terms import ideal_ratio
 from sumo_eval.results import (
-    ActorsLeft,
     BeyondRange,
     CasesMissing,
+    Counted,
     DrivenAlone,
     DrivenInBlocks,
     DrivesLeftOut,
     Evaluation,
-    GentlerThanIdeal,
-    IdealCollidesToo,
     NotComputed,
-    OutsideSupport,
     PlausibleTo,
     Ranking,
     ReferenceMissing,
-    ReferencesCollide,
     RequirementMissed,
     ScenarioResult,
     ScoreNote,
-    StruckFromBehind,
     ThinReferences,
     WorstAndBest,
 )
@@ -582,6 +577,20 @@ def exposure_note_words(case: CaseResult) -> str:
     return known[case.exposure_note]
 
 
+_COUNTED = {
+    "actors_left": "In {cases} an actor reached the end of the network and left it; the case continued without it "
+    "(clip `actor_left_the_network`).",
+    "outside_support": "{number} of {of} cases lie outside the support of the recorded exposure.",
+    "struck_from_behind": "In {cases} an actor that reacts ran into the ego's rear: its own fault, counted apart, no "
+    "collision for C and A (`method.collision.rear_end`).",
+    "gentler_than_ideal": "In {hits} the ADS hit more softly than the ideal vehicle; each has the ratio 1.",
+    "references_collide": "The space is called safe at {of_points}, yet drivers or the reference car collide at "
+    "{number} of them: check `zone.obstacle` of the scenario, the actor that ideal braking has to avoid.",
+    "ideal_collides_too": "The ideal vehicle has {number} of {of_hits} in the safe zone as well: C and A count them, D "
+    "and H leave them out.",
+}
+
+
 def score_note(note: ScoreNote) -> str:
     """What a reader must know of a score, as sentences."""
     match note:
@@ -598,11 +607,6 @@ def score_note(note: ScoreNote) -> str:
                 f"Its policy over arrays received cases in fixed batches of {' and '.join(map(str, sizes))} "
                 f"({count(drives, 'drive')}). The last bits of its answers may depend on the batch."
             )
-        case ActorsLeft(cases):
-            return (
-                f"In {count(cases, 'case')} an actor reached the end of the network and left it; the case continued "
-                "without it (clip `actor_left_the_network`)."
-            )
         case BeyondRange(severity, reasons):
             why = "; ".join(f"{number} x {reason}" for reason, number in reasons)
             hits = sum(number for _, number in reasons)
@@ -612,8 +616,11 @@ def score_note(note: ScoreNote) -> str:
                 f"Reference too thin in {thin} of {safe} safe cases: {thin - left_out} filled with synthetic drivers, "
                 f"{left_out} left out of D."
             )
-        case OutsideSupport(cases, of):
-            return f"{cases} of {of} cases lie outside the support of the recorded exposure."
+        case Counted(what, counted, of):
+            return _COUNTED[what].format(
+                number=counted, of=of, cases=count(counted, "case"), hits=count(counted, "collision"),
+                of_points=count(of, "point"), of_hits=count(of, "collision"),
+            )  # fmt: skip
         case PlausibleTo(scenario, people, drives, least, instead):
             if instead is None:
                 return f"Plausibility compares with {people} recorded drivers of the run ({drives} drives)."
@@ -638,27 +645,9 @@ def score_note(note: ScoreNote) -> str:
                 if interval is not None
             ]
             return f"With the missing cases counted as worst and as best: {', '.join(parts)}."
-        case StruckFromBehind(cases):
-            return (
-                f"In {count(cases, 'case')} an actor that reacts ran into the ego's rear: its own fault, "
-                "counted apart, no collision for C and A (`method.collision.rear_end`)."
-            )
-        case GentlerThanIdeal(collisions):
-            softer = count(collisions, "collision")
-            return f"In {softer} the ADS hit more softly than the ideal vehicle; each has the ratio 1."
         case RequirementMissed(name, text, cases, of):
             said = f"`{text}`" if name == text else f"{name} (`{text}`)"
             return f"{cases} of {count(of, 'case')} miss the requirement {said}."
-        case ReferencesCollide(points, of):
-            return (
-                f"The space is called safe at {count(of, 'point')}, yet drivers or the reference car collide at "
-                f"{points} of them: check `zone.obstacle` of the scenario, the actor that ideal braking has to avoid."
-            )
-        case IdealCollidesToo(collisions, of):
-            return (
-                f"The ideal vehicle has {collisions} of {count(of, 'collision')} in the safe zone as well: C and A "
-                "count them, D and H leave them out."
-            )
 
 
 @dataclass(frozen=True, slots=True)

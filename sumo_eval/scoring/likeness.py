@@ -19,7 +19,7 @@ from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.human_reference import CaseIndex, LeftOut, PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.store import RECORDED, Fact
-from sumo_eval.results import OutsideSupport, ScoreNote, ThinReferences
+from sumo_eval.results import Counted, ScoreNote, ThinReferences
 from sumo_eval.scoring.confidence.drivers import exchanges
 from sumo_eval.scoring.space import Space
 from sumo_eval.settings import DriverSettings
@@ -247,5 +247,5 @@ def reference_notes(cases: CaseTable) -> tuple[ScoreNote, ...]:
     if thin:
         said.append(ThinReferences(len(thin), int(safe.sum()), sum(note.filled is None for note in thin)))
     if outside:
-        said.append(OutsideSupport(outside, len(cases)))
+        said.append(Counted("outside_support", outside, len(cases)))
     return tuple(said)

@@ -24,20 +24,16 @@ from sumo_eval.record.cases import IN_BLOCK
 from sumo_eval.record.human_reference import CaseIndex
 from sumo_eval.record.store import Fact
 from sumo_eval.results import (
-    ActorsLeft,
     BeyondRange,
     CasesMissing,
+    Counted,
     DrivenAlone,
     DrivenInBlocks,
     DrivesLeftOut,
-    GentlerThanIdeal,
-    IdealCollidesToo,
     NotComputed,
     ReferenceMissing,
-    ReferencesCollide,
     ScenarioResult,
     ScoreNote,
-    StruckFromBehind,
     WorstAndBest,
     ZoneResult,
 )
@@ -92,9 +88,9 @@ class Remarks:
         if self._blocks:
             yield DrivenInBlocks(self._blocks.total(), tuple(sorted(self._blocks)))
         if self._left:
-            yield ActorsLeft(self._left)
+            yield Counted("actors_left", self._left, len(cases))
         if self._struck:
-            yield ReferencesCollide(self._struck, self._safe)
+            yield Counted("references_collide", self._struck, self._safe)
         yield from reference_notes(cases)
         if reasons := sorted((reason, number) for reason, number in self._beyond.items() if reason):
             yield BeyondRange(space.severity.name, tuple(reasons))
@@ -253,11 +249,11 @@ def combine(
     if "s" in bounds:
         notes.append(WorstAndBest(bounds.get("c"), bounds.get("d"), bounds["s"]))
     if struck := _number(cases.struck_from_behind):
-        notes.append(StruckFromBehind(struck))
+        notes.append(Counted("struck_from_behind", struck, len(cases)))
     if beaten := _number(collided & cases.beats_ideal):
-        notes.append(GentlerThanIdeal(beaten))
+        notes.append(Counted("gentler_than_ideal", beaten, _number(collided)))
     if safe_hits > voiding:
-        notes.append(IdealCollidesToo(safe_hits - voiding, safe_hits))
+        notes.append(Counted("ideal_collides_too", safe_hits - voiding, safe_hits))
     human, likened = values["human_likeness"], _number(safe & np.isfinite(cases.human_likeness))
     total = score_of(c, d, method.score)
     plus = plus_of(values["task_share"], values["avoidance_grade"], human, method.score)

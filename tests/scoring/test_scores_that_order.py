@@ -17,7 +17,7 @@ from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.record.store import open_store
 from sumo_eval.report.gate_settings import TIMED
 from sumo_eval.report.tables import write_tables
-from sumo_eval.results import Evaluation, IdealCollidesToo, NotComputed, ScenarioResult
+from sumo_eval.results import Counted, Evaluation, NotComputed, ScenarioResult
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -152,7 +152,7 @@ def test_a_collision_in_the_safe_zone_that_the_ideal_vehicle_has_as_well_does_no
     assert (made.d, made.human_likeness, made.safe_collisions) == (pytest.approx(0.8), 0.6, 1)
     assert made.c == pytest.approx(0.4), "it is in C all the same: 4 / 10"
     assert made.not_evaluated == 0
-    assert made.notes[0] == IdealCollidesToo(1, 1)
+    assert made.notes[0] == Counted("ideal_collides_too", 1, 1)
 
 
 def test_tables_hold_every_name(both: Evaluation) -> None:

@@ -69,11 +69,6 @@ class Interval:
     high: float
     level: float = LEVEL
 
-    @property
-    def half_width(self) -> float:
-        """Half the distance between the limits."""
-        return (self.high - self.low) / 2.0
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:

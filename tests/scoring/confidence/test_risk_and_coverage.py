@@ -27,7 +27,7 @@ def test_the_interval_of_a_probability_is_about_the_binomial_one():
     # 60 of 200: 0.3 +- 1.96 sqrt(0.21 / 200) = 0.0635
     loss = np.where(np.arange(200) < 60, 0.7, 0.0)
     found = risk(np.ones(200), loss, 5).collision_probability
-    assert found.half_width == pytest.approx(0.0635, rel=0.1)
+    assert (found.high - found.low) / 2.0 == pytest.approx(0.0635, rel=0.1)
 
 
 def test_no_collision_in_100_cases_does_not_exclude_3_per_cent():
