@@ -171,10 +171,10 @@ class AdsComparison:
     """One ADS of the new run in one logical scenario beside what it is compared with.
 
     pairs: cases that both runs have. changed: the worst first. quantities: those of `bootstrap.COMPARED` over the
-    pairs. unpaired: cases that only one of the runs has. undecided: pairs without an outcome in at least one run.
+    pairs. unpaired: cases that only one of the runs has.
     identical: pairs that are equal to the last bit in everything but times.
     counts: how many pairs are collisions and the like, in the base and in the new run. moved_zone: pairs that lie in
-    another zone than in the base. new_cases: all pairs in the new run.
+    another zone than in the base.
     """
 
     ads: str
@@ -182,13 +182,11 @@ class AdsComparison:
     scenario: str
     pairs: int
     unpaired: int
-    undecided: int
     identical: int
     changed: Changes
     quantities: Mapping[str, QuantityChange]
     counts: Mapping[str, tuple[int, int]]
     moved_zone: int
-    new_cases: CaseTable
 
     def count(self, change: Change) -> int:
         """Number of cases with a change."""
@@ -199,10 +197,8 @@ class AdsComparison:
 class Comparison:
     """Two runs side by side. notes: sentences on what a reader would otherwise take for granted."""
 
-    base_name: str
     base_folder: str
     base_created: str
-    new_name: str
     new_folder: str
     confidence: float
     differences: tuple[Difference, ...]
@@ -280,10 +276,8 @@ def side_by_side(
     if moved:
         notes.append(f"{count(moved, 'case')} lie in another zone than in the base.")
     return Comparison(
-        base_name=base.name,
         base_folder=str(base.folder),
         base_created=str(base.manifest.get("created", "")),
-        new_name=new.name,
         new_folder=str(new.folder),
         confidence=settings.confidence,
         differences=differences(base, new),
@@ -351,13 +345,11 @@ def _compare_ads(
         scenario=scenario,
         pairs=len(paired.new_rows),
         unpaired=len(paired.lost) + len(paired.added),
-        undecided=int(np.sum(~(paired.base.evaluated & paired.new.evaluated))),
         identical=identical_pairs(paired, base.folder, new.folder),
         changed=_changes(paired, terms, settings),
         quantities=_quantity_changes(*terms, base, new, settings),
         counts={name: (then[name], now[name]) for name in then},
         moved_zone=int(np.sum(paired.base.safe != paired.new.safe)),
-        new_cases=paired.new,
     )
 
 

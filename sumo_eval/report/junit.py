@@ -117,7 +117,7 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
 def _change_tests(one: AdsComparison) -> Iterator[Test]:
     """A test for each pair, in the order of the new run."""
     place = dict(zip(one.changed.which.tolist(), range(len(one.changed)), strict=True))
-    for pair, case in enumerate(one.new_cases):
+    for pair, case in enumerate(one.changed.paired.new):
         yield _change_test(case, one.changed[place[pair]] if pair in place else None)
 
 
