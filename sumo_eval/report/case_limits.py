@@ -61,7 +61,7 @@ def _result(
     where, judged = (limit.quantity, score.ads, score.scenario), int(np.isfinite(beyond).sum())
     if not judged:
         nothing = f"{limit.quantity}: no case has a value to judge"
-        return GateResult(*where, None, nothing, None, None)
+        return GateResult(*where, None, nothing)
 
     scale = np.maximum(1.0, np.abs(np.where(np.isfinite(before), before, after)))
     bad = np.flatnonzero(beyond > limit.tolerance * scale)

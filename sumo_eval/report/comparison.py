@@ -152,8 +152,8 @@ class QuantityChange:
     base: float | None
     new: float | None
     difference: float | None
-    low: float | None
-    high: float | None
+    low: float | None = None
+    high: float | None = None
 
     @property
     def certain(self) -> bool:

@@ -40,8 +40,8 @@ class GateResult:
     scenario: str
     passed: bool | None
     sentence: str
-    value: float | None
-    threshold: float | None
+    value: float | None = None
+    threshold: float | None = None
     cases: tuple[str, ...] = ()
     worst: tuple[CaseChange, ...] = ()
     against: str = ""

@@ -114,7 +114,7 @@ def _judge_change(
     if change.new is None:
         return GateResult(
             *where, False, f"{quantity} was {_number(quantity, change.base)} and is not computed any more: "
-            f"{_why_missing(quantity, score)}", None, None,
+            f"{_why_missing(quantity, score)}",
         )  # fmt: skip
     allowed = abs(change.base) * bound / 100.0 if percent else bound
     loss = change.base - change.new if higher else change.new - change.base
@@ -172,7 +172,7 @@ def _quantity_change(quantity: str, compared: AdsComparison) -> QuantityChange:
     if quantity in compared.quantities:
         return compared.quantities[quantity]
     base, new = map(float, compared.counts[quantity])
-    return QuantityChange(base, new, new - base, None, None)
+    return QuantityChange(base, new, new - base)
 
 
 def _cases(quantity: str, compared: AdsComparison | None) -> Sequence[ChangedCase]:

@@ -153,7 +153,7 @@ def _result(
     inside = f" inside {found.measure.zone:g} {unit}" if near and found.measure.zone is not None else ""
     if not can_fail(found, settings, near=near, noisy=noise.of(found.ads).noisy):
         sentence = f"{words}: {CANNOT_SEE} with {count(found.cases, 'case')}{inside}"
-        return GateResult(quantity, found.ads, where, None, sentence, None, None)
+        return GateResult(quantity, found.ads, where, None, sentence)
 
     ways = ("nearer", "farther") if near else ("worse", "better")
     sentence = f"{words}: {found.number} {ways[0]}, {found.better} {ways[1]} of {count(found.cases, 'case')}{inside}"
