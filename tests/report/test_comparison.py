@@ -120,7 +120,7 @@ def test_kept_rows_compare_as_rows_in_memory_do(evaluation: Evaluation, tmp_path
 
 def test_counts_of_a_comparison_are_those_of_its_rows(evaluation: Evaluation) -> None:
     for one in compare(evaluation, evaluation, GATE).ads:
-        rows = list(one.new_cases)
+        rows = list(one.changed.paired.new)
         expected = {
             "collisions": sum(case.collided for case in rows),
             "avoidable_collisions": sum(case.avoidable for case in rows),
