@@ -79,6 +79,7 @@ ELSEWHERE = {
     "tests/golden/golden.py": "tests/golden/test_golden.py compares what this one does",
     "tools/release.py": "tests/tools/test_release.py runs it in a clone",
     "-m venv .venv": "Makefile does the same before .ci/run has anything to run",
+    "pip install .\n": "Makefile does the same before .ci/run has anything to run",
     "openssl": "tests/record/test_cluster_tls.py runs it word for word",
     "DASK_DISTRIBUTED__": "tests/record/test_cluster_tls.py runs it word for word",
     "kind: Job": "needs Kubernetes; the shards are those of tests/record/test_resume.py",
