@@ -6,9 +6,8 @@ doing: a thread that watched could not run while C code holds the interpreter's 
 supervisor, see `hygiene`.
 
 Insides of multiprocessing that this file borrows, tried with Python 3.11 (SUMO_EVAL_PLAIN=1 leaves them out): the
-daemon flag of the own process (without it no worker of Dask starts children), the arguments of the process that makes
-the children (`-P`; without it that process may import files of the working folder), and its process id (without it a
-refused command leaves it loading for 2 s).
+daemon flag of the own process (without it no worker of Dask starts children), and the process id of the one that makes
+the children (without it a refused command leaves that loading for 2 s).
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from __future__ import annotations
 import multiprocessing
 import multiprocessing.forkserver
 import multiprocessing.resource_tracker
-import multiprocessing.util
 import os
 import signal
 import sys
@@ -38,6 +36,8 @@ _ordinary: Any = multiprocessing.get_context(_KIND)
 
 # Sets that iterate in the same order in every run, and no hidden threads, whose number would change sums by a bit.
 _ENVIRONMENT = {"PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+_APART = {"PYTHONSAFEPATH": "sumo_eval"}  # of the process that makes the children, which takes it away again
 
 
 class Child(_ordinary.Process):  # type: ignore[misc]
@@ -146,31 +146,12 @@ def _users_code_out_of_sight() -> Iterator[None]:
 
 def _begin_forkserver() -> None:
     """Let it begin, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes here meanwhile is not lost."""
-    with _working_folder_out_of_sight():
-        multiprocessing.resource_tracker.ensure_running()  # would come to its end with Ctrl-C let through again
+    multiprocessing.resource_tracker.ensure_running()  # would come to its end with Ctrl-C let through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        with _working_folder_out_of_sight():
-            multiprocessing.forkserver.ensure_running()
+        multiprocessing.forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _working_folder_out_of_sight() -> Iterator[None]:
-    """Processes that begin meanwhile import nothing from the folder in which they are started, but their own package.
-
-    That folder may hold another copy of this package, or a user's files that are called as modules are. Python's
-    process that makes the children would take them first, although it is told where this process looks for modules.
-    """
-    util: Any = multiprocessing.util
-    usual = util._args_from_interpreter_flags
-    if not _starts_beside_the_package() and not PLAIN:
-        util._args_from_interpreter_flags = lambda: [*usual(), "-P"]
-    try:
-        yield
-    finally:
-        util._args_from_interpreter_flags = usual
 
 
 def _starts_beside_the_package() -> bool:
@@ -183,9 +164,14 @@ def _starts_beside_the_package() -> bool:
 
 @contextmanager
 def _children_environment() -> Iterator[None]:
-    """The environment in which the process that makes the children starts; what the user has set stays, but for one."""
-    before = {name: os.environ.get(name) for name in _ENVIRONMENT}
-    for name, value in _ENVIRONMENT.items():
+    """The environment in which the process that makes the children starts; what the user has set stays, but for one.
+
+    That process imports nothing from the working folder but this package: the folder may hold another copy of it, or a
+    user's files that are called as modules are.
+    """
+    wanted = _ENVIRONMENT if _KIND == "spawn" or _starts_beside_the_package() else _ENVIRONMENT | _APART
+    before = {name: os.environ.get(name) for name in wanted}
+    for name, value in wanted.items():
         if before[name] is None or name == "PYTHONHASHSEED":
             os.environ[name] = value
     try:

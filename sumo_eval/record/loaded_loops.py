@@ -4,6 +4,7 @@ needs it, in the twentieth of a second, and what is not compiled yet is compiled
 """
 
 import gc
+import os
 import sys
 from types import TracebackType
 
@@ -26,5 +27,7 @@ def _load() -> None:
     gc.enable()
 
 
+if os.environ.get("PYTHONSAFEPATH") == "sumo_eval":  # for the start of this process alone
+    del os.environ["PYTHONSAFEPATH"]
 _load()
 sys.excepthook = _in_a_sentence
