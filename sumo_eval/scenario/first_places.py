@@ -29,15 +29,15 @@ class Misplaced(NamedTuple):
 def misplaced(road: Road, ego: Start, ego_body: EgoBody, actors: Sequence[Actor]) -> Iterator[Misplaced]:
     """Who begins where nobody can be, and whose path leaves the map."""
     end = road.length + road.run_out
-    bodies = [("ego", ego, 0.0), *((item.name, item.start, item.length) for item in actors)]
     furthest = max([_BESIDE, *(crossing.reach for crossing in road.crossings)])
-    beside = [0.0, *(_reach(item, furthest) for item in actors)]
-    for (name, start, length), reach in zip(bodies, beside, strict=True):
+    bodies = [("ego", ego, 0.0, 0.0), *((it.name, it.start, it.length, _reach(it, furthest)) for it in actors)]
+    for name, start, length, reach in bodies:
         if not (length / 2 <= start.x <= end - length / 2):
             yield Misplaced(f"Vehicle `{name}`", name, "on the road", start.x)
         if not road.right_edge_at(start.x) - reach <= start.y <= road.left_edge_at(start.x) + reach:
             yield Misplaced(f"Vehicle `{name}`", name, "on a lane", start.y)
-    for item, reach in zip(actors, beside[1:], strict=True):
+    for item in actors:
+        reach = _reach(item, furthest)
         for act in item.acts:
             for x, y in act.table if act.kind == played.PATH else ():
                 if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):

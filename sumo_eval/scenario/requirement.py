@@ -81,7 +81,7 @@ class Numbers(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Requirements:
-    """All requirements of a scenario, and what works out the other numbers that they name."""
+    """All requirements of a scenario, and the definitions of the other numbers that they name."""
 
     all: tuple[Requirement, ...]
     numbers: Numbers
@@ -109,7 +109,7 @@ def requirement(
     except UNREADABLE:
         raise InputError(f"Requirement `{text[:200]}` of {owner} cannot be read.") from None
     found = _Parts(text, owner, vehicles)
-    outer = condition(ast.unparse(ast.fix_missing_locations(found.visit(tree))), owner)
+    outer = condition(ast.unparse(found.visit(tree)), owner)
     for _, _, inner in found.parts:
         moments = [*SERIES, *(placeholder for placeholder, _, _ in found.asks)]
         checked_names(inner, [*names, *moments], owner)
@@ -138,10 +138,10 @@ class _Parts(ast.NodeTransformer):
         if isinstance(node.func, ast.Name) and node.func.id in _OVER_TIME and len(node.args) == 1 and not node.keywords:
             placeholder = f"over_time_{len(self.parts)}"
             self.within = True
-            inner = ast.unparse(ast.fix_missing_locations(self.visit(node.args[0])))
+            inner = ast.unparse(self.visit(node.args[0]))
             self.within = False
             self.parts.append((placeholder, node.func.id, Expression(inner)))
-            return ast.copy_location(ast.Name(placeholder, ast.Load()), node)
+            return ast.Name(placeholder, ast.Load())
         return self.generic_visit(node)
 
     def _of_other(self, node: ast.Call) -> ast.AST:
@@ -155,5 +155,5 @@ class _Parts(ast.NodeTransformer):
                 placeholder = f"{function}_of_{vehicle}"
                 if (placeholder, function, vehicle) not in self.asks:
                     self.asks.append((placeholder, function, vehicle))
-                return ast.copy_location(ast.Name(placeholder, ast.Load()), node)
+                return ast.Name(placeholder, ast.Load())
         return self.generic_visit(node)

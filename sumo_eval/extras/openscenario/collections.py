@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.extras.openscenario.logical import Read, read_file
+from sumo_eval.scenario.catalogue import options_of
 from sumo_eval.settings import ScenarioSettings
 
 
@@ -70,15 +71,14 @@ def entries_of(entry: ScenarioSettings, folder: Path) -> tuple[ScenarioSettings,
 
 def uses_of(path: Path, use: str) -> Iterator[tuple[str, Read]]:
     """What names each of the roads of an OpenSCENARIO file in `use`, and what was read for it."""
-    plain, asks, options = use.partition("?")
-    given = dict(part.split("=", 1) for part in options.split("&") if "=" in part)
+    given = options_of(use)[1]
     first = read_file(path, given)
     if len(first.roads) == 1:
         yield use, first
         return
     for number in range(1, len(first.roads) + 1):
         road = {**given, "road": str(number)}
-        yield f"{plain}?{options + '&' if asks else ''}road={number}", read_file(path, road)
+        yield f"{use}{'&' if '?' in use else '?'}road={number}", read_file(path, road)
 
 
 def _of_collection(entry: ScenarioSettings, folder: Path) -> list[ScenarioSettings]:

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.collections import uses_of
-from sumo_eval.extras.openscenario.logical import Read, concrete_points, grid_size
-from sumo_eval.extras.openscenario.scene import scene
+from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, grid_size
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
 
@@ -52,7 +51,7 @@ def described(read: Read) -> Iterator[str]:
     if read.ignored:
         yield f"  ignored, because they move nobody here: {', '.join(read.ignored)}"
     if first is not None:
-        found = scene(space.file, space.given(first), space.ego, flat=space.flat)
+        found = concrete(read, first)
         yield "  at the first point:" if first else "  its scene:"
         yield f"    the ego at x = {found.ego.x:.3f} m, y = {found.ego.y:.3f} m with {found.ego.speed:.3f} m/s"
         for actor in found.actors:

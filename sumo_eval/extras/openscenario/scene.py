@@ -148,9 +148,7 @@ def synchronized(
     return _knots([(speed / rate, 0.0), (left - final / rate, 0.0), (left, final)])
 
 
-@lru_cache(maxsize=64)
-def _beside(line: tuple[Piece, ...], offset: float, owner: str) -> tuple[Piece, ...]:
-    return beside(line, offset, owner)
+_beside = lru_cache(maxsize=64)(beside)
 
 
 def _knots(knots: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:

@@ -55,7 +55,8 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
             f"`count` of {owner} must be at most {len(possible) // _SPARE} in rounds of {size} points, got {budget}: "
             f"{len(possible)} of its candidates are possible. Larger rounds have more candidates."
         )
-    counts = request.rounds or (first_round(size, budget, len(cells)),)
+    evenly_spread = spread(size_of_next(budget, size, 0), np.ones(len(cells)), np.full(len(cells), np.inf))
+    counts = request.rounds or (evenly_spread,)
     if sum(map(sum, counts)) > budget:
         raise must_be("`count`", owner, f"at least the {sum(map(sum, counts))} points that its rounds have", budget)
     for row in counts:
@@ -98,11 +99,6 @@ def size_of_next(budget: int, size: int, done: int) -> int:
     """How many points the next round has when `done` are there; a last one takes what is too few for another."""
     left = budget - done
     return size if left >= 2 * size else left if left >= LEAST_IN_CELL * cells_of_round(size) else 0
-
-
-def first_round(size: int, budget: int, cells: int) -> tuple[int, ...]:
-    """As many points from each cell."""
-    return spread(size_of_next(budget, size, 0), np.ones(cells), np.full(cells, np.inf))
 
 
 def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, ...]:

@@ -17,6 +17,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.trajectory import FloatArray
 
+Attention = Callable[[FloatArray], FloatArray]
 CANDIDATES = 64  # drawn for each point that is chosen among them
 MOST_CANDIDATES = 2**18
 LEAST_DANGER = 0.05  # share of the attention that goes where nothing is dangerous: no place is left out
@@ -41,7 +42,7 @@ def sequence(name: str) -> Callable[[LogicalScenario, Request], Drawn]:
 
 def by_exposure(logical: LogicalScenario, request: Request) -> Drawn:
     """`count` points as often as the scenario's exposure has them; each counts the same."""
-    points, _ = _drawn(logical, request, "exposure", None)
+    points, _ = _drawn(logical, request, "exposure", lambda rows: np.ones(len(rows)))
     return Drawn(points, exposure=np.ones(len(points)), notes=_fewer(len(points), request))
 
 
@@ -74,7 +75,9 @@ def steadily(k: int, count: int) -> FloatArray:
     return shares
 
 
-def _drawn(logical: LogicalScenario, request: Request, label: str, attention: object) -> tuple[FloatArray, FloatArray]:
+def _drawn(
+    logical: LogicalScenario, request: Request, label: str, attention: Attention
+) -> tuple[FloatArray, FloatArray]:
     """Points drawn in proportion to exposure times attention, and the attention that each got.
 
     Candidates come evenly from the parameters' distributions (evenly over the range without one), so that what is left
@@ -93,7 +96,7 @@ def _drawn(logical: LogicalScenario, request: Request, label: str, attention: ob
             columns.append(values)
     points = np.column_stack(columns)
     exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
-    more = np.ones(len(points)) if attention is None else np.asarray(attention(points))  # type: ignore[operator]
+    more = np.asarray(attention(points))
     weight = more * np.divide(exposure, density, out=np.zeros(len(points)), where=density > 0.0)
     if not (np.all(np.isfinite(weight)) and weight.sum() > 0.0):
         raise must_be("The exposure", f"scenario `{logical.name}`", "finite, and above 0 somewhere", weight.sum())
