@@ -70,11 +70,12 @@ def test_every_symbol_of_a_setting_and_of_the_readmes_equations_has_a_row() -> N
 
 def test_every_symbol_used_in_a_table_is_explained() -> None:
     shown = {
-        row[2]
+        row[2].partition(",")[0]
         for section in ("Columns of cases.csv", "Keys of a score in scores.json")
         for row in rows(section)
-        if row[2]
+        if "," in row[2]
     }
+    assert len(shown) > 20
     parts = {part for symbol in shown for part in symbol.split()} - {"THW", "DRAC", "PET", "x_i", "b", "f_n+"}
     assert parts <= symbols()
 
