@@ -13,7 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluations import small
 from record.edited_store import edit
+from standard_run import SCENARIOS
 
 import sumo_eval
 from sumo_eval.errors import InputError
@@ -42,17 +44,6 @@ from sumo_eval.settings import (
     ZoneSettings,
 )
 from sumo_eval.settings.config import read_evaluation
-
-
-def small(*controllers: str, scenarios: tuple[str, ...] = ("front_vehicle_low_speed", "front_vehicle_cut_out")):
-    """An evaluation over three levels an axis with four drivers."""
-    return EvaluationSettings(
-        name="small",
-        scenario=tuple(ScenarioSettings(name, SamplingSettings(levels=3)) for name in scenarios),
-        ads=tuple(AdsSettings(controller, controller) for controller in controllers),
-        drivers=DriverSettings(count=4),
-        run=RunSettings(engine="serial"),
-    )
 
 
 @pytest.fixture(scope="module")
@@ -271,7 +262,7 @@ def test_the_run_folder_holds_what_the_contract_names(done: Evaluation) -> None:
 
 
 def test_the_same_configuration_gives_the_same_facts(done: Evaluation, tmp_path: Path) -> None:
-    settings = small("lane_changer", scenarios=("front_vehicle_low_speed",))
+    settings = small(("lane_changer",))
     again = sumo_eval.evaluate(replace(settings, run=RunSettings(workers=1)), tmp_path / "again")
     with open_store(done.folder / "facts.sqlite") as first, open_store(again.folder / "facts.sqlite") as second:
         for fact in second.facts("ads") + second.facts("human"):
@@ -284,12 +275,12 @@ def test_the_same_configuration_gives_the_same_facts(done: Evaluation, tmp_path:
 
 def test_a_run_folder_is_never_written_over(done: Evaluation) -> None:
     with pytest.raises(InputError, match="already exists and is not empty"):
-        sumo_eval.evaluate(small("idm"), done.folder)
+        sumo_eval.evaluate(small(("idm",), SCENARIOS), done.folder)
 
 
 def test_an_ads_may_be_called_like_the_ideal_vehicle_or_a_driver(tmp_path: Path) -> None:
     settings = replace(
-        small("idm", scenarios=("front_vehicle_low_speed",)),
+        small(("idm",)),
         ads=(AdsSettings("ideal", "no_reaction"), AdsSettings("driver_00", "idm")),
     )
     evaluation = sumo_eval.evaluate(settings, tmp_path / "run")
@@ -319,7 +310,7 @@ def test_a_plain_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
 
 def test_a_misspelt_ads_is_found_before_the_first_case(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"Unknown ADS `idn`.*Did you mean `idm`"):
-        sumo_eval.evaluate(small("idn"), tmp_path / "run")
+        sumo_eval.evaluate(small(("idn",), SCENARIOS), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
@@ -355,7 +346,7 @@ def test_cases_that_cannot_be_evaluated_are_counted_and_named_not_dropped(tmp_pa
 def test_an_ads_that_never_drives_has_no_c_and_no_points(tmp_path: Path) -> None:
     (tmp_path / "broken.py").write_text("def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n")
     settings = replace(
-        small("idm", scenarios=("front_vehicle_low_speed",)),
+        small(("idm",)),
         ads=(AdsSettings("broken", f"{tmp_path}/broken.py:broken"),),
     )
     (result,) = sumo_eval.evaluate(settings, tmp_path / "run").scores

@@ -9,6 +9,8 @@ from pathlib import Path
 import commands
 import pytest
 from browser import CHROMIUM, Page
+from evaluations import small
+from standard_run import SCENARIOS
 
 import sumo_eval
 from sumo_eval.errors import InputError
@@ -18,14 +20,6 @@ from sumo_eval.extras.figures.style import MM, WIDTHS, save
 from sumo_eval.nightly.night import import_runs
 from sumo_eval.report.html import write_report
 from sumo_eval.results import Evaluation
-from sumo_eval.settings import (
-    AdsSettings,
-    DriverSettings,
-    EvaluationSettings,
-    RunSettings,
-    SamplingSettings,
-    ScenarioSettings,
-)
 
 pytest.importorskip("matplotlib")
 
@@ -33,16 +27,7 @@ pytest.importorskip("matplotlib")
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
     """Two ADSs in a space of two parameters and in one of three."""
-    settings = EvaluationSettings(
-        name="drawn",
-        scenario=(
-            ScenarioSettings("front_vehicle_low_speed", SamplingSettings(levels=3)),
-            ScenarioSettings("front_vehicle_cut_out", SamplingSettings(levels=3)),
-        ),
-        ads=(AdsSettings("idm", "idm"), AdsSettings("no_reaction", "no_reaction")),
-        drivers=DriverSettings(count=3),
-        run=RunSettings(engine="serial"),
-    )
+    settings = small(("idm", "no_reaction"), SCENARIOS, 3)
     return sumo_eval.evaluate(settings, tmp_path_factory.mktemp("drawn") / "run")
 
 
@@ -100,13 +85,7 @@ def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path: Pa
     """Two levels of cut_in: `no_reaction` collides nowhere at the slow lateral speed and a gap of 0 m, the first slice;
     no stray piece of the learnt boundary stands at the stairs of the edge of what can be.
     """
-    evaluation = {
-        "name": "slices",
-        "scenario": [{"use": "cut_in", "sampling": {"levels": 2}}],
-        "ads": [{"name": "none", "controller": "no_reaction"}],
-        "drivers": {"count": 2},
-        "run": {"engine": "serial"},
-    }
+    evaluation = small({"none": "no_reaction"}, ("cut_in",), 2, levels=2)
     run = sumo_eval.evaluate(evaluation, tmp_path / "run")
     figure = draw(run, "zone_map")
     assert "with most collisions" in figure.get_suptitle()

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from evaluations import small
 from record.runs import sumo_eval_cli, write_evaluation
 
 import sumo_eval
@@ -17,14 +18,6 @@ from sumo_eval.errors import InputError
 from sumo_eval.record.exchange import export
 from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.report.tables import write_tables
-from sumo_eval.settings import (
-    AdsSettings,
-    DriverSettings,
-    EvaluationSettings,
-    RunSettings,
-    SamplingSettings,
-    ScenarioSettings,
-)
 
 
 @pytest.fixture(scope="module")
@@ -84,17 +77,8 @@ def test_parquet_holds_the_same_as_csv(run: Path, tmp_path: Path) -> None:
 
 def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None:
     duckdb = pytest.importorskip("duckdb")
-    evaluation = EvaluationSettings(
-        "quotes",
-        (
-            ScenarioSettings(
-                "front_vehicle_low_speed", SamplingSettings(steps={"ego_speed": 100.0, "lead_speed": 100.0})
-            ),
-        ),
-        (AdsSettings("=1+1", "idm"), AdsSettings("-x", "idm"), AdsSettings("'plain", "idm")),
-        drivers=DriverSettings(count=2),
-        run=RunSettings(engine="serial"),
-    )
+    ads = dict.fromkeys(("=1+1", "-x", "'plain"), "idm")
+    evaluation = small(ads, drivers=2, steps={"ego_speed": 100.0, "lead_speed": 100.0})
     write_tables(sumo_eval.evaluate(evaluation, tmp_path / "run"))
     export(tmp_path / "run", tmp_path / "csv")
     export(tmp_path / "run", tmp_path / "parquet", "parquet")

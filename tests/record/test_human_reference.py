@@ -11,6 +11,7 @@ from pathlib import Path
 from statistics import fmean
 
 import pytest
+from evaluations import small
 
 import sumo_eval
 from sumo_eval.errors import InputError
@@ -21,13 +22,7 @@ from sumo_eval.record.kept_results import KEPT, KeptResults
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import (
-    AdsSettings,
     AnthropomorphicSettings,
-    DriverSettings,
-    EvaluationSettings,
-    RunSettings,
-    SamplingSettings,
-    ScenarioSettings,
 )
 
 SETTINGS = AnthropomorphicSettings(slice_spacing=5.0)
@@ -37,14 +32,7 @@ Job = tuple[Path, PointJob]
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
     folder = tmp_path_factory.mktemp("bands") / "run"
-    one_point = SamplingSettings(steps={"ego_speed": 100.0, "lead_speed": 100.0})
-    evaluation = EvaluationSettings(
-        name="bands",
-        scenario=(ScenarioSettings("front_vehicle_low_speed", one_point),),
-        ads=(AdsSettings("idm", "idm"),),
-        drivers=DriverSettings(count=4),
-        run=RunSettings(engine="serial"),
-    )
+    evaluation = small(("idm",), steps={"ego_speed": 100.0, "lead_speed": 100.0})
     sumo_eval.evaluate(evaluation, folder)
     with open_store(folder / "facts.sqlite") as store:
         point = store.facts("human")[0].point

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from evaluations import small
 
 import sumo_eval
 from sumo_eval.errors import InputError
@@ -33,21 +34,12 @@ from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.zones import zones_are_known
 from sumo_eval.settings import (
-    AdsSettings,
-    DriverSettings,
-    EvaluationSettings,
     RunSettings,
     SamplingSettings,
     ScenarioSettings,
 )
 
-EVALUATION = EvaluationSettings(
-    name="kept",
-    scenario=(ScenarioSettings("front_vehicle_low_speed", SamplingSettings(levels=3)),),
-    ads=(AdsSettings("idm", "idm"), AdsSettings("no_reaction", "no_reaction")),
-    drivers=DriverSettings(count=4),
-    run=RunSettings(engine="serial"),
-)
+EVALUATION = small(("idm", "no_reaction"))
 
 
 @pytest.fixture(scope="module")

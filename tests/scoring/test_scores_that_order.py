@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluations import small
 from scoring.test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
 
 import sumo_eval
@@ -18,40 +19,23 @@ from sumo_eval.record.store import open_store
 from sumo_eval.report.gate_settings import TIMED
 from sumo_eval.report.tables import write_tables
 from sumo_eval.results import Counted, Evaluation, NotComputed, ScenarioResult
-from sumo_eval.settings import (
-    AdsSettings,
-    DriverSettings,
-    EvaluationSettings,
-    RunSettings,
-    SamplingSettings,
-    ScenarioSettings,
-)
 
 CUT_OUT = "front_vehicle_cut_out"
-
-
-def settings(*controllers: str) -> EvaluationSettings:
-    """Three levels an axis of a scenario with both zones, four drivers."""
-    return EvaluationSettings(
-        name="orders",
-        scenario=(ScenarioSettings(CUT_OUT, SamplingSettings(levels=3)),),
-        ads=tuple(AdsSettings(controller, controller) for controller in controllers),
-        drivers=DriverSettings(count=4),
-        run=RunSettings(engine="serial"),
-    )
 
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
     """`idm` beside one that strikes in the safe zone as well."""
-    found = sumo_eval.evaluate(settings("idm", "no_reaction", "ideal_braking"), tmp_path_factory.mktemp("both") / "run")
+    found = sumo_eval.evaluate(
+        small(("idm", "no_reaction", "ideal_braking"), (CUT_OUT,)), tmp_path_factory.mktemp("both") / "run"
+    )
     write_tables(found)
     return found
 
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
-    return sumo_eval.evaluate(settings("idm"), tmp_path_factory.mktemp("alone") / "run")
+    return sumo_eval.evaluate(small(("idm",), (CUT_OUT,)), tmp_path_factory.mktemp("alone") / "run")
 
 
 def rows(evaluation: Evaluation, ads: str) -> list[CaseResult]:
