@@ -76,15 +76,10 @@ class OnTraci(Driver):
         self._actuation = Actuation(settings.conditions, lambda *clip: world.note(0, *clip))
         others, interference = [actor.name for actor in concrete.actors], settings.conditions.interference
         GUARD.begin(others, settings.step, interference, heeding(concrete))
+        stage.take_charge(world)
         self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
-        self._calls.setLaneChangeMode(EGO, 0)
-        self._calls.setSpeed(EGO, -1 if self._native else concrete.ego.speed)
-        for actor in concrete.actors:
-            self._calls.setLaneChangeMode(actor.name, 0)
-            if actor.follows_at_once:  # it drives by itself
-                continue
-            self._calls.setSpeedMode(actor.name, EXACT_SPEED_MODE)
-            self._calls.setSpeed(actor.name, actor.start.speed)
+        if self._native:
+            self._calls.setSpeed(EGO, -1)
         if isinstance(self.ads, ObservingController):
             stream = f"{self._seed}/{concrete.scenario}/{concrete.label}"
             self._senses = self.ads.senses = Senses(

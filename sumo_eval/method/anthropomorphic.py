@@ -182,19 +182,8 @@ def anthropomorphic_index(
     that starts past the road's end.
     """
     pairing = Pairing(0, tuple(range(1, 1 + len(drivers))), settings.slice_spacing, likeness=True)
-    (index,) = anthropomorphic_indexes([ads, *drivers], [pairing], road, settings)
+    ((index,),) = indexes_by_group([ads, *drivers], [[pairing]], road, settings)
     return index
-
-
-def anthropomorphic_indexes(
-    trajectories: Sequence[Trajectory],
-    pairings: Sequence[Pairing],
-    road: Road,
-    settings: AnthropomorphicSettings = DEFAULTS,
-) -> list[AnthropomorphicIndex]:
-    """`anthropomorphic_index` of each pairing among the trajectories of one concrete scenario."""
-    (indexes,) = indexes_by_group(trajectories, [pairings], road, settings)
-    return indexes
 
 
 def indexes_by_group(
@@ -203,7 +192,7 @@ def indexes_by_group(
     road: Road,
     settings: AnthropomorphicSettings = DEFAULTS,
 ) -> list[list[AnthropomorphicIndex]]:
-    """`anthropomorphic_indexes` of each group of pairings.
+    """`anthropomorphic_index` of each pairing among the trajectories of one concrete scenario, by group.
 
     What all pairings have in common is computed once: what is known of a trajectory and what its far samples add to
     fields; and in a group the lateral positions at slices, and the drivers' fields, at the points of all its pairings

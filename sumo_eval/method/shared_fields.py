@@ -76,7 +76,7 @@ def prepare() -> None:
     time = np.arange(0.0, 20.0, 0.1)
     drive = Trajectory(time, 20.0 * time, np.zeros_like(time), speed=np.full_like(time, 20.0))
     rows, across = np.arange(0.0, 400.0, 0.5), np.linspace(-1.5, 1.5, 7)
-    fields = SharedFields([drive], Stretch(0.0, 400.0, -2.0, 2.0), FieldSettings())
+    fields = SharedFields([drive], Stretch(0.0, 400.0, -2.0, 2.0), FieldSettings(), len(rows) * len(across))
     fields.at(rows, np.broadcast_to(across, (len(rows), len(across))), [0])
 
 
@@ -85,7 +85,7 @@ class SharedFields:
 
     What far samples add is summed once for a trajectory. It depends on the trajectory and the stretch alone, not on the
     points asked for. points: how many a question is expected to have, by which boxes are taken or not for every
-    question alike, so that no answer depends on what else was asked; None: each question decides by its own number.
+    question alike, so that no answer depends on what else was asked.
     """
 
     def __init__(
@@ -93,10 +93,10 @@ class SharedFields:
         trajectories: Sequence[Trajectory],
         stretch: Stretch,
         constants: FieldSettings,
-        points: int | None = None,
+        points: int,
     ) -> None:
         self._trajectories, self._stretch, self._constants = trajectories, stretch, constants
-        self._boxes_pay = None if points is None else _pays(points, stretch)
+        self._boxes_pay = _pays(points, stretch)
         self._samples: dict[int, FloatArray] = {}
         self._far: dict[int, tuple[NDArray[np.int64], FloatArray]] = {}
 
@@ -110,11 +110,7 @@ class SharedFields:
         samples = [self._samples_of(place) for place in places]
         smooth = constants.k1 <= LARGEST_K1 and all(np.abs(one[:, 4]).max() <= LARGEST_EXPONENT for one in samples)
         inside = self._stretch.holds(x, y)
-        pays = self._boxes_pay
-        if pays is None:
-            known = all(place in self._far for place in places)
-            pays = known or _pays(int(np.count_nonzero(inside)) * y.shape[1], self._stretch)
-        if not pays or not smooth or constants.superposition != "magnitude":
+        if not self._boxes_pay or not smooth or constants.superposition != "magnitude":
             return self._plain(x, y, places)
         fields = np.empty((len(places), *y.shape))
         self._by_boxes(x, y, np.flatnonzero(inside), places, fields)

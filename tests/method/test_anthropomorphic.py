@@ -130,7 +130,7 @@ def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(seed: 
 
 
 def test_no_pairings_are_an_empty_answer() -> None:
-    assert module.anthropomorphic_indexes(humans(1), [], ROAD) == []
+    assert module.indexes_by_group(humans(1), [[]], ROAD) == [[]]
 
 
 @pytest.mark.parametrize("factor", [1e-6, 3.7, 1e6])

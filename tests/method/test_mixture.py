@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from drivers.real_data import needs_recordings, recording
 
-from sumo_eval.method.anthropomorphic import IndexNote, anthropomorphic_index, anthropomorphic_indexes
+from sumo_eval.method.anthropomorphic import IndexNote, anthropomorphic_index, indexes_by_group
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings
 from sumo_eval.method.manoeuvres import chosen, manoeuvre_of, pooled_deviation
 from sumo_eval.scenario.concrete import Road, smooth_step
@@ -23,7 +23,7 @@ GAUSSIAN = replace(MIXTURE, mode="gaussian")
 
 def human_band(drivers: list[Trajectory], road: Road, settings: AnthropomorphicSettings) -> HumanBand:
     pairings = band_pairings(range(len(drivers)), settings)
-    return band_of(anthropomorphic_indexes(drivers, pairings, road, settings))
+    return band_of(indexes_by_group(drivers, [pairings], road, settings)[0])
 
 
 def drive(*, begin: float | None = None, speed: float = 25.0, y: float = 0.0, slow: float = 0.0, to: float = 3.5):

@@ -46,7 +46,7 @@ def around(x: np.ndarray, y: np.ndarray) -> Stretch:
 
 
 def shared_fields(x: np.ndarray, y: np.ndarray, drives: list[Trajectory], constants: FieldSettings) -> np.ndarray:
-    return SharedFields(drives, around(x, y), constants).at(x, y, range(len(drives)))
+    return SharedFields(drives, around(x, y), constants, y.size).at(x, y, range(len(drives)))
 
 
 def by_boxes(x: np.ndarray, y: np.ndarray) -> bool:
@@ -150,7 +150,7 @@ def test_points_off_the_stretch_are_within_the_bound(
     drives, points = driven
     x, y = points[:, 0, 0], points[..., 1]
     stretch = Stretch(80.0, 500.0, -1.76, 4.9)
-    fields, inside = SharedFields(drives, stretch, PLAIN), stretch.holds(x, y)
+    fields, inside = SharedFields(drives, stretch, PLAIN, y.size), stretch.holds(x, y)
     assert 0.3 < inside.mean() < 0.9
     if asked_before:
         fields.at(x[inside], y[inside], [0, 1, 2])
@@ -160,9 +160,9 @@ def test_points_off_the_stretch_are_within_the_bound(
 def test_what_was_asked_before_and_of_whom_changes_no_bit(driven: tuple[list[Trajectory], np.ndarray]) -> None:
     drives, points = driven
     x, y = points[:, 0, 0], points[..., 1]
-    fields = SharedFields(drives, around(x, y), PLAIN)
+    fields = SharedFields(drives, around(x, y), PLAIN, y.size)
     fields.at(x[::2], y[::2], [2, 0])
-    again, alone = fields.at(x, y, [1, 2]), SharedFields(drives[1:], around(x, y), PLAIN).at(x, y, [0, 1])
+    again, alone = fields.at(x, y, [1, 2]), SharedFields(drives[1:], around(x, y), PLAIN, y.size).at(x, y, [0, 1])
     assert again.tobytes() == alone.tobytes()
 
 
@@ -173,7 +173,7 @@ def test_far_samples_are_summed_once(
 
     drives, points = driven
     x, y = points[:, 0, 0], points[..., 1]
-    fields = SharedFields(drives, around(x, y), PLAIN)
+    fields = SharedFields(drives, around(x, y), PLAIN, y.size)
     first = fields.at(x, y, [0, 1, 2])
     monkeypatch.setattr(field_loops, "far_values", None)
     assert fields.at(x, y, [0, 1, 2]).tobytes() == first.tobytes()

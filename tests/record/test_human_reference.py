@@ -15,7 +15,7 @@ from evaluations import small
 
 import sumo_eval
 from sumo_eval.errors import InputError
-from sumo_eval.method.anthropomorphic import Pairing, anthropomorphic_index, anthropomorphic_indexes
+from sumo_eval.method.anthropomorphic import Pairing, anthropomorphic_index, indexes_by_group
 from sumo_eval.record import human_reference
 from sumo_eval.record.human_reference import PointJob, PointResult, compute_points
 from sumo_eval.record.kept_results import KEPT, KeptResults
@@ -68,7 +68,7 @@ def test_band_and_left_out_drivers_are_each_index_alone(job: Job, mode: str) -> 
     assert [left_out.everyone, *left_out.without] == pytest.approx(expected, rel=1e-9)
     twice = [[drivers[place] for place in places] for places in ((1, 2, 2, 3), (0, 1, 1, 2))]
     pairing = Pairing(4, (0, 1, 2, 3), 4.0, likeness=True)
-    exchanged = [anthropomorphic_indexes([*people, own], [pairing], wanted.road, coarse)[0] for people in twice]
+    exchanged = [indexes_by_group([*people, own], [[pairing]], wanted.road, coarse)[0][0] for people in twice]
     assert left_out.exchanged == pytest.approx(fmean(index.value for index in exchanged), rel=1e-9)
     assert left_out.likeness_exchanged == pytest.approx(fmean(one.likeness.value for one in exchanged), rel=1e-9)
     among = [anthropomorphic_index(one, fewer, wanted.road, coarse) for one, fewer in zip(drivers, others, strict=True)]

@@ -41,6 +41,9 @@ class Task(NamedTuple):
     change: tuple[float, float] | None = None
 
 
+_NO_TASK = Task(math.nan, (math.nan, math.nan))
+
+
 def kinds_of(concrete: ConcreteScenario) -> dict[str, str]:
     """What the others of a concrete scenario are, by name (`scenario.bodies`)."""
     return {actor.name: actor.body for actor in concrete.actors}
@@ -132,25 +135,16 @@ class _Worked:
         return value
 
 
-@dataclass(frozen=True, eq=False, init=False)
 class Observation:
     """One instant, worked out when it is asked for. time: s since the start of the case. road: lanes and edges."""
 
-    time: float
-    road: Road
-    _ego: Sequence[float]
-    _acceleration: float
-    _look: Look
-    _task: Task | None
-    _kinds: Mapping[int, str]
-
     def __init__(
-        self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look, task: Task | None = None,
-        kinds: Mapping[int, str] | None = None,
+        self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look, task: Task | None,
+        kinds: Mapping[int, str],
     ) -> None:  # fmt: skip
-        own = self.__dict__  # a frozen dataclass's own constructor takes three times as long
-        own["_task"], own["_kinds"] = task, kinds or _ALL_CARS
-        own["time"], own["road"], own["_ego"], own["_acceleration"], own["_look"] = time, road, ego, acceleration, look
+        self.time, self.road = time, road
+        self._ego, self._acceleration, self._look, self._kinds = ego, acceleration, look, kinds
+        self._task = task or _NO_TASK
 
     @_Worked
     def ego(self) -> SeenEgo:
@@ -206,7 +200,7 @@ class Observation:
     @property
     def desired_speed(self) -> float:
         """The speed that the ego wants, m/s: the one that it starts with; nan where nobody has said."""
-        return math.nan if self._task is None else self._task.desired_speed
+        return self._task.desired_speed
 
     @property
     def speed_limit(self) -> float:
@@ -218,12 +212,12 @@ class Observation:
         """The end of the road in the lane that the ego started in or has to change to, x, y m; nan where nobody has
         said.
         """
-        return (math.nan, math.nan) if self._task is None else self._task.goal
+        return self._task.goal
 
     @property
     def change(self) -> tuple[float, float] | None:
         """From which x on and by which the ego has to change to the goal's lane, m; None: it may stay in its lane."""
-        return None if self._task is None else self._task.change
+        return self._task.change
 
     @property
     def lane_borders(self) -> tuple[LaneLine, ...]:
@@ -528,9 +522,6 @@ def _velocity(body: Sequence[float]) -> tuple[float, float]:
     return speed * c - across * s, speed * s + across * c
 
 
-_ALL_CARS: Mapping[int, str] = {}
-
-
 def _seen(number: int, me: Sequence[float], other: Sequence[float], road: Road, kind: str) -> SeenVehicle:
     half, half_width = _extent(other)
     my_half, my_half_width = _extent(me)
@@ -560,4 +551,4 @@ _OF_A_PLACE = ("present", "gap", "speed", "relative_speed", "offset", "x", "y", 
 def signal_names() -> tuple[str, ...]:
     """The names of all `signals`."""
     alone = Look(Body(0.0, 0.0, 0.0, 0.0, 1.0, 1.0), ())
-    return tuple(Observation(0.0, Road("", 1.0, 1, 1.0, 0.0), alone.me, 0.0, alone).signals())
+    return tuple(Observation(0.0, Road("", 1.0, 1, 1.0, 0.0), alone.me, 0.0, alone, None, {}).signals())
