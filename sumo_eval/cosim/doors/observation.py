@@ -135,16 +135,25 @@ class _Worked:
         return value
 
 
+@dataclass(frozen=True, eq=False, init=False)
 class Observation:
     """One instant, worked out when it is asked for. time: s since the start of the case. road: lanes and edges."""
+
+    time: float
+    road: Road
+    _ego: Sequence[float]
+    _acceleration: float
+    _look: Look
+    _task: Task
+    _kinds: Mapping[int, str]
 
     def __init__(
         self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look, task: Task | None,
         kinds: Mapping[int, str],
     ) -> None:  # fmt: skip
-        self.time, self.road = time, road
-        self._ego, self._acceleration, self._look, self._kinds = ego, acceleration, look, kinds
-        self._task = task or _NO_TASK
+        own = self.__dict__  # a frozen dataclass's own constructor takes three times as long
+        own["_task"], own["_kinds"] = task or _NO_TASK, kinds
+        own["time"], own["road"], own["_ego"], own["_acceleration"], own["_look"] = time, road, ego, acceleration, look
 
     @_Worked
     def ego(self) -> SeenEgo:
