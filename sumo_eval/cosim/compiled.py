@@ -12,8 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sumo_eval.cosim.records import EGO, MOVER, Layout, Records, fields, flags
-from sumo_eval.cosim.step_rules import show
+from sumo_eval.cosim.records import BODY, EGO, MOVER, Layout, Records, fields, flags
+from sumo_eval.cosim.step_rules import show_body
 from sumo_eval.cosim.sumo.insides import vehicles
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import described, write_way
@@ -24,11 +24,9 @@ from sumo_eval.scenario.road.reference_line import frame_places, knots_of
 
 
 @compiled_rows
-def _show_rows(movers: Records, bodies: Any, line: Records, rear: float) -> None:
+def _show_rows(movers: Records, bodies: Records, line: Records, rear: float) -> None:
     for i in range(len(movers)):
-        body = bodies[i]
-        own = rear if i == 0 else 0.0
-        show(movers[i], body[0], body[1], body[2], body[3], body[4], body[5], line, own)
+        show_body(movers[i], bodies[i], line, rear if i == 0 else 0.0)
 
 
 def each_row(rule: Callable[..., None]) -> Callable[..., None]:
@@ -131,9 +129,8 @@ class Compiled:
             self._egos, self._seen = np.zeros(1, EGO), np.zeros((1, len(self._names)), MOVER)
             self._egos["live"] = 1
             self._sizes = [(traci.vehicle.getLength(n), traci.vehicle.getWidth(n)) for n in (ego, *self._names)]
-        bodies = np.array(
-            [(*_pose(calls, name, size[0]), *size) for name, size in zip((ego, *self._names), self._sizes, strict=True)]
-        )
+        sized = zip((ego, *self._names), self._sizes, strict=True)
+        bodies = np.array([(*_pose(calls, name, size[0]), *size, 0.0) for name, size in sized], BODY)
         movers = np.zeros(len(bodies), MOVER)
         rear = 0.5 * float(self._scenario["vehicle"]["wheelbase"][0])
         _show_rows(movers, self._in_frame(bodies), knots_of(self._line), rear)
@@ -153,10 +150,10 @@ class Compiled:
         if not self._line:
             return bodies
         if self._along is None:
-            self._along = frame_places(self._line, bodies[:, 0], bodies[:, 1])[0].tolist()
-        for i, near in enumerate(self._along):
-            x, y, heading = frame_places(self._line, bodies[i, 0], bodies[i, 1], bodies[i, 2], near=near)
-            bodies[i, :3], self._along[i] = (x, y, heading), float(x)
+            self._along = frame_places(self._line, bodies["x"], bodies["y"])[0].tolist()
+        for i, (body, near) in enumerate(zip(bodies, self._along, strict=True)):
+            x, y, heading = frame_places(self._line, body["x"], body["y"], body["heading"], near=near)
+            body["x"], body["y"], body["heading"], self._along[i] = x, y, heading, float(x)
         return bodies
 
     def settled(self) -> bool:

@@ -40,7 +40,7 @@ MOVER = np.dtype(
 """A vehicle as rules see it: along and across the road; x is nan where there is none (`ads.perception`). along: dx/dt,
 m/s. curvature: of the road beside it, at the offset y, 1/m, positive to the left."""
 _MAP = fields("x", "y", "heading")
-_BODY = fields("x", "y", "heading", "speed", "length", "width", "across")
+BODY = fields("x", "y", "heading", "speed", "length", "width", "across")
 _BEFORE = [*fields("x", "y", "heading", "speed", "across"), ("map", _MAP)]
 _NEXT = fields("x", "y", "heading", "speed", "acceleration", "steering")
 
@@ -49,7 +49,7 @@ _WAY = [*fields("start", "offset", "begin", "length", "by"), *flags("asked", "en
 the left. asked: 1 if it has to make that lane change, finished by x = `by`; ends: 1 if its first lane ends there."""
 EGO = np.dtype(
     [
-        *_BODY, *fields("acceleration", "steering"), ("before", _BEFORE), ("next", _NEXT),
+        *BODY, *fields("acceleration", "steering"), ("before", _BEFORE), ("next", _NEXT),
         ("command", fields("acceleration", "steering")), ("seen", MOVER),
         *fields("time", "stood", "share", "scripted_until", "front_x", "front_y"),
         *flags("live", "placed", "stale", "reason", "struck", "settled", "samples", "begun"),
@@ -64,7 +64,7 @@ way: as in `_WAY`."""
 
 OTHER = np.dtype(
     [
-        *_BODY, *fields("rate", "acceleration"), ("before", _BEFORE), *fields("front_x", "front_y"),
+        *BODY, *fields("rate", "acceleration"), ("before", _BEFORE), *fields("front_x", "front_y"),
         *flags("present", "told", "samples", "strays"),
         ("map", _MAP),
     ]

@@ -41,19 +41,17 @@ from sumo_eval.trajectory import FloatArray
 
 
 @kernel
-def show(
-    mover: Any, x: float, y: float, heading: float, speed: float, length: float, width: float, line: Any, rear: float
-) -> None:
-    """Write into `mover` what a sensor shows of a body: its centre, its speeds and extents by the road's axes.
+def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
+    """Write into `mover` what a sensor shows of a vehicle: its centre, its speeds and extents by the road's axes.
 
     line: the road's, of no knots if straight. rear: m from the centre back to the axle that runs along the lane. A body
     that follows a bend leans out of it there by atan(rear * curvature), which takes no more of the road from others
     than on a straight.
     """
-    _, _, _, curvature = line_at(line, x)
-    inner = 1.0 - curvature * y
-    heading = 0.0 if abs(heading) < ALONG else within_a_turn(heading)
-    mover.x, mover.y, mover.heading, mover.speed, mover.braking = x, y, heading, speed, 0.0
+    _, _, _, curvature = line_at(line, body.x)
+    inner, speed, length, width = 1.0 - curvature * body.y, body.speed, body.length, body.width
+    heading = 0.0 if abs(body.heading) < ALONG else within_a_turn(body.heading)
+    mover.x, mover.y, mover.heading, mover.speed, mover.braking = body.x, body.y, heading, speed, 0.0
     mover.along, mover.across = speed * math.cos(heading) / inner, speed * math.sin(heading)
     mover.curvature = curvature / inner
     lean = heading + math.atan(rear * mover.curvature)
@@ -61,12 +59,6 @@ def show(
     if s < ALONG:
         c, s = 1.0, 0.0
     mover.half_length, mover.half_width = 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
-
-
-@kernel
-def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
-    """Write into `mover` what a sensor shows of a vehicle. line, rear: as in `show`."""
-    show(mover, body.x, body.y, body.heading, body.speed, body.length, body.width, line, rear)
 
 
 @kernel
@@ -256,12 +248,6 @@ def _go_back(body: Any, share: float) -> None:
 
 
 @kernel
-def _was_past_the_end(ego: Any, share: float, length: float) -> bool:
-    """Whether the ego has passed the road's end, m, where its case ends, before this share of the step."""
-    return bool(ego.before.x + share * (ego.x - ego.before.x) > length)
-
-
-@kernel
 def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
     """Why a case ends, 0 while it goes on."""
     road = scenario.road
@@ -326,7 +312,8 @@ def see_rows(
             share = share_at_touch(before, body, _body(was.map, was, other), _body(other.map, other, other))
             if 0.0 <= share < first:
                 first, ego.struck = share, j
-        if first <= 1.0 and not _was_past_the_end(ego, first, scenario[0].road.length):
+        # a case ends at the road's end, whatever it would touch beyond
+        if first <= 1.0 and not ego.before.x + first * (ego.x - ego.before.x) > scenario[0].road.length:
             ego.reason, ego.share = CONTACT, first
             _go_back(ego, first)
             ego.time = now - step + first * step

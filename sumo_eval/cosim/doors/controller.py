@@ -195,15 +195,14 @@ class NativeModel(Adapter):
     model: str
     attributes: Mapping[str, str] = field(default_factory=dict)
 
-    @property
-    def vtype(self) -> dict[str, str]:
-        """Attributes of the ego's vehicle type: SUMO's own defaults of a passenger car, within what the vehicle can."""
-        own = {name: value for name, value in self.attributes.items() if not name.startswith(PARAMETER)}
-        return {"carFollowModel": self.model, "minGap": "2.5", "accel": "2.6", "decel": "4.5", **own}
-
     def vtype_on(self, road: Road) -> dict[str, str]:
-        """Attributes of the ego's vehicle type on a road: Plexe's `CC` wants to know how many lanes there are."""
-        return ({"lanesCount": str(road.lanes)} if self.model == "CC" else {}) | self.vtype
+        """Attributes of the ego's vehicle type: SUMO's own defaults of a passenger car, within what the vehicle can.
+
+        Plexe's `CC` wants to know how many lanes there are.
+        """
+        own = {name: value for name, value in self.attributes.items() if not name.startswith(PARAMETER)}
+        lanes = {"lanesCount": str(road.lanes)} if self.model == "CC" else {}
+        return {**lanes, "carFollowModel": self.model, "minGap": "2.5", "accel": "2.6", "decel": "4.5", **own}
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Give SUMO the wheel: all its safety checks on, no lane changes but those that the route asks for."""
