@@ -30,7 +30,7 @@ import pandas as pd
 
 from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.drivers.synthetic.driver import human_controller
-from sumo_eval.method.anthropomorphic import Pairing, anthropomorphic_indexes
+from sumo_eval.method.anthropomorphic import Pairing, indexes_by_group
 from sumo_eval.method.plausibility import MOTORWAY_PEOPLE, extremes_of, plausibility
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario, smooth_step
@@ -163,7 +163,7 @@ def evidence(people: list[Person], seed: int) -> pd.DataFrame:
         leads = [*(mate.actors["lead"] for mate in mates), person.lead, *[lead] * len(made)]
         names = [*["left out"] * DRIVERS, "recorded person", *made]
         for name, drive, ahead, index in zip(
-            names, drives, leads, anthropomorphic_indexes(drives, pairings, person.concrete.road, SETTINGS), strict=True
+            names, drives, leads, indexes_by_group(drives, [pairings], person.concrete.road, SETTINGS)[0], strict=True
         ):
             found = index.likeness
             assert found is not None
