@@ -1,13 +1,13 @@
-"""What the linters do not see: circles of imports, names that nothing uses, docstrings that lean on another one.
+"""What the linters do not see: circles of imports, unused names, leaning docstrings; words of pages, tests, commits.
 
     python tools/house_check.py            every finding that is not allowed, one a line; exit status 1 if there is one
     python tools/house_check.py --facts    also lines, files and loose files at the top
-    python tools/house_check.py --prune    take allowances out that nothing needs
+    python tools/house_check.py --words    also every place that a pattern of house_words.toml finds
 
 An import counts wherever it stands, within a function too: a circle that only works because one side imports late is a
 circle. Code is alive when the package, the tools, the documentation or its examples name it; tests do not keep it
 alive. tools/house_allowances.toml has what is allowed all the same, each with its reason; an allowance that nothing
-needs is a finding itself.
+needs is a finding itself. tools/house_words.toml has the limits of words; its counts may only fall.
 """
 
 from __future__ import annotations
@@ -15,13 +15,18 @@ from __future__ import annotations
 import argparse
 import ast
 import re
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
 PACKAGE = "sumo_eval"
 ALLOWANCES = Path("tools") / "house_allowances.toml"
+WORDS = Path("tools") / "house_words.toml"
 LEANING = re.compile(r"(The same\b|As `|Like )")
 """How a docstring begins that says nothing to somebody who has not read another one."""
 
@@ -29,6 +34,8 @@ _TEXTS = {".j2", ".js", ".toml"}  # within the package: templates and data that 
 _ENTRIES = ("__main__", "__init__")
 _CODE = re.compile(r"```.*?```|`[^`\n]+`", flags=re.S)
 _WORD = re.compile(r"[A-Za-z_]\w*")
+_LONG_LINE = re.compile(r"^.{161,}$", re.M)
+_LONG_TEST = re.compile(r"^ *def test_\w{56,}", re.M)
 
 Trees = Mapping[str, ast.Module]
 Graph = Mapping[str, frozenset[str]]
@@ -60,31 +67,13 @@ def import_graph(trees: Trees) -> dict[str, frozenset[str]]:
 
 
 def circles(graph: Graph) -> list[list[str]]:
-    """Groups of modules of which each reaches every other one by imports (Tarjan's strongly connected components)."""
-    number: dict[str, int] = {}
-    lowest: dict[str, int] = {}
-    path: list[str] = []
-    found: list[list[str]] = []
-
-    def visit(module: str) -> None:
-        number[module] = lowest[module] = len(number)
-        path.append(module)
-        for other in sorted(graph[module]):
-            if other not in number:
-                visit(other)
-                lowest[module] = min(lowest[module], lowest[other])
-            elif other in path:
-                lowest[module] = min(lowest[module], number[other])
-        if lowest[module] == number[module]:
-            group = path[path.index(module) :]
-            del path[path.index(module) :]
-            if len(group) > 1:
-                found.append(sorted(group))
-
-    for module in graph:
-        if module not in number:
-            visit(module)
-    return sorted(found)
+    """Groups of modules of which each reaches every other one by imports."""
+    names = sorted(graph)
+    links = csr_array([[int(other in graph[name]) for other in names] for name in names])
+    groups: dict[int, list[str]] = {}
+    for name, number in zip(names, connected_components(links, connection="strong")[1], strict=True):
+        groups.setdefault(int(number), []).append(name)
+    return sorted(group for group in groups.values() if len(group) > 1)
 
 
 def defined(tree: ast.Module) -> Iterator[str]:
@@ -207,15 +196,46 @@ def judged(found: list[str], allowed: Mapping[str, str]) -> list[str]:
     return wrong + [f"allowance without a reason: {one}" for one, reason in allowed.items() if not reason.strip()]
 
 
-def prune(root: Path, found: list[str]) -> int:
-    """Take the lines of allowances out that nothing needs; how many."""
-    path = root / ALLOWANCES
-    unneeded = [one for one in allowances(root) if one not in found]
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if unneeded else []
-    kept = [line for line in lines if not any(line.startswith(f'"{one}"') for one in unneeded)]
-    if unneeded:
-        path.write_text("".join(kept), encoding="utf-8")
-    return len(lines) - len(kept)
+def wording(root: Path, package: str = PACKAGE) -> tuple[list[str], list[str]]:
+    """What is wrong with words, and every place that a pattern of tools/house_words.toml finds."""
+    path = root / WORDS
+    if not path.is_file():
+        return [], []
+    limits = tomllib.loads(path.read_text(encoding="utf-8"))
+    menu = (root / "mkdocs.yml").read_text(encoding="utf-8")
+    pattern = re.compile("|".join(limits["patterns"]), re.M)
+    places: dict[str, list[str]] = {name: [] for name in limits["most"]}
+    wrong: list[str] = []
+
+    def seek(kind: str, place: str, text: str, sought: re.Pattern[str] = pattern) -> None:
+        for allowed in limits["allowed"]:
+            text = text.replace(allowed, "")
+        places[kind] += [f"{kind}: {place}: {hit[0].strip()}" for hit in sought.finditer(text)]
+
+    for page in (*root.glob("*.md"), *(root / "docs").rglob("*.md")):
+        name, text = page.relative_to(root).as_posix(), page.read_text(encoding="utf-8")
+        places["words"] += text.split()
+        most = limits["pages"].get(name, limits["page"])
+        if len(text.split()) > most:
+            wrong.append(f"words: {name} must have at most {most}, has {len(text.split())}")
+        if name.removeprefix("docs/") not in menu and name.startswith("docs/"):
+            wrong.append(f"menu: {name} is not in mkdocs.yml")
+        seek("long lines", name, text, _LONG_LINE)
+        if name != "CHANGELOG.md":
+            seek("English of pages", name, _CODE.sub("", text))
+    for module, tree in trees_of(root, package).items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
+                seek("English of the package", f"{module}:{node.lineno}", node.value)
+    for test in (root / "tests").rglob("*.py"):
+        seek("long test names", test.name, test.read_text(encoding="utf-8"), _LONG_TEST)
+    for kind, most in limits["most"].items():
+        if len(places[kind]) > most:
+            wrong.append(f"{kind}: must be at most {most}, are {len(places[kind])} (--words lists them)")
+    log = ["git", "log", "--no-merges", "--format=%s", f"{limits['since']}..HEAD"]
+    subjects = subprocess.run(log, cwd=root, capture_output=True, text=True, check=False).stdout.splitlines()
+    wrong += [f"subject over 60 characters: {subject}" for subject in subjects if len(subject) > 60]
+    return wrong, [hit for kind, hits in places.items() if kind != "words" for hit in hits]
 
 
 def facts(root: Path, package: str = PACKAGE) -> str:
@@ -231,14 +251,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--root", type=Path, default=Path(__file__).parents[1], help="the project's folder")
     parser.add_argument("--facts", action="store_true", help="also print the size of the house")
-    parser.add_argument("--prune", action="store_true", help="take allowances out that nothing needs")
+    parser.add_argument("--words", action="store_true", help="also list what the patterns of words find")
     given = parser.parse_args(arguments)
     found = findings(given.root)
     if given.facts:
         print(facts(given.root))
-    if given.prune:
-        print(f"{prune(given.root, found)} allowances taken out.")
-    wrong = judged(found, allowances(given.root))
+    wrong, places = wording(given.root)
+    wrong += judged(found, allowances(given.root))
+    if given.words:
+        print(*places, sep="\n")
     if wrong:
         print(*wrong, sep="\n")
         print(f"{len(wrong)} to mend; what must stay needs a line with its reason in {ALLOWANCES}.", file=sys.stderr)

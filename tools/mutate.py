@@ -141,29 +141,22 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--skip", type=int, default=0, help="begin after so many")
     parser.add_argument("--near", action="store_true", help="run only the tests of the module and of its room")
-    parser.add_argument("--list", action="store_true", help="only say what would be planted")
     options, arguments = parser.parse_known_args()
 
-    chosen, found = drawn(options.count, options.seed)[options.skip :], 0
+    chosen, found = drawn(options.count, options.seed), 0
     copy = Path(tempfile.gettempdir()) / "sumo_eval_mistakes"  # one place: kernels that did not change stay compiled
-    if not options.list:
-        shutil.rmtree(copy, ignore_errors=True)
-        kept_out = shutil.ignore_patterns(".venv", ".mypy_cache", "build", "__pycache__")
-        shutil.copytree(ROOT, copy, ignore=kept_out)
+    shutil.rmtree(copy, ignore_errors=True)
+    kept_out = shutil.ignore_patterns(".venv", ".mypy_cache", "build", "__pycache__")
+    shutil.copytree(ROOT, copy, ignore=kept_out)
     for mistake in chosen:
-        if options.list:
-            print(mistake)
-            continue
         shutil.copy2(ROOT / mistake.file, copy / mistake.file)
         plant(mistake, copy)
         by = finder(mistake, copy, arguments, near=options.near)
         shutil.copy2(ROOT / mistake.file, copy / mistake.file)
         found += bool(by)
         print(f"{'found' if by else 'NOT FOUND':9} {mistake}  {by}", flush=True)
-    if not options.list:
-        print(f"{found} of {len(chosen)} mistakes are found.")
+    print(f"{found} of {len(chosen)} mistakes are found.")
     return 0
 
 

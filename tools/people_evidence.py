@@ -1,5 +1,5 @@
-"""Put recorded people and bad driving beside each other, in the people's own concrete scenarios: D, H and what they are
-made of. Prints the tables of docs/trust.md.
+"""Compare recorded drivers with bad driving, in the drivers' own concrete scenarios: D, H and plausibility.
+Prints the AUCs of docs/trust.md.
 
     python tools/people_evidence.py ../shared/data/human [SEED]
 
@@ -20,7 +20,6 @@ Bad driving is made for each of these scenarios, and counts where it comes to be
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -145,9 +144,7 @@ def _up_to(end: float, drive: Trajectory) -> Trajectory:
 
 
 def evidence(people: list[Person], seed: int) -> pd.DataFrame:
-    """One row a drive: scenario, who, D in both modes, H and its factors. `left out`: each synthetic driver against the
-    other nine.
-    """
+    """One row a drive: scenario, who, D in both modes, H, plausibility. `left out`: a driver against the other nine."""
     drivers = [human_controller(i, DRIVERS, seed, person.concrete) for person in people for i in range(DRIVERS)]
     recorded = iter(list(simulate_many([person.concrete for person in people for _ in range(DRIVERS)], drivers)))
     rows: list[dict[str, object]] = []
@@ -175,13 +172,7 @@ def evidence(people: list[Person], seed: int) -> pd.DataFrame:
                     "D": index.value,
                     "D mixture": index.length_factor * index.operation_factor * found.similarity,
                     "H": found.value * plausible,
-                    "H gaussian": found.length_factor * found.operation_tolerance * index.similarity * plausible,
-                    "similarity": index.similarity,
-                    "similarity mixture": found.similarity,
-                    "f_n": index.operation_factor,
-                    "f_n+": found.operation_tolerance,
                     "plausibility": plausible,
-                    "operations": index.ads_operations,
                 }
             )
     return pd.DataFrame(rows)
@@ -203,15 +194,7 @@ def areas(table: pd.DataFrame, score: str) -> dict[str, float]:
     }
 
 
-def lines(table: pd.DataFrame) -> Iterator[str]:
-    """Both tables as text: means by kind of drive, and AUCs of the people against it."""
-    means = table.drop(columns="scenario").groupby("who", sort=False).mean()
-    means.insert(0, "drives", table.groupby("who", sort=False).size())
-    yield means.round(3).to_string()
-    scores = ("D", "D mixture", "H", "H gaussian", "plausibility")
-    yield pd.DataFrame({score: areas(table, score) for score in scores}).round(3).to_string()
-
-
 if __name__ == "__main__":
     found = evidence(recorded_people(Path(sys.argv[1])), int(sys.argv[2]) if len(sys.argv) > 2 else 1)
-    print(*lines(found), sep="\n\n")
+    scores = ("D", "D mixture", "H", "plausibility")
+    print(pd.DataFrame({score: areas(found, score) for score in scores}).round(3).to_string())

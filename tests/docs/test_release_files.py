@@ -53,7 +53,7 @@ def test_the_citation_names_the_version_the_licence_and_the_paper() -> None:
 def test_the_image_and_the_pages_name_the_system_libraries_that_sumo_links() -> None:
     packages = " ".join(SYSTEM_LIBRARIES)
     assert f"install --yes --no-install-recommends {packages}" in text("Dockerfile")
-    for page in ("README.md", "PACKAGE.md", "docs/index.md", "docs/ci.md"):
+    for page in ("README.md", "docs/index.md", "docs/ci.md"):
         assert packages in text(page), page
 
 

@@ -44,8 +44,13 @@ def test_links_between_pages_lead_somewhere(page: str) -> None:
         assert (ROOT / page).parent.joinpath(target).resolve().exists(), target
 
 
-def test_the_page_of_an_index_links_to_nothing_in_the_repository() -> None:
-    assert not re.findall(r"\]\((?!https?:)", (ROOT / "PACKAGE.md").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("repository", ["", "https://example.org/sumo_eval"])
+def test_page_of_the_package_has_absolute_links_only(repository: str) -> None:
+    make = load("packaging/package_page.py").package_page
+    page = make((ROOT / "README.md").read_text(encoding="utf-8"), repository)
+    assert not re.findall(r"\]\((?!https?:)|(?:src|srcset)=\"(?!https?:)", page)
+    assert ("https://example.org/sumo_eval/blob/HEAD/docs/index.md" in page) == bool(repository)
+    assert "class MyAds" in page
 
 
 def test_every_page_of_the_menu_is_there() -> None:

@@ -80,7 +80,7 @@ def test_a_docstring_that_leans_on_another_is_found(words: str, house: Path) -> 
     assert check(house).returncode == 0
 
 
-def test_an_allowance_needs_a_reason_and_a_finding_and_is_pruned_without_one(house: Path) -> None:
+def test_an_allowance_needs_a_reason_and_a_finding(house: Path) -> None:
     (house / "sumo_eval" / "room" / "inner.py").write_text(
         "def answer():\n    return 42\n\n\ndef kept():\n    return 1\n"
     )
@@ -91,8 +91,84 @@ def test_an_allowance_needs_a_reason_and_a_finding_and_is_pruned_without_one(hou
         "allowance that nothing needs: dead: sumo_eval.gone",
         "allowance without a reason: dead: sumo_eval.room.inner.kept",
     ]
-    allowances.write_text("".join(lines).replace('""', '"Users call it."'))
-    done = check(house, "--prune")
-    assert done.stdout == "1 allowances taken out.\n"
-    assert done.returncode == 0
-    assert allowances.read_text() == '[allowed]\n"dead: sumo_eval.room.inner.kept" = "Users call it."\n'
+    allowances.write_text(lines[0] + lines[1].replace('""', '"Users call it."'))
+    assert check(house).returncode == 0
+
+
+WORDS = """
+since = "HEAD"
+page = 10
+[pages]
+"docs/long.md" = 20
+[most]
+words = 35
+"English of pages" = 1
+"English of the package" = 0
+"long lines" = 0
+"long test names" = 0
+[patterns]
+'\\bnobody\\b' = "name it"
+'^Who' = "noun phrase"
+[allowed]
+"nobody in particular" = "a name"
+"""
+
+
+@pytest.fixture
+def worded(house: Path) -> Path:
+    """A house whose words have limits."""
+    (house / "tools" / "house_words.toml").write_text(WORDS)
+    (house / "mkdocs.yml").write_text("nav: [page.md, long.md]\n")
+    (house / "tests").mkdir()
+    (house / "docs" / "page.md").write_text("There is nobody, nor nobody in particular, nor `nobody`.\n")
+    (house / "docs" / "long.md").write_text("word " * 20)
+    return house
+
+
+def test_words_within_their_limits_are_clean_and_listed(worded: Path) -> None:
+    assert check(worded).returncode == 0
+    assert check(worded, "--words").stdout == "English of pages: docs/page.md: nobody\n"
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "finding"),
+    [
+        ("docs/page.md", "word " * 11, "words: docs/page.md must have at most 10, has 11"),
+        ("docs/other.md", "A page.\n", "menu: docs/other.md is not in mkdocs.yml"),
+        ("docs/page.md", "nobody\nWho\n", "English of pages: must be at most 1, are 2 (--words lists them)"),
+        ("docs/page.md", "x" * 161, "long lines: must be at most 0, are 1 (--words lists them)"),
+        ("GLOSSARY.md", "word " * 10, "words: must be at most 35, are 40 (--words lists them)"),
+        (
+            "tests/test_one.py",
+            f"def test_{'x' * 56}():\n    pass\n",
+            "long test names: must be at most 0, are 1 (--words lists them)",
+        ),
+        (
+            "sumo_eval/__init__.py",
+            '"""A package for nobody."""\n',
+            "English of the package: must be at most 0, are 1 (--words lists them)",
+        ),
+    ],
+)
+def test_words_beyond_a_limit_are_found(worded: Path, file: str, text: str, finding: str) -> None:
+    (worded / "docs" / "page.md").write_text("word " * 10)
+    (worded / "docs" / "long.md").write_text("word " * 20)
+    (worded / file).write_text(text)
+    done = check(worded)
+    assert done.stdout.splitlines() == [finding]
+    assert done.returncode == 1
+
+
+def test_long_subject_of_a_later_commit_is_found(worded: Path) -> None:
+    def git(*arguments: str) -> str:
+        command = ["git", "-c", "user.name=A", "-c", "user.email=a@b.org", *arguments]
+        return subprocess.run(command, cwd=worded, capture_output=True, text=True, check=True).stdout
+
+    git("init", "--quiet")
+    git("commit", "--quiet", "--allow-empty", "--message", "x" * 61)
+    limits = worded / "tools" / "house_words.toml"
+    limits.write_text(WORDS.replace("HEAD", git("rev-parse", "HEAD").strip()))
+    git("commit", "--quiet", "--allow-empty", "--message", "y" * 60)
+    assert check(worded).returncode == 0
+    git("commit", "--quiet", "--allow-empty", "--message", "z" * 61)
+    assert check(worded).stdout == f"subject over 60 characters: {'z' * 61}\n"

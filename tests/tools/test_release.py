@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import datetime
 import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -14,21 +14,21 @@ import pytest
 from loaded import load
 
 ROOT = Path(__file__).parents[2]
-CHANGELOG = "# Changelog\n\n## [Unreleased]\n\n### Added\n- A thing.\n\n## [0.1.0] - 2026-01-01\n- The first.\n"
+CHANGELOG = "# Changelog\n\n## [0.2.0] - 2026-02-01\n\n### Added\n- A thing.\n\n## [0.1.0] - 2026-01-01\n- The first.\n"
 PYPROJECT = """[build-system]
 requires = ["hatchling"]
 build-backend = "hatchling.build"
 
 [project]
 name = "sumo_eval"
-version = "0.1.0"
+version = "0.2.0"
 requires-python = ">=3.11"
 
 [tool.hatch.build.targets.wheel]
 packages = ["sumo_eval"]
 """
-CITATION = "cff-version: 1.2.0\nversion: 0.1.0\n"
-CONDA = '{% set version = "0.1.0" %}\n\npackage:\n  version: {{ version }}\n'
+CITATION = "cff-version: 1.2.0\nversion: 0.2.0\n"
+CONDA = '{% set version = "0.2.0" %}\n\npackage:\n  version: {{ version }}\n'
 
 
 def git(root: Path, *arguments: str) -> str:
@@ -75,27 +75,15 @@ def test_a_dry_run_says_what_it_would_do_and_does_nothing(project: Path) -> None
     before = state(project)
     done = release(project, "0.2.0", "--dry-run")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == [
-        "The tree is clean and the golden files hold.",
-        "Would change CHANGELOG.md, pyproject.toml, CITATION.cff and packaging/conda/meta.yaml, commit, build the "
-        "source archive and the wheel, and tag v0.2.0. Nothing was done.",
-    ]
+    assert done.stdout == "Would build the source archive and the wheel, and tag v0.2.0. Nothing was done.\n"
     assert state(project) == before
 
 
 @pytest.mark.campaign
-def test_a_release_cuts_the_changelog_sets_the_version_tags_and_leaves_a_clean_tree(
-    project: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_release_builds_tags_and_leaves_a_clean_tree(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("hatchling")
     monkeypatch.setenv("PIP_NO_BUILD_ISOLATION", "0")  # pip's own way of saying that there is none
     done = release(project, "0.2.0")
-    day = datetime.datetime.now(datetime.UTC).date().isoformat()
-    head = CHANGELOG.replace("## [Unreleased]\n", f"## [Unreleased]\n\n## [0.2.0] - {day}\n")
-    assert (project / "CHANGELOG.md").read_text() == head
-    assert (project / "pyproject.toml").read_text() == PYPROJECT.replace("0.1.0", "0.2.0")
-    assert (project / "CITATION.cff").read_text() == CITATION.replace("0.1.0", "0.2.0")
-    assert (project / "packaging" / "conda" / "meta.yaml").read_text() == CONDA.replace("0.1.0", "0.2.0")
     assert git(project, "tag") == "v0.2.0\n"
     assert git(project, "rev-parse", "v0.2.0^{commit}") == git(project, "rev-parse", "HEAD")
     assert git(project, "status", "--porcelain") == ""
@@ -109,14 +97,13 @@ def test_a_release_cuts_the_changelog_sets_the_version_tags_and_leaves_a_clean_t
 
 
 @pytest.mark.campaign
-def test_a_wheel_that_cannot_be_built_takes_the_release_back(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wheel_that_cannot_be_built_leaves_no_tag(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PIP_NO_INDEX", "1")  # the build's own environment finds nothing to build with
     before = state(project)
     done = release(project, "0.2.0")
     assert done.returncode == 1
     assert "pip wheel" in done.stderr
     assert state(project) == before
-    assert (project / "CHANGELOG.md").read_text() == CHANGELOG
     assert git(project, "worktree", "list").count("\n") == 1
 
 
@@ -124,34 +111,30 @@ GOLDEN = {"tests/golden/golden.py": "print('scores: idm: s was 1, is 2.')\nraise
 
 
 @pytest.mark.parametrize(
-    ("version", "files", "words"),
+    ("files", "words"),
     [
-        ("0.1.0", {}, "No release: The version must be above 0.1.0, got 0.1.0.\n"),
-        ("0.0.9", {}, "No release: The version must be above 0.1.0, got 0.0.9.\n"),
-        ("next", {}, "No release: The version must have the form MAJOR.MINOR.PATCH, got next.\n"),
-        ("0.2.0", {"CITATION.cff": "cff-version: 1.2.0\nversion: 0.0.7\n"},
-         "No release: CITATION.cff must name the version of pyproject.toml, 0.1.0, names 0.0.7.\n"),
-        ("0.2.0", {"CITATION.cff": ""}, "No release: CITATION.cff must have one line `version: ...`, has 0.\n"),
-        ("0.2.0", GOLDEN, "scores: idm: s was 1, is 2.\n"),
-        ("0.2.0", {"CHANGELOG.md": CHANGELOG.replace("- A thing.\n", "")}, "says nothing"),
-        ("0.2.0", {"sumo_eval/lost.py": "LEFT = 1\n"}, "dead: sumo_eval.lost.LEFT"),
+        ({"pyproject.toml": PYPROJECT.replace("0.2.0", "0.0.7")}, "No release: pyproject.toml must have the line `"),
+        ({"CITATION.cff": "version: 0.0.7\n"}, "No release: CITATION.cff must have the line `version: 0.2.0`.\n"),
+        ({"packaging/conda/meta.yaml": ""}, "No release: packaging/conda/meta.yaml must have the line `"),
+        (GOLDEN, "scores: idm: s was 1, is 2.\n"),
+        ({"CHANGELOG.md": CHANGELOG.replace("- A thing.\n", "")}, "must have entries under `## [0.2.0] - YYYY-MM-DD`"),
+        ({"sumo_eval/lost.py": "LEFT = 1\n"}, "dead: sumo_eval.lost.LEFT"),
     ],
-)  # fmt: skip
-def test_state_without_a_release_is_refused(project: Path, version: str, files: dict[str, str], words: str) -> None:
+)
+def test_state_without_a_release_is_refused(project: Path, files: dict[str, str], words: str) -> None:
     for name, text in files.items():
         (project / name).write_text(text)
         commit(project)
-    done = release(project, version)
+    done = release(project, "0.2.0")
     assert done.returncode == 1
     assert words in done.stderr
     if files is GOLDEN:
-        assert release(project, version, "--skip-golden", "--dry-run").returncode == 0
+        assert release(project, "0.2.0", "--skip-golden", "--dry-run").returncode == 0
 
 
-def test_the_projects_own_files_name_one_version() -> None:
-    module = load("tools/release.py")
-    named = {name: module._said(name, (ROOT / name).read_text(encoding="utf-8")) for name in module._NAMES_THE_VERSION}
-    assert len(set(named.values())) == 1, named
+def test_the_projects_own_files_name_one_version_with_entries() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    load("tools/release.py").check_words(ROOT, project["version"])
 
 
 def test_a_tree_that_is_not_clean_is_refused(project: Path) -> None:
@@ -164,4 +147,4 @@ def test_a_tree_that_is_not_clean_is_refused(project: Path) -> None:
 
 def test_a_tag_that_is_there_is_refused(project: Path) -> None:
     git(project, "tag", "v0.2.0")
-    assert release(project, "0.2.0").stderr == "No release: The tag v0.2.0 is there already.\n"
+    assert release(project, "0.2.0").stderr == "No release: The tag v0.2.0 exists already.\n"
