@@ -232,7 +232,7 @@ def wording(root: Path, package: str = PACKAGE) -> tuple[list[str], list[str]]:
     for kind, most in limits["most"].items():
         if len(places[kind]) > most:
             wrong.append(f"{kind}: must be at most {most}, are {len(places[kind])} (--words lists them)")
-    log = ["git", "log", "--no-merges", "--format=%s", f"{limits['since']}..HEAD"]
+    log = ["git", "log", "--no-merges", "--format=%s", f"--since={limits['since']}"]
     subjects = subprocess.run(log, cwd=root, capture_output=True, text=True, check=False).stdout.splitlines()
     wrong += [f"subject over 60 characters: {subject}" for subject in subjects if len(subject) > 60]
     return wrong, [hit for kind, hits in places.items() if kind != "words" for hit in hits]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -96,7 +97,7 @@ def test_an_allowance_needs_a_reason_and_a_finding(house: Path) -> None:
 
 
 WORDS = """
-since = "HEAD"
+since = "2026-01-01T00:00:00Z"
 page = 10
 [pages]
 "docs/long.md" = 20
@@ -159,16 +160,12 @@ def test_words_beyond_a_limit_are_found(worded: Path, file: str, text: str, find
     assert done.returncode == 1
 
 
-def test_long_subject_of_a_later_commit_is_found(worded: Path) -> None:
-    def git(*arguments: str) -> str:
-        command = ["git", "-c", "user.name=A", "-c", "user.email=a@b.org", *arguments]
-        return subprocess.run(command, cwd=worded, capture_output=True, text=True, check=True).stdout
-
-    git("init", "--quiet")
-    git("commit", "--quiet", "--allow-empty", "--message", "x" * 61)
-    limits = worded / "tools" / "house_words.toml"
-    limits.write_text(WORDS.replace("HEAD", git("rev-parse", "HEAD").strip()))
-    git("commit", "--quiet", "--allow-empty", "--message", "y" * 60)
-    assert check(worded).returncode == 0
-    git("commit", "--quiet", "--allow-empty", "--message", "z" * 61)
-    assert check(worded).stdout == f"subject over 60 characters: {'z' * 61}\n"
+@pytest.mark.parametrize(
+    ("day", "length", "found"), [("2025-12-31", 61, 0), ("2026-01-02", 60, 0), ("2026-01-02", 61, 1)]
+)
+def test_long_subject_of_a_later_commit_is_found(worded: Path, day: str, length: int, found: int) -> None:
+    who = {f"GIT_{role}_{item}": "a" for role in ("AUTHOR", "COMMITTER") for item in ("NAME", "EMAIL")}
+    for words in (["init"], ["commit", "--allow-empty", "--message", "x" * length]):
+        environment = {**os.environ, **who, "GIT_COMMITTER_DATE": f"{day}T12:00:00Z"}
+        subprocess.run(["git", words[0], "--quiet", *words[1:]], cwd=worded, env=environment, check=True)
+    assert check(worded).stdout == f"subject over 60 characters: {'x' * length}\n" * found
