@@ -142,7 +142,7 @@ def _formula(latex: str, display: str) -> str:
 
     made = convert(" ".join(latex.split()), display=display)
     # In a span, because Markdown takes a line that begins with another tag for a block.
-    return f"\n{made}\n" if display == "block" else f"<span>{made}</span>"
+    return f'\n<div class="formula">{made}</div>\n' if display == "block" else f"<span>{made}</span>"
 
 
 def _turned(found: re.Match[str], here: str, files: Files) -> str:
