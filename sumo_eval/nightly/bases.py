@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.evaluation import score
-from sumo_eval.nightly.history import Accepted, History, Night, open_history
+from sumo_eval.nightly.history import Accepted, History, Night, is_begun, open_history
 from sumo_eval.report.comparison import Comparison, side_by_side
 from sumo_eval.report.gate_result import CaseChange
 from sumo_eval.report.gate_settings import GateSettings
@@ -86,9 +86,7 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
     """
     if not reason.strip():
         raise InputError("--reason must say why the night is accepted, got an empty text.")
-    with open_history(history) as lines:
-        pass  # refuses a folder without a history
-    with open_history(history, create=True) as lines:
+    with open_history(history, create=is_begun(history)) as lines:  # refuses a folder without a history
         nights = {one.night: one for one in lines.nights()}
         if not nights:
             raise InputError(f"The history in {history} has no night yet; accept one after it has run.")

@@ -45,7 +45,7 @@ def home_of_ads(locator: str, setup: Setup) -> str:
     return OURS if ours and setup.simulation.plant is None else f"ADS `{locator}`"
 
 
-def as_plain(results: Results, read: Told | None = None) -> list[Any]:
+def as_plain(results: Results, read: Told | None) -> list[Any]:
     """Results for a frame, without their cases. read: the files that their process has read meanwhile."""
     return [read, None if results is None else [plain(_row(one)) for one in results]]
 

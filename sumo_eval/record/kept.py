@@ -77,10 +77,3 @@ def unpack(data: bytes) -> Trajectory:
             block[row] = np.ascontiguousarray(plane.T).view(kind).reshape(n)
             row, offset = row + 1, offset + n * width_of_one
     return Trajectory.of_block(block, length=length, width=width)
-
-
-def samples(data: bytes) -> int:
-    """How many samples a trajectory that `pack` wrote says it has. Raises InputError when it is none."""
-    if len(data) < _HEADER.size:
-        raise InputError(f"A recorded trajectory must begin with {_HEADER.size} bytes about it, got {len(data)}.")
-    return int(_HEADER.unpack_from(data)[0])
