@@ -7,7 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sumo_eval.errors import InputError
 from sumo_eval.report.page import write_csv
 from sumo_eval.text import cell
 
@@ -16,9 +15,7 @@ if TYPE_CHECKING:
 
 
 def write_rows(rows: Sequence[DataclassInstance], path: Path) -> None:
-    """One row a dataclass, fields as columns; a tuple's values stand in one cell, separated by spaces."""
-    if not rows:
-        raise InputError(f"The table {path} must have at least one row, got none.")
+    """One row a dataclass, at least one, fields as columns; a tuple's values stand in one cell, separated by spaces."""
     plain = [{name: _cell(value) for name, value in asdict(row).items()} for row in rows]
     write_csv(path, plain[0], (row.values() for row in plain))
 

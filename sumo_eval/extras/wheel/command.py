@@ -34,7 +34,11 @@ def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, c
     from sumo_eval.settings.toml_file import read_toml
 
     if what.endswith(".jsonl"):
-        sys.exit(_again(Path(what)))
+        from sumo_eval.extras.wheel.again import again
+
+        found = again(Path(what))
+        tell(found.sentence)
+        sys.exit(GATE_FAILED if found.same is False else DONE)
     from sumo_eval.extras.wheel.trip import concrete_of, opened, settings_at, trips
 
     is_study = what.endswith(".toml") and "consent" in read_toml(Path(what), "file")
@@ -90,12 +94,3 @@ def _collect(path: Path) -> None:
         f"Score with these people: sumo-eval run {found.files[-1]} --out RUN; "
         f"sumo-eval humans opinion RUN {found.files[1]}"
     )
-
-
-def _again(path: Path) -> int:
-    """Drive a tape again and say whether the bytes are the same."""
-    from sumo_eval.extras.wheel.again import again
-
-    found = again(path)
-    tell(found.sentence)
-    return DONE if found.same is not False else GATE_FAILED

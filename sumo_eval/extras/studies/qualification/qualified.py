@@ -15,6 +15,7 @@ from sumo_eval.errors import SumoEvalError
 from sumo_eval.extras.studies.qualification.table import Answer, Check
 
 FORMAT_VERSION = 1
+ENTRIES = ("kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error")
 PURPOSE = (
     "Shows on this machine that this installation of sumo_eval finds what is known: outcomes of drives in closed form, "
     "values of regulations, equations written a second time, and the same digits again."
@@ -50,11 +51,8 @@ class Finding:
 
     def plain(self) -> dict[str, Any]:
         """An entry of `qualification.json`; a number that is not finite is written as a word."""
-        check = self.check
-        values = {
-            "kind": check.kind, "name": check.name, "source": check.source, "expected": check.expected,
-            "found": self.found, "bound": check.bound, "unit": check.unit, "passed": self.passed, "error": self.error,
-        }  # fmt: skip
+        told = self.check._asdict() | {"found": self.found, "passed": self.passed, "error": self.error}
+        values = {name: told[name] for name in ENTRIES}
         endless = {name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)}
         return {name: str(value) if name in endless else value for name, value in values.items()}
 
