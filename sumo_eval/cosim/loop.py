@@ -308,7 +308,7 @@ def arrays(ads: Sequence[Compiled], world: World) -> tuple[Records, ...]:
 class Rows(Driver):
     """Rules that are kernels, one object a case, all of one class."""
 
-    def __init__(self, ads: Sequence[Compiled], terms: Terms = Terms()) -> None:  # noqa: B008 - nothing changes them
+    def __init__(self, ads: Sequence[Compiled], terms: Terms) -> None:
         super().__init__(terms)
         self._ads, self._loop = ads, type(ads[0]).loop
 

@@ -181,7 +181,6 @@ def simulate_many(
     settings: SimulationSettings | None = None,
     *,
     folder: Path | None = None,
-    step_timeout: float = math.inf,
     alone: Counter[Alone] | None = None,
 ) -> Iterator[Recording]:
     """Recordings of concrete scenarios in their order; other arguments and errors as in `simulate`.
@@ -191,7 +190,7 @@ def simulate_many(
     Cases of one kind are driven together where the ADS and they allow it, in whatever order they come; the others one
     by one. alone: counts these, by the reason.
     """
-    together = simulate_together(cases, controller, settings, folder=folder, step_timeout=step_timeout)
+    together = simulate_together(cases, controller, settings, folder=folder)
     each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
     for concrete, its_own, found in zip(cases, each, together, strict=True):
         if isinstance(found, Recording):
@@ -199,7 +198,7 @@ def simulate_many(
         else:
             if alone is not None:
                 alone[found] += 1
-            yield simulate(concrete, its_own, settings, folder=folder, step_timeout=step_timeout)
+            yield simulate(concrete, its_own, settings, folder=folder)
 
 
 def simulate_together(
@@ -262,7 +261,7 @@ def simulate_together(
             for part in _chunks(order, TOGETHER):
                 made, batch = [riders[index].make() for index in part], [cases[index] for index in part]
                 driver = (
-                    Rows(made) if isinstance(made[0], Compiled)
+                    Rows(made, terms) if isinstance(made[0], Compiled)
                     else _policies(made, [given[index] for index in part], terms)
                 )  # fmt: skip
                 found.update(zip(part, _together(batch, driver, resolved), strict=True))

@@ -60,12 +60,12 @@ def shadow_name(name: str) -> str:
     return f"{name}.shadow"
 
 
-def shared_network_xml(cases: Sequence[ConcreteScenario], *, own_lanes: bool = False) -> str:
-    """A road for each case in one network, all between the same two junctions. own_lanes: every road as it is."""
+def shared_network_xml(cases: Sequence[ConcreteScenario]) -> str:
+    """A road for each case in one network, all between the same two junctions."""
     road, edges, lanes, tail = plain(cases[0].road), [], [], ""
     for case, concrete in enumerate(cases):
         name = edge_name(case, len(cases))
-        head, edge, tail = _parts(road, not own_lanes and fits_one_lane(concrete))
+        head, edge, tail = _parts(road, fits_one_lane(concrete))
         edges.append(edge.replace('"road', f'"{name}'))
         lanes += [f"{name}_{lane}" for lane in range(edge.count("<lane "))]
     start, _, end = tail.partition('incLanes="road')
@@ -89,7 +89,7 @@ def _parts(road: Road, one_lane: bool) -> tuple[str, str, str]:
 def shared_routes_xml(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, *, own_lanes: bool = False) -> str:
     """Vehicle types, routes and departures of all cases; `vehicle` has the body that their scenario prescribes.
 
-    own_lanes: on the roads as they are, as in `shared_network_xml`.
+    own_lanes: on the roads as they are.
     """
     types: dict[tuple[str, ...], str] = {}  # vehicles that differ in nothing share a type
     others: list[str] = []
