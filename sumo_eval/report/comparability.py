@@ -10,7 +10,6 @@ from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.results import Evaluation
-from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import to_plain
 
 HARMLESS = ("name", "ads", "run", "report")
@@ -38,14 +37,13 @@ class Difference:
 def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
     """Everything that differs besides the ADSs' behaviour, what decides first."""
     found = [
-        *_differing(_comparable(base.settings), _comparable(new.settings), "", decides=True),
-        *_differing(_files(base), _files(new), "", decides=True),
-        *_differing(_severity_file(base), _severity_file(new), "", decides=True),
-        *_differing(_reference_car(base), _reference_car(new), "", decides=True),
-        *_versions(base, new),
-        *_differing(base.manifest.get("builds", {}), new.manifest.get("builds", {}), "build of ", decides=False),
-        *_differing(_controllers(base.settings), _controllers(new.settings), "controller of ", decides=False),
+        one
+        for of in (_comparable, _files, _severity_file, _reference_car)
+        for one in _differing(of(base), of(new), "", decides=True)
     ]
+    found += _versions(base, new)
+    for of, prefix in ((_builds, "build of "), (_controllers, "controller of ")):
+        found += _differing(of(base), of(new), prefix, decides=False)
     return tuple(sorted(found, key=lambda item: not item.decides))
 
 
@@ -60,8 +58,8 @@ def refuse_unless_comparable(found: tuple[Difference, ...]) -> None:
         )
 
 
-def _comparable(settings: EvaluationSettings) -> dict[str, str]:
-    plain = {key: value for key, value in to_plain(settings).items() if key not in HARMLESS}
+def _comparable(evaluation: Evaluation) -> dict[str, str]:
+    plain = {key: value for key, value in to_plain(evaluation.settings).items() if key not in HARMLESS}
     plain["scenario"] = {entry["use"]: entry for entry in plain["scenario"]}
     return dict(_flat(plain, ""))
 
@@ -74,8 +72,13 @@ def _flat(value: Any, path: str) -> Iterator[tuple[str, str]]:
         yield path, str(value)
 
 
-def _controllers(settings: EvaluationSettings) -> dict[str, str]:
-    return {ads.name: ads.controller for ads in settings.ads}
+def _controllers(evaluation: Evaluation) -> dict[str, str]:
+    return {ads.name: ads.controller for ads in evaluation.settings.ads}
+
+
+def _builds(evaluation: Evaluation) -> dict[str, str]:
+    builds: dict[str, str] = evaluation.manifest.get("builds", {})
+    return builds
 
 
 def _files(evaluation: Evaluation) -> dict[str, str]:

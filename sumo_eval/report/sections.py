@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checks_content
@@ -26,7 +25,7 @@ from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.summary import summary_content
 from sumo_eval.report.terminal import moved_words, quantity_words, ways_to
 from sumo_eval.report.verdict import verdict
-from sumo_eval.report.words import number, parts_of_total, point
+from sumo_eval.report.words import number, parts_of_total
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.assessment import Confidence
 from sumo_eval.scoring.findings import findings
@@ -82,7 +81,8 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
     comparison = beside.comparison
     if comparison is None and not beside.gates and not beside.notes:
         return None
-    found = [one.changed for one in comparison.ads] if comparison else []
+    ads, confidence = (comparison.ads, comparison.confidence) if comparison else ((), 0.0)
+    found = [one.changed for one in ads]
     changed = [
         *islice((case for one in found for case in one.worse), MOST_CHANGED),
         *islice((case for one in found for case in one.better), MOST_CHANGED),
@@ -98,22 +98,18 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
             for gate in sorted(beside.gates, key=lambda gate: (gate.passed is not False, gate.passed is None))
         ],
         "counts": [
-            {
-                "ads": one.ads,
-                "scenario": one.scenario,
-                "pairs": one.pairs,
-                "changes": [(kind, one.count(kind), kind in WORSE) for kind in (*WORSE, *BETTER) if one.count(kind)],
-                "quantities": [
-                    (name, _arrow(quantity_words(name, value, comparison.confidence)), _standing(name, value))
+            (
+                one,
+                [(kind, one.count(kind), kind in WORSE) for kind in (*WORSE, *BETTER) if one.count(kind)],
+                [
+                    (name, quantity_words(name, value, confidence).replace("->", "→"), _standing(name, value))
                     for name, value in one.quantities.items()
                     if not value.unchanged
                 ],
-                "unchanged": [name.replace("_", " ") for name, value in one.quantities.items() if value.unchanged],
-            }
-            for one in (comparison.ads if comparison else ())
-        ]
-        if comparison
-        else [],
+                [name.replace("_", " ") for name, value in one.quantities.items() if value.unchanged],
+            )
+            for one in ads
+        ],
         "cases": [_changed(item) for item in changed[:MOST_CHANGED]],
         "more": max(0, of - MOST_CHANGED),
     }
@@ -124,10 +120,6 @@ def _alone(gate: GateResult, comparison: Comparison | None) -> str:
     if comparison is None or not gate.worst:
         return ""
     return ways_to(Path(comparison.new_folder), gate.worst[0].case)["alone"]
-
-
-def _arrow(words: str) -> str:
-    return words.replace("->", "→")
 
 
 def _standing(name: str, value: QuantityChange) -> str:
@@ -177,10 +169,7 @@ def _ledger(found: Ledger) -> dict[str, Any]:
                 "index": line.index,
                 "points": line.points,
                 "number": line.cases if line.entries else "",
-                "cases": [
-                    (quote(case.case, safe=""), point(case.values), points)
-                    for case, points in line.worst(MOST_LEDGER_CASES)
-                ],
+                "cases": list(line.worst(MOST_LEDGER_CASES)),
             }
             for line in found.lines
         ],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
@@ -12,13 +11,14 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.report.comparison import Comparison, builds_besides
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.headline import headline, ranked
+from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import (
     count,
     number,
     span,
 )
-from sumo_eval.results import Evaluation, RankedAds, ScenarioResult
+from sumo_eval.results import Evaluation, RankedAds
 from sumo_eval.scoring.findings import findings, unevaluated
 
 MOST_CHANGES = 4  # failed limits whose worst case is named
@@ -35,10 +35,10 @@ def summary_content(
     order = ranked(evaluation)
     said = headline(evaluation)
     scenarios = [zone.scenario for zone in evaluation.zones]
-    digits = 0 if any(_wide(one.interval) for one in order) else 1
+    digits = 0 if any(one.interval is None or one.interval[1] - one.interval[0] > WIDE for one in order) else 1
     compared = comparison is not None or bool(gates)
     failing = [(gate, gate.worst[0]) for gate in gates if gate.passed is False and gate.worst]
-    changes = [(f"{gate.quantity} of {gate.ads}: {one.point}: {one.words}", f"#case:{quote(one.case, safe='')}")
+    changes = [(f"{gate.quantity} of {gate.ads}: {one.point}: {one.words}", f"#case:{case_key(one.case)}")
                for gate, one in failing[:MOST_CHANGES]]  # fmt: skip
     builds = builds_besides(evaluation.manifest.get("builds", {}), comparison)
 
@@ -70,7 +70,7 @@ def _looks(evaluation: Evaluation, best: str) -> list[tuple[str, str]]:
         looks.append((f"{count(missing, 'case')} that could not be evaluated", "#missing"))
     least = _least_human(evaluation, best)
     if least is not None:
-        looks.append((f"the least human-like case of {best}: {_at(least)}", _address(least)))
+        looks.append((f"the least human-like case of {best}: {_at(least)}", f"#case:{case_key(least.case)}"))
     if (evaluation.cases.collided | ~evaluation.cases.evaluated).any():
         looks.append(("failures that are alike, in the maps", "#maps"))
     return looks
@@ -105,12 +105,9 @@ def _at(case: CaseResult) -> str:
     return ", ".join(f"{name} {value:z.4g}" for name, value in case.values.items())
 
 
-def _address(case: CaseResult) -> str:
-    return f"#case:{quote(case.case, safe='')}"
-
-
 def _row(evaluation: Evaluation, one: RankedAds, scenarios: Sequence[str], digits: int) -> dict[str, Any]:
     scores = [score for score in evaluation.scores if score.ads == one.ads]
+    own = {score.scenario: score.s_plus for score in scores}
     return {
         "ads": one.ads,
         "place": "–" if one.place is None else str(one.place),
@@ -122,18 +119,8 @@ def _row(evaluation: Evaluation, one: RankedAds, scenarios: Sequence[str], digit
         "departures": sum(score.departures for score in scores),
         "cases": sum(score.cases for score in scores),
         "missing": sum(score.not_evaluated for score in scores),
-        "scenarios": [_cell(scores, name) for name in scenarios] if len(scenarios) > 1 else [],
+        "scenarios": [number(own.get(name), 0) for name in scenarios] if len(scenarios) > 1 else [],
     }
-
-
-def _cell(scores: Sequence[ScenarioResult], scenario: str) -> str:
-    value = next((score.s_plus for score in scores if score.scenario == scenario), None)
-    return number(value, 0)
-
-
-def _wide(interval: tuple[float, float] | None) -> bool:
-    """Whether an interval says too little for decimals."""
-    return interval is None or interval[1] - interval[0] > WIDE
 
 
 def _whisker(value: float | None, interval: tuple[float, float] | None) -> dict[str, str] | None:
