@@ -204,7 +204,8 @@ def _group(
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     scores = [score for score in evaluation.scores if score.scenario == logical.name]
     found = {verdict for score in scores for verdict in np.unique(verdicts(evaluation, score)).tolist()}
-    outcomes = set(cases.outcome.tolist())
+    # Chunk by chunk: words of a million cases would be 50 MB.
+    outcomes = {one for chunk in cases.chunks for one in CaseTable([chunk]).outcome.tolist()}
     behind = {item.name: item.behind for item in logical.parameters}
     return {
         "index": index,
