@@ -41,13 +41,13 @@ class Parameter:
     distribution: Distribution | None = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
-            raise must_be("The range", f"parameter `{self.name}`", "finite, low < high", f"{self.low}..{self.high}")
-        if not (math.isfinite(self.step) and self.step > 0):
-            raise must_be("`step`", f"parameter `{self.name}`", "greater than 0", self.step)
-        ascending = all(a < b for a, b in itertools.pairwise(self.values))
+        owner, ascending = f"parameter `{self.name}`", all(a < b for a, b in itertools.pairwise(self.values))
         if self.values and not (ascending and self.values[0] == self.low and self.values[-1] == self.high):
-            raise must_be("`values`", f"parameter `{self.name}`", "ascending, from low to high", self.values)
+            raise must_be("`values`", owner, "ascending, from low to high", self.values)
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+            raise must_be("The range", owner, "finite, low < high", f"{self.low}..{self.high}")
+        if not (math.isfinite(self.step) and self.step > 0):
+            raise must_be("`step`", owner, "greater than 0", self.step)
 
     def from_shares(self, shares: FloatArray) -> FloatArray:
         """Values (n,) at shares 0..1 of the range; of listed values each has an equal part of the shares."""

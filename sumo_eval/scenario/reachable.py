@@ -37,24 +37,16 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
     for number, actor in enumerate(concrete.actors):
         fastest = math.inf if road.bent else _fastest(actor)
         known[played.ALONG, number] = (-fastest, fastest)
+    acts = {
+        (number, index): act for number, actor in enumerate(concrete.actors) for index, act in enumerate(actor.acts)
+    }
+    keeps = {place for place, act in acts.items() if act.kind == played.KEEP}
     endless: set[tuple[int, int]] = set()
     while True:  # a move that waits for the end of one that never ends never begins either
-        found = set()
-        for number, actor in enumerate(concrete.actors):
-            for index, act in enumerate(actor.acts):
-                waits = bool(act.program)
-                never = waits and not _may_hold(act.program, known, endless)
-                if never or act.kind == played.KEEP:
-                    found.add((number, index))
-        if found <= endless:
-            break
-        endless |= found
-    return [
-        (concrete.actors[number], index)
-        for number, index in sorted(endless)
-        if concrete.actors[number].acts[index].program
-        and not _may_hold(concrete.actors[number].acts[index].program, known, endless)
-    ]
+        never = {place for place, act in acts.items() if act.program and not _may_hold(act.program, known, endless)}
+        if never | keeps <= endless:
+            return [(concrete.actors[number], index) for number, index in sorted(never)]
+        endless |= never | keeps
 
 
 def leaves_at(concrete: ConcreteScenario, end: float, time_limit: float) -> Iterator[tuple[str, float]]:

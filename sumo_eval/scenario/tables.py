@@ -77,8 +77,6 @@ class ParameterTable(Checked):
                 raise must_be("`values`", owner, "at least two numbers", list(self.values))
             low, high = self.values[0], self.values[-1]
             step = min(b - a for a, b in itertools.pairwise(self.values))
-            if step <= 0:
-                raise must_be("`values`", owner, "ascending", list(self.values))
         elif missing := [key for key, value in ranged.items() if value is None]:
             raise InputError(f"`{missing[0]}` of {owner} is missing.")
         assert low is not None

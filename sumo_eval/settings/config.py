@@ -36,11 +36,7 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
 
     own_ads: whether its `[[ads]]` drive; without it the caller names others, and the file may have none.
     """
-    settings = validated(
-        with_suites(read_toml(path, "evaluation file"), str(path)), EvaluationSettings, str(path), path
-    )
-    check_evaluation(settings, str(path), own_ads=own_ads)
-    return settings
+    return settings_from(read_toml(path, "evaluation file"), str(path), own_ads=own_ads, file=path)
 
 
 def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
@@ -84,9 +80,13 @@ def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
     return validated(read_toml(path, what), kind, str(path), path)
 
 
-def settings_from(content: Mapping[str, Any], where: str, *, own_ads: bool = True) -> EvaluationSettings:
-    """Settings from a plain mapping; `where` names it in error sentences. own_ads: as in `read_evaluation`."""
-    settings = validated(with_suites(content, where), EvaluationSettings, where)
+def settings_from(
+    content: Mapping[str, Any], where: str, *, own_ads: bool = True, file: Path | None = None
+) -> EvaluationSettings:
+    """Settings from a plain mapping; `where` names it in error sentences. own_ads: as in `read_evaluation`. file: as in
+    `validated`.
+    """
+    settings = validated(with_suites(content, where), EvaluationSettings, where, file)
     check_evaluation(settings, where, own_ads=own_ads)
     return settings
 
