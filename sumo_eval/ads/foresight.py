@@ -15,7 +15,7 @@ import numpy as np
 from sumo_eval.ads.lane_change import shortest_duration, smooth_step
 from sumo_eval.ads.overtaking import CLEARANCE, EMERGENCY_GAP, EMERGENCY_LATERAL
 from sumo_eval.ads.perception import covers, safe_gap
-from sumo_eval.cosim.contact import Body, first_touch
+from sumo_eval.cosim.contact import Body, share_at_touch
 from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start
@@ -181,10 +181,10 @@ def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, until: float, li
     near &= np.abs(rows[:, 1] - ego.y_at(places)) < reach
     for k in np.flatnonzero(near[:-1] & near[1:]).tolist():
         time, later = k * step, (k + 1) * step
-        if time < until and first_touch(
+        if time < until and share_at_touch(
             _ego_body(ego, vehicle, time, line), _ego_body(ego, vehicle, later, line),
             _on_the_map(track.body(k), line), _on_the_map(track.body(k + 1), line),
-        ) is not None:  # fmt: skip
+        ) >= 0.0:  # fmt: skip
             return True
     return False
 

@@ -123,12 +123,6 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
     return min(share, 1.0)
 
 
-def first_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body) -> float | None:
-    """Share of the step at which the bodies first touch, None when they do not."""
-    share = share_at_touch(a_before, a_after, b_before, b_after)
-    return None if share < 0.0 else share
-
-
 @kernel
 def keeps_apart(ego: Body, other: Body) -> bool:
     """Whether two bodies that go on straight along the road at their speeds never touch."""

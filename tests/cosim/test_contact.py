@@ -8,9 +8,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import contact as twin
 
-from sumo_eval.cosim.contact import TOUCH, Body, between, bumper_overlap, describe, first_touch, struck_side, widest_gap
+from sumo_eval.cosim.contact import (
+    TOUCH,
+    Body,
+    between,
+    bumper_overlap,
+    describe,
+    share_at_touch,
+    struck_side,
+    widest_gap,
+)
 
 EGO = Body(0.0, 0.0, 0.0, 20.0, 4.5, 1.8)
+
+
+def first_touch(*bodies: Body) -> float | None:
+    """Share of the step at which the bodies first touch, None when they do not."""
+    share = share_at_touch(*bodies)
+    return None if share < 0.0 else share
 
 
 def car(x, y, heading=0.0, speed=0.0, length=4.5, width=1.8):
