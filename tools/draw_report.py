@@ -19,6 +19,7 @@ for scheme in ("light", "dark"):
         page.call("Emulation.setDeviceMetricsOverride", width=WIDTH, height=HEIGHT, deviceScaleFactor=1, mobile=False)
         page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
         page.open(Path(sys.argv[1], "report.html").resolve().as_uri(), "document.querySelector('.main-svg')")
+        page.run("document.documentElement.style.scrollbarGutter = 'auto'")
         page.run("new Promise(done => setTimeout(done, 2000))")  # the charts fade in
         picture = Image.open(io.BytesIO(page.picture())).convert("RGB").quantize(COLOURS)
         picture.save(ROOT / "docs" / "pictures" / f"report_{scheme}.png", optimize=True)
