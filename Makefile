@@ -18,7 +18,7 @@ INSTALL = $(BIN)/python tools/install.py
 
 # tests/conftest.py puts the files that take longest first.
 IN_PARALLEL = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
-TEST_MINUTES := 8
+TEST_MINUTES := 6
 
 # The formulas, the files and the words, without a simulator; what is slow in these files is left out by name.
 QUICK := tests/test_errors.py tests/settings/test_settings.py tests/settings/test_config.py tests/test_trajectory.py tests/test_text.py \

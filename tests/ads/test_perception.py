@@ -18,21 +18,23 @@ from sumo_eval.ads.perception import (
     neighbours,
     next_ahead,
 )
-from sumo_eval.cosim.records import MOVER
+from sumo_eval.cosim.records import BODY, MOVER
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.cosim.step_rules import show
+from sumo_eval.cosim.step_rules import show_body
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.road.reference_line import knots_of
 
 
 def test_a_turned_body_is_shown_by_its_extents_and_speeds_along_and_across_the_road():
-    other = fresh(MOVER)
-    show(other, 198.0, 2.0, math.radians(30.0), 10.0, 4.0, 2.0, knots_of(()), 0.0)
+    other, body = fresh(MOVER), fresh(BODY)
+    body.x, body.y, body.heading, body.speed, body.length, body.width = 198.0, 2.0, math.radians(30.0), 10.0, 4.0, 2.0
+    show_body(other, body, knots_of(()), 0.0)
     assert (other.x, other.y, other.heading) == (198.0, 2.0, pytest.approx(math.radians(30.0)))
     assert (other.along, other.across) == pytest.approx((10.0 * math.cos(math.pi / 6), 5.0))
     assert other.half_length == pytest.approx(2.0 * math.cos(math.pi / 6) + 0.5)
     assert other.half_width == pytest.approx(1.0 + math.cos(math.pi / 6))
-    show(other, 98.0, 0.0, 0.0, 20.0, 4.0, 2.0, knots_of(()), 0.0)
+    body.x, body.y, body.heading, body.speed = 98.0, 0.0, 0.0, 20.0
+    show_body(other, body, knots_of(()), 0.0)
     straight = {"x": 98.0, "y": 0.0, "heading": 0.0, "along": 20.0, "across": 0.0, "half_length": 2.0,
                 "half_width": 1.0, "speed": 20.0, "braking": 0.0, "curvature": 0.0}  # fmt: skip
     assert vars(other) == straight
