@@ -62,7 +62,7 @@ CONTRAST = """(() => {
     return found;
 })()"""
 
-KEYS = {"Tab": 9, "Enter": 13, "ArrowDown": 40, " ": 32}
+KEYS = {"Tab": 9, "Enter": 13, "ArrowDown": 40, "ArrowUp": 38, " ": 32}
 
 
 def press(page: Page, key: str) -> None:
