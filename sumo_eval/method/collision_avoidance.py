@@ -81,7 +81,7 @@ def collision_avoidance_index(
 
     u: U_i of the ADS, (n,) m/s. u_ideal: Ug_i of the ideal vehicle in the same concrete scenarios, 0 where it avoids.
     weights: r_i. loss: "severity" compares U as printed, "class" the loss L of Eq. 14 of both.
-    An ADS that hits no harder than the ideal vehicle (see `beats_ideal`), at 0 m/s included, counts 1. If all weights
+    An ADS that hits no harder than the ideal vehicle, at 0 m/s included, counts 1. If all weights
     are 0, every collision weighs the same. With "class" an ideal vehicle that avoids still has L = 0.1 (Eq. 14).
     Raises InputError for arrays of different lengths and for values that are negative or not finite.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import subprocess
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,20 @@ def test_lines_for_cron_are_lines_of_a_shell() -> None:
         assert line.startswith("#") or "%" not in line, "cron ends a command there"
         command = line if line.startswith("#") else line.split(None, 5)[5]
         subprocess.run(["sh", "-n", "-c", command], check=True)
+
+
+def test_recipes_hide_no_failure_and_pin_what_they_run() -> None:
+    texts = {path.name: path.read_text() for path in NIGHTS.iterdir()}
+    service, workflow = texts["sumo-eval-night.service"], texts["night.yml"]
+    assert service.count("ExecStartPre=/bin/sh -c ") == 2
+    assert "SuccessExitStatus" not in service, "status 3 must not pass in silence"
+    assert workflow.count("${{") == workflow.count("}}") == 2
+    assert "cache" not in workflow, "a cache may be evicted, and the history with it"
+    assert "continue-on-error" not in workflow, "status 3 must not pass in silence"
+    for name in ("night.cron", "night.yml", "sumo-eval-night.service"):
+        assert "sha256sum --check" in texts[name], name
+    for name in ("night.cron", "night.yml", "sumo-eval-night.service", "gitlab.yml"):
+        assert version("sumo_eval") in texts[name], name
 
 
 def test_removed_option_names_the_files() -> None:
