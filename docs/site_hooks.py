@@ -1,7 +1,9 @@
-"""What the site does to the repository's pages: formulas become MathML, pages at the top come along, links are turned.
+"""What the site does to the repository's pages: formulas become MathML, pages at the top come
+along, links are turned.
 
-A link to a file of the program stays as its words, since the site holds no sources. Formulas stand in ```math blocks
-and in $`...`$; they are rendered while the site is built, so that a reader needs neither a script nor a network.
+A link to a file of the program stays as its words, since the site holds no sources. Formulas stand
+in ```math blocks and in $`...`$; they are rendered while the site is built, so that a reader needs
+neither a script nor a network.
 """
 
 from __future__ import annotations
@@ -36,19 +38,27 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 BOARD = ROOT / "docs" / "leaderboard"
-"""The scores of every suite: a folder a suite, in it `scores.json` files of runs, under any name."""
+"""The scores of every suite: a folder a suite, in it `scores.json` files of runs, under any
+name."""
 PARTS = {"T": "task_share", "A'": "avoidance_grade", "H": "human_likeness"}
 PARTS_OF = {"2026.1": {"A": "avoided_share", "H": "human_likeness"}}
 """What S+ is made of, key by name; in 2026.1 it was 50 A + 50 H."""
 
 
 def leaderboard() -> str:
-    """A table of every suite's scores, best first. Raises ValueError for a file that is not of its folder's suite."""
+    """A table of every suite's scores, best first.
+
+    Raises ValueError for a file that is not of its folder's suite.
+    """
     text: list[str] = []
     for folder in sorted((path for path in BOARD.iterdir() if path.is_dir()), reverse=True):
-        suite = tomllib.loads((ROOT / "sumo_eval/settings/suites" / f"{folder.name}.toml").read_text(encoding="utf-8"))
+        suite = tomllib.loads(
+            (ROOT / "sumo_eval/settings/suites" / f"{folder.name}.toml").read_text(encoding="utf-8")
+        )
         parts = PARTS_OF.get(folder.name, PARTS)
-        rows = [row for path in sorted(folder.glob("*.json")) for row in _board_rows(path, suite, parts)]
+        rows = [
+            row for path in sorted(folder.glob("*.json")) for row in _board_rows(path, suite, parts)
+        ]
         uses = [entry["use"] for entry in suite["scenario"]]
         text += [
             "",
@@ -62,8 +72,13 @@ def leaderboard() -> str:
     return "\n".join([*text, ""])
 
 
-def _board_rows(path: Path, suite: dict[str, Any], parts: dict[str, str]) -> list[tuple[float, list[str]]]:
-    """S+ and the cells of every ADS of a `scores.json`. parts: of S+, key by name."""
+def _board_rows(
+    path: Path, suite: dict[str, Any], parts: dict[str, str]
+) -> list[tuple[float, list[str]]]:
+    """S+ and the cells of every ADS of a `scores.json`.
+
+    parts: of S+, key by name.
+    """
     found = json.loads(path.read_text(encoding="utf-8"))
     uses = [entry["use"] for entry in suite["scenario"]]
     for what, is_, must in (
@@ -72,10 +87,14 @@ def _board_rows(path: Path, suite: dict[str, Any], parts: dict[str, str]) -> lis
         ("list of scenarios", [zone["scenario"] for zone in found["zones"]], uses),
     ):
         if is_ != must:
-            raise ValueError(f"{path} is no run of its suite: the {what} must be {must}, got {is_}.")
+            raise ValueError(
+                f"{path} is no run of its suite: the {what} must be {must}, got {is_}."
+            )
     rows = []
     for one in found["ranking"]["ads"]:
-        scores = {score["scenario"]: score for score in found["scores"] if score["ads"] == one["ads"]}
+        scores = {
+            score["scenario"]: score for score in found["scores"] if score["ads"] == one["ads"]
+        }
         low, high = one["interval"]
         means = [sum(scores[use][key] for use in uses) / len(uses) for key in parts.values()]
         versions = found["versions"]
@@ -85,7 +104,8 @@ def _board_rows(path: Path, suite: dict[str, Any], parts: dict[str, str]) -> lis
             *(f"{mean:.3f}" for mean in means),
             str(sum(scores[use]["avoidable_collisions"] for use in uses)),
             *(f"{scores[use]['s_plus']:.1f}" for use in uses),
-            f"[{versions['sumo_eval']}, libsumo {versions['libsumo']}](leaderboard/{path.parent.name}/{path.name})",
+            f"[{versions['sumo_eval']}, libsumo "
+            f"{versions['libsumo']}](leaderboard/{path.parent.name}/{path.name})",
         ]
         rows.append((one["s_plus"], cells))
     return rows
@@ -99,7 +119,9 @@ MOVED = """<!doctype html>
 
 
 def moved_pages(rows: dict[str, str], pages: set[str]) -> dict[str, str]:
-    """The pages at old addresses, by address. Raises ValueError for a row that names no page or hides one.
+    """The pages at old addresses, by address.
+
+    Raises ValueError for a row that names no page or hides one.
 
     rows: new address, perhaps with a heading, by old address, both ending in `.md`.
     pages: addresses of the site's pages, ending in `.md`.
@@ -108,7 +130,9 @@ def moved_pages(rows: dict[str, str], pages: set[str]) -> dict[str, str]:
     for old, new in rows.items():
         page, mark, heading = new.partition("#")
         if old in pages or page not in pages:
-            raise ValueError(f"mkdocs.yml, redirects: must lead from no page to a page, got `{old}: {new}`.")
+            raise ValueError(
+                f"mkdocs.yml, redirects: must lead from no page to a page, got `{old}: {new}`."
+            )
         to = f"{'../' * old.count('/')}{page.removesuffix('.md')}.html{mark}{heading}"
         made[f"{old.removesuffix('.md')}.html"] = MOVED.format(to=to)
     return made
@@ -133,7 +157,9 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     if here in reference.GENERATED:
         markdown = f"{markdown}\n{reference.GENERATED[here]()}\n"
     turned = _LINK.sub(lambda found: _turned(found, here, files), markdown)
-    turned = re.sub(r"```math\n(.*?)```", lambda found: _formula(found[1], "block"), turned, flags=re.S)
+    turned = re.sub(
+        r"```math\n(.*?)```", lambda found: _formula(found[1], "block"), turned, flags=re.S
+    )
     return re.sub(r"\$`([^`]+)`\$", lambda found: _formula(found[1], "inline"), turned)
 
 
@@ -142,7 +168,9 @@ def _formula(latex: str, display: str) -> str:
 
     made = convert(" ".join(latex.split()), display=display)
     # In a span, because Markdown takes a line that begins with another tag for a block.
-    return f'\n<div class="formula">{made}</div>\n' if display == "block" else f"<span>{made}</span>"
+    return (
+        f'\n<div class="formula">{made}</div>\n' if display == "block" else f"<span>{made}</span>"
+    )
 
 
 def _turned(found: re.Match[str], here: str, files: Files) -> str:

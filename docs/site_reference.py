@@ -1,4 +1,6 @@
-"""Reference pages that the site makes from the code: scenarios, settings, commands, elements of OpenSCENARIO."""
+"""Reference pages that the site makes from the code: scenarios, settings, commands, elements of
+OpenSCENARIO.
+"""
 
 from __future__ import annotations
 
@@ -36,20 +38,27 @@ def with_scenarios(text: str) -> str:
     """A family page with each scenario's facts under its heading."""
     return re.sub(
         r"^## (\w+)$",
-        lambda found: f"{found[0]}\n\n{scenario(found[1])}" if (FILES / f"{found[1]}.toml").is_file() else found[0],
+        lambda found: (
+            f"{found[0]}\n\n{scenario(found[1])}"
+            if (FILES / f"{found[1]}.toml").is_file()
+            else found[0]
+        ),
         text,
         flags=re.M,
     )
 
 
 def scenario(name: str) -> str:
-    """Picture, parameters, conditions, options, samples, road and source of a scenario, from its file."""
+    """Picture, parameters, conditions, options, samples, road and source of a scenario, from its
+    file.
+    """
     content = _content(name)
     about = content["about"]
     text = [about, "", f"![{about}](../pictures/moving/{name}.svg)", ""]
     text += ["| parameter | range | step | meaning |", "|---|---|---|---|"]
     text += [
-        f"| `{one['name']}` | {_range(one)} | {_number(one.get('step', ''))} | {_cell(one.get('about', ''))} |"
+        f"| `{one['name']}` | {_range(one)} | {_number(one.get('step', ''))} | "
+        f"{_cell(one.get('about', ''))} |"
         for one in content["parameter"]
     ]
     text.append("")
@@ -58,7 +67,9 @@ def scenario(name: str) -> str:
         default = f" (default {_number(one['default'])})" if "default" in one else ""
         text.append(f"- Option `{one['name']}`, {one.get('unit', '')}{default}: {one['about']}.")
     samples = content.get("sample", ())
-    text += [f'- `method = "{one["name"]}"`: {one.get("about", "prescribed points")}.' for one in samples]
+    text += [
+        f'- `method = "{one["name"]}"`: {one.get("about", "prescribed points")}.' for one in samples
+    ]
     text += [f"- Road: {road(content)}", f"- Source: {content.get('source', 'none')}", ""]
     return "\n".join(text)
 
@@ -75,23 +86,40 @@ def road(content: dict[str, Any]) -> str:
     words += [_changing(lane, found["lanes"]) for lane in found.get("lane", ())]
     words += ["a curve of radius `radius`" for line in found.get("line", ()) if "radius" in line]
     crossings = found.get("crossing", ())
-    words += [f"a road of {_number(one['width'])} m crosses at x = {_number(one['x'])} m" for one in crossings]
+    words += [
+        f"a road of {_number(one['width'])} m crosses at x = {_number(one['x'])} m"
+        for one in crossings
+    ]
     end = content.get("end", {})
     ends = f"The case ends at x = {_number(end.get('x', 600.0))} m"
-    return "; ".join(words) + f". {ends}" + (f", or after {_number(end['time'])} s." if "time" in end else ".")
+    return (
+        "; ".join(words)
+        + f". {ends}"
+        + (f", or after {_number(end['time'])} s." if "time" in end else ".")
+    )
 
 
 def _changing(lane: dict[str, Any], lanes: int) -> str:
-    where = "the right one" if lane["lane"] == 0 else "the left one" if lane["lane"] == lanes - 1 else "one"
+    where = (
+        "the right one"
+        if lane["lane"] == 0
+        else "the left one"
+        if lane["lane"] == lanes - 1
+        else "one"
+    )
     said = []
     if "ramp_until" in lane:
         said.append(f"is an on-ramp until x = {_number(lane['ramp_until'])} m")
     if "begin" in lane:
-        said.append(f"opens from {_number(lane['begin'] - lane['taper'])} to {_number(lane['begin'])} m")
+        said.append(
+            f"opens from {_number(lane['begin'] - lane['taper'])} to {_number(lane['begin'])} m"
+        )
     if "ramp_from" in lane:
         said.append(f"is an exit ramp from {_number(lane['ramp_from'])} m on")
     if "end" in lane:
-        said.append(f"narrows from {_number(lane['end'])} to {_number(lane['end'] + lane['taper'])} m")
+        said.append(
+            f"narrows from {_number(lane['end'])} to {_number(lane['end'] + lane['taper'])} m"
+        )
     return f"{where} {', '.join(said)}"
 
 
@@ -116,7 +144,7 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-# --- settings ---------------------------------------------------------------------------------------------------------
+# --- settings -------------------------------------------------------------------------------------
 
 
 def settings_reference() -> str:
@@ -198,7 +226,7 @@ def _paragraph(owner: Any) -> str:
     return " ".join((owner.__doc__ or "").split("\n\n")[0].split())
 
 
-# --- commands ---------------------------------------------------------------------------------------------------------
+# --- commands -------------------------------------------------------------------------------------
 
 
 def command_reference() -> str:
@@ -230,8 +258,16 @@ def _command(command: Any, name: str) -> Iterator[str]:
         yield from ("", "| option | meaning |", "|---|---|")
         for one in options:
             spelled = ", ".join(f"`{word}`" for word in (*one.opts, *one.secondary_opts))
-            default = one.default if isinstance(one.default, int | float | str) and not one.is_flag else None
-            shown = f" (default {default})" if default not in (None, "") and "default" not in (one.help or "") else ""
+            default = (
+                one.default
+                if isinstance(one.default, int | float | str) and not one.is_flag
+                else None
+            )
+            shown = (
+                f" (default {default})"
+                if default not in (None, "") and "default" not in (one.help or "")
+                else ""
+            )
             yield f"| {spelled} | {_cell(one.help or '')}{shown} |"
     if isinstance(command, click.Group):
         for inner in sorted(command.commands):

@@ -1,4 +1,6 @@
-"""Scores any automated driving system over the whole parameter space of a logical scenario, in simulation with SUMO."""
+"""Scores any automated driving system over the whole parameter space of a logical scenario, in
+simulation with SUMO.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Cases: a record for each, and tables of many that keep every column by itself and read it where it is asked for.
+"""Cases: a record for each, and tables of many that keep every column by itself and read it where
+it is asked for.
 
 A million records in memory are some gigabytes; as columns on disk they are a twentieth.
 """
@@ -26,7 +27,8 @@ Zone = Literal["safe", "hazardous"]
 Column = NDArray[Any]
 IntArray = NDArray[np.intp]
 
-_CASE = "sumo_eval.report.notebook:case_html"  # a text, because words are made in a room that builds on this one
+# a text, because words are made in a room that builds on this one
+_CASE = "sumo_eval.report.notebook:case_html"
 
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases whose outcome counts; all others could not be evaluated."""
@@ -38,8 +40,9 @@ GAVE_UP = ("ads_error", "ads_timeout", "timeout", "crashed", "rejected")
 
 @dataclass(frozen=True, slots=True)
 class ThinReference:
-    """A concrete scenario with fewer recorded drivers than an evaluation asks for. filled: synthetic drivers who make
-    up for them; None: the case is left out of D instead.
+    """A concrete scenario with fewer recorded drivers than an evaluation asks for.
+
+    filled: synthetic drivers who make up for them; None: the case is left out of D instead.
     """
 
     recorded: int
@@ -52,7 +55,11 @@ def _rule(of: Callable[[Any], Any]) -> Any:
 
     def value(cases: Any) -> Any:
         found = of(cases)
-        return found.item() if isinstance(cases, CaseResult) and isinstance(found, np.ndarray | np.generic) else found
+        return (
+            found.item()
+            if isinstance(cases, CaseResult) and isinstance(found, np.ndarray | np.generic)
+            else found
+        )
 
     return property(value, doc=of.__doc__)
 
@@ -121,7 +128,9 @@ class Outcome:
 
     @_rule
     def incident_severity(self: Any) -> Any:
-        """U of the worst of its incidents, 0 without one; nan where the harness failed, or giving up has no U0."""
+        """U of the worst of its incidents, 0 without one; nan where the harness failed, or giving
+        up has no U0.
+        """
         hit = np.where(self.collided, _number(self.severity), 0.0)
         worst = np.fmax(hit, np.nan_to_num(_number(self.departure_severity)))
         worst = np.where(self.gave_up, np.maximum(worst, _number(self.no_reaction_severity)), worst)
@@ -151,13 +160,16 @@ class Outcome:
 
     @_rule
     def kind(self: Any) -> Any:
-        """Of a collision: caused, avoidable or unavoidable; "not known" of one without the ideal vehicle's outcome."""
+        """Of a collision: caused, avoidable or unavoidable; "not known" of one without the ideal
+        vehicle's outcome.
+        """
         kinds = ("caused", "avoidable", "unavoidable")
         return np.select([getattr(self, name) for name in kinds], kinds, "not known")
 
     @_rule
     def voids_index(self: Any) -> Any:
-        """Whether it is a collision after which there is no D: in the safe zone, unless the ideal vehicle has it too.
+        """Whether it is a collision after which there is no D: in the safe zone, unless the ideal
+        vehicle has it too.
 
         One whose ideal vehicle could not be evaluated is.
         """
@@ -171,38 +183,56 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class CaseResult(Outcome):
-    """One concrete scenario driven by one ADS. None: does not apply, or could not be evaluated (see `status`).
+    """One concrete scenario driven by one ADS. None: does not apply, or could not be evaluated (see
+    `status`).
 
-    severity U and loss L belong to collisions, Eqs. 14-15. ideal_severity Ug and no_reaction_severity U0: those of the
-    ideal vehicle and of `no_reaction` in the same concrete scenario, 0 where they avoid, None where their drive could
-    not be evaluated, and ideal_error, no_reaction_error: why not. ideal_collided: whether the former hit something.
+    severity U and loss L belong to collisions, Eqs. 14-15. ideal_severity Ug and
+    no_reaction_severity U0: those of the ideal vehicle and of `no_reaction` in the same concrete
+    scenario, 0 where they avoid, None where their drive could not be evaluated, and ideal_error,
+    no_reaction_error: why not.
+
+    ideal_collided: whether the former hit something.
     weight: r of Eq. 16, of every case.
 
-    departure_time s, departure_speed m/s: when a corner of the body was first more than `road_margin` off the road, and
-    departure_severity: U of a contact beside the road at that speed; None where it stayed on the road. task_share: t_i,
-    at safe points part of T; None without a reference. no_reaction_severity likewise counts departures, ideal_severity
-    contacts alone.
+    departure_time s, departure_speed m/s: when a corner of the body was first more than
+    `road_margin` off the road, and departure_severity: U of a contact beside the road at that
+    speed; None where it stayed on the road.
 
-    latency_median and latency_p99: of a step of the ADS, s. latency_reference: median of a fixed piece of work, timed
-    between the steps in the same process, s; latency_relative: latency_median over it.
+    task_share: t_i, at safe points part of T; None without a reference. no_reaction_severity
+        likewise counts departures, ideal_severity contacts alone.
 
-    index (in tables also `d_i`): D_i and its factors, of safe-zone cases without a collision, Eqs. 11-12. Beside it the
-    terms of H: operation_tolerance f_n+, mixture_similarity, plausibility (of every evaluated case) and human_likeness,
+    latency_median and latency_p99: of a step of the ADS, s.
+
+    latency_reference: median of a fixed piece of work, timed between the steps in the same process,
+        s;
+    latency_relative: latency_median over it.
+
+    index (in tables also `d_i`): D_i and its factors, of safe-zone cases without a collision, Eqs.
+        11-12. Beside it the
+    terms of H: operation_tolerance f_n+, mixture_similarity, plausibility (of every evaluated case)
+    and human_likeness,
     which is 0 for a safe case with a collision that the ideal vehicle avoids.
 
-    min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2, max_jerk m/s3 and
-    delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not defined or has no bound. largest_offset
-    m, overshoot m, over_line_time s and settling_time s: how the lane was kept. conflict_pet s: PET of the drive where
-    somebody's way conflicts with the ego's; undisturbed_pet s and time_to_conflict s: PET of both, and how long until
-    the ego is at the conflict area, where nobody reacts. struck_from_behind: a vehicle that
-    reacts ran into the ego's rear and is at fault; such a case is not `collided`.
+    min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2,
+    max_jerk m/s3 and delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not
+    defined or has no bound. largest_offset m, overshoot m, over_line_time s and settling_time s:
+    how the lane was kept. conflict_pet s: PET of the drive where somebody's way conflicts with the
+    ego's; undisturbed_pet s and time_to_conflict s: PET of both, and how long until the ego is at
+    the conflict area, where nobody reacts.
 
-    Safe-zone cases: drivers that D_i is computed from, recorded people among them; reference_note: where they are too
-    few; human_low, human_mean, human_high: what these drivers score when each is left out once; bimodal: whether they
-    fall into two groups somewhere; manoeuvre of the ADS and the share of drivers who made it (mixture mode).
-    exposure_note: whether the point lies outside the support of recorded events. error_place: file, line and function
-    of the user's code that the exception in `error` came from. requirements_missed: names of the requirements of the
-    scenario that do not hold in the drive, "" where all do, None where nothing is required or nothing was evaluated.
+    struck_from_behind: a vehicle that reacts ran into the ego's rear and is at fault; such a case
+        is not `collided`.
+
+    Safe-zone cases: drivers that D_i is computed from, recorded people among them;
+
+    reference_note: where they are too few;
+    human_low, human_mean, human_high: what these drivers score when each is left out once;
+    bimodal: whether they fall into two groups somewhere; manoeuvre of the ADS and the share of
+        drivers who made it (mixture mode).
+    exposure_note: whether the point lies outside the support of recorded events.
+    error_place: file, line and function of the user's code that the exception in `error` came from.
+    requirements_missed: names of the requirements of the scenario that do not hold in the drive, ""
+        where all do, None where nothing is required or nothing was evaluated.
     """
 
     case: str
@@ -285,14 +315,16 @@ class CaseResult(Outcome):
         return shown
 
 
-# --- tables -----------------------------------------------------------------------------------------------------------
+# --- tables ---------------------------------------------------------------------------------------
 
 _RECORDS: Final = {one.__name__: one for one in (ThinReference, IndexNote)}
 _TYPES: Final = {item.name: str(item.type) for item in fields(CaseResult)}
 _PLACES: Final = {name: place for place, name in enumerate(_TYPES)}
 COLUMNS: Final = len(_PLACES) + 100
 """Columns that rows may have: their fields, and behind them a parameter each."""
-NUMBERS: Final = tuple(name for name, kind in _TYPES.items() if kind.startswith(("float", "bool", "int")))
+NUMBERS: Final = tuple(
+    name for name, kind in _TYPES.items() if kind.startswith(("float", "bool", "int"))
+)
 """Fields that hold numbers or truth values."""
 _TEXT: Final = np.dtypes.StringDType()
 _HELD = 32  # chunks whose records are in memory at a time
@@ -300,7 +332,10 @@ _HELD = 32  # chunks whose records are in memory at a time
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chunk:
-    """Rows of one ADS in one scenario that are kept together. columns: the bytes of columns, by their places."""
+    """Rows of one ADS in one scenario that are kept together.
+
+    columns: the bytes of columns, by their places.
+    """
 
     scenario: str
     ads: str
@@ -311,7 +346,9 @@ class Chunk:
 def encode_rows(rows: Sequence[CaseResult]) -> list[bytes]:
     """The columns of rows whose parameters have the same names, each deflated by itself."""
     names = list(rows[0].values)
-    columns = [_encoded(name, [getattr(row, name) for row in rows]) for name in _TYPES if name != "values"]
+    columns = [
+        _encoded(name, [getattr(row, name) for row in rows]) for name in _TYPES if name != "values"
+    ]
     columns.insert(_PLACES["values"], encoded(names))
     return columns + [_encoded("", [row.values[name] for row in rows]) for name in names]
 
@@ -322,7 +359,9 @@ def _is_real(name: str) -> bool:
 
 
 def _encoded(name: str, values: Sequence[Any]) -> bytes:
-    """Real numbers as their bits, byte by byte; anything else as what occurs, and which of it each row has."""
+    """Real numbers as their bits, byte by byte; anything else as what occurs, and which of it each
+    row has.
+    """
     if _is_real(name):
         numbers = np.array([np.nan if value is None else value for value in values], dtype="<f8")
         return zlib.compress(numbers.view(np.uint8).reshape(-1, 8).T.tobytes(), 1)
@@ -339,17 +378,23 @@ def _real(data: bytes, rows: int) -> FloatArray:
 def _listed(data: bytes, rows: int) -> tuple[tuple[Any, ...], IntArray]:
     """What occurs in a column, and which of it each row has, (n,)."""
     body = zlib.decompress(data)
-    return decoded(body[4 * rows :], _RECORDS), np.frombuffer(body[: 4 * rows], dtype="<u4").astype(np.intp)
+    return decoded(body[4 * rows :], _RECORDS), np.frombuffer(body[: 4 * rows], dtype="<u4").astype(
+        np.intp
+    )
 
 
 @lru_cache(256)
 def _array_of(chunk: Chunk, name: str, place: int) -> Column:
-    """A column of a chunk, by its name and its place; those that were asked for last wait in some megabytes."""
+    """A column of a chunk, by its name and its place; those that were asked for last wait in some
+    megabytes.
+    """
     return _array(name, chunk.columns(slice(place, place + 1))[0], chunk.rows)
 
 
 def _array(name: str, data: bytes, rows: int) -> Column:
-    """A column as an array (n,): numbers with nan for None, truth values, texts with "" for None, else objects."""
+    """A column as an array (n,): numbers with nan for None, truth values, texts with "" for None,
+    else objects.
+    """
     if _is_real(name):
         return _real(data, rows)
     values, which = _listed(data, rows)
@@ -357,7 +402,9 @@ def _array(name: str, data: bytes, rows: int) -> Column:
     if kind == "bool":
         return np.array(values, dtype=np.bool_)[which]
     if name in NUMBERS:
-        return np.array([np.nan if value is None else value for value in values], dtype=np.float64)[which]
+        return np.array([np.nan if value is None else value for value in values], dtype=np.float64)[
+            which
+        ]
     if kind.startswith(("str", "Zone", "Literal")):
         return np.array([value or "" for value in values], dtype=_TEXT)[which]
     found = np.empty(len(values), dtype=object)
@@ -394,16 +441,21 @@ def records_of(chunk: Chunk) -> list[CaseResult]:
 class CaseTable(Outcome):
     """Rows of cases. A field of `CaseResult` is a column, an array (n,): nan and "" stand for None.
 
-    rows: which of the chunks' rows these are; None: all. key: what a kept scoring depends on.
+    rows: which of the chunks' rows these are; None: all.
+    key: what a kept scoring depends on.
     """
 
-    def __init__(self, chunks: Iterable[Chunk], rows: IntArray | None = None, key: bytes | None = None) -> None:
+    def __init__(
+        self, chunks: Iterable[Chunk], rows: IntArray | None = None, key: bytes | None = None
+    ) -> None:
         self.chunks, self.rows, self.key = tuple(chunks), rows, key
         self._ends = list(accumulate(chunk.rows for chunk in self.chunks))
 
     @classmethod
     def of(cls, rows: Iterable[CaseResult] | CaseTable) -> CaseTable:
-        """A table of these records, in their order; of a table that has all rows of its chunks itself."""
+        """A table of these records, in their order; of a table that has all rows of its chunks
+        itself.
+        """
         if isinstance(rows, CaseTable) and rows.rows is None:
             return rows
         alike = groupby(rows, key=lambda row: (row.scenario, row.ads, *row.values))
@@ -413,8 +465,12 @@ class CaseTable(Outcome):
         )
 
     def part(self, scenario: str, ads: str | None = None) -> CaseTable:
-        """The rows in one scenario, of one ADS or of all, of a table that has all rows of its chunks."""
-        return CaseTable(one for one in self.chunks if one.scenario == scenario and ads in (None, one.ads))
+        """The rows in one scenario, of one ADS or of all, of a table that has all rows of its
+        chunks.
+        """
+        return CaseTable(
+            one for one in self.chunks if one.scenario == scenario and ads in (None, one.ads)
+        )
 
     def parameters(self, names: Sequence[str]) -> FloatArray:
         """Where the cases lie, (n, k): the parameters of these names."""
@@ -448,11 +504,15 @@ class CaseTable(Outcome):
     @overload
     def __getitem__(self, where: slice | BoolArray | IntArray) -> CaseTable: ...
 
-    def __getitem__(self, where: int | np.integer[Any] | slice | BoolArray | IntArray) -> CaseResult | CaseTable:
+    def __getitem__(
+        self, where: int | np.integer[Any] | slice | BoolArray | IntArray
+    ) -> CaseResult | CaseTable:
         if isinstance(where, int | np.integer):
             row = range(len(self))[where]
             return self._record(row if self.rows is None else int(self.rows[row]))
-        return CaseTable(self.chunks, (np.arange(len(self)) if self.rows is None else self.rows)[where])
+        return CaseTable(
+            self.chunks, (np.arange(len(self)) if self.rows is None else self.rows)[where]
+        )
 
     def _record(self, row: int) -> CaseResult:
         number = bisect_right(self._ends, row)
@@ -477,7 +537,8 @@ def counts(cases: CaseTable) -> dict[str, int]:
 
 
 def point_numbers(tables: Sequence[CaseTable]) -> list[IntArray]:
-    """A number for each point of the space that some cases lie at, the same in all tables: (n,) for each table.
+    """A number for each point of the space that some cases lie at, the same in all tables: (n,) for
+    each table.
 
     The cases of all tables have the same parameters, by name.
     """
@@ -485,7 +546,9 @@ def point_numbers(tables: Sequence[CaseTable]) -> list[IntArray]:
     point = np.zeros(int(ends[-1]) if len(ends) else 0, dtype=np.intp)
     if len(point):
         for name in sorted(next(table for table in tables if len(table))[0].values):
-            read = np.concatenate([table.parameters([name]).ravel() for table in tables if len(table)])
+            read = np.concatenate(
+                [table.parameters([name]).ravel() for table in tables if len(table)]
+            )
             values = np.unique(read, return_inverse=True)[1]
             point = np.unique(point * (int(values.max()) + 1) + values, return_inverse=True)[1]
     return np.split(point, ends[:-1])

@@ -1,4 +1,6 @@
-"""Records as plain values, as JSON too, and back to the last bit: nothing that is read can execute anything."""
+"""Records as plain values, as JSON too, and back to the last bit: nothing that is read can execute
+anything.
+"""
 
 from __future__ import annotations
 
@@ -15,19 +17,30 @@ _IS, _OF, _MAP, _ARRAY = "is", "of", "map", "array"
 
 
 def encoded(value: object) -> bytes:
-    """A value made of records, tuples, mappings, arrays, texts, numbers and None. Lists come back as tuples."""
+    """A value made of records, tuples, mappings, arrays, texts, numbers and None.
+
+    Lists come back as tuples.
+    """
     return json.dumps(plain(value), separators=(",", ":")).encode()
 
 
 def decoded(data: bytes, classes: Classes) -> Any:
-    """What `encoded` wrote. classes: those of its records, by name."""
+    """What `encoded` wrote.
+
+    classes: those of its records, by name.
+    """
     return record_of(json.loads(data), classes)
 
 
 def plain(value: Any) -> Any:
-    """A value made of lists, texts, numbers, None and mappings of these, as `record_of` reads it."""
+    """A value made of lists, texts, numbers, None and mappings of these, as `record_of` reads
+    it.
+    """
     if is_dataclass(value) and not isinstance(value, type):
-        return {_IS: type(value).__name__, _OF: [plain(getattr(value, field.name)) for field in fields(value)]}
+        return {
+            _IS: type(value).__name__,
+            _OF: [plain(getattr(value, field.name)) for field in fields(value)],
+        }
     if isinstance(value, Mapping):
         return {_MAP: [[plain(key), plain(item)] for key, item in value.items()]}
     if isinstance(value, np.ndarray):
@@ -38,7 +51,10 @@ def plain(value: Any) -> Any:
 
 
 def record_of(value: Any, classes: Classes) -> Any:
-    """What `plain` was given. classes: those of its records, by name."""
+    """What `plain` was given.
+
+    classes: those of its records, by name.
+    """
     if isinstance(value, list):
         return tuple(record_of(item, classes) for item in value)
     if not isinstance(value, dict):

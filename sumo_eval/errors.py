@@ -1,4 +1,6 @@
-"""One error family and one sentence shape: what, of which object, must be, got; the nearest known name is offered."""
+"""One error family and one sentence shape: what, of which object, must be, got; the nearest known
+name is offered.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,10 @@ from sumo_eval.text import SENTENCE, clean, kind_of, shown, words_of
 
 
 class SumoEvalError(Exception):
-    """Any fault this package reports on purpose. Its text is plain sentences for the person at the terminal."""
+    """Any fault this package reports on purpose.
+
+    Its text is plain sentences for the person at the terminal.
+    """
 
 
 class InputError(SumoEvalError, ValueError):
@@ -19,7 +24,10 @@ class InputError(SumoEvalError, ValueError):
 
 
 class NotInstalledError(InputError, ImportError):
-    """A library cannot be loaded. A process that only gets ready stays quiet, as after any import that fails."""
+    """A library cannot be loaded.
+
+    A process that only gets ready stays quiet, as after any import that fails.
+    """
 
 
 class ControllerError(SumoEvalError):
@@ -35,7 +43,10 @@ class SimulationError(SumoEvalError):
 
 
 class StoppedError(SumoEvalError):
-    """The work was stopped on request, by Ctrl-C or SIGTERM. Its text says what is kept and how to go on."""
+    """The work was stopped on request, by Ctrl-C or SIGTERM.
+
+    Its text says what is kept and how to go on.
+    """
 
 
 MOST_KNOWN = 800  # characters of a list of known names; a run may have a million cases
@@ -47,8 +58,8 @@ LEAST_ALIKE = 0.55  # of 1: names that are less alike are not offered
 def nearest(name: str, known: Sequence[str]) -> str | None:
     """The known name that a misspelt one is most like, None where none is near.
 
-    The answer is that of `difflib.get_close_matches`. Who begins like the name is looked at first, so that nearly all
-    of a hundred thousand names are ruled out by the letters that they have.
+    The answer is that of `difflib.get_close_matches`. Who begins like the name is looked at first,
+    so that nearly all of a hundred thousand names are ruled out by the letters that they have.
     """
     if not known:
         return None
@@ -69,7 +80,9 @@ def _alike_at_the_start(one: str, other: str) -> int:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """A closing half-sentence: the nearest known name, or the list of known names when none is near."""
+    """A closing half-sentence: the nearest known name, or the list of known names when none is
+    near.
+    """
     names = [str(candidate) for candidate in known]
     near = nearest(name, names)
     if near is not None:
@@ -87,12 +100,18 @@ def must_be(what: str, owner: str, requirement: str, got: object) -> InputError:
 
 
 def needs_extra(what: str, extra: str) -> InputError:
-    """An FMU needs the extra `fmu`, which this installs: python -m pip install '/home/me/sumo_eval[fmu]'."""
-    return InputError(f"{what} needs the extra `{extra}`, which this installs: {install_command(extra)}")
+    """An FMU needs the extra `fmu`, which this installs: python -m pip install
+    '/home/me/sumo_eval[fmu]'.
+    """
+    return InputError(
+        f"{what} needs the extra `{extra}`, which this installs: {install_command(extra)}"
+    )
 
 
 def install_command(extra: str) -> str:
-    """The command that installs an extra of this package into the Python that runs, from where the package came."""
+    """The command that installs an extra of this package into the Python that runs, from where the
+    package came.
+    """
     import json
     import shlex
     import sys
@@ -116,7 +135,9 @@ def install_command(extra: str) -> str:
 def check_name(what: str, owner: str, name: str) -> None:
     """Refuse a name that a table, a file or a terminal could not show as it is."""
     if clean(name) != name:
-        raise must_be(what, owner, f"one line of at most {SENTENCE} characters that can be shown", name)
+        raise must_be(
+            what, owner, f"one line of at most {SENTENCE} characters that can be shown", name
+        )
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
@@ -124,7 +145,8 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
 
     kind: what is unknown, and of or in what: `parameter of scenario `cut_in``.
     """
-    what, owner = re.fullmatch(r"(.*?)((?: of | in ).*?)?:?", kind, flags=re.DOTALL).groups(default="")  # type: ignore[union-attr]
+    parts = re.fullmatch(r"(.*?)((?: of | in ).*?)?:?", kind, flags=re.DOTALL)
+    what, owner = parts.groups(default="")  # type: ignore[union-attr]
     return InputError(f"Unknown {what} `{name}`{owner}.{did_you_mean(name, known)}")
 
 
@@ -134,7 +156,11 @@ def said(error: BaseException) -> str:
     An attribute that an object of this package has not gets the nearest that it has.
     """
     text = words_of(error).strip().rstrip(".")
-    if isinstance(error, AttributeError) and type(error.obj).__module__.startswith("sumo_eval.") and error.name:
+    if (
+        isinstance(error, AttributeError)
+        and type(error.obj).__module__.startswith("sumo_eval.")
+        and error.name
+    ):
         near = nearest(error.name, [name for name in dir(error.obj) if not name.startswith("_")])
         text += f" (did you mean `{near}`?)" if near else ""
     return f"{kind_of(error)}: {text}" if text else kind_of(error)

@@ -1,8 +1,11 @@
-"""The method from end to end, in the paper's six steps. The only module that knows both SUMO's side and the equations'.
+"""The method from end to end, in the paper's six steps.
 
-Facts first: `evaluate` simulates and stores what happened. Scores second: `score` computes every index from the stored
-facts alone, again and again, with other settings if wanted, without a simulation. What simulates and what computes is
-imported where it is needed: answers from what a run keeps come without the second that these imports take.
+The only module that knows both SUMO's side and the equations'.
+
+Facts first: `evaluate` simulates and stores what happened. Scores second: `score` computes every
+index from the stored facts alone, again and again, with other settings if wanted, without a
+simulation. What simulates and what computes is imported where it is needed: answers from what a run
+keeps come without the second that these imports take.
 """
 
 from __future__ import annotations
@@ -34,7 +37,8 @@ if TYPE_CHECKING:
     from sumo_eval.record.facts import Evaluable, Recorded
 
 
-_WRITE_RESULTS = "sumo_eval.report.junit:write_results"  # a text, because the report builds on this module
+# a text, because the report builds on this module
+_WRITE_RESULTS = "sumo_eval.report.junit:write_results"
 
 
 def evaluate(
@@ -51,20 +55,25 @@ def evaluate(
 ) -> Evaluation:
     """Simulate and score an evaluation into the folder `out`.
 
-    evaluation: settings, a dict as the file would be, the path of the file or of a run; None: the paper's.
+    evaluation: settings, a dict as the file would be, the path of the file or of a run; None: the
+        paper's.
 
-    workers, engine, scheduler: instead of those in `[run]`. resume: go on with the run in `out`, whose own evaluation
-    is what None then means. ads: what to drive in place of the evaluation's own ADSs: locators, whose relative paths
-    start in the current folder, or classes, functions and objects, of a notebook's cell too. Raises StoppedError when
-    `stopping` said so; what was done by then is kept.
+    workers, engine, scheduler: instead of those in `[run]`.
+    resume: go on with the run in `out`, whose own evaluation is what None then means.
+    ads: what to drive in place of the evaluation's own ADSs: locators, whose relative paths start
+        in the current folder, or classes, functions and objects, of a notebook's cell too.
+    Raises StoppedError when `stopping` said so; what was done by then is kept.
 
-    The folder is the one that `sumo-eval run` leaves, with `scores.json`, `cases.csv` and `junit.xml`; its page,
+    The folder is the one that `sumo-eval run` leaves, with `scores.json`, `cases.csv` and
+    `junit.xml`; its page,
     `report.html`, is written by `sumo-eval report OUT`.
     """
     from sumo_eval.record.facts import resolve
 
     folder = Path(out)
-    settings, source = resolve(evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler)
+    settings, source = resolve(
+        evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler
+    )
     record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
     done = score(folder, progress=progress)
     let_go(done)
@@ -82,9 +91,12 @@ def record_rounds(
     progress: Progress = quiet,
     stopping: Stopping = never,
 ) -> Recorded:
-    """Simulate an evaluation into a run folder, and where a scenario is sampled in rounds, one round after the other.
+    """Simulate an evaluation into a run folder, and where a scenario is sampled in rounds, one
+    round after the other.
 
-    Each round is scored before the next one is chosen. A run that was stopped goes on in the round in which it was.
+    Each round is scored before the next one is chosen. A run that was stopped goes on in the round
+    in which it was.
+
     shard: which share i of n is simulated, if not all; an evaluation in rounds has no shares.
     """
     from sumo_eval.record.facts import WHOLE, in_rounds, record_facts
@@ -94,16 +106,29 @@ def record_rounds(
     if adaptive:
         settings = in_rounds(settings, folder if resume else None)
     # Scores need the zones, driving does not.
-    zones = None if zones_are_known(settings, source) else partial(find_zones, settings, source, folder)
+    zones = (
+        None if zones_are_known(settings, source) else partial(find_zones, settings, source, folder)
+    )
     recorded = record_facts(
-        settings, source, folder, resume=resume, shard=shard or WHOLE, progress=progress, stopping=stopping,
+        settings, source, folder, resume=resume, shard=shard or WHOLE, progress=progress,
+        stopping=stopping,
         meanwhile=zones,
     )  # fmt: skip
-    rounds_follow = adaptive and not settings.run.only  # a round of single cases chooses no further one
-    while rounds_follow and (further := _further_rounds(score(folder, progress=progress), settings)) != settings:
+    # a round of single cases chooses no further one
+    rounds_follow = adaptive and not settings.run.only
+    while (
+        rounds_follow
+        and (further := _further_rounds(score(folder, progress=progress), settings)) != settings
+    ):
         settings, notes = further, recorded.notes
         recorded = record_facts(
-            settings, source, folder, resume=True, progress=progress, stopping=stopping, another_round=True
+            settings,
+            source,
+            folder,
+            resume=True,
+            progress=progress,
+            stopping=stopping,
+            another_round=True,
         )
         recorded = replace(recorded, notes=notes + recorded.notes)
     return recorded
@@ -123,24 +148,39 @@ def _further_rounds(done: Evaluation, settings: EvaluationSettings) -> Evaluatio
     return replace(settings, scenario=tuple(entries))
 
 
-def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress: Progress = quiet) -> Evaluation:
-    """Score a run from its recorded facts. `changes`: settings to use instead, e.g. `method.score.a=60`.
+def score(
+    run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress: Progress = quiet
+) -> Evaluation:
+    """Score a run from its recorded facts.
 
-    What was computed is kept in the run's folder with a hash of all that it depends on, and taken from there.
+    `changes`: settings to use instead, e.g. `method.score.a=60`.
+
+    What was computed is kept in the run's folder with a hash of all that it depends on, and taken
+    from there.
     """
     folder = Path(run)
     for change in changes:
         if "=" not in change:
-            raise InputError(f"--set must have the form KEY=VALUE, e.g. method.score.a=60, got {change!r}.")
+            raise InputError(
+                f"--set must have the form KEY=VALUE, e.g. method.score.a=60, got {change!r}."
+            )
         if not change.strip().startswith(("method.", "report.", "run.")):
             raise InputError(
-                f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts depend on it. "
+                f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
+                "depend on it. "
                 "Only `method`, `report` and `run` can; run the evaluation again for the rest."
             )
     settings = with_changes(run_folder.read_settings(folder), changes)
-    resolved, exposures = Resolved.of(settings, run_folder.source_of(folder)), run_folder.read_exposures(folder)
+    resolved, exposures = (
+        Resolved.of(settings, run_folder.source_of(folder)),
+        run_folder.read_exposures(folder),
+    )
     severity = chosen_severity(settings.method.collision, resolved.source)
-    made_with = {"name": settings.method.collision.severity, "unit": severity.unit, "sha256": severity.sha256}
+    made_with = {
+        "name": settings.method.collision.severity,
+        "unit": severity.unit,
+        "sha256": severity.sha256,
+    }
     manifest = {**run_folder.read_manifest(folder), "severity": made_with}
     facts = folder / run_folder.FACTS
     with open_store(facts) as store:
@@ -172,7 +212,9 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
 
 
 def refuse_to_score(run: str | os.PathLike[str]) -> None:
-    """Raise InputError for a folder that holds no complete run, or one that is not as it was recorded."""
+    """Raise InputError for a folder that holds no complete run, or one that is not as it was
+    recorded.
+    """
     folder = Path(run)
     run_folder.read_settings(folder)
     run_folder.read_manifest(folder)
@@ -181,7 +223,8 @@ def refuse_to_score(run: str | os.PathLike[str]) -> None:
 
 
 def let_go(evaluation: Evaluation) -> int:
-    """Take out the trajectories that `[run] keep` does not ask for; how many cases lost theirs comes back.
+    """Take out the trajectories that `[run] keep` does not ask for; how many cases lost theirs
+    comes back.
 
     What was scored stays scored: D_i, bands and measures of these drives are kept.
     """
@@ -210,4 +253,6 @@ def zone_partitions(evaluation: Evaluation) -> dict[str, ZonePartition]:
     from sumo_eval.scoring.zones import zones_of
 
     with closing(KeptResults(evaluation.folder)) as kept:
-        return zones_of(Resolved(evaluation.settings, evaluation.source, evaluation.scenarios), kept)
+        return zones_of(
+            Resolved(evaluation.settings, evaluation.source, evaluation.scenarios), kept
+        )

@@ -8,18 +8,28 @@ from typing import Never
 from sumo_eval.errors import InputError
 
 MODULES = {
-    "sumo_eval.adapters": "copy the adapter from docs/examples/adapters: `carla_agent.py:CarlaAgent?options.agent=...`",
+    "sumo_eval.adapters": "copy the adapter from docs/examples/adapters: "
+    "`carla_agent.py:CarlaAgent?options.agent=...`",
 }
 """Modules that locators named, and what to do instead."""
-NAMES = {"Brake": "brake_to_stop", "ConstantLateral": "constant_lateral", "LaneChange": "lane_change"}
-"""Classes of `sumo_eval.scenario`, and the functions that make the same act for `Actor(acts=...)`."""
+NAMES = {
+    "Brake": "brake_to_stop",
+    "ConstantLateral": "constant_lateral",
+    "LaneChange": "lane_change",
+}
+"""Classes of `sumo_eval.scenario`, and the functions that make the same act for
+`Actor(acts=...)`."""
 COMMANDS = {
-    "bench --whole": "`time sumo-eval run --out DIR` measures a whole evaluation, and `run` says when each stage ends",
+    "bench --whole": "`time sumo-eval run --out DIR` measures a whole evaluation, and `run` says "
+    "when each stage ends",
     "nightly --install": "copy the files for cron, systemd or GitHub from docs/examples/nights",
-    "humans coverage": "a run counts the recorded people behind each D_i: `recorded_drivers` in cases.csv",
-    "humans population": "docs/explanation/drivers.md has the comparison; its script: `git show a7c0632:"
+    "humans coverage": "a run counts the recorded people behind each D_i: `recorded_drivers` in "
+    "cases.csv",
+    "humans population": "docs/explanation/drivers.md has the comparison; its script: `git show "
+    "a7c0632:"
     "sumo_eval/drivers/recorded/population_check.py`",
-    "humans similarity": "D and H compare drives; `export RUN` writes trajectories that tslearn can compare by DTW",
+    "humans similarity": "D and H compare drives; `export RUN` writes trajectories that tslearn "
+    "can compare by DTW",
 }
 """Commands by their words, and what to do instead."""
 
@@ -40,6 +50,8 @@ def is_use_case(name: str) -> bool:
 def refuse_use_case(name: str) -> Never:
     """Raise InputError: use cases became scenario files."""
     raise InputError(
-        f"Use cases as Gherkin tables are not supported any more, got {name}: write the rows as `[[sample]]` points "
-        "and the `Then` lines as `[[require]]` of a scenario file (docs/reference/scenario_file.md)."
+        f"Use cases as Gherkin tables are not supported any more, got {name}: write the rows as "
+        "`[[sample]]` points "
+        "and the `Then` lines as `[[require]]` of a scenario file "
+        "(docs/reference/scenario_file.md)."
     )

@@ -1,4 +1,6 @@
-"""Files of a user: looked at before they are opened; what cannot be read or written is refused in one sentence."""
+"""Files of a user: looked at before they are opened; what cannot be read or written is refused in
+one sentence.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ _KINDS: Final = {
 
 
 def input_file(path: Path, what: str) -> Path:
-    """The path, refused unless it leads to a regular file; nothing is opened, because opening a pipe may wait for ever.
+    """The path, refused unless it leads to a regular file; nothing is opened, because opening a
+    pipe may wait for ever.
 
     what: names the file in sentences, `evaluation file`.
     """
@@ -43,7 +46,10 @@ def input_file(path: Path, what: str) -> Path:
 
 
 def read_input(path: Path, what: str, largest: int = LARGEST) -> bytes:
-    """The content of a regular file of at most `largest` bytes. what: as in `input_file`."""
+    """The content of a regular file of at most `largest` bytes.
+
+    what: as in `input_file`.
+    """
     try:
         with input_file(path, what).open("rb") as file:
             content = file.read(largest + 1)
@@ -55,16 +61,22 @@ def read_input(path: Path, what: str, largest: int = LARGEST) -> bytes:
 
 
 def read_input_text(path: Path, what: str, largest: int = LARGEST) -> str:
-    """The text of a regular file in UTF-8. what, largest: as in `read_input`."""
+    """The text of a regular file in UTF-8.
+
+    what, largest: as in `read_input`.
+    """
     try:
-        return read_input(path, what, largest).decode("utf-8-sig")  # some editors put a mark before the text
+        # some editors put a mark before the text
+        return read_input(path, what, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise _unreadable(path, what, error) from error
 
 
 @contextmanager
 def writing(what: str) -> Iterator[None]:
-    """A block that writes files; where the system refuses that, InputError names `what`, `The case in out`."""
+    """A block that writes files; where the system refuses that, InputError names `what`, `The case
+    in out`.
+    """
     try:
         yield
     except OSError as error:
@@ -72,7 +84,10 @@ def writing(what: str) -> Iterator[None]:
 
 
 def hash_of(path: Path, what: str) -> str:
-    """SHA-256 of a regular file of any size, in hexadecimal. what: as in `input_file`."""
+    """SHA-256 of a regular file of any size, in hexadecimal.
+
+    what: as in `input_file`.
+    """
     try:
         with input_file(path, what).open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,12 +1,12 @@
 """Rules of driving as machine code: the only file that knows numba, as far as driving goes.
 
-A rule is written once, for one vehicle, as a plain function of records and floats (`@kernel`), and a short loop calls
-it for every row of structured arrays (`@rows`). One case is a row count of 1, so the bits of a case do not depend on
-how many others are driven beside it.
+A rule is written once, for one vehicle, as a plain function of records and floats (`@kernel`), and
+a short loop calls it for every row of structured arrays (`@rows`). One case is a row count of 1, so
+the bits of a case do not depend on how many others are driven beside it.
 
-With SUMO_EVAL_INTERPRETED=1 in the environment every loop runs as plain Python, line by line, for a debugger: the same
-bits, fifty times slower. tests/test_kernels.py holds the rules that make both agree: no integer powers, no `** 2.0`, no
-`math.hypot`, `remainder` or `fmod` in a kernel.
+With SUMO_EVAL_INTERPRETED=1 in the environment every loop runs as plain Python, line by line, for a
+debugger: the same bits, fifty times slower. tests/test_kernels.py holds the rules that make both
+agree: no integer powers, no `** 2.0`, no `math.hypot`, `remainder` or `fmod` in a kernel.
 """
 
 from __future__ import annotations
@@ -51,7 +51,9 @@ _waiting: list[Callable[..., Any]] = []
 
 
 def kernel(function: Function) -> Function:
-    """A rule or a part of one: plain Python to whoever calls it from Python, machine code within a loop of rows."""
+    """A rule or a part of one: plain Python to whoever calls it from Python, machine code within a
+    loop of rows.
+    """
     if "numba" in sys.modules and not INTERPRETED:
         _register(function)
     else:
@@ -60,7 +62,8 @@ def kernel(function: Function) -> Function:
 
 
 def rows(function: Function) -> Function:
-    """A loop over rows of structured arrays, compiled when it is first called, and kept on disk for the next process.
+    """A loop over rows of structured arrays, compiled when it is first called, and kept on disk for
+    the next process.
 
     The arrays must always have the same types: every other type compiles the loop again.
     """
@@ -80,31 +83,39 @@ class Loop:
     def __call__(self, *arguments: Any) -> Any:
         """What the loop itself does."""
         if self.compiled is None:
-            self.compiled = _compiled(self.__wrapped__)  # type: ignore[attr-defined]  # set by update_wrapper
+            # set by update_wrapper
+            self.compiled = _compiled(self.__wrapped__)  # type: ignore[attr-defined]
         return self.compiled(*arguments)
 
     def of(self, *arguments: Any) -> Callable[..., Any]:
-        """The machine code for arguments of the types that these have, which does not look at the types again."""
+        """The machine code for arguments of the types that these have, which does not look at the
+        types again.
+        """
         kinds = tuple(
-            (one.dtype, one.ndim, one.flags.num) if isinstance(one, np.ndarray) else type(one) for one in arguments
+            (one.dtype, one.ndim, one.flags.num) if isinstance(one, np.ndarray) else type(one)
+            for one in arguments
         )
         code = self.codes.get(kinds)
         if code is None:
             if self.compiled is None:
                 self.compiled = _compiled(self.__wrapped__)  # type: ignore[attr-defined]
-            types = tuple(map(self.compiled.typeof_pyval, arguments))  # numba takes 20 ms for records
+            # numba takes 20 ms for records
+            types = tuple(map(self.compiled.typeof_pyval, arguments))
             code = self.codes[kinds] = self.compiled.compile(types)
         return code
 
 
 def interpreted(loop: Function) -> Function:
-    """A loop over rows as plain Python, to the same bits: for a single row, which need not wait for numba."""
+    """A loop over rows as plain Python, to the same bits: for a single row, which need not wait for
+    numba.
+    """
     wrapped = getattr(loop, "__wrapped__", loop)
     return cast("Function", _interpreted(wrapped)) if isinstance(loop, Loop) else loop
 
 
 def bound(loop: Function, *arguments: Any) -> Function:
-    """A loop over rows for whoever calls it at every step, with arguments of one kind: a third of a call's cost.
+    """A loop over rows for whoever calls it at every step, with arguments of one kind: a third of a
+    call's cost.
 
     Only for arrays of the same types and layout as these: nobody looks whether they are.
     """
@@ -127,7 +138,8 @@ def keep_code(loop: Any) -> Any:
 
 
 def _numba() -> Any:
-    os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")  # whose sines and powers have other last bits
+    # whose sines and powers have other last bits
+    os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
     numba = importlib.import_module("numba")
     importlib.import_module("numba.extending")
     while _waiting:
@@ -143,9 +155,11 @@ def _register(function: Callable[..., Any]) -> None:
 
 @functools.cache
 def cache_folder() -> Path:
-    """Where machine code is kept: a folder for each processor, numba, state of the sources, and place of theirs.
+    """Where machine code is kept: a folder for each processor, numba, state of the sources, and
+    place of theirs.
 
-    numba itself looks at the file of the loop alone, and would go on with old code of a rule that another file holds.
+    numba itself looks at the file of the loop alone, and would go on with old code of a rule that
+    another file holds.
     """
     digest = hashlib.sha256(bytes(_PACKAGE))
     digest.update(repr((_processor(), importlib.metadata.version("numba"))).encode())
@@ -163,15 +177,21 @@ def _processor() -> str:
     """Its name, and what it can do: one folder may serve several machines."""
     with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as lines:
         first = itertools.takewhile(str.strip, lines)
-        return "".join(line for line in first if line.startswith(("model name", "flags", "CPU part", "Features")))
+        return "".join(
+            line
+            for line in first
+            if line.startswith(("model name", "flags", "CPU part", "Features"))
+        )
     return platform.processor()
 
 
-# -- interpreted -------------------------------------------------------------------------------------------------------
+# -- interpreted -----------------------------------------------------------------------------------
 
 
 def _interpreted(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The loop in plain Python: records become objects of plain floats, and are written back afterwards."""
+    """The loop in plain Python: records become objects of plain floats, and are written back
+    afterwards.
+    """
 
     @functools.wraps(function)
     def loop(*arguments: Any) -> Any:
@@ -215,19 +235,24 @@ def _closed(records: Any, dtype: np.dtype[Any]) -> Any:
     return tuple(values)
 
 
-# -- before the first case ---------------------------------------------------------------------------------------------
+# -- before the first case -------------------------------------------------------------------------
 
 
 def warm(scripts: Sequence[str]) -> None:
-    """Compile in child processes, one for each script, all at the same time, and wait; what they compile is on disk.
+    """Compile in child processes, one for each script, all at the same time, and wait; what they
+    compile is on disk.
 
-    scripts: Python to run. A thread would be no help: numba compiles under the interpreter's lock. The children look
-    for modules where this process does, and not in the folder in which it was started (-P): that may hold another copy
-    of this package, or files that are called as modules are.
+    scripts: Python to run. A thread would be no help: numba compiles under the interpreter's lock.
+        The children look for modules where this process does, and not in the folder in which it was
+        started (-P): that may hold another copy of this package, or files that are called as
+        modules are.
     """
     begin = f"import sys; sys.path[:] = {sys.path!r}\n"
-    begin += "import gc; gc.disable()\n"  # compiling makes many objects and little garbage; a tenth of its time
-    children = [subprocess.Popen([sys.executable, "-P", "-c", begin + script]) for script in scripts]
+    # compiling makes many objects and little garbage; a tenth of its time
+    begin += "import gc; gc.disable()\n"
+    children = [
+        subprocess.Popen([sys.executable, "-P", "-c", begin + script]) for script in scripts
+    ]
     try:
         for child in children:
             child.wait()

@@ -1,8 +1,11 @@
 """Insides of numba that this package borrows, which numba promises nobody. Tried with numba 0.68.
 
-- `as_part`: rules are compiled as parts of their loops alone. The loops of the paper's evaluation take 50 s of
-  processor time in place of 64 s, once on a machine. Other versions of numba do without, to the same bits.
-- `kept_code`: machine code is kept in one sealed file for each loop. numba's own index mixes kinds of arguments up
+- `as_part`: rules are compiled as parts of their loops alone. The loops of the paper's evaluation
+  take 50 s of
+  processor time in place of 64 s, once on a machine. Other versions of numba do without, to the
+  same bits.
+- `kept_code`: machine code is kept in one sealed file for each loop. numba's own index mixes kinds
+  of arguments up
   where two processes write at once, and trusts damaged files.
 
 SUMO_EVAL_PLAIN=1 leaves both out.
@@ -35,18 +38,25 @@ def kept_code() -> Any:
     rebuilt = importlib.import_module("numba.core.compiler").CompileResult._rebuild
 
     class KeptCode(caching.NullCache):  # type: ignore[name-defined,misc]
-        """The code of a loop: nothing that goes wrong with its files does more than compile it again."""
+        """The code of a loop: nothing that goes wrong with its files does more than compile it
+        again.
+        """
 
         def __init__(self, function: Callable[..., Any]) -> None:
             self._py_func = function
 
         def load_overload(self, signature: Any, target: Any) -> Any:
-            """The code for arguments of these types, or None; without what numba imports to compile, 0.5 s."""
+            """The code for arguments of these types, or None; without what numba imports to
+            compile, 0.5 s.
+            """
             importlib.import_module("numba.core.runtime").rtsys.initialize(target)
             try:
                 content = read_input(self._path(signature, target.codegen()), "machine code")
                 whole = content[:_SEAL] == _seal(content)
-                return rebuilt(target, *pickle.loads(content[_SEAL:])) if whole else None  # noqa: S301 - as numba does
+                # as numba does
+                if not whole:
+                    return None
+                return rebuilt(target, *pickle.loads(content[_SEAL:]))  # noqa: S301
             except Exception:  # noqa: BLE001 - whatever a file of another make holds
                 return None
 
@@ -77,12 +87,14 @@ def _seal(content: bytes) -> bytes:
 
 @functools.cache
 def as_part() -> dict[str, Any]:
-    """How numba is to compile a rule: as a part of the loops that call it, and nothing else; empty: as it likes.
+    """How numba is to compile a rule: as a part of the loops that call it, and nothing else; empty:
+    as it likes.
 
-    By itself numba makes every function machine code of its own, optimised, and then once more within each that calls
-    it. A rule is only ever called by rules and loops, so it is enough to optimise it, and make machine code of it, as a
-    part of a loop: a third of the time of compiling everything. That takes what numba promises nobody, so numbas whose
-    insides are not known here do as they like.
+    By itself numba makes every function machine code of its own, optimised, and then once more
+    within each that calls it. A rule is only ever called by rules and loops, so it is enough to
+    optimise it, and make machine code of it, as a part of a loop: a third of the time of compiling
+    everything. That takes what numba promises nobody, so numbas whose insides are not known here do
+    as they like.
     """
     numba = importlib.import_module("numba")
     if not numba.__version__.startswith(_KNOWN):
@@ -95,7 +107,9 @@ def as_part() -> dict[str, Any]:
     )
 
     class Part(codegen.JITCodeLibrary):  # type: ignore[name-defined,misc]
-        """The code of a rule and of those that it calls, to be linked into others and not to be run."""
+        """The code of a rule and of those that it calls, to be linked into others and not to be
+        run.
+        """
 
         def _optimize_functions(self, module: Any) -> None:
             module.data_layout = self._codegen._data_layout
@@ -117,23 +131,28 @@ def as_part() -> dict[str, Any]:
             super().run_pass(state)
             made = state["cr"]
             name = made.fndesc.qualname.split(".")[-1]
-            stands_for = make_function(made.fndesc.lookup_module(), name, "", 0, made.env, (state.library,))
+            stands_for = make_function(
+                made.fndesc.lookup_module(), name, "", 0, made.env, (state.library,)
+            )
             state.targetctx.insert_user_function(stands_for, made.fndesc, [state.library])
             state.library._ensure_finalized()
             state.reload_init.extend(state.library._reload_init)
             state["cr"] = made._replace(cfunc=stands_for)
             return True
 
-    importlib.import_module("numba.core.compiler_machinery").register_pass(mutates_CFG=True, analysis_only=False)(
-        LowerPart
-    )
+    importlib.import_module("numba.core.compiler_machinery").register_pass(
+        mutates_CFG=True, analysis_only=False
+    )(LowerPart)
 
     class PartCompiler(compiler.CompilerBase):  # type: ignore[name-defined,misc]
         """numba's own way, with the last step replaced."""
 
         def define_pipelines(self) -> list[Any]:
             usual = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
-            usual.passes = [(LowerPart if step is passes.NativeLowering else step, what) for step, what in usual.passes]
+            usual.passes = [
+                (LowerPart if step is passes.NativeLowering else step, what)
+                for step, what in usual.passes
+            ]
             usual.finalize()
             return [usual]
 

@@ -1,4 +1,6 @@
-"""What an evaluation finds out: a record for each case, one for each ADS in each scenario, plain values throughout."""
+"""What an evaluation finds out: a record for each case, one for each ADS in each scenario, plain
+values throughout.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,10 @@ _SCORE = "sumo_eval.report.notebook:score_html"
 
 @dataclass(frozen=True, slots=True)
 class NotComputed:
-    """Why there is no mean over the safe cases, D or H. collisions: how many in the safe zone left none."""
+    """Why there is no mean over the safe cases, D or H.
+
+    collisions: how many in the safe zone left none.
+    """
 
     why: Literal["collisions", "no_safe_case", "nothing_compared", "no_exposure", "no_drivers"]
     collisions: int = 0
@@ -30,7 +35,9 @@ class NotComputed:
 
 @dataclass(frozen=True, slots=True)
 class DrivesLeftOut:
-    """Drivers' drives that are no reference, since a skilled driver's safe case ends well: how many, by status."""
+    """Drivers' drives that are no reference, since a skilled driver's safe case ends well: how
+    many, by status.
+    """
 
     left_out: int
     drives: int
@@ -39,15 +46,17 @@ class DrivesLeftOut:
 
 @dataclass(frozen=True, slots=True)
 class DrivenAlone:
-    """Drives that were to be simulated together with others and had to be done again alone, by the reason."""
+    """Drives that were to be simulated together with others and had to be done again alone, by the
+    reason.
+    """
 
     reasons: tuple[tuple[Alone, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class DrivenInBlocks:
-    """Drives of a policy over arrays, whose bits may depend on which cases it is shown together: how many in blocks
-    of how many cases.
+    """Drives of a policy over arrays, whose bits may depend on which cases it is shown together:
+    how many in blocks of how many cases.
     """
 
     drives: int
@@ -58,11 +67,12 @@ class DrivenInBlocks:
 class Counted:
     """A number of cases, collisions or points, of so many.
 
-    actors_left: cases that lasted longer than an actor was on the road. outside_support: cases in which no recorded
-    event is like the concrete scenario. struck_from_behind: cases in which a vehicle that reacts ran into the ego's
-    rear, its own fault and no collision here. gentler_than_ideal: collisions in which the ADS was gentler than the
-    ideal vehicle. references_collide: points of the safe zone at which drivers or the reference car collide.
-    ideal_collides_too: collisions in the safe zone that the ideal vehicle has as well.
+    actors_left: cases that lasted longer than an actor was on the road. outside_support: cases in
+        which no recorded event is like the concrete scenario. struck_from_behind: cases in which a
+        vehicle that reacts ran into the ego's rear, its own fault and no collision here.
+        gentler_than_ideal: collisions in which the ADS was gentler than the ideal vehicle.
+        references_collide: points of the safe zone at which drivers or the reference car collide.
+        ideal_collides_too: collisions in the safe zone that the ideal vehicle has as well.
     """
 
     what: Literal[
@@ -79,7 +89,9 @@ class Counted:
 
 @dataclass(frozen=True, slots=True)
 class BeyondRange:
-    """Collisions outside the range that a severity is known for, by what lies outside, in the severity's own words."""
+    """Collisions outside the range that a severity is known for, by what lies outside, in the
+    severity's own words.
+    """
 
     severity: str
     reasons: tuple[tuple[str, int], ...]
@@ -87,7 +99,9 @@ class BeyondRange:
 
 @dataclass(frozen=True, slots=True)
 class ThinReferences:
-    """Safe cases with too few recorded drivers: of `safe` ones, and how many are left out of D for it."""
+    """Safe cases with too few recorded drivers: of `safe` ones, and how many are left out of D for
+    it.
+    """
 
     thin: int
     safe: int
@@ -96,9 +110,11 @@ class ThinReferences:
 
 @dataclass(frozen=True, slots=True)
 class PlausibleTo:
-    """Whose drives say how plausible a drive is, where the recorded drivers of the run were asked for.
+    """Whose drives say how plausible a drive is, where the recorded drivers of the run were asked
+    for.
 
-    people: how many recorded drivers the run has in the scenario, with so many drives. least: how many a table needs;
+    people: how many recorded drivers the run has in the scenario, with so many drives.
+    least: how many a table needs;
     instead: the people of the default table who stand in where they are fewer, else None.
     """
 
@@ -123,9 +139,11 @@ class CasesMissing:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceMissing:
-    """Cases of an ADS whose reference could not be evaluated, for reasons that differ in no more than their numbers.
+    """Cases of an ADS whose reference could not be evaluated, for reasons that differ in no more
+    than their numbers.
 
-    who: the reference. reason: of the first of these cases, which is `example`.
+    who: the reference.
+    reason: of the first of these cases, which is `example`.
     """
 
     who: Literal["ideal", "no_reaction"]
@@ -136,7 +154,9 @@ class ReferenceMissing:
 
 @dataclass(frozen=True, slots=True)
 class WorstAndBest:
-    """C, D and S with the missing cases counted as worst and as best; None where nothing is missing."""
+    """C, D and S with the missing cases counted as worst and as best; None where nothing is
+    missing.
+    """
 
     c: tuple[float, float] | None
     d: tuple[float, float] | None
@@ -145,7 +165,10 @@ class WorstAndBest:
 
 @dataclass(frozen=True, slots=True)
 class RequirementMissed:
-    """A requirement of the scenario that some cases miss, of all that were evaluated. name, text: as in its file."""
+    """A requirement of the scenario that some cases miss, of all that were evaluated.
+
+    name, text: as in its file.
+    """
 
     name: str
     text: str
@@ -171,22 +194,30 @@ ScoreNote = (
 
 @dataclass(frozen=True, slots=True)
 class ScenarioResult:
-    """One ADS in one logical scenario: C, D, S, the scores that order ADSs, and what stands beside them.
+    """One ADS in one logical scenario: C, D, S, the scores that order ADSs, and what stands beside
+    them.
 
-    c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`. s None: neither C nor D.
-    task_share T and s_plus S+ (None where there is no safe point), avoided_share A (w = r) and its grade
-    avoidance_grade A', avoided_share_exposure (w = p), regret m/s, human_likeness H (None: see `h_reason`); None where
-    nothing could be evaluated. a_points and h_points: T A' a and T A' b H, the terms of S+. departures, gave_up:
-    numbers of such cases. task_reference: the reference car of T; "": the run holds none, and T has the drivers alone.
+    c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`. s
+    None: neither C nor D. task_share T and s_plus S+ (None where there is no safe point),
+    avoided_share A (w = r) and its grade avoidance_grade A', avoided_share_exposure (w = p), regret
+    m/s, human_likeness H (None: see `h_reason`); None where nothing could be evaluated.
 
-    collisions = avoidable_collisions (the ideal vehicle avoids) + unavoidable_collisions (it collides as well) + those
-    whose ideal vehicle could not be evaluated. caused_collisions: the avoidable ones that doing nothing avoids too.
+    a_points and h_points: T A' a and T A' b H, the terms of S+.
+    departures, gave_up: numbers of such cases.
+    task_reference: the reference car of T; "": the run holds none, and T has the drivers alone.
 
-    <name>_interval: the 95 % interval of each score, from the points, the drivers and the collisions that were not seen
-    (`sumo_eval.scoring.confidence.intervals`), each end moved to where the score lies when the cases that could not be
-    evaluated are counted as worst and as best (the worst of a missing safe case is a collision: then S has no D). None
-    where there are fewer than two evaluated cases, and nothing is missing. half_widths_by_source: of S and S+ by points
-    (`cases`) and by drivers alone.
+    collisions = avoidable_collisions (the ideal vehicle avoids) + unavoidable_collisions (it
+    collides as well) + those whose ideal vehicle could not be evaluated.
+
+    caused_collisions: the avoidable ones that doing nothing avoids too.
+
+    <name>_interval: the 95 % interval of each score, from the points, the drivers and the
+    collisions that were not seen (`sumo_eval.scoring.confidence.intervals`), each end moved to
+    where the score lies when the cases that could not be evaluated are counted as worst and as best
+    (the worst of a missing safe case is a collision: then S has no D). None where there are fewer
+    than two evaluated cases, and nothing is missing.
+
+    half_widths_by_source: of S and S+ by points (`cases`) and by drivers alone.
     """
 
     ads: str
@@ -238,7 +269,9 @@ class ScenarioResult:
 
     @property
     def nobody_compared(self) -> bool:
-        """Whether the scenario has nobody to compare an ADS with, so that there is no D and no H for anybody in it."""
+        """Whether the scenario has nobody to compare an ADS with, so that there is no D and no H
+        for anybody in it.
+        """
         return self.h_reason == NotComputed("no_drivers")
 
     def _repr_html_(self) -> str:
@@ -251,8 +284,8 @@ class ScenarioResult:
 class ZoneResult:
     """The partition of one logical scenario.
 
-    boundary_error: share of the possible points on the wrong side of the exact zone; boundary_error_box: the same over
-    the whole box of parameters, impossible points included.
+    boundary_error: share of the possible points on the wrong side of the exact zone;
+    boundary_error_box: the same over the whole box of parameters, impossible points included.
     """
 
     scenario: str
@@ -268,9 +301,11 @@ class ZoneResult:
 
 @dataclass(frozen=True, slots=True)
 class RankedAds:
-    """An ADS in the order of an evaluation. s_plus: the mean over its scenarios by their weights, with its interval;
-    None, like place, where a scenario that weighs and has a task has no S+ of it. a_points, h_points: its two terms, T
-    A' a and T A' b H.
+    """An ADS in the order of an evaluation.
+
+    s_plus: the mean over its scenarios by their weights, with its interval; None, like place, where
+        a scenario that weighs and has a task has no S+ of it.
+    a_points, h_points: its two terms, T A' a and T A' b H.
     """
 
     ads: str
@@ -283,8 +318,10 @@ class RankedAds:
 
 @dataclass(frozen=True, slots=True)
 class RankedPair:
-    """S+ of one ADS less that of another that does not stand above it. interval: of the difference, both over the same
-    points and drivers. told_apart: whether it leaves out 0. None: one of both has no interval.
+    """S+ of one ADS less that of another that does not stand above it.
+
+    interval: of the difference, both over the same points and drivers.
+    told_apart: whether it leaves out 0. None: one of both has no interval.
     """
 
     above: str
@@ -301,11 +338,16 @@ class RankedPair:
 
 @dataclass(frozen=True, slots=True)
 class Ranking:
-    """ADSs in the order of S+ over all scenarios; neighbours that cannot be told apart share a place.
+    """ADSs in the order of S+ over all scenarios; neighbours that cannot be told apart share a
+    place.
 
-    weights: of every scenario. level: of the intervals. pairs: all, by the order of `ads`. without_people: scenarios
-    that weigh and in which nobody is there to compare with: there H counts 0. without_task: scenarios that weigh and
-    have no safe point, so no S+: they have no part in the order.
+    weights: of every scenario.
+    level: of the intervals.
+    pairs: all, by the order of `ads`.
+    without_people: scenarios that weigh and in which nobody is there to compare with: there H
+        counts 0.
+    without_task: scenarios that weigh and have no safe point, so no S+: they have no part in the
+        order.
     """
 
     weights: Mapping[str, float]
@@ -329,8 +371,9 @@ class Ranking:
 class Evaluation:
     """A scored run.
 
-    cases: of every ADS in every scenario, read from the run's folder when they are asked for. ranking: None where there
-    is no order of its ADSs. scenarios: the logical scenarios by name.
+    cases: of every ADS in every scenario, read from the run's folder when they are asked for.
+    ranking: None where there is no order of its ADSs.
+    scenarios: the logical scenarios by name.
     """
 
     name: str
@@ -347,7 +390,8 @@ class Evaluation:
     scenarios: Mapping[str, LogicalScenario] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cases", CaseTable.of(self.cases))  # records may be given in its place
+        # records may be given in its place
+        object.__setattr__(self, "cases", CaseTable.of(self.cases))
 
     @property
     def source(self) -> Path:
@@ -369,7 +413,8 @@ class Evaluation:
         return sum(score.not_evaluated for score in self.scores)
 
     def exposure_known(self, scenario: str | None = None) -> bool:
-        """Whether somebody declared or measured how often the concrete scenarios of one scenario, or of any, are met.
+        """Whether somebody declared or measured how often the concrete scenarios of one scenario,
+        or of any, are met.
 
         Else a mean over them is one over the points, and no share of encounters.
         """
@@ -390,7 +435,9 @@ class Evaluation:
 
     def score(self, ads: str, scenario: str) -> ScenarioResult:
         """The result of one ADS in one scenario."""
-        return next(score for score in self.scores if (score.ads, score.scenario) == (ads, scenario))
+        return next(
+            score for score in self.scores if (score.ads, score.scenario) == (ads, scenario)
+        )
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -398,5 +445,7 @@ class Evaluation:
         return table
 
     def plot(self) -> Any:
-        """S+ of every ADS with its interval as a figure of matplotlib, which the extra `plots` brings."""
+        """S+ of every ADS with its interval as a figure of matplotlib, which the extra `plots`
+        brings.
+        """
         return load_object(_PICTURE, None, "Picture")(self)

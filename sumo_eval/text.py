@@ -1,6 +1,8 @@
-"""Text from outside - exceptions, tracebacks, logs, names, cells - made fit to be kept, sent and shown.
+"""Text from outside - exceptions, tracebacks, logs, names, cells - made fit to be kept, sent and
+shown.
 
-`clean` is the one function for that. It is called where a text is made, so that no more of it travels than is kept.
+`clean` is the one function for that. It is called where a text is made, so that no more of it
+travels than is kept.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ SENTENCE: Final = 500
 """Characters that are kept of an error's sentence: one or two lines of a table."""
 
 WORDS: Final = 300
-"""Characters that are kept of an exception's own words, so that the sentence around them is kept whole."""
+"""Characters that are kept of an exception's own words, so that the sentence around them is kept
+whole."""
 
 LOG: Final = 16_000
 """Characters that are kept of a log: its beginning and its end."""
@@ -27,17 +30,19 @@ _MARK_ROOM: Final = 40  # characters of `_LEFT_OUT` with its number and what sta
 _UNFIT: Final = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # controls, escape among them; tab and line feed are kept
     "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"  # what turns the direction of writing
-    "\u2028\u2029\ufeff\ufffe\uffff\ud800-\udfff]"  # line ends of Unicode's own, no characters, halves of characters
+    # line ends of Unicode's own, no characters, halves of characters
+    "\u2028\u2029\ufeff\ufffe\uffff\ud800-\udfff]"
 )
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
 def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:
-    """Text from outside with what harms replaced visibly, by its number in hexadecimal, at most `most` characters long.
+    """Text from outside with what harms replaced visibly, by its number in hexadecimal, at most
+    `most` characters long.
 
-    What is longer says how many characters are left out: behind its beginning, with `lines` between beginning and end.
-    Without `lines` it becomes one line. Cleaning what is clean changes nothing.
+    What is longer says how many characters are left out: behind its beginning, with `lines` between
+    beginning and end. Without `lines` it becomes one line. Cleaning what is clean changes nothing.
     """
     whole = str.__len__(text)
     begin, end = (most, most) if lines else (most, 0)
@@ -46,14 +51,18 @@ def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:
     else:  # what is cut anyway is not looked through
         head = str.__getitem__(text, slice(0, begin))
         tail = str.__getitem__(text, slice(whole - end, whole))
-        fit, left_out = _replaced(head, lines=lines) + _replaced(tail, lines=lines), whole - begin - end
+        fit, left_out = (
+            _replaced(head, lines=lines) + _replaced(tail, lines=lines),
+            whole - begin - end,
+        )
     if len(fit) <= most and not left_out:
         return fit
     room = max(most - _MARK_ROOM, 0)
     if not lines:
         return f"{fit[:room].rstrip()} … {_LEFT_OUT.format(left_out + len(fit) - room)}"
     half = room // 2
-    return f"{fit[:half]}\n{_LEFT_OUT.format(left_out + len(fit) - 2 * half)}\n{fit[len(fit) - half :]}"
+    gap = _LEFT_OUT.format(left_out + len(fit) - 2 * half)
+    return f"{fit[:half]}\n{gap}\n{fit[len(fit) - half :]}"
 
 
 def without_numbers(text: str) -> str:
@@ -80,10 +89,13 @@ def _replaced(text: str, *, lines: bool) -> str:
 
 
 def words_of(value: object, most: int = WORDS) -> str:
-    """What an exception, or any other object of a user's, says of itself, cleaned; whatever its `__str__` does."""
+    """What an exception, or any other object of a user's, says of itself, cleaned; whatever its
+    `__str__` does.
+    """
     try:
         return clean(str(value), most)
-    except BaseException as error:  # noqa: BLE001 - `__str__` is the user's code
+    # `__str__` is the user's code
+    except BaseException as error:  # noqa: BLE001
         return f"(its text cannot be had: __str__ raised {kind_of(error)})"
 
 
@@ -91,7 +103,8 @@ def shown(value: object) -> str:
     """`repr` of anything, cleaned and cut; whatever its `__repr__` does."""
     try:
         return clean(repr(value), WORDS)
-    except BaseException as error:  # noqa: BLE001 - `__repr__` is the user's code; an int may have too many digits
+    # `__repr__` is the user's code; an int may have too many digits
+    except BaseException as error:  # noqa: BLE001
         return f"({kind_of(value)} that cannot be shown: {kind_of(error)})"
 
 
@@ -104,12 +117,16 @@ def traceback_of(error: BaseException) -> str:
     """The traceback of an exception as text for a log."""
     try:
         return clean_log("".join(traceback.format_exception(error)))
-    except BaseException as fault:  # noqa: BLE001 - an exception's attributes are the user's, and memory may be short
+    # an exception's attributes are the user's, and memory may be short
+    except BaseException as fault:  # noqa: BLE001
         return f"(the traceback of {kind_of(error)} cannot be had: {kind_of(fault)})\n"
 
 
 def cell(value: Any) -> Any:
-    """A value for a cell of a CSV file. Text that a spreadsheet would run as a formula gets a `'` before it."""
+    """A value for a cell of a CSV file.
+
+    Text that a spreadsheet would run as a formula gets a `'` before it.
+    """
     if isinstance(value, str) and value.startswith(_FORMULA) and not _is_number(value):
         return f"'{value}"
     return value

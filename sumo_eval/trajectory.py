@@ -1,7 +1,8 @@
 """What the two halves exchange: SUMO makes trajectories, the paper's equations read them.
 
-Positions are the vehicle's centre in road coordinates: x along the road, y to the left, y = 0 on the centre line of the
-right-hand lane. Headings are mathematical (0 along the road, counter-clockwise positive). SI units throughout.
+Positions are the vehicle's centre in road coordinates: x along the road, y to the left, y = 0 on
+the centre line of the right-hand lane. Headings are mathematical (0 along the road,
+counter-clockwise positive). SI units throughout.
 """
 
 from __future__ import annotations
@@ -38,9 +39,10 @@ CHANNELS = ("time", "x", "y", "heading", "speed", "acceleration", "steering_whee
 class Trajectory:
     """One vehicle's motion: every channel is an (n,) array, `time` strictly increasing.
 
-    time s; x, y m, the vehicle's centre; heading rad; speed m/s; acceleration m/s2 along the heading;
-    steering_wheel_angle rad, nan where it is not known. Heading, speed and acceleration that are not given are
-    derived by central differences (a standing vehicle keeps its last heading). `length` and `width` are the body's, m.
+    time s; x, y m, the vehicle's centre; heading rad; speed m/s; acceleration m/s2 along the
+    heading; steering_wheel_angle rad, nan where it is not known. Heading, speed and acceleration
+    that are not given are derived by central differences (a standing vehicle keeps its last
+    heading). `length` and `width` are the body's, m.
     """
 
     time: FloatArray
@@ -68,14 +70,26 @@ class Trajectory:
     ) -> None:
         times = np.asarray(time, dtype=np.float64)
         if times.ndim != 1 or times.size == 0:
-            raise InputError(f"`time` of a Trajectory must be a non-empty (n,) array, got shape {times.shape}.")
+            raise InputError(
+                f"`time` of a Trajectory must be a non-empty (n,) array, got shape {times.shape}."
+            )
         if not np.isfinite(times).all() or (times[1:] <= times[:-1]).any():
             raise InputError("`time` of a Trajectory must be finite and strictly increasing.")
         n = times.size
         xs, ys = _channel("x", x, n), _channel("y", y, n)
-        speeds = _channel("speed", speed, n) if speed is not None else np.hypot(_rate(xs, times), _rate(ys, times))
-        headings = _channel("heading", heading, n) if heading is not None else _course(xs, ys, times)
-        rates = _channel("acceleration", acceleration, n) if acceleration is not None else _rate(speeds, times)
+        speeds = (
+            _channel("speed", speed, n)
+            if speed is not None
+            else np.hypot(_rate(xs, times), _rate(ys, times))
+        )
+        headings = (
+            _channel("heading", heading, n) if heading is not None else _course(xs, ys, times)
+        )
+        rates = (
+            _channel("acceleration", acceleration, n)
+            if acceleration is not None
+            else _rate(speeds, times)
+        )
         angles = np.full(n, np.nan)
         if steering_wheel_angle is not None:
             angles = _channel("steering_wheel_angle", steering_wheel_angle, n, nan_allowed=True)
@@ -83,7 +97,8 @@ class Trajectory:
 
     @classmethod
     def of_block(cls, block: FloatArray, *, length: float, width: float) -> Trajectory:
-        """From one (7, n) array that holds every channel, in the order of `CHANNELS`, and that nobody else changes.
+        """From one (7, n) array that holds every channel, in the order of `CHANNELS`, and that
+        nobody else changes.
 
         Checks what the constructor does, in a fifth of its time.
         """
@@ -119,10 +134,14 @@ class Trajectory:
 def _channel(name: str, values: ArrayLike, n: int, *, nan_allowed: bool = False) -> FloatArray:
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (n,):
-        raise InputError(f"`{name}` of a Trajectory must have the shape of `time` ({n},), got {array.shape}.")
+        raise InputError(
+            f"`{name}` of a Trajectory must have the shape of `time` ({n},), got {array.shape}."
+        )
     if not nan_allowed and not np.isfinite(array).all():
         bad = int(np.argmin(np.isfinite(array)))
-        raise InputError(f"`{name}` of a Trajectory must be finite, got {array[bad]} at sample {bad}.")
+        raise InputError(
+            f"`{name}` of a Trajectory must be finite, got {array[bad]} at sample {bad}."
+        )
     return array
 
 
@@ -131,7 +150,9 @@ def _rate(values: FloatArray, time: FloatArray) -> FloatArray:
 
 
 def _course(x: FloatArray, y: FloatArray, time: FloatArray) -> FloatArray:
-    """Direction of motion, rad; a standing vehicle keeps the last direction it moved in (0 if it never moved)."""
+    """Direction of motion, rad; a standing vehicle keeps the last direction it moved in (0 if it
+    never moved).
+    """
     vx, vy = _rate(x, time), _rate(y, time)
     moving = np.hypot(vx, vy) > 0.01
     course = np.arctan2(vy, vx)
@@ -145,9 +166,9 @@ def _course(x: FloatArray, y: FloatArray, time: FloatArray) -> FloatArray:
 class Collision:
     """First contact of the ego's body with another's, located within the step.
 
-    time s; other, the actor's name; velocities (vx, vy) m/s in the road frame at contact; overlap, the share of the
-    ego's bumper width that faces the other body, 0..1; side, where on the ego it was hit; positions (x, y, heading)
-    of both centres at contact.
+    time s; other, the actor's name; velocities (vx, vy) m/s in the road frame at contact; overlap,
+    the share of the ego's bumper width that faces the other body, 0..1; side, where on the ego it
+    was hit; positions (x, y, heading) of both centres at contact.
     """
 
     time: float
@@ -163,13 +184,18 @@ class Collision:
     def relative_speed(self) -> float:
         """|v_ego - v_other| at contact, m/s."""
         return float(
-            np.hypot(self.ego_velocity[0] - self.other_velocity[0], self.ego_velocity[1] - self.other_velocity[1])
+            np.hypot(
+                self.ego_velocity[0] - self.other_velocity[0],
+                self.ego_velocity[1] - self.other_velocity[1],
+            )
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """A request that a limit or a check did not let through as it was: what, how often, first when, the worst."""
+    """A request that a limit or a check did not let through as it was: what, how often, first when,
+    the worst.
+    """
 
     what: str
     count: int
@@ -192,33 +218,43 @@ AloneReason = Literal[
 ]
 
 _ALONE: dict[AloneReason, str] = {
-    "on_traci": "The ADS needs the simulation to itself (TraCI code, a listener, a program, an FMU or a model of "
+    "on_traci": "The ADS needs the simulation to itself (TraCI code, a listener, a program, an "
+    "FMU or a model of "
     "SUMO's).",
     "one_object": "The ADS is one object for all cases, and may hold something of each.",
-    "not_together": "The case or its settings allow no company (its road's network, its conditions, its vehicle "
+    "not_together": "The case or its settings allow no company (its road's network, its "
+    "conditions, its vehicle "
     "model).",
     "asks_sumo": "Its ADS asks SUMO, which then has to hold its case alone.",
     "batch": "The ADS's numbers depend on which cases are driven together.",
-    "draws": "The ADS draws from the global random generators, so that its cases have to follow one another.",
+    "draws": "The ADS draws from the global random generators, so that its cases have to follow "
+    "one another.",
     "together_failed": "Cases that were driven together failed: {}.",
     "pack_lost": "Its pack was lost. {}",
-    "block_lost": "The block of cases that its policy over arrays drives together was lost, so the policy was shown "
+    "block_lost": "The block of cases that its policy over arrays drives together was lost, so "
+    "the policy was shown "
     "this case alone, which may change the last bits of its answers. {}",
-    "late": "It was too late in its first step, or while no processor worked on it (a loaded machine, an ADS that "
+    "late": "It was too late in its first step, or while no processor worked on it (a loaded "
+    "machine, an ADS that "
     "waits), so it was driven once more with no other case. {}",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Alone:
-    """Why a case has to be driven alone. detail: what failed, in its own words; empty where the reason says it all."""
+    """Why a case has to be driven alone.
+
+    detail: what failed, in its own words; empty where the reason says it all.
+    """
 
     why: AloneReason
     detail: str = ""
 
     @property
     def by_nature(self) -> bool:
-        """Whether such cases are driven alone whatever happens in them; else something went wrong."""
+        """Whether such cases are driven alone whatever happens in them; else something went
+        wrong.
+        """
         return self.why not in ("together_failed", "pack_lost", "block_lost", "late")
 
     def __str__(self) -> str:
@@ -241,7 +277,9 @@ class Latency(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One simulated case: what every vehicle did, whether the ego hit anything, and why the run ended."""
+    """One simulated case: what every vehicle did, whether the ego hit anything, and why the run
+    ended.
+    """
 
     ego: Trajectory
     actors: dict[str, Trajectory]

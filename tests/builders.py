@@ -35,8 +35,11 @@ DRIVERS = 3
 ERROR = "RuntimeError: </script><b>lost the lane</b>"
 
 
-def drive(x: float, y: float, speed: float, seconds: float, *, offset: float = 0.0, braking: float = 0.0) -> Trajectory:
-    """From (x, y), slowing down by `braking` m/s2 and moving `offset` m to the left; the end is off the 0.1 s grid."""
+def drive(
+    x: float, y: float, speed: float, seconds: float, *, offset: float = 0.0, braking: float = 0.0
+) -> Trajectory:
+    """From (x, y), slowing down by `braking` m/s2 and moving `offset` m to the left; the end is off
+    the 0.1 s grid."""
     time = np.append(np.arange(0.0, seconds, 0.1), seconds + 0.037)
     speeds = np.maximum(speed - braking * time, 0.0)
     along = x + np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time))])
@@ -47,8 +50,8 @@ def evaluation(folder: Path, partitions: dict[str, ZonePartition]) -> Evaluation
     """Two scenarios of three levels an axis, two ADSs.
 
     calm: 0.5 m to the left; hits in the hazardous zone only; one case crashed and has no recording.
-    HOSTILE: hits in the safe zone of the cut-out, so it has no D there; one case of the other scenario has an error.
-    """
+    HOSTILE: hits in the safe zone of the cut-out, so it has no D there; one case of the other
+        scenario has an error."""
     settings = EvaluationSettings(
         name="made <by> hand",
         scenario=tuple(ScenarioSettings(name, SamplingSettings(levels=3)) for name in SCENARIOS),
@@ -69,7 +72,9 @@ def evaluation(folder: Path, partitions: dict[str, ZonePartition]) -> Evaluation
             for ads in (CALM, HOSTILE):
                 rows = [
                     _case(store, number, concrete, ads, "hazardous" if dangerous else "safe")
-                    for number, (concrete, dangerous) in enumerate(zip(concretes, hazardous, strict=True))
+                    for number, (concrete, dangerous) in enumerate(
+                        zip(concretes, hazardous, strict=True)
+                    )
                 ]
                 cases += rows
                 scores.append(_score(ads, name, rows))
@@ -95,14 +100,23 @@ def evaluation(folder: Path, partitions: dict[str, ZonePartition]) -> Evaluation
     }
     spaces = {name: catalogue.load(name) for name in SCENARIOS}
     return Evaluation(
-        settings.name, folder, settings, manifest, tuple(zones), tuple(scores), tuple(cases), scenarios=spaces
+        settings.name,
+        folder,
+        settings,
+        manifest,
+        tuple(zones),
+        tuple(scores),
+        tuple(cases),
+        scenarios=spaces,
     )
 
 
 def _record_drivers(store: Store, number: int, concrete: ConcreteScenario) -> None:
     for index in range(DRIVERS):
         start = concrete.ego
-        driven = drive(start.x, 0.1 * index, start.speed - 0.5 * index, 12.0, offset=3.5 if index else 0.0)
+        driven = drive(
+            start.x, 0.1 * index, start.speed - 0.5 * index, 12.0, offset=3.5 if index else 0.0
+        )
         case = Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, DRIVERS)
         store.add(Outcome(case, "ok", Recording(driven, {}, None, "road_end")))
 
@@ -146,25 +160,34 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
     error = ERROR if status == "ads_error" else None
     store.add(Outcome(case, status, recording, error))
     row = replace(
-        row, error=error, end_reason=recording.end_reason, wall_time=0.01, simulated_time=recording.simulated_time,
-        latency_mean=1e-5, latency_max=4e-4, clips="acceleration_rate x3", max_deceleration=0.2, max_jerk=1.5,
+        row, error=error, end_reason=recording.end_reason, wall_time=0.01,
+        simulated_time=recording.simulated_time,
+        latency_mean=1e-5, latency_max=4e-4, clips="acceleration_rate x3", max_deceleration=0.2,
+        max_jerk=1.5,
         plausibility=0.8 if number % 3 else 1.0,
     )  # fmt: skip
     if status in ("ok", "collision"):
         row = replace(
-            row, min_ttc=0.0 if hits else 2.25, min_gap=0.0 if hits else 11.5, max_ittc=None if hits else 0.444
+            row,
+            min_ttc=0.0 if hits else 2.25,
+            min_gap=0.0 if hits else 11.5,
+            max_ittc=None if hits else 0.444,
         )
     if collision is not None:
         return replace(
-            row, collided=True, impact_speed=7.5, overlap=0.75, side="front", severity=10.0, loss=0.7,
-            ideal_severity=0.0 if number % 4 else 4.0, ideal_collided=number % 4 == 0, delta_v=-3.75,
+            row, collided=True, impact_speed=7.5, overlap=0.75, side="front", severity=10.0,
+            loss=0.7,
+            ideal_severity=0.0 if number % 4 else 4.0, ideal_collided=number % 4 == 0,
+            delta_v=-3.75,
             human_likeness=0.0 if zone == "safe" and number % 4 else None,
         )  # fmt: skip
     if zone == "safe" and row.evaluated and not (ads == HOSTILE and cut_out):
         factors = 1.0, 0.5, 0.05 * (number % 10) + 0.5
         return replace(
-            row, index=factors[1] * factors[2], length_factor=factors[0], operation_factor=factors[1],
-            similarity=factors[2], operation_tolerance=0.75, mixture_similarity=0.5 + 0.5 * factors[2],
+            row, index=factors[1] * factors[2], length_factor=factors[0],
+            operation_factor=factors[1],
+            similarity=factors[2], operation_tolerance=0.75,
+            mixture_similarity=0.5 + 0.5 * factors[2],
             human_likeness=factors[0] * 0.75 * (0.5 + 0.5 * factors[2]) * row.plausibility,
             index_note=(IndexNote("two_groups", number + 3, 1101),),
         )  # fmt: skip
@@ -173,12 +196,15 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
 
 def _empty(case: Case, zone: str, status: str) -> CaseResult:
     return CaseResult(
-        case=case.key, scenario=case.concrete.scenario, ads=case.driver, values=case.concrete.values,
+        case=case.key, scenario=case.concrete.scenario, ads=case.driver,
+        values=case.concrete.values,
         zone=zone,  # type: ignore[arg-type]
         exposure=case.concrete.exposure, status=status, end_reason=None, error=None, wall_time=None,
-        simulated_time=None, latency_mean=None, latency_max=None, collided=False, impact_speed=None, overlap=None,
+        simulated_time=None, latency_mean=None, latency_max=None, collided=False,
+        impact_speed=None, overlap=None,
         side=None, severity=None,
-        loss=None, ideal_severity=0.0, no_reaction_severity=12.0 if zone == "hazardous" else 0.0, weight=None,
+        loss=None, ideal_severity=0.0, no_reaction_severity=12.0 if zone == "hazardous" else 0.0,
+        weight=None,
         beats_ideal=False, index=None, length_factor=None,
         operation_factor=None, similarity=None, index_note=(), clips="",
         task_share=None if zone == "hazardous" else 1.0 if status == "ok" else 0.0,
@@ -201,15 +227,21 @@ def _score(ads: str, scenario: str, rows: list[CaseResult]) -> ScenarioResult:
         d_reason=NotComputed("collisions", safe_hits) if safe_hits else None,
         s=50.0 * c + 50.0 * (d or 0.0), c_points=50.0 * c, d_points=50.0 * (d or 0.0),
         cases=len(rows), safe_cases=sum(row.zone == "safe" for row in rows),
-        hazardous_cases=sum(row.zone == "hazardous" for row in rows), collisions=len(hits), safe_collisions=safe_hits,
+        hazardous_cases=sum(row.zone == "hazardous" for row in rows), collisions=len(hits),
+        safe_collisions=safe_hits,
         avoidable_collisions=sum(row.avoidable for row in hits),
-        unavoidable_collisions=sum(row.unavoidable for row in hits), caused_collisions=sum(row.caused for row in hits),
-        avoided_share=values["avoided_share"], avoided_share_exposure=values["avoided_share_exposure"],
+        unavoidable_collisions=sum(row.unavoidable for row in hits),
+        caused_collisions=sum(row.caused for row in hits),
+        avoided_share=values["avoided_share"],
+        avoided_share_exposure=values["avoided_share_exposure"],
         regret=values["regret"],
         human_likeness=human, h_reason=None if human is not None else NotComputed("no_safe_case"),
         s_plus=values["s_plus"], a_points=plus.a_points, h_points=plus.h_points,
-        task_share=values["task_share"], avoidance_grade=values["avoidance_grade"], task_reference="attentive",
+        task_share=values["task_share"], avoidance_grade=values["avoidance_grade"],
+        task_reference="attentive",
         departures=sum(row.departed for row in rows), gave_up=sum(row.gave_up for row in rows),
-        collision_probability=len(hits) / len(rows), off_road=sum(row.status == "off_road" for row in rows),
-        not_evaluated=sum(not row.evaluated for row in rows), notes=(BeyondRange("<this> score", (("reason", 1),)),),
+        collision_probability=len(hits) / len(rows),
+        off_road=sum(row.status == "off_road" for row in rows),
+        not_evaluated=sum(not row.evaluated for row in rows),
+        notes=(BeyondRange("<this> score", (("reason", 1),)),),
     )  # fmt: skip

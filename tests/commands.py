@@ -1,7 +1,8 @@
 """The command line in this process: a process of its own costs seconds of imports each time.
 
-What a command changes of the process is put back, so that tests pass in any order: the folder, the environment, where
-modules are looked for, the user's modules, who hears signals, warnings, the state of the random generators.
+What a command changes of the process is put back, so that tests pass in any order: the folder, the
+environment, where modules are looked for, the user's modules, who hears signals, warnings, the
+state of the random generators.
 """
 
 from __future__ import annotations
@@ -25,7 +26,11 @@ from click.testing import CliRunner
 from sumo_eval.cli import main
 
 ROOT = Path(__file__).parents[1]
-INSTALLED = (*map(sysconfig.get_path, ("stdlib", "purelib", "platlib")), str(ROOT / "sumo_eval"), str(ROOT / "tests"))
+INSTALLED = (
+    *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")),
+    str(ROOT / "sumo_eval"),
+    str(ROOT / "tests"),
+)
 """Where modules stay loaded; a module from elsewhere is a user's."""
 HEARD = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM, signal.SIGHUP)
 
@@ -54,7 +59,8 @@ def sumo_eval(*arguments: object, cwd: Path | None = None) -> Done:
 
 
 def typed(line: str, cwd: Path | None = None) -> Done:
-    """Run one line as a shell takes it apart: quotes, spaces and comments; `> file` gets what was printed."""
+    """Run one line as a shell takes it apart: quotes, spaces and comments; `> file` gets what was
+    printed."""
     command, _, file = line.partition(" > ")
     program, *words = shlex.split(command, comments=True)
     assert program == "sumo-eval", line
@@ -64,18 +70,31 @@ def typed(line: str, cwd: Path | None = None) -> Done:
     return done
 
 
-def in_a_process(*arguments: object, cwd: Path | None = None, **options: object) -> subprocess.CompletedProcess[str]:
-    """Run one command in a process of its own: for signals, encodings, devices and exit statuses."""
+def in_a_process(
+    *arguments: object, cwd: Path | None = None, **options: object
+) -> subprocess.CompletedProcess[str]:
+    """Run one command in a process of its own: for signals, encodings, devices and exit
+    statuses."""
     words = [sys.executable, "-m", "sumo_eval", *map(str, arguments)]
     # GNU readline, which pytest loads, tells children a width of which os.environ knows nothing.
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": dict(os.environ), **options}
+    pipes = {
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+        "env": dict(os.environ),
+        **options,
+    }
     return subprocess.run(words, cwd=cwd, text=True, timeout=300, check=False, **pipes)  # type: ignore[call-overload, no-any-return]
 
 
 @contextlib.contextmanager
 def as_it_was() -> Iterator[None]:
     """Put back what a command changes of this process."""
-    folder, environment, places, modules = Path.cwd(), dict(os.environ), list(sys.path), set(sys.modules)
+    folder, environment, places, modules = (
+        Path.cwd(),
+        dict(os.environ),
+        list(sys.path),
+        set(sys.modules),
+    )
     handlers = {number: signal.getsignal(number) for number in HEARD}
     drawn, drawn_by_numpy = random.getstate(), np.random.get_state()  # noqa: NPY002 - the generator that users share
     try:

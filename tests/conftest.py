@@ -1,4 +1,5 @@
-"""How all tests run: in which order, on how many cores and examples each, and the run that many of them share."""
+"""How all tests run: in which order, on how many cores and examples each, and the run that many of
+them share."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from hypothesis import settings
 
 STATE = tempfile.TemporaryDirectory(prefix="sumo_eval_state_")
 os.environ["XDG_STATE_HOME"] = STATE.name  # notes on the runs of tests are nobody's
-# Processes whose linear algebra takes all cores wait for each other in circles: together they took twice as long.
+# Processes whose linear algebra takes all cores wait for each other in circles: together they took
+# twice as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything imports numpy
 
 DURATIONS = Path(__file__).with_name("durations.json")
@@ -27,11 +29,16 @@ settings.load_profile("suite")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--shuffle", metavar="SEED", help="files, and the tests of each, in the random order of a seed")
+    parser.addoption(
+        "--shuffle",
+        metavar="SEED",
+        help="files, and the tests of each, in the random order of a seed",
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Let the files that take longest begin first, so that no process waits long for another at the end."""
+    """Let the files that take longest begin first, so that no process waits long for another at the
+    end."""
     seed = config.getoption("shuffle")
     if seed is not None:
         chance = random.Random(seed)  # the same in every test process
@@ -58,20 +65,26 @@ def _standard_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from standard_run import recorded_once  # only where a test asks for it: it imports the package
 
     base = tmp_path_factory.getbasetemp()
-    return recorded_once((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "standard")
+    return recorded_once(
+        (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "standard"
+    )
 
 
 @pytest.fixture
 def standard_run_read_only(_standard_run: Path) -> Iterator[Path]:
-    """The run folder that all tests share (see tests/standard_run.py): a test that changes it fails."""
+    """The run folder that all tests share (see tests/standard_run.py): a test that changes it
+    fails."""
     from standard_run import state
 
     before = state(_standard_run)
     yield _standard_run
-    assert state(_standard_run) == before, "a test of this session wrote to the shared run: use `standard_run`"
+    assert state(_standard_run) == before, (
+        "a test of this session wrote to the shared run: use `standard_run`"
+    )
 
 
 @pytest.fixture
 def standard_run(_standard_run: Path, tmp_path: Path) -> Path:
-    """A copy of the shared run for one test to write to; times of the files are those of the original."""
+    """A copy of the shared run for one test to write to; times of the files are those of the
+    original."""
     return Path(shutil.copytree(_standard_run, tmp_path / "standard_run"))

@@ -10,7 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGES = [path.relative_to(ROOT).as_posix() for path in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])]
+PAGES = [
+    path.relative_to(ROOT).as_posix()
+    for path in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+]
 
 CODE = ("sh", "text", "bash", "yaml", "groovy")
 """Languages of blocks that hold commands."""
@@ -30,7 +33,8 @@ class Block:
         return f"{self.page}:{self.line}"
 
     def commands(self) -> list[list[str]]:
-        """The words behind `sumo-eval` of every command in it, with shell variables as the number 1."""
+        """The words behind `sumo-eval` of every command in it, with shell variables as the number
+        1."""
         text = re.sub(r"\\\n|\n +(?=--)", " ", self.text) if self.language in CODE else ""
         found = re.findall(r"(?<![\w./-])sumo-eval ((?:[^\n'\"&|>]|\"[^\"\n]*\"|'[^'\n]*')+)", text)
         return [words_of(one) for one in found]
@@ -64,7 +68,9 @@ BLOCKS = [block for page in PAGES for block in blocks(page)]
 
 def mentioned(page: str) -> Iterator[list[str]]:
     """The words of every `sumo-eval ...` between backticks in a page's sentences."""
-    text = re.sub(r"^ *```.*?^ *```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.S | re.M)
+    text = re.sub(
+        r"^ *```.*?^ *```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.S | re.M
+    )
     for command in re.findall(r"`sumo-eval ([^`]+)`", text):
         yield words_of(" ".join(command.split()).split(" > ")[0])
 
@@ -106,27 +112,41 @@ def as_a_shell(folder: Path, pattern: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Desk:
-    """A folder with what a reader of a page has at hand, and a small run that stands in for the page's."""
+    """A folder with what a reader of a page has at hand, and a small run that stands in for the
+    page's."""
 
     folder: Path
     run: Path
 
     def lay_out(self) -> None:
-        """The files that the pages' blocks are saved as, and the small evaluation under its name."""
+        """The files that the pages' blocks are saved as, and the small evaluation under its
+        name."""
         (self.folder / "evaluation.toml").write_text(EVALUATION)
-        (self.folder / "gate.toml").write_text(code_of("docs/tutorials/a_night.md", "new_collisions"))
-        (self.folder / "lorry.toml").write_text(code_of("docs/tutorials/own_scenario.md", "[[parameter]]"))
+        (self.folder / "gate.toml").write_text(
+            code_of("docs/tutorials/a_night.md", "new_collisions")
+        )
+        (self.folder / "lorry.toml").write_text(
+            code_of("docs/tutorials/own_scenario.md", "[[parameter]]")
+        )
         texts = [
-            (ROOT / "docs" / "examples" / name).read_text(encoding="utf-8") for name in ("my_ads.py", "ten_line_acc.py")
+            (ROOT / "docs" / "examples" / name).read_text(encoding="utf-8")
+            for name in ("my_ads.py", "ten_line_acc.py")
         ]
         (self.folder / "my_ads.py").write_text("\n\n".join(texts), encoding="utf-8")
 
     def stand_in(self, words: list[str]) -> list[str]:
-        """A command as it is run here: placeholders filled, a small evaluation for a dear one, folders made ready."""
+        """A command as it is run here: placeholders filled, a small evaluation for a dear one,
+        folders made ready."""
         words = [CASE if word == "CASE" else word for word in words if word != "--open"]
-        words = [path for word in words for path in (as_a_shell(self.folder, word) if "*" in word else [word])]
+        words = [
+            path
+            for word in words
+            for path in (as_a_shell(self.folder, word) if "*" in word else [word])
+        ]
         if words[0] in READS_A_RUN:
-            for number, word in enumerate(words[1:3] if words[0] == "compare" else words[1:2], start=1):
+            for number, word in enumerate(
+                words[1:3] if words[0] == "compare" else words[1:2], start=1
+            ):
                 if not (self.folder / word).exists():
                     shutil.copytree(self.run, self.folder / word)
                 words[number] = word

@@ -24,8 +24,13 @@ def small(
     steps: Mapping[str, float] | None = None,
     **more: Any,
 ) -> EvaluationSettings:
-    """So many levels an axis, or `steps`. ads: controllers by name, or controllers that are called like themselves."""
-    sampling = SamplingSettings(levels=levels) if steps is None else SamplingSettings(steps=dict(steps))
+    """So many levels an axis, or `steps`.
+
+    ads: controllers by name, or controllers that are called like themselves.
+    """
+    sampling = (
+        SamplingSettings(levels=levels) if steps is None else SamplingSettings(steps=dict(steps))
+    )
     named = ads if isinstance(ads, Mapping) else {controller: controller for controller in ads}
     return EvaluationSettings(
         "small",

@@ -1,4 +1,5 @@
-"""The files that the examples of `--help` and of the docs name, each as small as its command takes it."""
+"""The files that the examples of `--help` and of the docs name, each as small as its command takes
+it."""
 
 from __future__ import annotations
 
@@ -40,7 +41,8 @@ refinements = 0
 grid_points = 1000
 """
 CASES = "ego_speed,cut_in_speed,gap,lateral_speed\n" + "".join(
-    f"{20 + number % 9},{12 + number % 5},{30 + 7 * number},{0.8 + 0.1 * (number % 3):.1f}\n" for number in range(8)
+    f"{20 + number % 9},{12 + number % 5},{30 + 7 * number},{0.8 + 0.1 * (number % 3):.1f}\n"
+    for number in range(8)
 )
 """So many points that `cut_in-0007-idm` is a case."""
 
@@ -80,7 +82,8 @@ def write_people(folder: Path, name: str = "people.csv.gz") -> None:
 
 @functools.cache
 def people() -> bytes:
-    """Return people.csv.gz: enough planted cut-ins to learn from; vehicle 17 drives from 60 s to 84 s."""
+    """Return people.csv.gz: enough planted cut-ins to learn from; vehicle 17 drives from 60 s to 84
+    s."""
     with tempfile.TemporaryDirectory() as place:
         source, table = Path(place) / "fcd.csv", Path(place) / "people.csv.gz"
         planted(source, 32, 28.0, 6)
@@ -91,10 +94,12 @@ def people() -> bytes:
 
 
 def write_highd(folder: Path) -> None:
-    """Write two cars of a highD recording, 4 s at 25 Hz, one behind the other on the lower lanes."""
+    """Write two cars of a highD recording, 4 s at 25 Hz, one behind the other on the lower
+    lanes."""
     folder.mkdir(parents=True)
     tracks = [
-        {"frame": frame, "id": number, "x": place + 30.0 * frame / 25.0, "y": 21.0, "width": 4.5, "height": 1.8,
+        {"frame": frame, "id": number, "x": place + 30.0 * frame / 25.0, "y": 21.0, "width": 4.5,
+            "height": 1.8,
          "xVelocity": 30.0, "yVelocity": 0.0, "xAcceleration": 0.0, "yAcceleration": 0.0}
         for number, place in ((1, 0.0), (2, 60.0))
         for frame in range(1, 101)
@@ -144,7 +149,9 @@ def write_scene_run(folder: Path) -> None:
     """Drive a recorded scene into results/scene."""
     write_people(folder)
     made("sumo-eval humans scene people.csv.gz --ego 17 --react IDM --out driven.toml", folder)
-    scene = SMALL.replace('"front_vehicle_low_speed"', '"driven.toml"').replace("[scenario.sampling]\nlevels = 2\n", "")
+    scene = SMALL.replace('"front_vehicle_low_speed"', '"driven.toml"').replace(
+        "[scenario.sampling]\nlevels = 2\n", ""
+    )
     (folder / "of_a_scene.toml").write_text(scene)
     made("sumo-eval run of_a_scene.toml --out results/scene", folder)
 

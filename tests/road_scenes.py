@@ -25,7 +25,9 @@ def advance(
     """The state one `step` (s) later and every limit that the command ran into; see `move`."""
     clips: Any = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
     x, y, heading, speed, acceleration, wheel = state
-    ego = SimpleNamespace(x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, steering=wheel, time=0.0)
+    ego = SimpleNamespace(
+        x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, steering=wheel, time=0.0
+    )
     move(ego, ego, command.acceleration, command.steering, limits, step, clips)
     met = zip(LIMITED, clips, strict=True)
     after = EgoState(ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering)
@@ -33,7 +35,8 @@ def advance(
 
 
 class Mover(SimpleNamespace):
-    """A vehicle as a rule sees it, outside of any loop: the fields of a `MOVER` record, and a name."""
+    """A vehicle as a rule sees it, outside of any loop: the fields of a `MOVER` record, and a
+    name."""
 
     @property
     def speed(self) -> float:
@@ -61,16 +64,21 @@ def mover(name: str, x: float, y: float = 0.0, along: float = 20.0, across: floa
 
 
 def fresh(layout: Any) -> Any:
-    """A record as a rule finds it at the start: nothing is known (nan), nothing has happened (0)."""
+    """A record as a rule finds it at the start: nothing is known (nan), nothing has happened
+    (0)."""
     dtype = np.dtype(layout)
     found = SimpleNamespace()
     for name in dtype.names:
         inner = dtype[name]
-        setattr(found, name, fresh(inner) if inner.names else (math.nan if inner == np.float64 else 0))
+        setattr(
+            found, name, fresh(inner) if inner.names else (math.nan if inner == np.float64 else 0)
+        )
     return found
 
 
-def case(*actors: Actor, speed: float = 20.0, road: Road = ROAD, **values: float) -> ConcreteScenario:
+def case(
+    *actors: Actor, speed: float = 20.0, road: Road = ROAD, **values: float
+) -> ConcreteScenario:
     """The ego at x = 50 m on the right lane at `speed` m/s, and the given others."""
     return ConcreteScenario("test", values, 1.0, road, Start(50.0, 0.0, speed), actors)
 
@@ -83,7 +91,9 @@ def actor(name: str, gap: float, speed: float, y: float = 0.0) -> Actor:
 def drawn_cases(name: str, count: int, seed: int) -> list[ConcreteScenario]:
     """Concrete scenarios at possible points of a shipped scenario, drawn at random."""
     logical = catalogue.load(name)
-    points = logical.from_shares(np.random.default_rng(seed).random((8 * count, len(logical.names))))
+    points = logical.from_shares(
+        np.random.default_rng(seed).random((8 * count, len(logical.names)))
+    )
     return list(logical.concretes(points[logical.feasible(points)][:count]))
 
 
@@ -98,7 +108,11 @@ def peak_inverse_ttc(logical: LogicalScenario, points: np.ndarray) -> np.ndarray
     """Max ITTC of the points at 5 m/s2, 1/s, in closed form: below 0.7 lies the exact safe zone."""
     approach = logical.approach(logical.columns(points))
     return max_inverse_ttc(
-        approach.ego_speed, approach.obstacle_speed, approach.gap, deceleration=5.0, delay=approach.delay
+        approach.ego_speed,
+        approach.obstacle_speed,
+        approach.gap,
+        deceleration=5.0,
+        delay=approach.delay,
     )
 
 
@@ -120,7 +134,8 @@ def cut_outs_at_the_edge(count: int, seed: int) -> list[ConcreteScenario]:
     logical = catalogue.load("front_vehicle_cut_out")
     rng = np.random.default_rng(seed)
     points = logical.from_unit(rng.random((40_000, len(logical.parameters))))
-    points = points[logical.feasible(points) & (points[:, 1] > 4.0)]  # slower obstacles take minutes to follow
+    # slower obstacles take minutes to follow
+    points = points[logical.feasible(points) & (points[:, 1] > 4.0)]
     safe = peak_inverse_ttc(logical, points) < 0.7
     hazardous_if_nearer = peak_inverse_ttc(logical, points * np.array([1.0, 1.0, 0.95])) >= 0.7
     return list(logical.concretes(points[safe & hazardous_if_nearer][:count]))

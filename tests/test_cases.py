@@ -22,7 +22,8 @@ FLAGS = ("evaluated", "avoidable", "unavoidable", "caused", "voids_index", "coun
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> list[CaseResult]:
-    """Every combination of what the rules look at, of one scenario and ADS; a text in some rows alone."""
+    """Every combination of what the rules look at, of one scenario and ADS; a text in some rows
+    alone."""
     spaces = {name: partition(catalogue.load(name)) for name in builders.SCENARIOS}
     row = builders.evaluation(tmp_path_factory.mktemp("rows") / "hand", spaces).cases[0]
     every = product(
@@ -48,12 +49,21 @@ def test_flags_of_a_table_are_those_of_its_records(rows: list[CaseResult]) -> No
     assert not len(CaseTable.of([]).avoidable)
 
 
-def test_law_columns_and_records_are_the_same_whatever_the_chunks(rows: list[CaseResult], tmp_path: Path) -> None:
+def test_law_columns_and_records_are_the_same_whatever_the_chunks(
+    rows: list[CaseResult], tmp_path: Path
+) -> None:
     writer = RowWriter(KeptResults(tmp_path), b"key")
     for first in range(0, len(rows), 100):
         writer.add(rows[first : first + 100])
     kept, held = writer.rows(rows[0].ads, rows[0].scenario), CaseTable.of(rows)
-    for name in ("case", "status", "ideal_severity", "requirements_missed", "collided", "index_note"):
+    for name in (
+        "case",
+        "status",
+        "ideal_severity",
+        "requirements_missed",
+        "collided",
+        "index_note",
+    ):
         np.testing.assert_array_equal(getattr(kept, name), getattr(held, name))
     assert list(kept) == list(held) == rows
     assert kept[-1] == kept[np.intp(len(rows) - 1)] == rows[-1]
@@ -71,7 +81,8 @@ def test_law_columns_and_records_are_the_same_whatever_the_chunks(rows: list[Cas
 def test_rows_come_back_as_they_were(rows: list[CaseResult]) -> None:
     odd = [
         replace(
-            rows[0], severity=-0.0, error="a ü\ud800 line\n", index_note=(IndexNote("two_groups", 3, 7),),
+            rows[0], severity=-0.0, error="a ü\ud800 line\n",
+            index_note=(IndexNote("two_groups", 3, 7),),
             reference_note=ThinReference(1, 5, None), values={"a b": 1.5, "c": 2.0},
         ),
         replace(rows[1], values={"a b": 0.1 + 0.2, "c": float("inf")}, index=None),
@@ -79,11 +90,15 @@ def test_rows_come_back_as_they_were(rows: list[CaseResult]) -> None:
     for some in (odd, odd[:1], [*odd, *rows[:2]]):
         assert list(CaseTable.of(some)) == some
     assert str(CaseTable.of(odd)[0].severity) == "-0.0"
-    np.testing.assert_array_equal(CaseTable.of(odd).parameters(["c", "a b"]), [[2.0, 1.5], [np.inf, 0.1 + 0.2]])
+    np.testing.assert_array_equal(
+        CaseTable.of(odd).parameters(["c", "a b"]), [[2.0, 1.5], [np.inf, 0.1 + 0.2]]
+    )
 
 
 def test_points_have_one_number_in_all_tables(rows: list[CaseResult]) -> None:
-    here = [replace(rows[0], values={"a": a, "b": b}) for a, b in ((1.0, 2.0), (2.0, 1.0), (1.0, 2.0))]
+    here = [
+        replace(rows[0], values={"a": a, "b": b}) for a, b in ((1.0, 2.0), (2.0, 1.0), (1.0, 2.0))
+    ]
     there = [replace(rows[0], values={"b": b, "a": a}) for a, b in ((2.0, 1.0), (3.0, 1.0))]
     first, second = point_numbers([CaseTable.of(here), CaseTable.of(there)])
     assert first[0] == first[2] != first[1] == second[0]

@@ -1,4 +1,5 @@
-"""The six steps on real SUMO runs: scores follow from facts, facts from the configuration, nothing is lost between."""
+"""The six steps on real SUMO runs: scores follow from facts, facts from the configuration, nothing
+is lost between."""
 
 from __future__ import annotations
 
@@ -48,7 +49,9 @@ from sumo_eval.settings.config import read_evaluation
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory, _standard_run: Path) -> Evaluation:
-    return sumo_eval.score(shutil.copytree(_standard_run, tmp_path_factory.mktemp("runs") / "small"))
+    return sumo_eval.score(
+        shutil.copytree(_standard_run, tmp_path_factory.mktemp("runs") / "small")
+    )
 
 
 @pytest.mark.parametrize(
@@ -68,7 +71,8 @@ def test_the_ideal_vehicle_scores_c_1_where_it_collides_itself(name: str, tmp_pa
         ads=(AdsSettings("ideal", "ideal_braking"),),
         drivers=DriverSettings(count=2),
         run=RunSettings(engine="serial"),
-        method=MethodSettings(zones=ZoneSettings(grid_points=1_000, restarts=0, refinements=0)),  # C asks the criterion
+        # C asks the criterion
+        method=MethodSettings(zones=ZoneSettings(grid_points=1_000, restarts=0, refinements=0)),
     )
     (score,) = sumo_eval.evaluate(everywhere, tmp_path / "run").scores
     assert (score.c, score.collisions > 0) == (1.0, True)
@@ -96,7 +100,9 @@ def test_the_score_is_eq_18_of_what_is_printed(done: Evaluation) -> None:
 def test_c_is_eq_17_of_the_case_table(done: Evaluation) -> None:
     for result in done.scores:
         hits = [
-            case for case in done.cases if (case.ads, case.scenario) == (result.ads, result.scenario) and case.collided
+            case
+            for case in done.cases
+            if (case.ads, case.scenario) == (result.ads, result.scenario) and case.collided
         ]
         if not hits:
             assert result.c == 1.0
@@ -116,7 +122,9 @@ def test_d_is_eq_13_of_the_case_table(done: Evaluation) -> None:
             if (case.ads, case.scenario, case.zone) == (result.ads, result.scenario, "safe")
         ]  # fmt: skip
         assert all(case.index is not None for case in safe)
-        expected = sum(case.exposure * case.index for case in safe) / sum(case.exposure for case in safe)
+        expected = sum(case.exposure * case.index for case in safe) / sum(
+            case.exposure for case in safe
+        )
         assert result.d == pytest.approx(expected, abs=1e-12)
         for case in safe:
             product = case.length_factor * case.operation_factor * case.similarity
@@ -127,7 +135,9 @@ def test_no_case_is_lost(done: Evaluation) -> None:
     for entry in done.settings.scenario:
         (zone,) = [zone for zone in done.zones if zone.scenario == entry.use]
         for ads in done.settings.ads:
-            rows = [case for case in done.cases if (case.scenario, case.ads) == (entry.use, ads.name)]
+            rows = [
+                case for case in done.cases if (case.scenario, case.ads) == (entry.use, ads.name)
+            ]
             assert len(rows) == zone.sampled
             assert len({case.case for case in rows}) == len(rows)
 
@@ -164,16 +174,24 @@ def test_scoring_refuses_changes_that_the_facts_depend_on(done: Evaluation) -> N
 
 
 @pytest.mark.parametrize("gone", ["scenario = 'front_vehicle_cut_out'", "point = 1"])
-def test_no_ranking_mixes_rows_with_and_without_reference_car(done: Evaluation, tmp_path: Path, gone: str) -> None:
-    """Without one of its drives the whole run has none, as one recorded earlier: T is beside the drivers everywhere."""
+def test_no_ranking_mixes_rows_with_and_without_reference_car(
+    done: Evaluation, tmp_path: Path, gone: str
+) -> None:
+    """Without one of its drives the whole run has none, as one recorded earlier: T is beside the
+    drivers everywhere."""
     assert {score.task_reference for score in done.scores} == {"attentive"}
     found = []
     for number, where in enumerate((gone, "1")):
         folder = tmp_path / str(number)
         shutil.copytree(done.folder, folder)
         cars = f"""SELECT "case" FROM facts WHERE role = 'task_reference' AND {where}"""
-        for table in ("trajectories", "circumstances", "facts"):  # the facts last: they tell which cases
-            edit(folder / "facts.sqlite", f'DELETE FROM {table} WHERE "case" IN ({cars})', hashes=table == "facts")
+        # the facts last: they tell which cases
+        for table in ("trajectories", "circumstances", "facts"):
+            edit(
+                folder / "facts.sqlite",
+                f'DELETE FROM {table} WHERE "case" IN ({cars})',
+                hashes=table == "facts",
+            )
         found.append(sumo_eval.score(folder))
     part, none = found
     assert {score.task_reference for score in part.scores} == {""}
@@ -186,7 +204,11 @@ def test_drives_that_are_no_reference_are_named(done: Evaluation, tmp_path: Path
     folder = tmp_path / "copy"
     shutil.copytree(done.folder, folder)
     one = """SELECT "case" FROM facts WHERE role = 'human' AND scenario = 'front_vehicle_low_speed' LIMIT 1"""
-    edit(folder / "facts.sqlite", f"""UPDATE facts SET status = 'collision' WHERE "case" = ({one})""", hashes=True)
+    edit(
+        folder / "facts.sqlite",
+        f"""UPDATE facts SET status = 'collision' WHERE "case" = ({one})""",
+        hashes=True,
+    )
     again = sumo_eval.score(folder)
     note = again.score("idm", "front_vehicle_low_speed").notes[0]
     assert note == DrivesLeftOut(1, note.drives, (("collision", 1),))
@@ -203,7 +225,8 @@ def test_drives_that_are_no_reference_are_named(done: Evaluation, tmp_path: Path
 def test_why_reference_drives_could_not_be_evaluated_is_said_by_reason_with_counts_and_an_example(
     done: Evaluation, tmp_path: Path
 ) -> None:
-    """Three ideal drives of nine fail: two for one reason that differs in its numbers, one for another."""
+    """Three ideal drives of nine fail: two for one reason that differs in its numbers, one for
+    another."""
     folder = tmp_path / "copy"
     shutil.copytree(done.folder, folder)
     for point, status, error in (
@@ -213,7 +236,8 @@ def test_why_reference_drives_could_not_be_evaluated_is_said_by_reason_with_coun
     ):
         edit(
             folder / "facts.sqlite",
-            f"UPDATE facts SET status = '{status}', error = '{error}', collision = NULL, end_reason = NULL "
+            f"UPDATE facts SET status = '{status}', error = '{error}', collision = NULL, "
+            "end_reason = NULL "
             f"WHERE role = 'ideal' AND scenario = 'front_vehicle_low_speed' AND point = {point}",
             hashes=point == 4,
         )
@@ -221,17 +245,26 @@ def test_why_reference_drives_could_not_be_evaluated_is_said_by_reason_with_coun
     for ads in ("idm", "no_reaction"):
         key = f"front_vehicle_low_speed-{{:04d}}-{ads}"
         found = [
-            note for note in again.score(ads, "front_vehicle_low_speed").notes if isinstance(note, ReferenceMissing)
+            note
+            for note in again.score(ads, "front_vehicle_low_speed").notes
+            if isinstance(note, ReferenceMissing)
         ]
         assert found == [
-            ReferenceMissing("ideal", "SUMO gave vehicle `lead` the speed 5000 m/s at 0.45 s.", 2, key.format(0)),
-            ReferenceMissing("ideal", "The case took longer than 60 s of wall time.", 1, key.format(4)),
+            ReferenceMissing(
+                "ideal", "SUMO gave vehicle `lead` the speed 5000 m/s at 0.45 s.", 2, key.format(0)
+            ),
+            ReferenceMissing(
+                "ideal", "The case took longer than 60 s of wall time.", 1, key.format(4)
+            ),
         ]
     assert not [
-        note for note in again.score("idm", "front_vehicle_cut_out").notes if isinstance(note, ReferenceMissing)
+        note
+        for note in again.score("idm", "front_vehicle_cut_out").notes
+        if isinstance(note, ReferenceMissing)
     ]
     said = (
-        "In 2 cases, e.g. front_vehicle_low_speed-0000-idm, the ideal vehicle's drive could not be evaluated, so Ug is "
+        "In 2 cases, e.g. front_vehicle_low_speed-0000-idm, the ideal vehicle's drive could not "
+        "be evaluated, so Ug is "
         "not known. Recorded of it: SUMO gave vehicle `lead` the speed 5000 m/s at 0.45 s."
     )
     scores = {(row["ads"], row["scenario"]): row for row in scores_json(again)["scores"]}
@@ -241,12 +274,18 @@ def test_why_reference_drives_could_not_be_evaluated_is_said_by_reason_with_coun
     write_tables(again)
     told = "\n".join(closing_lines(again))
     assert (
-        "front_vehicle_low_speed-0000-idm and 1 more: The ideal vehicle's case here could not be evaluated, so Ug"
-        in told
+        "front_vehicle_low_speed-0000-idm and 1 more: The ideal vehicle's case here could not be "
+        "evaluated, so Ug" in told
     )
     assert "Recorded of it: The case took longer than 60 s of wall time." in told
-    rows = {row["case"]: row for row in csv.DictReader((folder / "cases.csv").read_text(encoding="utf-8").splitlines())}
-    assert rows["front_vehicle_low_speed-0004-idm"]["ideal_error"] == "The case took longer than 60 s of wall time."
+    rows = {
+        row["case"]: row
+        for row in csv.DictReader((folder / "cases.csv").read_text(encoding="utf-8").splitlines())
+    }
+    assert (
+        rows["front_vehicle_low_speed-0004-idm"]["ideal_error"]
+        == "The case took longer than 60 s of wall time."
+    )
     assert rows["front_vehicle_low_speed-0001-idm"]["ideal_error"] == ""
 
 
@@ -264,7 +303,10 @@ def test_the_run_folder_holds_what_the_contract_names(done: Evaluation) -> None:
 def test_the_same_configuration_gives_the_same_facts(done: Evaluation, tmp_path: Path) -> None:
     settings = small(("lane_changer",))
     again = sumo_eval.evaluate(replace(settings, run=RunSettings(workers=1)), tmp_path / "again")
-    with open_store(done.folder / "facts.sqlite") as first, open_store(again.folder / "facts.sqlite") as second:
+    with (
+        open_store(done.folder / "facts.sqlite") as first,
+        open_store(again.folder / "facts.sqlite") as second,
+    ):
         for fact in second.facts("ads") + second.facts("human"):
             before, after = first.trajectories(fact.case), second.trajectories(fact.case)
             assert before.keys() == after.keys()
@@ -297,12 +339,18 @@ print("D is there" if evaluation.scores[0].d is not None else "no D")
 
 def test_a_plain_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
     (tmp_path / "evaluation.toml").write_text(
-        'name = "plain"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
+        'name = "plain"\n[[scenario]]\nuse = '
+        '"front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
         '[[ads]]\nname = "idm"\ncontroller = "idm"\n[drivers]\ncount = 2\n'
     )
     (tmp_path / "plain.py").write_text(UNGUARDED)
     done = subprocess.run(
-        [sys.executable, "plain.py"], capture_output=True, text=True, cwd=tmp_path, timeout=300, check=False
+        [sys.executable, "plain.py"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=300,
+        check=False,
     )
     assert done.stdout.split("\n")[:2] == ["the script runs", "D is there"], done.stderr
     assert done.returncode == 0
@@ -330,7 +378,8 @@ class Flaky:
 def test_cases_that_cannot_be_evaluated_are_counted_and_named_not_dropped(tmp_path: Path) -> None:
     (tmp_path / "flaky.py").write_text(HALF_BROKEN)
     (tmp_path / "evaluation.toml").write_text(
-        'name = "flaky"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 3\n'
+        'name = "flaky"\n[[scenario]]\nuse = '
+        '"front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 3\n'
         '[[ads]]\nname = "flaky"\ncontroller = "flaky.py:Flaky"\n[drivers]\ncount = 3\n'
     )
     evaluation = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run")
@@ -344,7 +393,9 @@ def test_cases_that_cannot_be_evaluated_are_counted_and_named_not_dropped(tmp_pa
 
 
 def test_an_ads_that_never_drives_has_no_c_and_no_points(tmp_path: Path) -> None:
-    (tmp_path / "broken.py").write_text("def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n")
+    (tmp_path / "broken.py").write_text(
+        "def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n"
+    )
     settings = replace(
         small(("idm",)),
         ads=(AdsSettings("broken", f"{tmp_path}/broken.py:broken"),),
@@ -371,7 +422,8 @@ def drivers(concrete):
 def test_the_human_reference_is_a_door(tmp_path: Path) -> None:
     (tmp_path / "recorded.py").write_text(RECORDED)
     (tmp_path / "evaluation.toml").write_text(
-        'name = "own drivers"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
+        'name = "own drivers"\n[[scenario]]\nuse = '
+        '"front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
         '[[ads]]\nname = "idm"\ncontroller = "idm"\n[drivers]\nsource = "recorded.py:drivers"\n'
     )
     evaluation = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run")
@@ -382,8 +434,20 @@ def test_the_human_reference_is_a_door(tmp_path: Path) -> None:
     assert evaluation.scores[0].d is not None
 
 
-def test_every_evaluated_case_carries_its_criticality_and_no_cell_is_garbage(done: Evaluation) -> None:
-    names = ["min_ttc", "max_ittc", "min_thw", "min_gap", "max_drac", "pet", "max_deceleration", "max_jerk", "delta_v"]
+def test_every_evaluated_case_carries_its_criticality_and_no_cell_is_garbage(
+    done: Evaluation,
+) -> None:
+    names = [
+        "min_ttc",
+        "max_ittc",
+        "min_thw",
+        "min_gap",
+        "max_drac",
+        "pet",
+        "max_deceleration",
+        "max_jerk",
+        "delta_v",
+    ]
     for case in done.cases:
         values = [getattr(case, name) for name in names]
         assert all(value is None or np.isfinite(value) for value in values)
@@ -391,7 +455,9 @@ def test_every_evaluated_case_carries_its_criticality_and_no_cell_is_garbage(don
         assert (case.delta_v is not None) == case.collided
         if case.collided and case.side == "front":
             assert (case.min_ttc, case.min_gap, case.pet, case.max_ittc) == (0.0, 0.0, 0.0, None)
-            assert case.delta_v == pytest.approx(-case.impact_speed / 2.0, rel=0.02), "along the road, nearly"
+            assert case.delta_v == pytest.approx(-case.impact_speed / 2.0, rel=0.02), (
+                "along the road, nearly"
+            )
         elif case.min_ttc:
             assert case.max_ittc == pytest.approx(1.0 / case.min_ttc)
     no_reaction = [case for case in done.cases if case.ads == "no_reaction"]
@@ -404,10 +470,14 @@ def test_the_ideal_vehicle_has_an_outcome_wherever_an_ads_collided(done: Evaluat
     assert all(case.ideal_collided == (case.ideal_severity > 0.0) for case in hits)
     struck = {(case.scenario, *case.values.values()) for case in hits}
     for case in done.cases:
-        assert (case.ideal_collided is None) == ((case.scenario, *case.values.values()) not in struck)
+        assert (case.ideal_collided is None) == (
+            (case.scenario, *case.values.values()) not in struck
+        )
 
 
-def test_what_was_preventable_follows_the_reference_and_needs_no_simulation(done: Evaluation) -> None:
+def test_what_was_preventable_follows_the_reference_and_needs_no_simulation(
+    done: Evaluation,
+) -> None:
     from sumo_eval.scoring.preventability import preventability
 
     ideal = {(row.ads, row.scenario): row for row in preventability(done)}

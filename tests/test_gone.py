@@ -35,8 +35,12 @@ def test_removed_name_says_where_it_went(arguments: str, replacement: str) -> No
 @pytest.mark.parametrize("use", ['"UC-1.feature.md"', '"autoware"\nfolder = "."'])
 def test_removed_scenario_of_an_evaluation_says_where(tmp_path: Path, use: str) -> None:
     evaluation = tmp_path / "evaluation.toml"
-    evaluation.write_text(f'name = "n"\n[[scenario]]\nuse = {use}\n[[ads]]\nname = "i"\ncontroller = "idm"\n')
-    result = CliRunner().invoke(main, ["run", str(evaluation), "--out", str(tmp_path / "run"), "--dry-run"])
+    evaluation.write_text(
+        f'name = "n"\n[[scenario]]\nuse = {use}\n[[ads]]\nname = "i"\ncontroller = "idm"\n'
+    )
+    result = CliRunner().invoke(
+        main, ["run", str(evaluation), "--out", str(tmp_path / "run"), "--dry-run"]
+    )
     assert result.exit_code == 2
     assert "`[[require]]` of a scenario file" in " ".join(result.output.split())
 

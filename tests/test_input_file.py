@@ -36,7 +36,8 @@ OPENS = re.compile(
 
 
 ALLOWED = ("input_file(", '.open("x', '.open("w', "gzip.open", "read_parquet(str(path))")
-"""Opened after a look at the file, or for writing; `osi` looks at its file before it asks which kind it is."""
+"""Opened after a look at the file, or for writing; `osi` looks at its file before it asks which
+kind it is."""
 
 
 def joined(source: str) -> list[str]:
@@ -63,10 +64,14 @@ READERS: dict[str, Callable[[Path], object]] = {
     "vehicle model": lambda path: FmuPlant(FmuSettings(str(path)), path.name, path.parent),
     "qualification": lambda path: read_qualification(path.name, path.parent),
     "hash": lambda path: hash_of(path, "file"),
-    **{f"recording, {form}": lambda path, form=form: import_recordings(form, [path]) for form in FORMATS},
+    **{
+        f"recording, {form}": lambda path, form=form: import_recordings(form, [path])
+        for form in FORMATS
+    },
 }
 NAMES = {"scenario": "special.toml", "ADS": "special.py", "recording, osi": "special.osi"}
-LEVELX = ("highd", "ind", "exid", "round", "unid")  # each named after its number, beside its NN_tracksMeta.csv
+# each named after its number, beside its NN_tracksMeta.csv
+LEVELX = ("highd", "ind", "exid", "round", "unid")
 NAMES |= {f"recording, {form}": "01_tracks.csv" for form in LEVELX}
 
 
@@ -81,11 +86,15 @@ def test_special_files_are_refused_unopened(what: str, kind: str, tmp_path: Path
     else:
         place.symlink_to("/dev/zero")
     given = place.with_suffix("") if what in ("scenario", "ADS") else place
-    with pytest.raises(InputError, match=r"must be a regular file, got a (named pipe|character device)\.$"):
+    with pytest.raises(
+        InputError, match=r"must be a regular file, got a (named pipe|character device)\.$"
+    ):
         READERS[what](given)
 
 
-@pytest.mark.parametrize("seeds", [range(60), pytest.param(range(60, 3_000), marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "seeds", [range(60), pytest.param(range(60, 3_000), marks=pytest.mark.campaign)]
+)
 def test_any_special_file_behind_links_is_a_sentence(seeds: range, tmp_path: Path) -> None:
     """A fuzz of what stands in the place of a file that any reader is given."""
     for seed in seeds:
@@ -95,7 +104,18 @@ def test_any_special_file_behind_links_is_a_sentence(seeds: range, tmp_path: Pat
             (folder / name).write_text("id\n1\n")
         what = draw.choice([*READERS])
         place = folder / NAMES.get(what, "special")
-        kind = draw.choice(["pipe", "folder", "/dev/zero", "/dev/random", "/dev/full", "/dev/tty", "nowhere", "loop"])
+        kind = draw.choice(
+            [
+                "pipe",
+                "folder",
+                "/dev/zero",
+                "/dev/random",
+                "/dev/full",
+                "/dev/tty",
+                "nowhere",
+                "loop",
+            ]
+        )
         last = place
         for number in range(draw.randint(0, 6)):
             last.symlink_to(folder / f"link_{number}")
@@ -132,7 +152,10 @@ def test_whole_files_have_a_limit(tmp_path: Path) -> None:
 def test_rooms_of_input_open_files_one_way() -> None:
     package = Path(__file__).parents[1] / "sumo_eval"
     files = [
-        file for room in ROOMS for file in (package, *package.rglob("*.py")) if file.is_relative_to(package / room)
+        file
+        for room in ROOMS
+        for file in (package, *package.rglob("*.py"))
+        if file.is_relative_to(package / room)
     ]
     wrong = [
         f"{file.relative_to(package)}: {line.strip()}"

@@ -1,4 +1,5 @@
-"""The wheel as installed: each name that users call is imported and called, commands and formats are found."""
+"""The wheel as installed: each name that users call is imported and called, commands and formats
+are found."""
 
 from __future__ import annotations
 
@@ -100,7 +101,16 @@ assert done._repr_html_()
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder into which the wheel of this tree is installed, and nothing else."""
     folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "hatchling",
+        "build",
+        "--target",
+        "wheel",
+        "--directory",
+        str(folder),
+    ]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     (wheel,) = folder.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
@@ -112,12 +122,18 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_name_that_users_call_is_in_the_wheel_and_works(site: Path, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(site), "SUMO_EVAL_INTERPRETED": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", CALLS, str(site)], cwd=tmp_path, env=environment, capture_output=True, text=True,
+        [sys.executable, "-c", CALLS, str(site)], cwd=tmp_path, env=environment,
+        capture_output=True, text=True,
         check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
 
 
 def test_the_wheel_ships_networks_routes_and_the_extras(site: Path) -> None:
-    for name in ("networks/two_lanes_1400m.net.xml", "routes", "extras/openscenario/format.py", "extras/gym/env.py"):
+    for name in (
+        "networks/two_lanes_1400m.net.xml",
+        "routes",
+        "extras/openscenario/format.py",
+        "extras/gym/env.py",
+    ):
         assert (site / "sumo_eval" / name).exists(), name

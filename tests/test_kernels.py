@@ -1,4 +1,5 @@
-"""The rules that are compiled over rows: what may stand in them, and that compiling changes no bit."""
+"""The rules that are compiled over rows: what may stand in them, and that compiling changes no
+bit."""
 
 import ast
 import hashlib
@@ -24,7 +25,8 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Recording
 
 PACKAGE = Path(sumo_eval.__file__).parent
-ADS = ("idm", "attentive", "lane_changer", "careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157",
+ADS = ("idm", "attentive", "lane_changer", "careful_driver", "careful_driver_aeb", "fsm", "rss",
+    "reg157",
        "eu_2022_1426", "eu_2022_1426_bus", "no_reaction", "ideal_braking", "people")  # fmt: skip
 SCENARIOS = {
     "cut_in": 331,
@@ -51,12 +53,20 @@ def controllers(ads: str, cases):
 def everything(recording: Recording) -> bytes:
     """All of a recording that is no wall time, to the last bit."""
     vehicles = {"ego": recording.ego, **recording.actors}
-    channels = b"".join(getattr(it, channel).tobytes() for it in vehicles.values() for channel in CHANNELS)
-    return repr((recording.end_reason, recording.error, recording.collision, recording.clips)).encode() + channels
+    channels = b"".join(
+        getattr(it, channel).tobytes() for it in vehicles.values() for channel in CHANNELS
+    )
+    return (
+        repr((recording.end_reason, recording.error, recording.collision, recording.clips)).encode()
+        + channels
+    )
 
 
 def digest(ads: str, sparse: int) -> str:
-    """What an ADS does in a few cases of every kind of script; sparse: of so many points one is driven."""
+    """What an ADS does in a few cases of every kind of script;
+
+    sparse: of so many points one is driven.
+    """
     found = hashlib.sha256()
     for name, every in SCENARIOS.items():
         cases = points(name, sparse * every)
@@ -65,7 +75,7 @@ def digest(ads: str, sparse: int) -> str:
     return found.hexdigest()
 
 
-# -- what may stand in a kernel ----------------------------------------------------------------------------------------
+# -- what may stand in a kernel --------------------------------------------------------------------
 
 
 MARKS = ("kernel", "rows", "compiled_rows")
@@ -78,12 +88,16 @@ def kernels_of(path: Path) -> list[ast.FunctionDef]:
     tree = ast.parse(text)
     functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
     return [
-        it for it in functions if any(isinstance(mark, ast.Name) and mark.id in MARKS for mark in it.decorator_list)
+        it
+        for it in functions
+        if any(isinstance(mark, ast.Name) and mark.id in MARKS for mark in it.decorator_list)
     ]
 
 
 KERNELS = {
-    path.relative_to(PACKAGE).as_posix(): found for path in sorted(PACKAGE.rglob("*.py")) if (found := kernels_of(path))
+    path.relative_to(PACKAGE).as_posix(): found
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if (found := kernels_of(path))
 }
 
 
@@ -93,7 +107,8 @@ def test_there_are_kernels():
 
 @pytest.mark.parametrize("file", KERNELS)
 def test_a_kernel_holds_nothing_that_compiles_to_other_bits_or_not_at_all(file: str):
-    """`x ** 2` and math.hypot differ in the last bit; remainder and fmod, raise and try do not compile or lose rows."""
+    """`x ** 2` and math.hypot differ in the last bit; remainder and fmod, raise and try do not
+    compile or lose rows."""
     for node in (node for function in KERNELS[file] for node in ast.walk(function)):
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
             power = node.right.value if isinstance(node.right, ast.Constant) else None
@@ -105,7 +120,7 @@ def test_a_kernel_holds_nothing_that_compiles_to_other_bits_or_not_at_all(file: 
         assert not raises, (node.lineno, "a kernel does not raise: a row would cost all")
 
 
-# -- bits --------------------------------------------------------------------------------------------------------------
+# -- bits ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("ads", ADS)
@@ -116,46 +131,56 @@ def test_a_case_alone_has_the_bits_that_it_has_beside_others(ads: str):
         together = list(simulate_many(cases, drivers, SETTINGS))
         for number in range(0, len(cases), 5):
             its_own = drivers if isinstance(drivers, str) else drivers[number]
-            assert everything(simulate(cases[number], its_own, SETTINGS)) == everything(together[number])
+            assert everything(simulate(cases[number], its_own, SETTINGS)) == everything(
+                together[number]
+            )
 
 
 @pytest.mark.skipif(kernels.INTERPRETED, reason="this is the interpreted run")
 @pytest.mark.parametrize(
-    ("sparse", "drivers"), [(8192, ("lane_changer", "people")), pytest.param(4, ADS, marks=pytest.mark.campaign)]
+    ("sparse", "drivers"),
+    [(8192, ("lane_changer", "people")), pytest.param(4, ADS, marks=pytest.mark.campaign)],
 )
-def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse: int, drivers: tuple[str, ...]):
+def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(
+    sparse: int, drivers: tuple[str, ...]
+):
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); import test_kernels as it; "
         f"print(*(it.digest(ads, {sparse}) for ads in {drivers}))"
     )
     environment = {**os.environ, "SUMO_EVAL_INTERPRETED": "1"}
     answer = subprocess.run(
-        [sys.executable, "-c", script, str(Path(__file__).parent)], env=environment, capture_output=True, text=True,
+        [sys.executable, "-c", script, str(Path(__file__).parent)], env=environment,
+        capture_output=True, text=True,
         check=True,
     )  # fmt: skip
     assert answer.stdout.split() == [digest(ads, sparse) for ads in drivers]
 
 
-# -- machine code ------------------------------------------------------------------------------------------------------
+# -- machine code ----------------------------------------------------------------------------------
 
 
 @pytest.mark.campaign  # compiles all that the run needs, once more
 @pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
 def test_small_evaluation_scores_alike_without_borrowed_insides(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(
-        'name = "small"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
+        'name = "small"\n[[scenario]]\nuse = '
+        '"front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
         '[[ads]]\nname = "idm"\ncontroller = "idm"\n[drivers]\ncount = 2\n'
     )
     for plain in ("", "1"):
         command = [sys.executable, "-m", "sumo_eval", "run", "small.toml", "--out", f"run{plain}"]
         environment = {**os.environ, "SUMO_EVAL_PLAIN": plain}
         subprocess.run(command, cwd=tmp_path, env=environment, check=True, capture_output=True)
-    assert (tmp_path / "run" / "scores.json").read_bytes() == (tmp_path / "run1" / "scores.json").read_bytes()
+    assert (tmp_path / "run" / "scores.json").read_bytes() == (
+        tmp_path / "run1" / "scores.json"
+    ).read_bytes()
 
 
 @pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
 def test_every_loop_is_compiled_for_one_kind_of_arguments():
-    """Another type of array compiles a loop again: one and three other vehicles, one case and many are one type."""
+    """Another type of array compiles a loop again: one and three other vehicles, one case and many
+    are one type."""
     for name in ("cut_in", "front_vehicle_cut_out"):
         cases = points(name, 997)
         for ads in ADS:
@@ -175,7 +200,8 @@ def _grow(values, by):
 
 @pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
 def test_a_bound_loop_gives_the_bits_of_the_plain_call_and_other_arrays_are_bound_anew():
-    """Who calls bound code says of which arrays it is: those of another type or layout must get code of their own."""
+    """Who calls bound code says of which arrays it is: those of another type or layout must get
+    code of their own."""
     numbers = np.random.default_rng(5).normal(size=50)
     wide = np.repeat(numbers, 2)
     codes = []
@@ -186,7 +212,10 @@ def test_a_bound_loop_gives_the_bits_of_the_plain_call_and_other_arrays_are_boun
         code = kernels.bound(_grow, by_code, 0.7)
         assert (code(by_code, 0.7), _grow(plain, 0.7)) == (50, 50)
         assert by_code.tobytes() == plain.tobytes() != values.tobytes()
-        assert kernels.bound(_grow, values[:5] if values.flags.contiguous else wide[:10:2], -1.0) is code
+        assert (
+            kernels.bound(_grow, values[:5] if values.flags.contiguous else wide[:10:2], -1.0)
+            is code
+        )
         codes.append(code)
     assert len(set(codes)) == 3
 
@@ -199,7 +228,8 @@ def test_what_is_bound_where_nothing_is_compiled_is_the_loop_itself():
 
 
 def test_machine_code_of_other_sources_lies_elsewhere(tmp_path, monkeypatch):
-    """numba looks at the loop's own file and its place; an edited rule in another file must not go on as before."""
+    """numba looks at the loop's own file and its place; an edited rule in another file must not go
+    on as before."""
     before = kernels.cache_folder()
     copy = tmp_path / "sumo_eval"
     for room in kernels._ROOMS:
@@ -233,13 +263,14 @@ def test_records_are_written_back_when_a_loop_is_interpreted():
     assert rows["told"].tolist() == list(range(len(rows)))
 
 
-# -- code on disk ------------------------------------------------------------------------------------------------------
+# -- code on disk ----------------------------------------------------------------------------------
 
 needs_numba = pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
 
 
 def found_on_disk() -> bool:
-    """Whether a process that begins now finds the small loop's machine code; else it has compiled and kept it."""
+    """Whether a process that begins now finds the small loop's machine code; else it has compiled
+    and kept it."""
     loop = kernels.rows(_grow.__wrapped__)
     values = np.array([1.0, 2.0])
     assert loop(values, 0.5) == 2
@@ -247,7 +278,19 @@ def found_on_disk() -> bool:
     return bool(loop.compiled.stats.cache_hits)
 
 
-SPOILT = ("cut", "bits", "more", "text", "pipe", "link", "loop", "device", "unreadable", "sealed", "seal")
+SPOILT = (
+    "cut",
+    "bits",
+    "more",
+    "text",
+    "pipe",
+    "link",
+    "loop",
+    "device",
+    "unreadable",
+    "sealed",
+    "seal",
+)
 
 
 def spoil(path: Path, how: str, draw: random.Random) -> None:
@@ -268,11 +311,15 @@ def spoil(path: Path, how: str, draw: random.Random) -> None:
         for _ in range(draw.randint(1, 50) if how == "bits" else 0):
             content[draw.randrange(len(content))] ^= 1 << draw.randrange(8)
         cut = draw.randrange(len(content)) if how == "cut" else len(content)
-        path.write_bytes(bytes(content[:cut]) + draw.randbytes(draw.randint(1, 99) if how == "more" else 0))
+        path.write_bytes(
+            bytes(content[:cut]) + draw.randbytes(draw.randint(1, 99) if how == "more" else 0)
+        )
 
 
 @needs_numba
-@pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 10), marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "seeds", [range(1), pytest.param(range(1, 10), marks=pytest.mark.campaign)]
+)
 def test_whatever_becomes_of_machine_code_is_compiled_again(tmp_path, monkeypatch, seeds):
     """A fuzz of the compile cache."""
     monkeypatch.setattr(kernels, "cache_folder", lambda: tmp_path)
@@ -324,18 +371,24 @@ def test_other_processors_and_numbas_keep_their_code_apart(monkeypatch):
 @pytest.mark.campaign
 def test_processes_that_compile_at_once_keep_whole_files(tmp_path):
     script = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import numpy as np; import test_kernels as it\n"
-        "print(it._grow(np.ones(2, sys.argv[2]), 0.5), len(it._grow.compiled.stats.cache_hits), end=' ')\n"
+        "import sys; sys.path.insert(0, sys.argv[1]); import numpy as np; import test_kernels as "
+        "it\n"
+        "print(it._grow(np.ones(2, sys.argv[2]), 0.5), len(it._grow.compiled.stats.cache_hits), "
+        "end=' ')\n"
         "print('numba.np.arraymath' in sys.modules)"
     )
 
     def begin(kind: str):
         return subprocess.Popen(
-            [sys.executable, "-c", script, str(Path(__file__).parent), kind], stdout=subprocess.PIPE, text=True,
+            [sys.executable, "-c", script, str(Path(__file__).parent), kind],
+            stdout=subprocess.PIPE, text=True,
             env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
         )  # fmt: skip
 
     kinds = ["float64", "float32"]
-    for hits, has_compiled in ((0, True), (1, False)):  # to load takes nothing that numba imports to compile
-        answers = [process.communicate(timeout=300)[0] for process in [begin(kind) for kind in kinds]]
+    # to load takes nothing that numba imports to compile
+    for hits, has_compiled in ((0, True), (1, False)):
+        answers = [
+            process.communicate(timeout=300)[0] for process in [begin(kind) for kind in kinds]
+        ]
         assert answers == [f"2 {hits} {has_compiled}\n"] * 2

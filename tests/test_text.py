@@ -43,7 +43,12 @@ def test_what_harms_is_replaced_by_its_number(name: str) -> None:
 
 
 def test_ordinary_text_of_any_language_is_left_alone() -> None:
-    for text in ("no path found", "Fußgänger, 歩行者, עובר", "emoji 👩\u200d🚀", "tab\tand \\x1b as words"):
+    for text in (
+        "no path found",
+        "Fußgänger, 歩行者, עובר",
+        "emoji 👩\u200d🚀",
+        "tab\tand \\x1b as words",
+    ):
         assert clean(text) == clean_log(text) == text
 
 
@@ -118,7 +123,8 @@ class SpeaksOddlyError(Exception):
 
 
 ODD = {
-    SpeechlessError(): "SpeechlessError: (its text cannot be had: __str__ raised KeyboardInterrupt)",
+    SpeechlessError(): "SpeechlessError: (its text cannot be had: __str__ raised "
+    "KeyboardInterrupt)",
     SurrogateError(): r"SurrogateError: \ud800",
     NamelessError("words"): "NamelessError: words",
     SpeaksOddlyError(): "SpeaksOddlyError: an odd text",
@@ -128,7 +134,9 @@ ODD = {
 }
 
 
-@pytest.mark.parametrize("error", ODD, ids=lambda error: type.__dict__["__name__"].__get__(type(error)))
+@pytest.mark.parametrize(
+    "error", ODD, ids=lambda error: type.__dict__["__name__"].__get__(type(error))
+)
 def test_any_exception_can_be_put_in_words_and_logged(error: BaseException) -> None:
     assert said(error) == ODD[error]
     assert len(traceback_of(error)) <= LOG
@@ -142,14 +150,18 @@ def test_a_long_exception_leaves_room_for_the_sentence_around_it() -> None:
 
 
 def test_what_was_got_is_shown_whatever_it_is() -> None:
-    assert "must be small, got (int that cannot be shown: ValueError)." in str(must_be("`a`", "b", "small", 10**5000))
+    assert "must be small, got (int that cannot be shown: ValueError)." in str(
+        must_be("`a`", "b", "small", 10**5000)
+    )
     assert len(str(must_be("`a`", "b", "small", "x" * 10**6))) < SENTENCE
 
 
 def test_a_name_that_cannot_be_shown_is_refused() -> None:
     check_name("`name`", "an ADS", "[red] =Fußgänger (2)")
     for name in ("a\nb", "\x1b[2J", "\u202eeman", "x" * (SENTENCE + 1)):
-        with pytest.raises(ValueError, match="must be one line of at most 500 characters that can be shown"):
+        with pytest.raises(
+            ValueError, match="must be one line of at most 500 characters that can be shown"
+        ):
             check_name("`name`", "an ADS", name)
 
 
@@ -162,14 +174,21 @@ def test_a_cell_that_a_spreadsheet_would_run_is_quoted_and_read_back(text: str) 
     assert from_cell(cell(text)) == text
 
 
-@pytest.mark.parametrize("value", ["-1.5", "+2", "-1e-9", "-inf", -1.5, None, "", "a=b", "it's", "'tis", True])
+@pytest.mark.parametrize(
+    "value", ["-1.5", "+2", "-1e-9", "-inf", -1.5, None, "", "a=b", "it's", "'tis", True]
+)
 def test_numbers_and_ordinary_cells_stay_as_they_are(value: object) -> None:
     assert cell(value) is value
     assert from_cell(value) is value
 
 
 def test_a_table_is_quoted_in_text_and_headings_and_read_back() -> None:
-    table = pd.DataFrame({"=name": ["=a", "b"], "x": [-1.5, 2.0], "n": [1, -2], "mixed": [None, "-2+3"]})
+    table = pd.DataFrame(
+        {"=name": ["=a", "b"], "x": [-1.5, 2.0], "n": [1, -2], "mixed": [None, "-2+3"]}
+    )
     text = cells(table).to_csv(index=False)
-    assert list(csv.reader(io.StringIO(text)))[:2] == [["'=name", "x", "n", "mixed"], ["'=a", "-1.5", "1", ""]]
+    assert list(csv.reader(io.StringIO(text)))[:2] == [
+        ["'=name", "x", "n", "mixed"],
+        ["'=a", "-1.5", "1", ""],
+    ]
     assert without_quotes(pd.read_csv(io.StringIO(text))).to_csv() == table.to_csv()

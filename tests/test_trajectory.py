@@ -1,4 +1,5 @@
-"""Trajectories: what is derived, what is refused, what cannot be changed; collisions and recordings."""
+"""Trajectories: what is derived, what is refused, what cannot be changed; collisions and
+recordings."""
 
 import math
 
@@ -27,9 +28,20 @@ def test_speed_heading_and_acceleration_are_derived_from_positions():
 def test_what_is_given_is_not_derived():
     ones = np.ones_like(TIME)
     track = Trajectory(
-        TIME, TIME, 0 * TIME, heading=0.1 * ones, speed=7 * ones, acceleration=-3 * ones, steering_wheel_angle=ones
+        TIME,
+        TIME,
+        0 * TIME,
+        heading=0.1 * ones,
+        speed=7 * ones,
+        acceleration=-3 * ones,
+        steering_wheel_angle=ones,
     )
-    assert (track.heading[0], track.speed[0], track.acceleration[0], track.steering_wheel_angle[0]) == (
+    assert (
+        track.heading[0],
+        track.speed[0],
+        track.acceleration[0],
+        track.steering_wheel_angle[0],
+    ) == (
         0.1,
         7.0,
         -3.0,
@@ -65,7 +77,13 @@ def test_unevenly_sampled_motion_is_derived_with_its_own_times():
 
 def test_a_single_sample_is_a_trajectory():
     track = Trajectory([2.0], [5.0], [1.0])
-    assert (len(track), track.duration, track.speed[0], track.heading[0], track.acceleration[0]) == (
+    assert (
+        len(track),
+        track.duration,
+        track.speed[0],
+        track.heading[0],
+        track.acceleration[0],
+    ) == (
         1,
         0.0,
         0.0,
@@ -85,14 +103,29 @@ def test_length_duration_and_body():
     ("arguments", "sentence"),
     [
         (([], [], []), "`time` of a Trajectory must be a non-empty (n,) array, got shape (0,)"),
-        (([[0.0, 1.0]], [0, 1], [0, 1]), "`time` of a Trajectory must be a non-empty (n,) array, got shape (1, 2)"),
+        (
+            ([[0.0, 1.0]], [0, 1], [0, 1]),
+            "`time` of a Trajectory must be a non-empty (n,) array, got shape (1, 2)",
+        ),
         (([0.0, 0.0], [0, 1], [0, 1]), "must be finite and strictly increasing"),
         (([1.0, 0.0], [0, 1], [0, 1]), "must be finite and strictly increasing"),
         (([0.0, math.nan], [0, 1], [0, 1]), "must be finite and strictly increasing"),
-        (([0.0, 1.0], [0, 1, 2], [0, 1]), "`x` of a Trajectory must have the shape of `time` (2,), got (3,)"),
-        (([0.0, 1.0], [0, 1], [0, math.nan]), "`y` of a Trajectory must be finite, got nan at sample 1"),
-        (([0.0, 1.0], [0, 1], [0, 1], [math.inf, 0]), "`heading` of a Trajectory must be finite, got inf at sample 0"),
-        (([0.0, 1.0], [0, 1], [0, 1], [0, 0], [0, math.nan]), "`speed` of a Trajectory must be finite"),
+        (
+            ([0.0, 1.0], [0, 1, 2], [0, 1]),
+            "`x` of a Trajectory must have the shape of `time` (2,), got (3,)",
+        ),
+        (
+            ([0.0, 1.0], [0, 1], [0, math.nan]),
+            "`y` of a Trajectory must be finite, got nan at sample 1",
+        ),
+        (
+            ([0.0, 1.0], [0, 1], [0, 1], [math.inf, 0]),
+            "`heading` of a Trajectory must be finite, got inf at sample 0",
+        ),
+        (
+            ([0.0, 1.0], [0, 1], [0, 1], [0, 0], [0, math.nan]),
+            "`speed` of a Trajectory must be finite",
+        ),
     ],
 )
 def test_what_is_no_trajectory_is_refused_in_a_sentence(arguments, sentence):
@@ -139,7 +172,8 @@ def collision(ego, other):
 
 def test_the_relative_speed_is_that_of_vectors():
     assert collision((20.0, 0.0), (8.0, 0.0)).relative_speed == pytest.approx(12.0)
-    assert collision((8.0, 0.0), (20.0, 0.0)).relative_speed == pytest.approx(12.0)  # never negative
+    # never negative
+    assert collision((8.0, 0.0), (20.0, 0.0)).relative_speed == pytest.approx(12.0)
     assert collision((3.0, 0.0), (0.0, 4.0)).relative_speed == pytest.approx(5.0)
 
 

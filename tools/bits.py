@@ -1,4 +1,5 @@
-"""Print a digest of what ten pairs of scenario and ADS record: a change of the code that moves no bit moves no line.
+"""Print a digest of what ten pairs of scenario and ADS record: a change of the code that moves no
+bit moves no line.
 
 python tools/bits.py > before.txt; ...; python tools/bits.py | diff before.txt -
 """
@@ -14,8 +15,10 @@ from sumo_eval.extras.wheel.tape import digest
 from sumo_eval.scenario.catalogue import SCENARIOS
 
 PAIRS = [
-    ("cut_in", "idm"), ("front_vehicle_low_speed", "sumo:IDM"), ("front_vehicle_cut_out", "lane_changer"),
-    ("curve_braking", "ideal_braking"), ("ramp_merge", "attentive"), ("stop_and_go_stream", "careful_driver"),
+    ("cut_in", "idm"), ("front_vehicle_low_speed", "sumo:IDM"),
+    ("front_vehicle_cut_out", "lane_changer"),
+    ("curve_braking", "ideal_braking"), ("ramp_merge", "attentive"),
+    ("stop_and_go_stream", "careful_driver"),
     ("pedestrian_crossing", "rss"), ("oncoming_in_lane", "idm"), ("turn_across_path", "fsm"),
     ("swerving_lead", "no_reaction"),
 ]  # fmt: skip

@@ -1,4 +1,5 @@
-"""Draw the figures of the formulas' page from the functions that compute them, or check that they are up to date.
+"""Draw the figures of the formulas' page from the functions that compute them, or check that they
+are up to date.
 
     python tools/draw_method.py [--check]
 
@@ -30,7 +31,10 @@ INK, GRID = "#1b1f24", "#d5dbe0"
 
 @dataclass(frozen=True)
 class Curve:
-    """A named line. at: where its name begins, in the units of both axes."""
+    """A named line.
+
+    at: where its name begins, in the units of both axes.
+    """
 
     name: str
     x: FloatArray
@@ -40,7 +44,11 @@ class Curve:
 
 @dataclass(frozen=True)
 class Chart:
-    """Lines over an axis. x, y: what is on the axes, with its unit; ends: x from, x to, y from, y to."""
+    """Lines over an axis.
+
+    x, y: what is on the axes, with its unit;
+    ends: x from, x to, y from, y to.
+    """
 
     about: str
     x: str
@@ -68,20 +76,24 @@ def charts() -> dict[str, Chart]:
     ]
     return {
         "method_criticality.svg": Chart(
-            "Gap to an obstacle over the speed at which the ego closes in on it: braking with 5 m/s2 hits below the "
+            "Gap to an obstacle over the speed at which the ego closes in on it: braking with 5 "
+            "m/s2 hits below the "
             "lower line; between the lines the case is hazardous; above the upper line it is safe.",
             "relative speed, m/s", "gap, m", (0.0, 30.0, 0.0, 140.0), (5.0, 20.0),
             [
                 Curve("largest ITTC is 0.7 1/s", closing, critical_gap(closing), (12.5, 56.0)),
-                Curve("ideal braking just avoids", closing, required_gap(closing, deceleration=5.0), (19.0, 18.0)),
+                Curve("ideal braking just "
+                      "avoids", closing, required_gap(closing, deceleration=5.0), (19.0, 18.0)),
             ],
         ),
         "method_field.svg": Chart(
-            "The field of one moment ahead of a vehicle (right) and behind it (left), at two speeds.",
+            "The field of one moment ahead of a vehicle (right) and behind it (left), at two "
+            "speeds.",
             "distance ahead, m", "s", (-80.0, 80.0, 0.0, 1.3), (20.0, 0.2), fields,
         ),
         "method_similarity.svg": Chart(
-            "How alike a value is to the drivers', over how many of their standard deviations it lies from their mean: "
+            "How alike a value is to the drivers', over how many of their standard deviations it "
+            "lies from their mean: "
             "1 within two deviations.",
             "deviations from the mean", "similarity", (-5.0, 5.0, 0.0, 1.1), (1.0, 0.2),
             [Curve("Eq. 11", deviations, gaussian_similarity(deviations, 0.0, 1.0), (2.7, 0.5))],
@@ -108,25 +120,43 @@ def drawing(chart: Chart) -> str:
     parts = [f'<rect width="{WIDTH:g}" height="{HEIGHT:g}" fill="#fff"/>']
     for x in np.arange(x0, x1 + 1e-9, chart.steps[0]):
         parts.append(f'<path d="M{across(x):.1f} {TOP:g}V{TOP + high:g}" stroke="{GRID}"/>')
-        parts.append(f'<text x="{across(x):.1f}" y="{TOP + high + 16:g}" text-anchor="middle">{x:g}</text>')
+        parts.append(
+            f'<text x="{across(x):.1f}" y="{TOP + high + 16:g}" text-anchor="middle">{x:g}</text>'
+        )
     for y in np.arange(y0, y1 + 1e-9, chart.steps[1]):
         parts.append(f'<path d="M{LEFT:g} {up(y):.1f}H{LEFT + wide:g}" stroke="{GRID}"/>')
-        parts.append(f'<text x="{LEFT - 6:g}" y="{up(y) + 4:.1f}" text-anchor="end">{round(y, 9):g}</text>')
-    parts.append(f'<text x="{LEFT + wide / 2:g}" y="{HEIGHT - 8:g}" text-anchor="middle">{escape(chart.x)}</text>')
+        parts.append(
+            f'<text x="{LEFT - 6:g}" y="{up(y) + 4:.1f}" text-anchor="end">{round(y, 9):g}</text>'
+        )
+    parts.append(
+        f'<text x="{LEFT + wide / 2:g}" y="{HEIGHT - 8:g}" '
+        f'text-anchor="middle">{escape(chart.x)}</text>'
+    )
     middle = TOP + high / 2
     parts.append(
-        f'<text x="14" y="{middle:g}" text-anchor="middle" transform="rotate(-90 14 {middle:g})">{chart.y}</text>'
+        f'<text x="14" y="{middle:g}" text-anchor="middle" transform="rotate(-90 14 '
+        f'{middle:g})">{chart.y}</text>'
     )
     for number, curve in enumerate(chart.curves):
-        points = " ".join(f"{across(x):.1f},{up(y):.1f}" for x, y in zip(curve.x, curve.y, strict=True) if y <= y1)
-        colour, dash = COLOURS[number], f' stroke-dasharray="{DASHES[number]}"' if DASHES[number] else ""
-        parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="2"{dash}/>')
+        points = " ".join(
+            f"{across(x):.1f},{up(y):.1f}" for x, y in zip(curve.x, curve.y, strict=True) if y <= y1
+        )
+        colour, dash = (
+            COLOURS[number],
+            f' stroke-dasharray="{DASHES[number]}"' if DASHES[number] else "",
+        )
+        parts.append(
+            f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="2"{dash}/>'
+        )
         place = f'x="{across(curve.at[0]):.1f}" y="{up(curve.at[1]):.1f}"'
-        parts.append(f'<text {place} fill="{colour}" font-weight="bold">{escape(curve.name)}</text>')
+        parts.append(
+            f'<text {place} fill="{colour}" font-weight="bold">{escape(curve.name)}</text>'
+        )
     body = "\n".join(parts)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" '
-        f'font-family="sans-serif" font-size="12" fill="{INK}">\n<title>{escape(chart.about)}</title>\n{body}\n</svg>\n'
+        'font-family="sans-serif" font-size="12" '
+        f'fill="{INK}">\n<title>{escape(chart.about)}</title>\n{body}\n</svg>\n'
     )
 
 

@@ -2,11 +2,13 @@
 
     python tools/durations.py [pytest arguments]
 
-Runs the tests with the arguments of `make test` and prints the tests and the folders that cost most.
-Wall time on a loaded machine says nothing, so it is shown but never ranked. A fixture that several tests share
-counts for the test that asks for it first.
+Runs the tests with the arguments of `make test` and prints the tests and the folders that cost
+most.
+Wall time on a loaded machine says nothing, so it is shown but never ranked. A fixture that several
+tests share counts for the test that asks for it first.
 
---write: also writes tests/durations.json, from which tests/conftest.py takes the order of the files.
+--write: also writes tests/durations.json, from which tests/conftest.py takes the order of the
+files.
 """
 
 from __future__ import annotations
@@ -30,7 +32,9 @@ FOLDER = "SUMO_EVAL_DURATIONS"  # where the test processes leave their lines
 
 
 def processor_seconds() -> float:
-    """Return the user and system time of this process, its finished children and all living below them, in s."""
+    """Return the user and system time of this process, its finished children and all living below
+    them, in s.
+    """
     spent = 0.0
     for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN):
         usage = resource.getrusage(whose)
@@ -39,7 +43,8 @@ def processor_seconds() -> float:
 
 
 def living_seconds() -> float:
-    """Return the time of living processes below this one, s: the drives of a run are children of a fork server.
+    """Return the time of living processes below this one, s: the drives of a run are children of a
+    fork server.
 
     0 where there is no /proc.
     """
@@ -50,11 +55,14 @@ def living_seconds() -> float:
         except OSError:  # it has ended meanwhile
             continue
         parents[int(stat.parent.name)] = int(fields[1])
-        ticks[int(stat.parent.name)] = sum(map(int, fields[11:15]))  # its own and its finished children's
+        # its own and its finished children's
+        ticks[int(stat.parent.name)] = sum(map(int, fields[11:15]))
     below = {os.getpid()}
     while more := {process for process, parent in parents.items() if parent in below} - below:
         below |= more
-    return sum(ticks.get(process, 0) for process in below - {os.getpid()}) / os.sysconf("SC_CLK_TCK")
+    return sum(ticks.get(process, 0) for process in below - {os.getpid()}) / os.sysconf(
+        "SC_CLK_TCK"
+    )
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -72,13 +80,23 @@ def measure(arguments: list[str]) -> tuple[int, dict[str, tuple[float, float]]]:
     with tempfile.TemporaryDirectory() as folder:
         places = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
         command = [sys.executable, "-m", "pytest", "-p", "durations", *arguments]
-        status = subprocess.call(command, cwd=ROOT, env={**os.environ, FOLDER: folder, "PYTHONPATH": places})
-        rows = [json.loads(line) for file in Path(folder).glob("*.jsonl") for line in file.read_text().splitlines()]
+        status = subprocess.call(
+            command, cwd=ROOT, env={**os.environ, FOLDER: folder, "PYTHONPATH": places}
+        )
+        rows = [
+            json.loads(line)
+            for file in Path(folder).glob("*.jsonl")
+            for line in file.read_text().splitlines()
+        ]
     return status, {name: (processor, wall) for name, processor, wall in rows}
 
 
-def by_prefix(times: dict[str, tuple[float, float]], length: int) -> dict[str, tuple[float, float, int]]:
-    """Sum the times over tests whose path begins with the same parts: processor and wall time (s), tests."""
+def by_prefix(
+    times: dict[str, tuple[float, float]], length: int
+) -> dict[str, tuple[float, float, int]]:
+    """Sum the times over tests whose path begins with the same parts: processor and wall time (s),
+    tests.
+    """
     sums: dict[str, tuple[float, float, int]] = collections.defaultdict(lambda: (0.0, 0.0, 0))
     for name, (processor, wall) in times.items():
         key = "/".join(name.split("::")[0].split("/")[:length])
@@ -92,7 +110,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--most", type=int, default=40, help="rows of each table")
     parser.add_argument("--json", type=Path, help="also write every test's times to this file")
-    parser.add_argument("--write", action="store_true", help="write tests/durations.json: wall time by file")
+    parser.add_argument(
+        "--write", action="store_true", help="write tests/durations.json: wall time by file"
+    )
     options, arguments = parser.parse_known_args()
 
     begin = time.monotonic()
@@ -101,10 +121,14 @@ def main() -> int:
 
     for length, title in ((2, "folder"), (3, "file")):
         print(f"\n{'processor s':>12} {'wall s':>8} {'tests':>6}  {title}")
-        for key, (processor, waited, tests) in list(by_prefix(times, length).items())[: options.most]:
+        for key, (processor, waited, tests) in list(by_prefix(times, length).items())[
+            : options.most
+        ]:
             print(f"{processor:12.1f} {waited:8.1f} {tests:6}  {key}")
     print(f"\n{'processor s':>12} {'wall s':>8}  test")
-    for name, (processor, waited) in sorted(times.items(), key=lambda item: -item[1][0])[: options.most]:
+    for name, (processor, waited) in sorted(times.items(), key=lambda item: -item[1][0])[
+        : options.most
+    ]:
         print(f"{processor:12.1f} {waited:8.1f}  {name}")
     total = sum(processor for processor, _ in times.values())
     print(f"\n{total:.0f} s of processor time in {wall:.0f} s, {len(times)} tests")

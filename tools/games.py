@@ -1,7 +1,7 @@
 """Drive the games that no score may reward: `python tools/games.py [FOLDER]`.
 
-Seven games and the shipped ADSs drive 77 points of three scenarios. Prints T, A, A', H and S+, each the mean over the
-scenarios, and the incidents.
+Seven games and the shipped ADSs drive 77 points of three scenarios. Prints T, A, A', H and S+, each
+the mean over the scenarios, and the incidents.
 """
 
 from __future__ import annotations
@@ -31,13 +31,23 @@ from sumo_eval.settings import (
 )
 
 DANGER = 2.5  # s of TTC below which some games give up
-COLUMNS = {"T": "task_share", "A": "avoided_share", "A'": "avoidance_grade", "H": "human_likeness", "S+": "s_plus"}
+COLUMNS = {
+    "T": "task_share",
+    "A": "avoided_share",
+    "A'": "avoidance_grade",
+    "H": "human_likeness",
+    "S+": "s_plus",
+}
 
 
 def time_to_collision(seen: Observation) -> float:
     """TTC to the vehicle ahead, s; inf where the ego does not close."""
     lead = seen.lead
-    return float("inf") if lead is None or lead.relative_speed >= 0.0 else lead.gap / -lead.relative_speed
+    return (
+        float("inf")
+        if lead is None or lead.relative_speed >= 0.0
+        else lead.gap / -lead.relative_speed
+    )
 
 
 class BrakesToAStop:
@@ -131,7 +141,8 @@ def evaluation(
     return EvaluationSettings(
         name="games",
         scenario=tuple(
-            ScenarioSettings(name, SamplingSettings("sobol", count=count)) for name, count in points.items()
+            ScenarioSettings(name, SamplingSettings("sobol", count=count))
+            for name, count in points.items()
         ),
         ads=tuple(ads),
         drivers=DriverSettings(count=drivers),
@@ -152,9 +163,13 @@ def table(done: Evaluation) -> pd.DataFrame:
     for ads in done.settings.ads:
         own = [score for score in done.scores if score.ads == ads.name]
         values = [[getattr(score, name) for score in own] for name in COLUMNS.values()]
-        means = [fmean(known) if (known := [one for one in value if one is not None]) else None for value in values]
+        means = [
+            fmean(known) if (known := [one for one in value if one is not None]) else None
+            for value in values
+        ]
         incidents = [
-            sum(getattr(score, name) for score in own) for name in ("avoidable_collisions", "departures", "gave_up")
+            sum(getattr(score, name) for score in own)
+            for name in ("avoidable_collisions", "departures", "gave_up")
         ]
         rows.append((ads.name, *means, *incidents))
     columns = ["ADS", *COLUMNS, "avoidable", "departed", "gave up"]

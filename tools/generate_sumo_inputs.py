@@ -1,9 +1,11 @@
-"""Write the SUMO inputs of the shipped scenarios, or check that the ones in the tree are up to date.
+"""Write the SUMO inputs of the shipped scenarios, or check that the ones in the tree are up to
+date.
 
     python tools/generate_sumo_inputs.py [--check] [--out FOLDER]
 
-One network and one view of it per road; per scenario the routes at its central point (the possible point of its own
-sampling grid nearest to the centre of the unit box; of equals, the first in grid order) with a .sumocfg for sumo-gui.
+One network and one view of it per road; per scenario the routes at its central point (the possible
+point of its own sampling grid nearest to the centre of the unit box; of equals, the first in grid
+order) with a .sumocfg for sumo-gui.
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ def sumo_inputs() -> dict[str, str]:
         concrete = logical.concretes(central_point(logical)[None])[0]
         network, routes = f"{logical.road.name}.net.xml", f"{logical.name}.rou.xml"
         view = f"{logical.road.name}.view.xml"
-        configuration = configuration_xml(f"../networks/{network}", routes, settings.step, view=f"../networks/{view}")
+        configuration = configuration_xml(
+            f"../networks/{network}", routes, settings.step, view=f"../networks/{view}"
+        )
         files[f"networks/{view}"] = view_xml(logical.road)
         files[f"networks/{network}"] = network_xml(logical.road)
         files[f"routes/{routes}"] = routes_xml(concrete, settings.vehicle, origin=ORIGIN)
@@ -38,7 +42,9 @@ def sumo_inputs() -> dict[str, str]:
 
 
 def stale_files(root: Path) -> list[str]:
-    """One sentence for each file below `root` that is missing, differs, or belongs to no shipped scenario."""
+    """One sentence for each file below `root` that is missing, differs, or belongs to no shipped
+    scenario.
+    """
     wanted = sumo_inputs()
     sentences = []
     for name, text in wanted.items():
@@ -48,10 +54,15 @@ def stale_files(root: Path) -> list[str]:
         elif path.read_bytes() != text.encode():
             sentences.append(f"{name} is stale; run tools/generate_sumo_inputs.py.")
     present = [
-        path for folder in ("networks", "routes") for path in sorted((root / folder).glob("*")) if path.is_file()
+        path
+        for folder in ("networks", "routes")
+        for path in sorted((root / folder).glob("*"))
+        if path.is_file()
     ]
     names = (path.relative_to(root).as_posix() for path in present)
-    sentences += [f"{name} belongs to no shipped scenario; delete it." for name in names if name not in wanted]
+    sentences += [
+        f"{name} belongs to no shipped scenario; delete it." for name in names if name not in wanted
+    ]
     return sentences
 
 
@@ -67,7 +78,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Exit status 1 when `--check` finds a file that is not what would be written."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--check", action="store_true", help="compare instead of writing")
-    parser.add_argument("--out", type=Path, default=ROOT, help="root of the tree (default: this one)")
+    parser.add_argument(
+        "--out", type=Path, default=ROOT, help="root of the tree (default: this one)"
+    )
     options = parser.parse_args(arguments)
     if not options.check:
         write_files(options.out)

@@ -1,13 +1,15 @@
-"""What the linters do not see: circles of imports, unused names, leaning docstrings; words of pages, tests, commits.
+"""What the linters do not see: circles of imports, unused names, leaning docstrings; words of
+pages, tests, commits.
 
     python tools/house_check.py            every finding that is not allowed, one a line; exit status 1 if there is one
     python tools/house_check.py --facts    also lines, files and loose files at the top
     python tools/house_check.py --words    also every place that a pattern of house_words.toml finds
 
-An import counts wherever it stands, within a function too: a circle that only works because one side imports late is a
-circle. Code is alive when the package, the tools, the documentation or its examples name it; tests do not keep it
-alive. tools/house_allowances.toml has what is allowed all the same, each with its reason; an allowance that nothing
-needs is a finding itself. tools/house_words.toml has the limits of words; its counts may only fall.
+An import counts wherever it stands, within a function too: a circle that only works because one
+side imports late is a circle. Code is alive when the package, the tools, the documentation or its
+examples name it; tests do not keep it alive. tools/house_allowances.toml has what is allowed all
+the same, each with its reason; an allowance that nothing needs is a finding itself.
+tools/house_words.toml has the limits of words; its counts may only fall.
 """
 
 from __future__ import annotations
@@ -71,13 +73,17 @@ def circles(graph: Graph) -> list[list[str]]:
     names = sorted(graph)
     links = csr_array([[int(other in graph[name]) for other in names] for name in names])
     groups: dict[int, list[str]] = {}
-    for name, number in zip(names, connected_components(links, connection="strong")[1], strict=True):
+    for name, number in zip(
+        names, connected_components(links, connection="strong")[1], strict=True
+    ):
         groups.setdefault(int(number), []).append(name)
     return sorted(group for group in groups.values() if len(group) > 1)
 
 
 def defined(tree: ast.Module) -> Iterator[str]:
-    """Functions, classes and constants at the top of a module; what a decorator hands to somebody else is not asked."""
+    """Functions, classes and constants at the top of a module; what a decorator hands to somebody
+    else is not asked.
+    """
     for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             if not any(_registers(decorator) for decorator in node.decorator_list):
@@ -105,13 +111,17 @@ def used(tree: ast.Module) -> set[str]:
             found.add(node.attr)
         elif isinstance(node, ast.alias):
             found |= {node.name, *node.name.split(".")}
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in prose:
+        elif (
+            isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in prose
+        ):
             found |= set(_WORD.findall(node.value))
     return found
 
 
 def named_outside(root: Path, package: str = PACKAGE) -> set[str]:
-    """Names in the tools, the documentation's examples and code spans, and the package's templates and data files."""
+    """Names in the tools, the documentation's examples and code spans, and the package's templates
+    and data files.
+    """
     found: set[str] = set()
     for path in (path for folder in ("tools", "docs") for path in (root / folder).rglob("*.py")):
         found |= used(ast.parse(path.read_text(encoding="utf-8"), str(path)))
@@ -136,7 +146,9 @@ def dead_names(trees: Trees, outside: set[str]) -> list[str]:
 
 
 def dead_modules(trees: Trees, graph: Graph, outside: set[str]) -> list[str]:
-    """Modules that nothing imports and no text names: the way in of a command or of a process is named somewhere."""
+    """Modules that nothing imports and no text names: the way in of a command or of a process is
+    named somewhere.
+    """
     imported = set().union(*graph.values())
     texts = "\n".join(
         node.value
@@ -155,24 +167,29 @@ def dead_modules(trees: Trees, graph: Graph, outside: set[str]) -> list[str]:
 
 
 def leaning_docstrings(trees: Trees) -> list[str]:
-    """Modules, classes and functions, as `module.name`, whose docstring begins by pointing at another one."""
+    """Modules, classes and functions, as `module.name`, whose docstring begins by pointing at
+    another one.
+    """
     found = []
     for module, tree in trees.items():
         for node in ast.walk(tree):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and LEANING.match(
-                ast.get_docstring(node) or ""
-            ):
+            if isinstance(
+                node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+            ) and LEANING.match(ast.get_docstring(node) or ""):
                 found.append(module if isinstance(node, ast.Module) else f"{module}.{node.name}")
     return found
 
 
 def findings(root: Path, package: str = PACKAGE) -> list[str]:
-    """Everything that is wrong with the house, allowed or not, each once, by a name that does not move with lines."""
+    """Everything that is wrong with the house, allowed or not, each once, by a name that does not
+    move with lines.
+    """
     trees = trees_of(root, package)
     graph = import_graph(trees)
     outside = named_outside(root, package)
     tools = {
-        f"tools.{path.stem}": ast.parse(path.read_text(encoding="utf-8")) for path in (root / "tools").glob("*.py")
+        f"tools.{path.stem}": ast.parse(path.read_text(encoding="utf-8"))
+        for path in (root / "tools").glob("*.py")
     }
     found = [f"circle: {' '.join(group)}" for group in circles(graph)]
     found += [f"dead module: {name}" for name in dead_modules(trees, graph, outside)]
@@ -190,10 +207,16 @@ def allowances(root: Path) -> dict[str, str]:
 
 
 def judged(found: list[str], allowed: Mapping[str, str]) -> list[str]:
-    """What is to be mended: findings without an allowance, allowances without a finding or without a reason."""
+    """What is to be mended: findings without an allowance, allowances without a finding or without
+    a reason.
+    """
     wrong = [one for one in found if one not in allowed]
     wrong += [f"allowance that nothing needs: {one}" for one in allowed if one not in found]
-    return wrong + [f"allowance without a reason: {one}" for one, reason in allowed.items() if not reason.strip()]
+    return wrong + [
+        f"allowance without a reason: {one}"
+        for one, reason in allowed.items()
+        if not reason.strip()
+    ]
 
 
 def wording(root: Path, package: str = PACKAGE) -> tuple[list[str], list[str]]:
@@ -231,9 +254,13 @@ def wording(root: Path, package: str = PACKAGE) -> tuple[list[str], list[str]]:
         seek("long test names", test.name, test.read_text(encoding="utf-8"), _LONG_TEST)
     for kind, most in limits["most"].items():
         if len(places[kind]) > most:
-            wrong.append(f"{kind}: must be at most {most}, are {len(places[kind])} (--words lists them)")
+            wrong.append(
+                f"{kind}: must be at most {most}, are {len(places[kind])} (--words lists them)"
+            )
     log = ["git", "log", "--no-merges", "--format=%s", f"--since={limits['since']}"]
-    subjects = subprocess.run(log, cwd=root, capture_output=True, text=True, check=False).stdout.splitlines()
+    subjects = subprocess.run(
+        log, cwd=root, capture_output=True, text=True, check=False
+    ).stdout.splitlines()
     wrong += [f"subject over 60 characters: {subject}" for subject in subjects if len(subject) > 60]
     return wrong, [hit for kind, hits in places.items() if kind != "words" for hit in hits]
 
@@ -248,10 +275,16 @@ def facts(root: Path, package: str = PACKAGE) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Print what is to be mended."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--root", type=Path, default=Path(__file__).parents[1], help="the project's folder")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--root", type=Path, default=Path(__file__).parents[1], help="the project's folder"
+    )
     parser.add_argument("--facts", action="store_true", help="also print the size of the house")
-    parser.add_argument("--words", action="store_true", help="also list what the patterns of words find")
+    parser.add_argument(
+        "--words", action="store_true", help="also list what the patterns of words find"
+    )
     given = parser.parse_args(arguments)
     found = findings(given.root)
     if given.facts:
@@ -262,7 +295,10 @@ def main(arguments: list[str] | None = None) -> int:
         print(*places, sep="\n")
     if wrong:
         print(*wrong, sep="\n")
-        print(f"{len(wrong)} to mend; what must stay needs a line with its reason in {ALLOWANCES}.", file=sys.stderr)
+        print(
+            f"{len(wrong)} to mend; what must stay needs a line with its reason in {ALLOWANCES}.",
+            file=sys.stderr,
+        )
     return 1 if wrong else 0
 
 

@@ -1,8 +1,10 @@
-"""Install into this Python's environment: by uv, several packages at once, from wherever pip would take them.
+"""Install into this Python's environment: by uv, several packages at once, from wherever pip would
+take them.
 
     .venv/bin/python tools/install.py --editable '.[dev]'
 
-uv comes from the index that pip is configured for. Where it cannot be had, or fails, pip does the same alone.
+uv comes from the index that pip is configured for. Where it cannot be had, or fails, pip does the
+same alone.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ UV_NAMES = {"trusted-host": "allow-insecure-host"}
 
 
 def configuration(listed: str) -> dict[str, str]:
-    """Settings by name from what `pip config list` prints; of two places the one that pip itself obeys."""
+    """Settings by name from what `pip config list` prints; of two places the one that pip itself
+    obeys.
+    """
     ranks = {"global": 0, "install": 1, ":env:": 2}
     found: dict[str, tuple[int, str]] = {}
     for line in listed.splitlines():
@@ -30,7 +34,9 @@ def configuration(listed: str) -> dict[str, str]:
 
 
 def uv_options(pip: dict[str, str]) -> list[str]:
-    """Return pip's settings as options of uv; among several indexes the best version counts, as with pip."""
+    """Return pip's settings as options of uv; among several indexes the best version counts, as
+    with pip.
+    """
     options = ["--index-strategy", "unsafe-best-match"]
     for name in SHARED:
         uv_name = f"--{UV_NAMES.get(name, name)}"
@@ -43,13 +49,30 @@ def uv_options(pip: dict[str, str]) -> list[str]:
 
 def main(arguments: list[str]) -> int:
     """Install and return the exit status."""
-    if subprocess.call([*PIP, "install", "uv"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) == 0:
-        listed = subprocess.run([*PIP, "config", "list"], capture_output=True, text=True, check=False).stdout
+    if (
+        subprocess.call(
+            [*PIP, "install", "uv"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        == 0
+    ):
+        listed = subprocess.run(
+            [*PIP, "config", "list"], capture_output=True, text=True, check=False
+        ).stdout
         pip = configuration(listed)
         environment = dict(os.environ)
         if "cert" in pip:
             environment.setdefault("SSL_CERT_FILE", pip["cert"])
-        uv = [sys.executable, "-m", "uv", "--quiet", "pip", "install", "--python", sys.executable, *uv_options(pip)]
+        uv = [
+            sys.executable,
+            "-m",
+            "uv",
+            "--quiet",
+            "pip",
+            "install",
+            "--python",
+            sys.executable,
+            *uv_options(pip),
+        ]
         if subprocess.call([*uv, *arguments], env=environment) == 0:
             return 0
         print("uv cannot install this; pip tries.", file=sys.stderr)

@@ -1,11 +1,12 @@
-"""Drive ADSs of known order and count how often each score puts the worse one first: `python tools/ladder.py [FOLDER]`.
+"""Drive ADSs of known order and count how often each score puts the worse one first: `python
+tools/ladder.py [FOLDER]`.
 
-The ladder is a family of plain policies that differ in one thing at a time: how long they take to react, how hard they
-brake, how far they see, how unsteady their foot is, how fast they drive. They drive about 97 points of
-`front_vehicle_cut_out`, `cut_in` and `front_vehicle_braking` in one evaluation. Of two rungs, one is *better* in a
-scenario if its severity U is not higher in any case and lower in one. A score orders such a pair (the better one has
-more), ties it, or has it wrong. Prints the table of docs/trust.md. FOLDER: where the run shall stand; default: a
-temporary one.
+The ladder is a family of plain policies that differ in one thing at a time: how long they take to
+react, how hard they brake, how far they see, how unsteady their foot is, how fast they drive. They
+drive about 97 points of `front_vehicle_cut_out`, `cut_in` and `front_vehicle_braking` in one
+evaluation. Of two rungs, one is *better* in a scenario if its severity U is not higher in any case
+and lower in one. A score orders such a pair (the better one has more), ties it, or has it wrong.
+Prints the table of docs/trust.md. FOLDER: where the run shall stand; default: a temporary one.
 """
 
 from __future__ import annotations
@@ -23,7 +24,13 @@ import pandas as pd
 import sumo_eval
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.results import Evaluation
-from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.settings import (
+    AdsSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
 
 NOTICED_TTC = 6.0  # s, from which on a vehicle that comes nearer is a danger
 WOBBLE_PERIOD = 4.0  # s
@@ -33,7 +40,12 @@ SCORES = {"C": "c", "S": "s", "A": "avoided_share", "A'": "avoidance_grade", "S+
 
 
 class Rung(NamedTuple):
-    """reaction: s. braking: m/s2. sight: m. wobble: amplitude of an unsteady foot, m/s2. pace: of its first speed."""
+    """reaction: s.
+    braking: m/s2.
+    sight: m.
+    wobble: amplitude of an unsteady foot, m/s2.
+    pace: of its first speed.
+    """
 
     reaction: float
     braking: float
@@ -44,7 +56,11 @@ class Rung(NamedTuple):
     @property
     def name(self) -> str:
         """The ADS's name in the tables."""
-        return "reaction {:g} s, braking {:g} m/s2, sight {:g} m, wobble {:g} m/s2, pace {:g}".format(*self)
+        return (
+            "reaction {:g} s, braking {:g} m/s2, sight {:g} m, wobble {:g} m/s2, pace {:g}".format(
+                *self
+            )
+        )
 
     @property
     def identifier(self) -> str:
@@ -63,7 +79,9 @@ RUNGS = (
 
 
 class Driver:
-    """Keeps its speed; brakes for who comes nearer, from `reaction` s after it saw that, until he no longer does."""
+    """Keeps its speed; brakes for who comes nearer, from `reaction` s after it saw that, until he
+    no longer does.
+    """
 
     rung: Rung
 
@@ -86,7 +104,9 @@ class Driver:
 
 
 for _rung in RUNGS:
-    globals()[_rung.identifier] = type(_rung.identifier, (Driver,), {"rung": _rung, "__module__": __name__})
+    globals()[_rung.identifier] = type(
+        _rung.identifier, (Driver,), {"rung": _rung, "__module__": __name__}
+    )
 
 
 SPACES = (
@@ -97,7 +117,10 @@ SPACES = (
 
 
 def climb(rungs: Sequence[Rung], scenarios: Sequence[ScenarioSettings], folder: Path) -> Evaluation:
-    """The evaluation of rungs of the ladder. folder: of the run; must not exist."""
+    """The evaluation of rungs of the ladder.
+
+    folder: of the run; must not exist.
+    """
     here = Path(__file__).resolve()
     settings = EvaluationSettings(
         name="ladder",
@@ -109,7 +132,9 @@ def climb(rungs: Sequence[Rung], scenarios: Sequence[ScenarioSettings], folder: 
 
 
 class Pair(NamedTuple):
-    """Two ADSs in a scenario, and how each score orders them: 1 right, 0 tied, -1 wrong; None: it has no number."""
+    """Two ADSs in a scenario, and how each score orders them: 1 right, 0 tied, -1 wrong; None: it
+    has no number.
+    """
 
     scenario: str
     better: str
@@ -122,7 +147,9 @@ def ordered_pairs(evaluation: Evaluation) -> list[Pair]:
     severities: dict[tuple[str, str], dict[tuple[float, ...], float]] = {}
     for case in evaluation.cases:
         assert case.evaluated, (case.ads, case.case, case.error)
-        severities.setdefault((case.scenario, case.ads), {})[tuple(case.values.values())] = case.severity or 0.0
+        severities.setdefault((case.scenario, case.ads), {})[tuple(case.values.values())] = (
+            case.severity or 0.0
+        )
     found = []
     for (scenario, one), (place, other) in permutations(severities, 2):
         if scenario != place:
@@ -154,8 +181,12 @@ def table(pairs: Sequence[Pair]) -> pd.DataFrame:
         mine = [pair.orders for pair in pairs if scenario in (pair.scenario, "all")]
         for name in SCORES:
             found = [order[name] for order in mine]
-            rows.append((scenario, name, len(found), *(found.count(kind) for kind in (1, 0, -1, None))))
-    return pd.DataFrame(rows, columns=["scenario", "score", "pairs", "ordered", "tied", "wrong", "without a score"])
+            rows.append(
+                (scenario, name, len(found), *(found.count(kind) for kind in (1, 0, -1, None)))
+            )
+    return pd.DataFrame(
+        rows, columns=["scenario", "score", "pairs", "ordered", "tied", "wrong", "without a score"]
+    )
 
 
 def main() -> None:
@@ -167,7 +198,10 @@ def main() -> None:
         print(table(ordered_pairs(evaluation)).to_string(index=False))
         if evaluation.ranking is not None:
             pairs = evaluation.ranking.pairs
-            print(f"{sum(pair.told_apart for pair in pairs)} of {len(pairs)} pairs told apart over all scenarios")
+            print(
+                f"{sum(pair.told_apart for pair in pairs)} of {len(pairs)} pairs told apart over "
+                "all scenarios"
+            )
 
 
 if __name__ == "__main__":

@@ -1,10 +1,12 @@
-"""Work out MOTORWAY_PEOPLE of `sumo_eval/method/plausibility.py` from the tables of recorded people, and print it.
+"""Work out MOTORWAY_PEOPLE of `sumo_eval/method/plausibility.py` from the tables of recorded
+people, and print it.
 
     python tools/motorway_people.py ../shared/data/human
 
-Reads `dlr_ht/{approach,cutin,cutout}_{events.csv,series.parquet}` (DLR Highway Traffic v1.1.0). A drive is one event's
-whole series, if it is 10 s or longer. Left out, and counted: rows marked suspect, and drives with a lateral speed over
-2 m/s, which are ghosts of the tracker by the rule of `sumo_eval/drivers/recorded/events.py`. Needs the
+Reads `dlr_ht/{approach,cutin,cutout}_{events.csv,series.parquet}` (DLR Highway Traffic v1.1.0). A
+drive is one event's whole series, if it is 10 s or longer. Left out, and counted: rows marked
+suspect, and drives with a lateral speed over 2 m/s, which are ghosts of the tracker by the rule of
+`sumo_eval/drivers/recorded/events.py`. Needs the
 `parquet` extra (duckdb).
 """
 
@@ -29,11 +31,14 @@ OTHERS = {
     "cutin": {"cut": "gap"},
     "cutout": {"cut": "gap_ego_cutout", "rev": "gap_ego_revealed"},
 }
-"""By kind of event: the other vehicles in its series, and the column with the bumper gap to each at t = 0."""
+"""By kind of event: the other vehicles in its series, and the column with the bumper gap to each at
+t = 0."""
 
 
 def motorway_drives(folder: Path) -> Iterator[tuple[str, str, Trajectory, dict[str, Trajectory]]]:
-    """Kind of event, person, the person's drive and the other vehicles, of every recorded encounter."""
+    """Kind of event, person, the person's drive and the other vehicles, of every recorded
+    encounter.
+    """
     for kind, others in OTHERS.items():
         events = pd.read_csv(folder / "dlr_ht" / f"{kind}_events.csv")
         events = events[~events["suspect"]].set_index("event_id")
@@ -50,8 +55,13 @@ def motorway_drives(folder: Path) -> Iterator[tuple[str, str, Trajectory, dict[s
             yield kind, str(event["ego"]), ego, seen
 
 
-def _track(rows: pd.DataFrame, prefix: str, ego: pd.DataFrame | None, gap: float) -> Trajectory | None:
-    """One vehicle of a series. Its length is what makes the bumper gap at t = 0 the table's, where that is known."""
+def _track(
+    rows: pd.DataFrame, prefix: str, ego: pd.DataFrame | None, gap: float
+) -> Trajectory | None:
+    """One vehicle of a series.
+
+    Its length is what makes the bumper gap at t = 0 the table's, where that is known.
+    """
     there = rows[rows[f"{prefix}_x"].notna()]
     if len(there) < 2:
         return None
@@ -66,7 +76,9 @@ def _track(rows: pd.DataFrame, prefix: str, ego: pd.DataFrame | None, gap: float
 
 
 def motorway_people(folder: Path) -> tuple[Quantiles, int]:
-    """The table, rounded to three digits after the point, and how many drives were left out as ghosts."""
+    """The table, rounded to three digits after the point, and how many drives were left out as
+    ghosts.
+    """
     drives = [(who, extremes_of(ego, actors)) for _, who, ego, actors in motorway_drives(folder)]
     kept = [one for one in drives if not one[1]["max_lateral_speed"] > RULES.ghost_lateral_speed]
     exact = quantiles_of([found for _, found in kept], [who for who, _ in kept])

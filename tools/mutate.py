@@ -2,8 +2,9 @@
 
     python tools/mutate.py --count 60 --seed 1 [pytest arguments]
 
-Each mistake is one operator or number of one line, drawn evenly over the rooms, in a copy of the repository. The tests
-near it run first and stop at the first failure; all others follow only where these found nothing.
+Each mistake is one operator or number of one line, drawn evenly over the rooms, in a copy of the
+repository. The tests near it run first and stop at the first failure; all others follow only where
+these found nothing.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 OTHER = {
-    "<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==", "+": "-", "-": "+", "*": "/", "/": "*",
+    "<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==", "+": "-", "-": "+",
+    "*": "/", "/": "*",
     "and": "or", "or": "and", "min": "max", "max": "min", "True": "False", "False": "True",
 }  # fmt: skip
 """A word of the code, and the mistake in its place."""
@@ -51,7 +53,8 @@ def mistakes(path: Path) -> Iterator[Mistake]:
     lines, file = text.splitlines(), path.relative_to(ROOT).as_posix()
     tree = ast.parse(text)
     decorators = [one for node in ast.walk(tree) for one in getattr(node, "decorator_list", ())]
-    checks = [one for one in ast.walk(tree) if isinstance(one, ast.keyword) and one.arg == "strict"]  # of zip
+    # of zip
+    checks = [one for one in ast.walk(tree) if isinstance(one, ast.keyword) and one.arg == "strict"]
     left_out = {id(node) for one in (*decorators, *checks) for node in ast.walk(one)}
     for node in ast.walk(tree):
         if id(node) in left_out:
@@ -59,7 +62,8 @@ def mistakes(path: Path) -> Iterator[Mistake]:
         if isinstance(node, ast.Compare | ast.BinOp | ast.BoolOp):
             first, second = (
                 (node.values[0], node.values[1]) if isinstance(node, ast.BoolOp)
-                else (node.left, node.comparators[0] if isinstance(node, ast.Compare) else node.right)
+                else (node.left,
+                    node.comparators[0] if isinstance(node, ast.Compare) else node.right)
             )  # fmt: skip
             if first.end_lineno != second.lineno:
                 continue
@@ -105,20 +109,28 @@ def plant(mistake: Mistake, copy: Path) -> None:
     lines = path.read_bytes().splitlines(keepends=True)
     line, word = lines[mistake.line - 1], mistake.word.encode()
     assert line[mistake.column : mistake.column + len(word)] == word, mistake
-    lines[mistake.line - 1] = line[: mistake.column] + mistake.other.encode() + line[mistake.column + len(word) :]
+    lines[mistake.line - 1] = (
+        line[: mistake.column] + mistake.other.encode() + line[mistake.column + len(word) :]
+    )
     path.write_bytes(b"".join(lines))
 
 
 def finder(mistake: Mistake, copy: Path, arguments: list[str], *, near: bool) -> str:
     """The test that fails, twice; empty where none does.
 
-    First the files run that name the mistake's module, then those of its room, then, unless `near`, all.
+    First the files run that name the mistake's module, then those of its room, then, unless `near`,
+    all.
     """
     module = mistake.file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     names = re.compile(
-        rf"{re.escape(module)}\b|from {re.escape(module.rpartition('.')[0])} import .*{Path(mistake.file).stem}"
+        rf"{re.escape(module)}\b|from {re.escape(module.rpartition('.')[0])} import "
+        rf".*{Path(mistake.file).stem}"
     )
-    naming = [str(path) for path in sorted((copy / "tests").rglob("test_*.py")) if names.search(path.read_text())]
+    naming = [
+        str(path)
+        for path in sorted((copy / "tests").rglob("test_*.py"))
+        if names.search(path.read_text())
+    ]
     room = copy / "tests" / room_of(Path(mistake.file))
     for tests in (naming, [str(room)] if room.is_dir() else [], [] if near else ["tests"]):
         for name in failing(copy, [*arguments, *tests]) if tests else []:
@@ -131,7 +143,9 @@ def failing(copy: Path, arguments: list[str]) -> list[str]:
     """The tests that fail first."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "--tb=no", *arguments]
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": ""}
-    run = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        command, cwd=copy, env=environment, capture_output=True, text=True, check=False
+    )
     names = re.findall(r"^[A-Z]+ (tests/.+?)(?: - .*)?$", run.stdout, re.MULTILINE)
     return names or ([f"exit status {run.returncode}"] if run.returncode else [])
 
@@ -141,11 +155,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--near", action="store_true", help="run only the tests of the module and of its room")
+    parser.add_argument(
+        "--near", action="store_true", help="run only the tests of the module and of its room"
+    )
     options, arguments = parser.parse_known_args()
 
     chosen, found = drawn(options.count, options.seed), 0
-    copy = Path(tempfile.gettempdir()) / "sumo_eval_mistakes"  # one place: kernels that did not change stay compiled
+    # one place: kernels that did not change stay compiled
+    copy = Path(tempfile.gettempdir()) / "sumo_eval_mistakes"
     shutil.rmtree(copy, ignore_errors=True)
     kept_out = shutil.ignore_patterns(".venv", ".mypy_cache", "build", "__pycache__")
     shutil.copytree(ROOT, copy, ignore=kept_out)

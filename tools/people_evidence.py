@@ -1,14 +1,17 @@
-"""Compare recorded drivers with bad driving, in the drivers' own concrete scenarios: D, H and plausibility.
+"""Compare recorded drivers with bad driving, in the drivers' own concrete scenarios: D, H and
+plausibility.
 Prints the AUCs of docs/trust.md.
 
     python tools/people_evidence.py ../shared/data/human [SEED]
 
-A person: a car or van of DLR Highway Traffic v1.1.0 that comes up to a slower leader in the right lane through a gap of
-3.5 s (`range_crossing`, not suspect), recorded over at least 80 % of the road. The concrete scenario is
-`front_vehicle_low_speed` at that person's own speed and leader's speed; the drivers are the ten synthetic ones that an
-evaluation has by default. Lateral positions are stretched from the recorded lanes' width to the scenario's.
+A person: a car or van of DLR Highway Traffic v1.1.0 that comes up to a slower leader in the right
+lane through a gap of 3.5 s (`range_crossing`, not suspect), recorded over at least 80 % of the
+road. The concrete scenario is `front_vehicle_low_speed` at that person's own speed and leader's
+speed; the drivers are the ten synthetic ones that an evaluation has by default. Lateral positions
+are stretched from the recorded lanes' width to the scenario's.
 
-Bad driving is made for each of these scenarios, and counts where it comes to be before the road ends:
+Bad driving is made for each of these scenarios, and counts where it comes to be before the road
+ends:
 
 - brakes hard: with 8 m/s2 from 1 s on, to the leader's speed;
 - crawls: with 3 m/s2 to 10 m/s, or to 60 % of the leader's speed;
@@ -40,7 +43,8 @@ LANE_SPACING = {"DLRHT_NB": 3.79, "DLRHT_SB": 3.62}  # m, of the recorded lanes
 COVERAGE = 0.8  # of the road that a recording must cover, as `drivers.coverage`
 DRIVERS = 10
 SLICES = 2.5  # m, within 0.02 of 0.5 m
-HARD_BRAKING, CRAWL_BRAKING, CRAWL_SPEED, CLOSING_BRAKING = 8.0, 3.0, 10.0, 1.0  # m/s2, m/s2, m/s, m/s2
+# m/s2, m/s2, m/s, m/s2
+HARD_BRAKING, CRAWL_BRAKING, CRAWL_SPEED, CLOSING_BRAKING = 8.0, 3.0, 10.0, 1.0
 HEADWAYS = (0.2, 0.3, 0.5)  # s
 SWERVES = ((1.5, 2.0), (1.0, 1.6))  # s: TTC at which it begins, duration
 CALM = (10.0, 8.5)  # s, the recorded medians
@@ -58,7 +62,9 @@ class Person:
 
 
 def recorded_people(folder: Path) -> list[Person]:
-    """Everybody who came up to a slower leader in the right lane and was recorded for long enough."""
+    """Everybody who came up to a slower leader in the right lane and was recorded for long
+    enough.
+    """
     events = pd.read_csv(folder / "dlr_ht" / "approach_events.csv")
     kept = ~events["suspect"] & (events["lane0"] == 0) & (events["start_kind"] == "range_crossing")
     events = events[kept & events["ego_cls"].isin(["car", "van"])]
@@ -66,18 +72,26 @@ def recorded_people(folder: Path) -> list[Person]:
     drives = dict(list(series[series["t"] >= -1e-6].groupby("event_id")))
     shipped = catalogue.load("front_vehicle_low_speed")
     wide = tuple(replace(item, low=1.0, high=60.0) for item in shipped.parameters)
-    logical = replace(shipped, parameters=wide)  # people's own speeds, also where they leave the space
+    # people's own speeds, also where they leave the space
+    logical = replace(shipped, parameters=wide)
     people = []
     for _, event in events.iterrows():
         rows, spacing = drives[event["event_id"]], LANE_SPACING[str(event["recording"])]
-        concrete = logical.concrete(ego_speed=float(event["v_ego0"]), lead_speed=float(event["v_lead0"]))
-        ego, lead = (_moved(rows, name, concrete, spacing, float(event[f"{name}_L"])) for name in ("ego", "lead"))
+        concrete = logical.concrete(
+            ego_speed=float(event["v_ego0"]), lead_speed=float(event["v_lead0"])
+        )
+        ego, lead = (
+            _moved(rows, name, concrete, spacing, float(event[f"{name}_L"]))
+            for name in ("ego", "lead")
+        )
         if ego.x[-1] - ego.x[0] >= COVERAGE * (concrete.road.length - ego.x[0]):
             people.append(Person(str(event["ego"]), concrete, ego, lead))
     return people
 
 
-def _moved(rows: pd.DataFrame, name: str, concrete: ConcreteScenario, spacing: float, length: float) -> Trajectory:
+def _moved(
+    rows: pd.DataFrame, name: str, concrete: ConcreteScenario, spacing: float, length: float
+) -> Trajectory:
     """A recorded vehicle on the scenario's road, the ego's start at the scenario's."""
     there = rows[rows[f"{name}_x"].notna()]
     return Trajectory(
@@ -91,7 +105,9 @@ def _moved(rows: pd.DataFrame, name: str, concrete: ConcreteScenario, spacing: f
 
 
 def made_drives(concrete: ConcreteScenario) -> tuple[Trajectory, dict[str, Trajectory]]:
-    """The leader of a concrete scenario, and the drives that are made for it, those that come to be on its road."""
+    """The leader of a concrete scenario, and the drives that are made for it, those that come to be
+    on its road.
+    """
     v, w = concrete.values["ego_speed"], concrete.values["lead_speed"]
     gap, closing = 3.5 * v, v - w
     time = np.arange(0.0, 60.0, 0.1)
@@ -133,20 +149,34 @@ def _drive(time: FloatArray, speed: FloatArray, y: FloatArray | float, start: fl
 
 
 def _gap(drive: Trajectory, lead: Trajectory) -> FloatArray:
-    gap: FloatArray = np.interp(drive.time, lead.time, lead.x) - drive.x - (drive.length + lead.length) / 2.0
+    gap: FloatArray = (
+        np.interp(drive.time, lead.time, lead.x) - drive.x - (drive.length + lead.length) / 2.0
+    )
     return gap
 
 
 def _up_to(end: float, drive: Trajectory) -> Trajectory:
     last = int(np.argmax(drive.x >= end)) if drive.x[-1] >= end else len(drive) - 1
-    kept = (getattr(drive, name)[: last + 1] for name in ("time", "x", "y", "heading", "speed", "acceleration"))
+    kept = (
+        getattr(drive, name)[: last + 1]
+        for name in ("time", "x", "y", "heading", "speed", "acceleration")
+    )
     return Trajectory(*kept)
 
 
 def evidence(people: list[Person], seed: int) -> pd.DataFrame:
-    """One row a drive: scenario, who, D in both modes, H, plausibility. `left out`: a driver against the other nine."""
-    drivers = [human_controller(i, DRIVERS, seed, person.concrete) for person in people for i in range(DRIVERS)]
-    recorded = iter(list(simulate_many([person.concrete for person in people for _ in range(DRIVERS)], drivers)))
+    """One row a drive: scenario, who, D in both modes, H, plausibility.
+
+    `left out`: a driver against the other nine.
+    """
+    drivers = [
+        human_controller(i, DRIVERS, seed, person.concrete)
+        for person in people
+        for i in range(DRIVERS)
+    ]
+    recorded = iter(
+        list(simulate_many([person.concrete for person in people for _ in range(DRIVERS)], drivers))
+    )
     rows: list[dict[str, object]] = []
     for number, person in enumerate(people):
         mates = [next(recorded) for _ in range(DRIVERS)]
@@ -154,13 +184,20 @@ def evidence(people: list[Person], seed: int) -> pd.DataFrame:
         drives = [*(mate.ego for mate in mates), person.ego, *made.values()]
         everybody = tuple(range(DRIVERS))
         pairings = [
-            *(Pairing(place, tuple(n for n in everybody if n != place), SLICES, True) for place in everybody),
+            *(
+                Pairing(place, tuple(n for n in everybody if n != place), SLICES, True)
+                for place in everybody
+            ),
             *(Pairing(place, everybody, SLICES, True) for place in range(DRIVERS, len(drives))),
         ]
         leads = [*(mate.actors["lead"] for mate in mates), person.lead, *[lead] * len(made)]
         names = [*["left out"] * DRIVERS, "recorded person", *made]
         for name, drive, ahead, index in zip(
-            names, drives, leads, indexes_by_group(drives, [pairings], person.concrete.road, SETTINGS)[0], strict=True
+            names,
+            drives,
+            leads,
+            indexes_by_group(drives, [pairings], person.concrete.road, SETTINGS)[0],
+            strict=True,
         ):
             found = index.likeness
             assert found is not None
@@ -195,6 +232,8 @@ def areas(table: pd.DataFrame, score: str) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    found = evidence(recorded_people(Path(sys.argv[1])), int(sys.argv[2]) if len(sys.argv) > 2 else 1)
+    found = evidence(
+        recorded_people(Path(sys.argv[1])), int(sys.argv[2]) if len(sys.argv) > 2 else 1
+    )
     scores = ("D", "D mixture", "H", "plausibility")
     print(pd.DataFrame({score: areas(found, score) for score in scores}).round(3).to_string())

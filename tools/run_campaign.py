@@ -1,9 +1,11 @@
-"""Run the slow tests, and the laws with twenty times as many examples; keep when each file last passed.
+"""Run the slow tests, and the laws with twenty times as many examples; keep when each file last
+passed.
 
     python tools/run_campaign.py [pytest arguments, such as tests/record or -k people]
 
-tests/campaign/passed.json has a row for each file: day, commit, share of the cases (SUMO_EVAL_CAMPAIGN_SHARE), tests,
-wall time (s). A run of a part renews the rows of its files; a file with a failure loses its row.
+tests/campaign/passed.json has a row for each file: day, commit, share of the cases
+(SUMO_EVAL_CAMPAIGN_SHARE), tests, wall time (s). A run of a part renews the rows of its files; a
+file with a failure loses its row.
 """
 
 from __future__ import annotations
@@ -43,7 +45,11 @@ class Outcomes:
 def main(arguments: list[str]) -> int:
     """Run, keep what passed and return pytest's exit status."""
     commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
+        ["git", "describe", "--always", "--dirty"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     ).stdout.strip()
     outcomes = Outcomes()
     status = pytest.main([*SELECTION, *arguments], plugins=[outcomes])
@@ -55,8 +61,16 @@ def main(arguments: list[str]) -> int:
     for file, tests in outcomes.tests.items():
         if tests and file not in outcomes.failed:
             day, seconds = datetime.date.today().isoformat(), round(outcomes.seconds[file], 1)
-            rows[file] = {"day": day, "commit": commit, "share": share, "tests": tests, "seconds": seconds}
-    lines = ",\n".join(f"{json.dumps(file)}: {json.dumps(row)}" for file, row in sorted(rows.items()))
+            rows[file] = {
+                "day": day,
+                "commit": commit,
+                "share": share,
+                "tests": tests,
+                "seconds": seconds,
+            }
+    lines = ",\n".join(
+        f"{json.dumps(file)}: {json.dumps(row)}" for file, row in sorted(rows.items())
+    )
     PASSED.write_text("{\n" + lines + "\n}\n", encoding="utf-8")
     return int(status)
 

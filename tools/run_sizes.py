@@ -1,7 +1,7 @@
 """What is made of all rows of a run costs: processor time and peak memory, by size.
 
-python tools/run_sizes.py FOLDER CASES PART     one part (scores, intervals, confidence, tables, JUnit, ledgers,
-page, evidence), after `prepare(FOLDER, CASES)`
+python tools/run_sizes.py FOLDER CASES PART     one part (scores, intervals, confidence, tables,
+JUnit, ledgers, page, evidence), after `prepare(FOLDER, CASES)`
 """
 
 from __future__ import annotations
@@ -71,14 +71,18 @@ FEW_REPLICATES = 20  # of 2,000: each costs as much as any other, and they are h
 AT_ONCE = 2_000  # cases in one transaction
 TIME = np.arange(0.0, 6.0, 0.1)
 BOX = catalogue.load("cut_in").parameters
-MADE_UP = EvaluationSettings("made up", (ScenarioSettings("cut_in"),), (AdsSettings("first", "idm"),))
+MADE_UP = EvaluationSettings(
+    "made up", (ScenarioSettings("cut_in"),), (AdsSettings("first", "idm"),)
+)
 
 
 def drive(speed: float, offset: float) -> KeptRecording:
     """Somebody who slows down behind a slower car, a little to one side."""
     v = np.maximum(speed - 0.5 * TIME, 5.0)
     x = np.concatenate([[0.0], np.cumsum(0.1 * v[:-1])])
-    ego = Trajectory(TIME, x, np.full(TIME.size, offset), speed=v, acceleration=np.gradient(v, TIME))
+    ego = Trajectory(
+        TIME, x, np.full(TIME.size, offset), speed=v, acceleration=np.gradient(v, TIME)
+    )
     lead = Trajectory(TIME, 60.0 + 20.0 * TIME, np.zeros(TIME.size), speed=np.full(TIME.size, 20.0))
     return keep(Recording(ego, {"lead": lead}, None, "time_limit"))
 
@@ -91,20 +95,32 @@ def hit(kept: KeptRecording, speed: float) -> KeptRecording:
 
 
 def outcomes(space: Space, drivers: int) -> Iterator[Outcome]:
-    """Every fifth hazardous point is hit by the ADSs, all of them by who does nothing, none by the ideal vehicle."""
+    """Every fifth hazardous point is hit by the ADSs, all of them by who does nothing, none by the
+    ideal vehicle.
+    """
     drives = [drive(speed, offset) for speed in (25.0, 28.0, 31.0) for offset in (-0.3, 0.0, 0.3)]
     roles: tuple[tuple[Role, str, str], ...] = (
         ("ads", "first", "idm"), ("ads", "second", "idm"), ("ideal", "ideal", "ideal_braking"),
         ("no_reaction", "no_reaction", "no_reaction"),
     )  # fmt: skip
-    people: list[tuple[Role, str, str]] = [("human", f"driver_{n:02d}", "synthetic") for n in range(drivers)]
+    people: list[tuple[Role, str, str]] = [
+        ("human", f"driver_{n:02d}", "synthetic") for n in range(drivers)
+    ]
     for number in space.numbers:
         concrete, dangerous = space.concrete(number), bool(space.hazardous[number])
-        for place, (role, driver, controller) in enumerate((*roles, *(() if dangerous else people))):
+        for place, (role, driver, controller) in enumerate(
+            (*roles, *(() if dangerous else people))
+        ):
             kept = drives[(number + place) % len(drives)]
-            collides = dangerous and (role == "no_reaction" or (role == "ads" and (number + place) % 5 == 0))
+            collides = dangerous and (
+                role == "no_reaction" or (role == "ads" and (number + place) % 5 == 0)
+            )
             case = Case(number, concrete, role, driver, controller, fingerprint=f"{number:064x}")
-            yield Outcome(case, "collision" if collides else "ok", hit(kept, 3.0 + place) if collides else kept)
+            yield Outcome(
+                case,
+                "collision" if collides else "ok",
+                hit(kept, 3.0 + place) if collides else kept,
+            )
 
 
 def make(folder: Path, points: int, drivers: int) -> None:
@@ -135,7 +151,10 @@ def make(folder: Path, points: int, drivers: int) -> None:
 def made_up_chunks(cases: int) -> list[KeptChunk]:
     """How so many rows of one ADS lie in a run's folder."""
     firsts = enumerate(range(0, cases, POINTS_AT_ONCE))
-    return [KeptChunk("cut_in", "first", min(POINTS_AT_ONCE, cases - first), place) for place, first in firsts]
+    return [
+        KeptChunk("cut_in", "first", min(POINTS_AT_ONCE, cases - first), place)
+        for place, first in firsts
+    ]
 
 
 def made_up_rows(folder: Path, cases: int) -> CaseTable:
@@ -172,8 +191,8 @@ def of_rows_alone(folder: Path, cases: int) -> Evaluation:
 
 
 def prepare(folder: Path, cases: int) -> None:
-    """What `part` needs: a small scored run, in which so many made-up rows can take the place of its own, these rows,
-    and their score.
+    """What `part` needs: a small scored run, in which so many made-up rows can take the place of
+    its own, these rows, and their score.
     """
     run = folder / "run"
     if not run.exists():
@@ -181,13 +200,17 @@ def prepare(folder: Path, cases: int) -> None:
         make(run, SMALL_RUN, 3)
     method = score(run).settings.method
     made = made_up_run(folder / str(cases), cases)
-    (folder / f"{cases}.score").write_bytes(pickle.dumps(combine("first", "cut_in", made.cases, method)))
+    (folder / f"{cases}.score").write_bytes(
+        pickle.dumps(combine("first", "cut_in", made.cases, method))
+    )
 
 
 def prepared(folder: Path, cases: int) -> Evaluation:
     """That run with these rows, none of them read yet."""
     run, whole = score(folder / "run"), pickle.loads((folder / f"{cases}.score").read_bytes())
-    settings = replace(run.settings, ads=tuple(one for one in run.settings.ads if one.name == "first"))
+    settings = replace(
+        run.settings, ads=tuple(one for one in run.settings.ads if one.name == "first")
+    )
     rows = made_up_rows(folder / str(cases), cases)
     return replace(run, cases=rows, scores=(whole,), ranking=None, settings=settings)
 
@@ -200,14 +223,23 @@ def intervals(run: Evaluation, replicates: int) -> object:
     everywhere, safe = np.arange(len(rows)), np.zeros(len(rows), dtype=np.bool_)
     judged = Judged("first", case_terms(rows, method), everywhere, safe, drivers)
     groups = strata(points, "sobol")
-    return score_intervals([judged], groups, method, 1, "cut_in", replicates=replicates, even=points)
+    return score_intervals(
+        [judged], groups, method, 1, "cut_in", replicates=replicates, even=points
+    )
 
 
 def written_page(run: Evaluation) -> Path:
-    """The page: without trajectories, of which it has at most 4.5 MB, since made-up rows have no drives."""
+    """The page: without trajectories, of which it has at most 4.5 MB, since made-up rows have no
+    drives.
+    """
     with (
-        patch("sumo_eval.report.sent_drives.worth_embedding", lambda *_: Embedded(frozenset(), frozenset())),
-        patch("sumo_eval.report.sent_drives._points_of", lambda _, names, __: dict.fromkeys(names, 0)),
+        patch(
+            "sumo_eval.report.sent_drives.worth_embedding",
+            lambda *_: Embedded(frozenset(), frozenset()),
+        ),
+        patch(
+            "sumo_eval.report.sent_drives._points_of", lambda _, names, __: dict.fromkeys(names, 0)
+        ),
     ):
         return write_report(run, zone_partitions(run))
 
@@ -245,21 +277,28 @@ PARTS: dict[str, Callable[[Evaluation, Path], object]] = {
 
 
 def part(folder: Path, cases: int, name: str) -> None:
-    """Do one of PARTS with rows that `prepare` made, and say what it took, as JSON: seconds of processor time, the most
-    MB that this process held, and what it held before it read a row.
+    """Do one of PARTS with rows that `prepare` made, and say what it took, as JSON: seconds of
+    processor time, the most MB that this process held, and what it held before it read a row.
 
-    Linear algebra has one thread, as in every command: the time that a second one waits would count, and from some
-    10,000 cases on there is one.
+    Linear algebra has one thread, as in every command: the time that a second one waits would
+    count, and from some 10,000 cases on there is one.
     """
     run = prepared(folder, cases)
     before, began = held("VmHWM"), time.process_time()
     with tempfile.TemporaryDirectory() as out, threadpool_limits(1):
         PARTS[name](run, Path(out))
-    print(json.dumps({"seconds": time.process_time() - began, "most": held("VmHWM"), "before": before}))
+    print(
+        json.dumps(
+            {"seconds": time.process_time() - began, "most": held("VmHWM"), "before": before}
+        )
+    )
 
 
 def held(what: str) -> float:
-    """MB that this process holds (VmRSS), or held at most (VmHWM). `getrusage` counts what its parent held too."""
+    """MB that this process holds (VmRSS), or held at most (VmHWM).
+
+    `getrusage` counts what its parent held too.
+    """
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith(f"{what}:")) / 1024.0
 
@@ -267,7 +306,9 @@ def held(what: str) -> float:
 def measured(folder: Path, cases: int, name: str) -> dict[str, float]:
     """What `part` says, in a process of its own."""
     words = [sys.executable, __file__, str(folder), str(cases), name]
-    found: dict[str, float] = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
+    found: dict[str, float] = json.loads(
+        subprocess.run(words, check=True, capture_output=True, text=True).stdout
+    )
     return found
 
 
@@ -277,10 +318,13 @@ def made_up_row() -> CaseResult:
     return CaseResult(
         **given | {
             "case": "cut_in-0000-first", "scenario": "cut_in", "ads": "first",
-            "values": {"gap": 0.0, "ego_speed": 30.0}, "wall_time": 0.01, "zone": "safe", "exposure": 1.0,
+            "values": {"gap": 0.0, "ego_speed": 30.0}, "wall_time": 0.01, "zone": "safe",
+            "exposure": 1.0,
             "status": "ok", "end_reason": "time_limit",
-            "simulated_time": 6.0, "collided": False, "ideal_severity": 0.0, "no_reaction_severity": 0.0, "weight": 1.0,
-            "beats_ideal": False, "index_note": (), "clips": "", "bimodal": False, "manoeuvre": "", "exposure_note": "",
+            "simulated_time": 6.0, "collided": False, "ideal_severity": 0.0,
+            "no_reaction_severity": 0.0, "weight": 1.0,
+            "beats_ideal": False, "index_note": (), "clips": "", "bimodal": False, "manoeuvre": "",
+            "exposure_note": "",
             "error_place": "", "struck_from_behind": False,
         }
     )  # fmt: skip
@@ -289,9 +333,13 @@ def made_up_row() -> CaseResult:
 def somewhere(number: int) -> dict[str, float]:
     """A point of the cut-in's box that no other number has, as a lattice spreads them."""
     shares = (
-        number * step % 1.0 for step in (0.8566748838545029, 0.7338918566271260, 0.6287067210378086, 0.5385972572236101)
+        number * step % 1.0
+        for step in (0.8566748838545029, 0.7338918566271260, 0.6287067210378086, 0.5385972572236101)
     )
-    return {item.name: item.low + share * (item.high - item.low) for item, share in zip(BOX, shares, strict=True)}
+    return {
+        item.name: item.low + share * (item.high - item.low)
+        for item, share in zip(BOX, shares, strict=True)
+    }
 
 
 def case_name(number: int) -> str:
@@ -302,12 +350,16 @@ def case_name(number: int) -> str:
 def another(row: CaseResult, number: int) -> CaseResult:
     """Another case, by its number. Every third has no D_i."""
     likeness, hit = 0.5 + 0.4 * math.sin(number), number % 7 == 0
-    own = copy(row)  # `replace` would look at each of the other fields, which is most of what a million rows cost
+    # `replace` would look at each of the other fields, which is most of what a million rows cost
+    own = copy(row)
     values: dict[str, Any] = {
         "case": case_name(number), "values": somewhere(number),
-        "zone": "hazardous" if number % 3 == 0 else "safe", "collided": hit, "status": "collision" if hit else "ok",
-        "severity": 5.0 + math.cos(number) if hit else None, "no_reaction_severity": 12.0 if number % 3 == 0 else 0.0,
-        "weight": 1.0 + 0.5 * math.cos(number), "index": None if hit or number % 3 == 1 else likeness,
+        "zone": "hazardous" if number % 3 == 0 else "safe", "collided": hit,
+        "status": "collision" if hit else "ok",
+        "severity": 5.0 + math.cos(number) if hit else None,
+        "no_reaction_severity": 12.0 if number % 3 == 0 else 0.0,
+        "weight": 1.0 + 0.5 * math.cos(number),
+        "index": None if hit or number % 3 == 1 else likeness,
         "human_likeness": None if hit or number % 3 == 1 else likeness,
     }  # fmt: skip
     for name, value in values.items():

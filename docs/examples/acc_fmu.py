@@ -1,4 +1,5 @@
-"""The adaptive cruise control as an FMU: `pythonfmu build -f acc_fmu.py` makes Acc.fmu (FMI 2.0)."""
+"""The adaptive cruise control as an FMU: `pythonfmu build -f acc_fmu.py` makes Acc.fmu (FMI
+2.0)."""
 
 from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
 

@@ -1,6 +1,8 @@
-"""A car as an FMU (FMI 3.0), in place of the harness's vehicle model: `pythonfmu3 build -f car_fmu.py` makes Car.fmu.
+"""A car as an FMU (FMI 3.0), in place of the harness's vehicle model: `pythonfmu3 build -f
+car_fmu.py` makes Car.fmu.
 
-A point that accelerates with a lag of 0.2 s and turns as its steering wheel says; it starts at its own origin.
+A point that accelerates with a lag of 0.2 s and turns as its steering wheel says; it starts at its
+own origin.
 """
 
 import math
@@ -15,7 +17,10 @@ class Car(Fmi3Slave):
         super().__init__(**kwargs)
         self.time = self.x = self.y = self.heading = self.speed = self.v0 = self.a = 0.0
         self.acceleration = self.steering = 0.0
-        independent = {"causality": Fmi3Causality.independent, "variability": Fmi3Variability.continuous}
+        independent = {
+            "causality": Fmi3Causality.independent,
+            "variability": Fmi3Variability.continuous,
+        }
         self.register_variable(Float64("time", **independent))
         tunable = {"causality": Fmi3Causality.parameter, "variability": Fmi3Variability.tunable}
         self.register_variable(Float64("v0", **tunable))

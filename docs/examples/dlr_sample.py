@@ -1,12 +1,13 @@
-"""Take the first seconds of a public motorway recording out of the wheel that carries it, for `humans import`.
+"""Take the first seconds of a public motorway recording out of the wheel that carries it, for
+`humans import`.
 
     pip install --no-deps tasi==0.15.4
     python dlr_sample.py recordings 45
     sumo-eval humans import dlr_highway recordings --out people.csv.gz
 
-The wheel `tasi` (DLR, on PyPI) holds the first five minutes of the DLR Highway Traffic dataset v1.1.0. Nothing of its
-code is used, so its dependencies are not needed. Read the dataset's licence before you use it for more than a look.
-"""
+The wheel `tasi` (DLR, on PyPI) holds the first five minutes of the DLR Highway Traffic dataset
+v1.1.0. Nothing of its code is used, so its dependencies are not needed. Read the dataset's licence
+before you use it for more than a look."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ def archive() -> Path | None:
 
 
 def write_sample(folder: Path, seconds: int) -> Path:
-    """Write the first seconds of the recording into a folder, as a file in the dataset's own layout."""
+    """Write the first seconds of the recording into a folder, as a file in the dataset's own
+    layout."""
     found = archive()
     if found is None:
         sys.exit("The wheel tasi must be installed: pip install --no-deps tasi==0.15.4")
@@ -52,5 +54,8 @@ def write_sample(folder: Path, seconds: int) -> Path:
 
 if __name__ == "__main__":
     if len(sys.argv) != 3 or not sys.argv[2].isdecimal():
-        sys.exit("Name the folder to write to and how many seconds to take, at most 300: dlr_sample.py recordings 45")
+        sys.exit(
+            "Name the folder to write to and how many seconds to take, at most 300: dlr_sample.py "
+            "recordings 45"
+        )
     sys.stdout.write(f"{write_sample(Path(sys.argv[1]), int(sys.argv[2]))}\n")

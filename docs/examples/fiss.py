@@ -1,6 +1,4 @@
-"""FISS+ (Sun et al., IROS 2023), a sampling planner in C++ (`pip install fiss-planner`), and its MPC, as an ADS."""
-
-import math
+"""FISS+ (Sun et al., IROS 2023), a sampling planner (`pip install fiss-planner`), as an ADS."""
 
 import fiss_planner as fp
 import numpy as np
@@ -13,7 +11,7 @@ class Fiss:
         road, self.vehicle = scenario.road, scenario.vehicle
         x = np.arange(0.0, road.length + 400.0, 5.0)
         self.line = fp.ReferenceLine(x, np.zeros_like(x))
-        self.lanes = fp.Corridor.parallel_lanes(0.0, self.line.length, road.lane_width, road.lanes - 1, 0)
+        self.lanes = fp.Corridor.parallel_lanes(0.0, x[-1], road.lane_width, road.lanes - 1, 0)
         self.planner = fp.make_planner(fp.make_config("fiss_plus"))
         self.tracker = fp.make_controller("stanley")
         self.plan = self.speed = None
@@ -22,8 +20,8 @@ class Fiss:
         me = seen.ego
         self.speed = self.speed or me.speed
         if self.plan is None or seen.time - self.planned > 0.19:
-            velocity = me.speed * math.cos(me.heading), me.speed * math.sin(me.heading)
-            start = fp.FrenetState(me.x, velocity[0], me.acceleration, me.y, velocity[1])
+            vx, vy = me.speed * np.cos(me.heading), me.speed * np.sin(me.heading)
+            start = fp.FrenetState(me.x, vx, me.acceleration, me.y, vy)
             others = [self.predicted(me, other) for other in seen.vehicles]
             found = self.planner.plan(start, self.line, self.lanes, others, target_speed=self.speed)
             self.plan, self.planned = (found.trajectory if found.success else None), seen.time
@@ -36,4 +34,5 @@ class Fiss:
     def predicted(self, me, other):
         ahead = (other.gap + 0.5 * (other.length + me.length)) * (1 if other.ahead else -1)
         shape = other.speed, other.length, other.width
-        return fp.predict_constant_velocity(other.number, me.x + ahead, me.y + other.offset, 0.0, *shape, 6.0, 0.1)
+        place = me.x + ahead, me.y + other.offset
+        return fp.predict_constant_velocity(other.number, *place, 0.0, *shape, 6.0, 0.1)

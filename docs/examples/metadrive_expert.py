@@ -1,9 +1,11 @@
-"""The PPO expert that MetaDrive publishes (https://github.com/metadriverse/metadrive), which nobody here trained.
+"""The PPO expert that MetaDrive publishes (https://github.com/metadriverse/metadrive), which nobody
+here trained.
 
-Its weights are read from the wheel in which they ship (`pip install --no-deps metadrive-simulator`), or from the
-file in the option `weights`; MetaDrive itself is not imported. What the network is shown is MetaDrive's observation of
-275 numbers, made from ours as its state_obs.py, lidar.py and node_network_navigation.py do, on a straight road; its
-mean answer every 0.1 s is a wheel angle and a pedal, and what these do is MetaDrive's default vehicle: 4 x 800 N on
+Its weights are read from the wheel in which they ship (`pip install --no-deps
+metadrive-simulator`), or from the file in the option `weights`; MetaDrive itself is not imported.
+What the network is shown is MetaDrive's observation of 275 numbers, made from ours as its
+state_obs.py, lidar.py and node_network_navigation.py do, on a straight road; its mean answer every
+0.1 s is a wheel angle and a pedal, and what these do is MetaDrive's default vehicle: 4 x 800 N on
 1100 kg up to 80 km/h, brakes of 4 x 7500 N up to a friction of 0.9, wheels that turn by 40 degrees.
 """
 
@@ -64,35 +66,51 @@ class Expert:
         c, s = math.cos(me.heading), math.sin(me.heading)
         steer, pedal = self.asked
         own = [
-            within(seen.left_edge / (MOST_LANES * WIDEST)), within(seen.right_edge / (MOST_LANES * WIDEST)),
+            within(seen.left_edge / (MOST_LANES * WIDEST)),
+            within(seen.right_edge / (MOST_LANES * WIDEST)),
             0.5 - 0.5 * s, within((3.6 * me.speed + 1.0) / (TOP_SPEED + 1.0)),
             within((steer / 60.0 + 1.0) / 2.0), (steer + 1.0) / 2.0, (pedal + 1.0) / 2.0,
-            within(abs(me.heading - self.heading) / 0.1), within((2.0 * seen.lanes[me.lane] / WIDEST + 1.0) / 2.0),
+            within(abs(me.heading - self.heading) / 0.1),
+            within((2.0 * seen.lanes[me.lane] / WIDEST + 1.0) / 2.0),
         ]  # fmt: skip
         east, north = road.length - me.x, 0.5 * (road.lanes - 1) * road.lane_width - me.y
-        far = max(math.hypot(east, north), REACH)  # a checkpoint: the middle of the road at its end, 50 m away at most
+        # a checkpoint: the middle of the road at its end, 50 m away at most
+        far = max(math.hypot(east, north), REACH)
         ahead, left = (east * c + north * s) / far, (north * c - east * s) / far
         way = [(ahead + 1.0) / 2.0, 1.0 - (left + 1.0) / 2.0, 0.0, 0.5, 0.5]
-        near = [it for it in seen.vehicles if math.hypot(it.x - me.x, it.y - me.y) <= REACH + 0.5 * it.length]
+        near = [
+            it
+            for it in seen.vehicles
+            if math.hypot(it.x - me.x, it.y - me.y) <= REACH + 0.5 * it.length
+        ]
         near.sort(key=lambda it: math.hypot(it.x - me.x, it.y - me.y))
         others = np.zeros(4 * OTHERS)
         for place, it in enumerate(near[:OTHERS]):
             dx, dy = it.x - me.x, it.y - me.y
-            vx, vy = it.speed * math.cos(it.heading) - me.speed * c, it.speed * math.sin(it.heading) - me.speed * s
+            vx, vy = (
+                it.speed * math.cos(it.heading) - me.speed * c,
+                it.speed * math.sin(it.heading) - me.speed * s,
+            )
             where = (dx * c + dy * s) / REACH, (dy * c - dx * s) / REACH
             pace = 3.6 * (vx * c + vy * s) / TOP_SPEED, 3.6 * (vy * c - vx * s) / TOP_SPEED
-            others[4 * place : 4 * place + 4] = [within((value + 1.0) / 2.0) for value in (*where, *pace)]
+            others[4 * place : 4 * place + 4] = [
+                within((value + 1.0) / 2.0) for value in (*where, *pace)
+            ]
         return np.concatenate([own, way, way, others, self.rays(me, near)])
 
     def rays(self, me, near):
-        """The share of 50 m at which each ray meets a body, counter-clockwise from straight ahead; 1: none."""
+        """The share of 50 m at which each ray meets a body, counter-clockwise from straight ahead;
+        1: none."""
         angles = me.heading + np.arange(LASERS) * (2.0 * np.pi / LASERS)
         free = np.ones(LASERS)
         for it in near:
             turned = angles - it.heading
             c, s = math.cos(it.heading), math.sin(it.heading)
             x, y = me.x - it.x, me.y - it.y
-            begin, way = np.array([x * c + y * s, y * c - x * s]), REACH * np.stack([np.cos(turned), np.sin(turned)])
+            begin, way = (
+                np.array([x * c + y * s, y * c - x * s]),
+                REACH * np.stack([np.cos(turned), np.sin(turned)]),
+            )
             half = 0.5 * np.array([it.length, it.width])
             with np.errstate(divide="ignore"):
                 one, two = (-half - begin)[:, None] / way, (half - begin)[:, None] / way

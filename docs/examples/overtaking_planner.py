@@ -1,4 +1,5 @@
-"""An overtaking planner: changes to the left lane before a slower lead when nobody is there; steers by pure pursuit."""
+"""An overtaking planner: changes to the left lane before a slower lead when nobody is there; steers
+by pure pursuit."""
 
 import math
 
@@ -18,7 +19,8 @@ class Overtaker:
         if slower and self.lane + 1 < len(seen.lanes) and self.is_free(seen):
             self.lane += 1
         acceleration = 0.0
-        if lead is not None and lead.lane == self.lane:  # behind somebody: brake as hard as it takes
+        # behind somebody: brake as hard as it takes
+        if lead is not None and lead.lane == self.lane:
             closing = max(-lead.relative_speed, 0.0)
             acceleration = -min(closing**2 / (2.0 * max(lead.gap - 2.0, 0.1)), 8.0)
         return acceleration, self.pure_pursuit(me, seen.lanes[self.lane])
@@ -31,8 +33,11 @@ class Overtaker:
         return room_ahead and room_behind
 
     def pure_pursuit(self, me, offset):
-        """Steering wheel angle that leads through a point 1.8 s ahead, `offset` m to the left of the ego."""
+        """Steering wheel angle that leads through a point 1.8 s ahead, `offset` m to the left of
+        the ego."""
         ahead = max(1.8 * me.speed, 8.0)
         bearing = math.atan2(offset, ahead) - me.heading
-        wheel = math.atan(2.0 * self.vehicle.wheelbase * math.sin(bearing) / math.hypot(ahead, offset))
+        wheel = math.atan(
+            2.0 * self.vehicle.wheelbase * math.sin(bearing) / math.hypot(ahead, offset)
+        )
         return wheel * self.vehicle.steering_ratio

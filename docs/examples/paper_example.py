@@ -29,12 +29,15 @@ def main(folder: Path, pictures: Path, figures: Path) -> None:
         draw(run, figure, **options).savefig(pictures / f"{name}.png", dpi=100)
 
     rows = [
-        {"ads": one.ads, "scenario": one.scenario, "points": one.cases, "collisions": one.collisions,
+        {"ads": one.ads, "scenario": one.scenario, "points": one.cases,
+            "collisions": one.collisions,
          "d": round(one.d, 2), "c": round(one.c, 2), "s": round(one.s, 1)}
         for one in run.scores
     ]  # fmt: skip
     figures.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"command": "python docs/examples/paper_example.py", "scores": rows}, indent=1)
+    text = json.dumps(
+        {"command": "python docs/examples/paper_example.py", "scores": rows}, indent=1
+    )
     figures.write_text(text + "\n")
 
 

@@ -12,4 +12,6 @@ class LinearPolicy:
         if seen.lead is None:
             return np.zeros(1)
         features = np.array([seen.lead.gap - 3.0 - 1.5 * seen.ego.speed, seen.lead.relative_speed])
-        return np.array([4.0 * np.tanh(self.weights @ features) - 2.0 if features[0] < 40.0 else 0.0])
+        return np.array(
+            [4.0 * np.tanh(self.weights @ features) - 2.0 if features[0] < 40.0 else 0.0]
+        )

@@ -1,8 +1,10 @@
-"""A ROS 2 node between sumo_eval and a driving stack: `exec:/usr/bin/python3 ros2_node.py` (docs/ads/ros2.md).
+"""A ROS 2 node between sumo_eval and a driving stack: `exec:/usr/bin/python3 ros2_node.py`
+(docs/ads/ros2.md).
 
-It needs rclpy and the usual messages, and nothing of sumo_eval. At every step it publishes what is seen, stamped with
-the time of the case, and waits for a control or a plan that is stamped no earlier: the stack has the time that it needs
-(`step_timeout`), and no message of an earlier step counts.
+It needs rclpy and the usual messages, and nothing of sumo_eval. At every step it publishes what is
+seen, stamped with the time of the case, and waits for a control or a plan that is stamped no
+earlier: the stack has the time that it needs (`step_timeout`), and no message of an earlier step
+counts.
 """
 
 import argparse
@@ -44,14 +46,19 @@ class Bridge:
         self.others = self.node.create_publisher(Odometry, "/sumo_eval/others", QUEUE)
         self.bodies = self.node.create_publisher(MarkerArray, "/sumo_eval/bodies", QUEUE)
         self.seen = self.node.create_publisher(String, "/sumo_eval/observation", QUEUE)
-        self.node.create_subscription(AckermannDriveStamped, "/sumo_eval/control", self.controlled, QUEUE)
+        self.node.create_subscription(
+            AckermannDriveStamped, "/sumo_eval/control", self.controlled, QUEUE
+        )
         self.node.create_subscription(Path, "/sumo_eval/plan", self.planned, QUEUE)
         self.time, self.answer = 0.0, None
 
     def reset(self, told):
         """Wait until a stack is there, and tell it that a case begins."""
         self.ratio, self.length = told["vehicle"]["steering_ratio"], told["vehicle"]["length"]
-        while not (self.node.count_publishers("/sumo_eval/control") or self.node.count_publishers("/sumo_eval/plan")):
+        while not (
+            self.node.count_publishers("/sumo_eval/control")
+            or self.node.count_publishers("/sumo_eval/plan")
+        ):
             rclpy.spin_once(self.node, timeout_sec=SHORTLY)
         self.begun.publish(String(data=json.dumps(told)))
         return {}
@@ -67,7 +74,8 @@ class Bridge:
             bodies.markers.append(self.body(it))
         self.bodies.publish(bodies)
         self.seen.publish(String(data=json.dumps(seen)))
-        self.ego.publish(self.odometry(seen["ego"], "ego"))  # the last: who has it has all of the step
+        # the last: who has it has all of the step
+        self.ego.publish(self.odometry(seen["ego"], "ego"))
         while self.answer is None:
             rclpy.spin_once(self.node, timeout_sec=SHORTLY)
         return self.answer
@@ -82,7 +90,12 @@ class Bridge:
 
     def body(self, it):
         found = Marker()
-        found.header.frame_id, found.ns, found.id, found.type = "road", it["kind"], it["number"], Marker.CUBE
+        found.header.frame_id, found.ns, found.id, found.type = (
+            "road",
+            it["kind"],
+            it["number"],
+            Marker.CUBE,
+        )
         stamp(found.header.stamp, self.time)
         place(found.pose, it["x"], it["y"], it["heading"])
         found.scale.x, found.scale.y, found.scale.z = float(it["length"]), float(it["width"]), 1.5
@@ -92,13 +105,17 @@ class Bridge:
     def controlled(self, message):
         if seconds(message.header.stamp) < self.time - 1e-6:
             return
-        wheel = message.drive.steering_angle * self.ratio  # of the front wheels there, of the steering wheel here
+        # of the front wheels there, of the steering wheel here
+        wheel = message.drive.steering_angle * self.ratio
         self.answer = {self.follow: getattr(message.drive, self.follow), "steering": wheel}
 
     def planned(self, message):
         if seconds(message.header.stamp) < self.time - 1e-6:
             return
-        poses = [(seconds(it.header.stamp), it.pose.position, it.pose.orientation) for it in message.poses]
+        poses = [
+            (seconds(it.header.stamp), it.pose.position, it.pose.orientation)
+            for it in message.poses
+        ]
         self.answer = {
             "plan": {
                 "time": [time for time, _, _ in poses],
@@ -111,7 +128,9 @@ class Bridge:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    parser.add_argument("--follow", choices=("acceleration", "speed"), default="acceleration", help="of a control")
+    parser.add_argument(
+        "--follow", choices=("acceleration", "speed"), default="acceleration", help="of a control"
+    )
     bridge = Bridge(parser.parse_args().follow)
     for line in sys.stdin:
         message = json.loads(line)

@@ -1,6 +1,8 @@
-"""simpla's platoons, from SUMO's own tools: the ego becomes the follower of the vehicle named `lead`.
+"""simpla's platoons, from SUMO's own tools: the ego becomes the follower of the vehicle named
+`lead`.
 
-simpla writes to every vehicle of a platoon, so this needs `[simulation.conditions] interference = "record"`.
+simpla writes to every vehicle of a platoon, so this needs `[simulation.conditions] interference =
+"record"`.
 """
 
 import tempfile

@@ -1,4 +1,5 @@
-"""A controller that says which speed it wants: the lead's, corrected by the gap, and never more than its own."""
+"""A controller that says which speed it wants: the lead's, corrected by the gap, and never more
+than its own."""
 
 from sumo_eval import Command
 

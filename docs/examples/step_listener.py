@@ -1,4 +1,7 @@
-"""A TraCI step listener, as a script with `traci.addStepListener` would have it. It knows nothing of sumo_eval."""
+"""A TraCI step listener, as a script with `traci.addStepListener` would have it.
+
+It knows nothing of sumo_eval.
+"""
 
 import traci
 
@@ -9,6 +12,11 @@ class KeepDistance(traci.StepListener):
     def step(self, t=0):
         speed = traci.vehicle.getSpeed("ego")
         leader = traci.vehicle.getLeader("ego", 200.0)
-        if leader and leader[0] and speed - traci.vehicle.getSpeed(leader[0]) > 0.1 and leader[1] < 3.0 * speed:
+        if (
+            leader
+            and leader[0]
+            and speed - traci.vehicle.getSpeed(leader[0]) > 0.1
+            and leader[1] < 3.0 * speed
+        ):
             traci.vehicle.setSpeed("ego", max(speed - 0.3, 0.0))
         return True  # stay

@@ -7,5 +7,10 @@ while True:
     traci.simulationStep()
     speed = traci.vehicle.getSpeed("ego")
     leader = traci.vehicle.getLeader("ego", 200.0)
-    if leader and leader[0] and speed - traci.vehicle.getSpeed(leader[0]) > 0.1 and leader[1] < 3.0 * speed:
+    if (
+        leader
+        and leader[0]
+        and speed - traci.vehicle.getSpeed(leader[0]) > 0.1
+        and leader[1] < 3.0 * speed
+    ):
         traci.vehicle.setSpeed("ego", max(speed - 0.3, 0.0))

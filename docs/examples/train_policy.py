@@ -1,10 +1,11 @@
-"""Train a small policy in a scenario with an evolution strategy, and write it as ONNX with its features table.
+"""Train a small policy in a scenario with an evolution strategy, and write it as ONNX with its
+features table.
 
     python train_policy.py front_vehicle_cut_out policy.onnx --minutes 2
     sumo-eval run --ads onnx:policy.onnx --ads idm --out results/learned
 
-Every episode beside the others has weights of its own; numpy and gymnasium are all it takes (and onnx to write it).
-"""
+Every episode beside the others has weights of its own; numpy and gymnasium are all it takes (and
+onnx to write it)."""
 
 import argparse
 import time
@@ -20,7 +21,8 @@ from sumo_eval.gym import Action, Feature, Interface
 
 INTERFACE = Interface(
     (
-        Feature("ego.speed", 0.0, 40.0), Feature("ego.acceleration", -10.0, 10.0), Feature("lead.present", 0.0, 1.0),
+        Feature("ego.speed", 0.0, 40.0), Feature("ego.acceleration", -10.0, 10.0),
+        Feature("lead.present", 0.0, 1.0),
         Feature("lead.gap", 0.0, 100.0), Feature("lead.relative_speed", -30.0, 30.0),
         Feature("vehicles.1.x", -50.0, 100.0), Feature("vehicles.1.y", -5.0, 5.0),
         Feature("vehicles.1.vx", -30.0, 30.0), Feature("vehicles.1.vy", -3.0, 3.0),
@@ -29,7 +31,8 @@ INTERFACE = Interface(
     period=0.1,
 )  # fmt: skip
 HIDDEN = 16
-PAIRS, EACH = 48, 6  # perturbations, each with both signs, and episodes of each, the same points for all
+# perturbations, each with both signs, and episodes of each, the same points for all
+PAIRS, EACH = 48, 6
 SPREAD, RATE, HORIZON = 0.1, 0.08, 250  # of the weights; of learning; answers of 0.1 s
 
 
@@ -90,15 +93,22 @@ def write(weights, path):
     parts, begin = [], 0
     for number, shape in enumerate(sizes()):
         end = begin + int(np.prod(shape))
-        parts.append(numpy_helper.from_array(weights[begin:end].reshape(shape).astype(np.float32), f"w{number}"))
+        parts.append(
+            numpy_helper.from_array(
+                weights[begin:end].reshape(shape).astype(np.float32), f"w{number}"
+            )
+        )
         begin = end
     nodes = [
-        helper.make_node("Gemm", ["seen", "w0", "w1"], ["a"]), helper.make_node("Tanh", ["a"], ["b"]),
-        helper.make_node("Gemm", ["b", "w2", "w3"], ["c"]), helper.make_node("Tanh", ["c"], ["action"]),
+        helper.make_node("Gemm", ["seen", "w0", "w1"], ["a"]),
+        helper.make_node("Tanh", ["a"], ["b"]),
+        helper.make_node("Gemm", ["b", "w2", "w3"], ["c"]),
+        helper.make_node("Tanh", ["c"], ["action"]),
     ]  # fmt: skip
     graph = helper.make_graph(
         nodes, "policy",
-        [helper.make_tensor_value_info("seen", TensorProto.FLOAT, ["rows", len(INTERFACE.features)])],
+        [helper.make_tensor_value_info("seen", TensorProto.FLOAT,
+            ["rows", len(INTERFACE.features)])],
         [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["rows", 1])], parts,
     )  # fmt: skip
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)

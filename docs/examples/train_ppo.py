@@ -21,7 +21,8 @@ from sumo_eval.gym import Action, Feature, Interface
 
 INTERFACE = Interface(
     (
-        Feature("ego.speed", 0.0, 40.0), Feature("ego.acceleration", -10.0, 10.0), Feature("lead.present", 0.0, 1.0),
+        Feature("ego.speed", 0.0, 40.0), Feature("ego.acceleration", -10.0, 10.0),
+        Feature("lead.present", 0.0, 1.0),
         Feature("lead.gap", 0.0, 100.0), Feature("lead.relative_speed", -30.0, 30.0),
         Feature("vehicles.1.x", -50.0, 100.0), Feature("vehicles.1.y", -5.0, 5.0),
         Feature("vehicles.1.vx", -30.0, 30.0), Feature("vehicles.1.vy", -3.0, 3.0),
@@ -49,7 +50,10 @@ class Beside(VecEnv):
         seen, worth, terminated, truncated, info = self.env.step(self.actions)
         infos = [{} for _ in range(self.num_envs)]
         for row in np.flatnonzero(terminated | truncated):
-            infos[row] = {"terminal_observation": info["final_obs"][row], "TimeLimit.truncated": bool(truncated[row])}
+            infos[row] = {
+                "terminal_observation": info["final_obs"][row],
+                "TimeLimit.truncated": bool(truncated[row]),
+            }
         return seen, worth.astype(np.float32), terminated | truncated, infos
 
     def close(self):
@@ -79,8 +83,8 @@ class Until(BaseCallback):
         return time.process_time() < self.end
 
     def _on_rollout_end(self):
-        rewards = self.model.rollout_buffer.rewards
-        print(f"{self.num_timesteps} steps: {rewards.mean() / INTERFACE.period:.3f} a second", flush=True)  # noqa: T201
+        reward = self.model.rollout_buffer.rewards.mean() / INTERFACE.period
+        print(f"{self.num_timesteps} steps: {reward:.3f} a second", flush=True)  # noqa: T201
 
 
 class Mean(torch.nn.Module):
@@ -97,10 +101,14 @@ class Mean(torch.nn.Module):
 def train(scenario, seconds, steps=10**9, seed=0):
     torch.set_num_threads(1)
     env = gymnasium.make_vec(
-        f"sumo_eval/{scenario}-v0", num_envs=BESIDE, interface=INTERFACE, autoreset_mode=AutoresetMode.SAME_STEP
+        f"sumo_eval/{scenario}-v0",
+        num_envs=BESIDE,
+        interface=INTERFACE,
+        autoreset_mode=AutoresetMode.SAME_STEP,
     )
     model = PPO(
-        "MlpPolicy", Beside(env), n_steps=STEPS, batch_size=BESIDE * STEPS // 8, n_epochs=8, gamma=0.98,
+        "MlpPolicy", Beside(env), n_steps=STEPS, batch_size=BESIDE * STEPS // 8, n_epochs=8,
+        gamma=0.98,
         learning_rate=5e-4, policy_kwargs={"net_arch": [64, 64]}, seed=seed, device="cpu",
     )  # fmt: skip
     model.learn(steps, callback=Until(seconds))
@@ -112,7 +120,8 @@ def write(model, path):
     """The network as ONNX, and its table beside it."""
     rows = torch.export.Dim("rows")
     torch.onnx.export(
-        Mean(model.policy).eval(), (torch.zeros(2, len(INTERFACE.features)),), str(path), input_names=["seen"],
+        Mean(model.policy).eval(), (torch.zeros(2, len(INTERFACE.features)),), str(path),
+        input_names=["seen"],
         output_names=["action"], dynamic_shapes=({0: rows},), dynamo=True, external_data=False,
     )  # fmt: skip
     path.with_suffix(".toml").write_text(INTERFACE.to_toml(), encoding="utf-8")

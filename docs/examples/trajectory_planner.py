@@ -1,6 +1,8 @@
-"""A trajectory planner: once a second it plans 4 s ahead in the coordinates of the road and returns a Plan.
+"""A trajectory planner: once a second it plans 4 s ahead in the coordinates of the road and returns
+a Plan.
 
-It keeps the wanted speed, and behind a slower vehicle it changes to the left-hand lane as soon as that is free.
+It keeps the wanted speed, and behind a slower vehicle it changes to the left-hand lane as soon as
+that is free.
 """
 
 import numpy as np
@@ -23,7 +25,12 @@ class Planner:
             return None  # the last plan holds
         self.next = seen.time + 1.0
         me, lead = seen.ego, seen.lead
-        if lead is not None and lead.gap < 5.0 * me.speed and lead.speed < self.wanted - 1.0 and self._is_free(seen):
+        if (
+            lead is not None
+            and lead.gap < 5.0 * me.speed
+            and lead.speed < self.wanted - 1.0
+            and self._is_free(seen)
+        ):
             self.lane = me.lane + 1
         t = np.arange(0.0, HORIZON + SPACING, SPACING)
         target = self.wanted

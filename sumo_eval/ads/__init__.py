@@ -1,4 +1,5 @@
-"""Controllers that ship: `idm`, `lane_changer`, `ideal_braking`, `no_reaction`, and the parts that they are made of.
+"""Controllers that ship: `idm`, `lane_changer`, `ideal_braking`, `no_reaction`, and the parts that
+they are made of.
 
 Nothing here imports a simulator: a controller gets the running TraCI module from the harness.
 """

@@ -1,6 +1,8 @@
-"""The lane change that an ego has to make: where it may, when it is free, what to follow and where to wait until then.
+"""The lane change that an ego has to make: where it may, when it is free, what to follow and where
+to wait until then.
 
-For those who choose their own gap. Whose rule is for the pedals changes at the fixed place (`lane_change.lane_kept`).
+For those who choose their own gap. Whose rule is for the pedals changes at the fixed place
+(`lane_change.lane_kept`).
 """
 
 from __future__ import annotations
@@ -13,7 +15,8 @@ from sumo_eval.ads.perception import bumper_gap, gap_behind, neighbours
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.concrete import CHANGE_TIME, LEAST_CHANGE
 
-HEADWAY = 0.6  # s, shortest headway accepted on both sides of a gap that has to be taken (LMRS: 0.56 s)
+# s, shortest headway accepted on both sides of a gap that has to be taken (LMRS: 0.56 s)
+HEADWAY = 0.6
 GAP = 2.0  # m left on both sides at a crawl
 DECELERATION = 3.0  # m/s2 that whoever comes from behind need not exceed (UN R79, 5.6.4.7)
 DELAY = 0.4  # s after the change began until he brakes (UN R79, 5.6.4.7)
@@ -36,7 +39,9 @@ def beside(way: Any, me: Any, others: Any, scenario: Any) -> tuple[int, int]:
 
 @kernel
 def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> bool:
-    """Begin the lane change in `path` if it may begin here and the gap beside is free; whether it has begun."""
+    """Begin the lane change in `path` if it may begin here and the gap beside is free; whether it
+    has begun.
+    """
     if not is_waiting(path, way):
         return True
     room = way.by - me.x
@@ -51,7 +56,11 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
             return False
     if behind >= 0:
         closing = max(others[behind].along - me.along, 0.0)
-        least = closing * DELAY + closing * closing / (2.0 * DECELERATION) + HEADWAY * others[behind].along
+        least = (
+            closing * DELAY
+            + closing * closing / (2.0 * DECELERATION)
+            + HEADWAY * others[behind].along
+        )
         if gap_behind(me, others[behind]) < max(least, GAP):
             return False
     path.offset, path.begin = way.offset, me.x
@@ -61,8 +70,8 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
 
 @kernel
 def road_left(path: Any, way: Any, me: Any) -> float:
-    """Road until where the ego waits if it cannot change, from its front, m: a shortest change before the end of its
-    lane; inf where that goes on, or the change has begun.
+    """Road until where the ego waits if it cannot change, from its front, m: a shortest change
+    before the end of its lane; inf where that goes on, or the change has begun.
     """
     if way.ends == 0 or not is_waiting(path, way):
         return math.inf
@@ -71,7 +80,9 @@ def road_left(path: Any, way: Any, me: Any) -> float:
 
 @kernel
 def lead_beside(way: Any, me: Any, others: Any, scenario: Any) -> int:
-    """Index of the vehicle behind which the ego will be in the other lane, from where it may change on, -1: none."""
+    """Index of the vehicle behind which the ego will be in the other lane, from where it may change
+    on, -1: none.
+    """
     if me.x < way.begin:
         return -1
     ahead, _ = beside(way, me, others, scenario)

@@ -1,8 +1,9 @@
 """Brakes in continuous time, for drivers that are asked once a step.
 
-A driver's braking is a path: a deceleration over time that may begin, rise, hold and end anywhere within a step. The
-vehicle model's brakes move to a told level at a finite rate, from the beginning of the step on, and then hold it. So a
-level is told for the speed that it takes off, not for what is wanted at some instant of the step.
+A driver's braking is a path: a deceleration over time that may begin, rise, hold and end anywhere
+within a step. The vehicle model's brakes move to a told level at a finite rate, from the beginning
+of the step on, and then hold it. So a level is told for the speed that it takes off, not for what
+is wanted at some instant of the step.
 """
 
 from __future__ import annotations
@@ -15,22 +16,27 @@ from sumo_eval.cosim.records import fields, flags
 from sumo_eval.kernels import kernel
 
 _HALVINGS = 20  # of a step, to find an instant in it: 5e-8 s of 0.05 s
-JUMP = 0.5  # m/s2 by which a demand must change within a step to be looked at for a jump: 10 m/s3 at 0.05 s
+# m/s2 by which a demand must change within a step to be looked at for a jump: 10 m/s3 at 0.05 s
+JUMP = 0.5
 _INSIDE = 1e-3  # of a part of a step: at its very ends a demand may be that before or after it
 
 BRAKE_PATH = fields("level", "brakes", "owed")
 """The vehicle's brakes on the way that a driver's braking takes; all 0 at the beginning.
 
-level: where the driver's braking is, m/s2. brakes: where the vehicle's are, m/s2. owed: m/s that the vehicle has yet to
-lose to be as slow as the driver's braking makes it.
+level: where the driver's braking is, m/s2. brakes: where the vehicle's are, m/s2. owed: m/s that
+    the vehicle has yet to lose to be as slow as the driver's braking makes it.
 """
 SAFETY_BRAKING = [("path", BRAKE_PATH), *fields("alarmed"), *flags("is_alarmed", "looks")]
-"""Brakes that follow a demand; all 0 at the beginning. alarmed: when the first demand came, s. looks: how often a
-demand was looked for."""
+"""Brakes that follow a demand; all 0 at the beginning.
+
+alarmed: when the first demand came, s. looks: how often a demand was looked for.
+"""
 
 
 class Braked(NamedTuple):
-    """lost: speed taken off within a time, m/s. level: deceleration at its end, m/s2."""
+    """lost: speed taken off within a time, m/s.
+    level: deceleration at its end, m/s2.
+    """
 
     lost: float
     level: float
@@ -38,7 +44,9 @@ class Braked(NamedTuple):
 
 @kernel
 def moved(level: float, target: float, rate: float, duration: float) -> Braked:
-    """A deceleration that goes from `level` to `target` (m/s2) at `rate` (m/s3) and holds there, after `duration` s."""
+    """A deceleration that goes from `level` to `target` (m/s2) at `rate` (m/s3) and holds there,
+    after `duration` s.
+    """
     change = target - level
     reach = rate * duration
     if abs(change) >= reach:
@@ -49,14 +57,15 @@ def moved(level: float, target: float, rate: float, duration: float) -> Braked:
 
 @kernel
 def switched(level: float, target: float, wait: float, rate: float, step: float) -> float:
-    """What to tell brakes in a step, m/s2, that shall leave `level` for `target` only `wait` s from its beginning.
+    """What to tell brakes in a step, m/s2, that shall leave `level` for `target` only `wait` s from
+    its beginning.
 
     With h the step, j the brakes' rate, D = |target - level|, b = D / j:
 
         change = j / 2 (h + b - sqrt((h + b)^2 - 4 b (h - wait)))
 
-    Brakes that change so much at once, hold that to the end of the step and go on to `target` after it have in the end
-    taken off the same speed as brakes that leave `level` `wait` s late.
+    Brakes that change so much at once, hold that to the end of the step and go on to `target` after
+    it have in the end taken off the same speed as brakes that leave `level` `wait` s late.
     """
     if wait >= step:
         return level
@@ -70,7 +79,9 @@ def switched(level: float, target: float, wait: float, rate: float, step: float)
 
 @kernel
 def mean_level(level: float, mean: float, rate: float, step: float) -> float:
-    """What to tell brakes at `level`, m/s2, for a mean over the step of `mean`, or as near to it as they can come."""
+    """What to tell brakes at `level`, m/s2, for a mean over the step of `mean`, or as near to it as
+    they can come.
+    """
     change = abs(mean - level)
     if change == 0.0:
         return level
@@ -81,10 +92,11 @@ def mean_level(level: float, mean: float, rate: float, step: float) -> float:
 
 @kernel
 def released_level(level: float, lost: float, rate: float, step: float, most: float) -> float:
-    """What to tell brakes that are at `level`, m/s2, so that they lose `lost` m/s until they are open; up to `most`.
+    """What to tell brakes that are at `level`, m/s2, so that they lose `lost` m/s until they are
+    open; up to `most`.
 
-    They go at `rate` j to the told level c, hold it to the end of the step h, and go on to 0 after it. Where they only
-    open:
+    They go at `rate` j to the told level c, hold it to the end of the step h, and go on to 0 after
+    it. Where they only open:
 
         lost = level^2 / (2 j) + c (h - (level - c) / j)
 
@@ -94,7 +106,9 @@ def released_level(level: float, lost: float, rate: float, step: float, most: fl
     """
     square = level * level / rate
     if lost > level * step + 0.5 * square:
-        return min((lost + 0.5 * square) / (step + level / rate), level + rate * step, max(most, level))
+        return min(
+            (lost + 0.5 * square) / (step + level / rate), level + rate * step, max(most, level)
+        )
     spare = step - level / rate
     inside = spare * spare + 4.0 * (lost - 0.5 * square) / rate
     told = 0.5 * rate * (math.sqrt(inside) - spare) if inside > 0.0 else 0.0
@@ -114,17 +128,25 @@ def path_towards(path: Any, target: float, duration: float, rise: float, vehicle
 
 
 @kernel
-def path_command(path: Any, lost: float, releases: bool, brakes: Any, vehicle: Any, step: float) -> float:
-    """What to tell the vehicle, m/s2, where the coming step shall take off `lost` m/s. Call once a step.
+def path_command(
+    path: Any, lost: float, releases: bool, brakes: Any, vehicle: Any, step: float
+) -> float:
+    """What to tell the vehicle, m/s2, where the coming step shall take off `lost` m/s.
 
-    releases: the braking ends in it, or has ended. Brakes that rise no faster than the driver asks (`brakes.jerk`,
-    m/s3) may be told more than its `brakes.braking` m/s2, to be even with it.
+    Call once a step.
+
+    releases: the braking ends in it, or has ended. Brakes that rise no faster than the driver asks
+        (`brakes.jerk`, m/s3) may be told more than its `brakes.braking` m/s2, to be even with it.
     """
     before, fall = path.brakes, vehicle.brake_jerk
     if releases and before == 0.0 and lost == 0.0:
         path.owed = 0.0
         return 0.0
-    most = min(brakes.braking, vehicle.max_deceleration) if brakes.jerk < fall else vehicle.max_deceleration
+    most = (
+        min(brakes.braking, vehicle.max_deceleration)
+        if brakes.jerk < fall
+        else vehicle.max_deceleration
+    )
     if releases:
         until_open = lost + path.owed + 0.5 * path.level * path.level / fall
         told = released_level(before, until_open, fall, step, most)
@@ -137,9 +159,13 @@ def path_command(path: Any, lost: float, releases: bool, brakes: Any, vehicle: A
 
 
 @kernel
-def first_instant(demand: Callable[..., float], scene: Any, above: float, begin: float, end: float) -> float:
-    """The instant within begin..end, s, from which on the demand is above `above`, or not, as at the end; at the
-    beginning it is the other way round. demand: called with the scene and a time.
+def first_instant(
+    demand: Callable[..., float], scene: Any, above: float, begin: float, end: float
+) -> float:
+    """The instant within begin..end, s, from which on the demand is above `above`, or not, as at
+    the end; at the beginning it is the other way round.
+
+    demand: called with the scene and a time.
     """
     wanted = demand(scene, end) > above
     for _ in range(_HALVINGS):
@@ -155,8 +181,8 @@ def first_instant(demand: Callable[..., float], scene: Any, above: float, begin:
 def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: float) -> float:
     """Where within begin..end, s, a demand that jumps there passes half of its change.
 
-    A level in the middle of a part errs in second order where the demand is smooth in it, and in first order where it
-    jumps. `end`, where the demand changes by less than 0.5 m/s2.
+    A level in the middle of a part errs in second order where the demand is smooth in it, and in
+    first order where it jumps. `end`, where the demand changes by less than 0.5 m/s2.
     """
     inside = _INSIDE * (end - begin)
     early, late = demand(scene, begin + inside), demand(scene, end - inside)
@@ -167,9 +193,17 @@ def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: flo
 
 @kernel
 def path_along(
-    path: Any, demand: Callable[..., float], scene: Any, begin: float, end: float, brakes: Any, vehicle: Any
+    path: Any,
+    demand: Callable[..., float],
+    scene: Any,
+    begin: float,
+    end: float,
+    brakes: Any,
+    vehicle: Any,
 ) -> float:
-    """Speed lost while the braking goes from `begin` to `end` (s after now) where the demand takes it, m/s."""
+    """Speed lost while the braking goes from `begin` to `end` (s after now) where the demand takes
+    it, m/s.
+    """
     jump = demand_jump(demand, scene, begin, end)
     lost = 0.0
     for first, last in ((begin, jump), (jump, end)):
@@ -181,15 +215,22 @@ def path_along(
 
 @kernel
 def follow_demand(
-    braking: Any, demand: Callable[..., float], scene: Any, time: float, brakes: Any, vehicle: Any, step: float
+    braking: Any,
+    demand: Callable[..., float],
+    scene: Any,
+    time: float,
+    brakes: Any,
+    vehicle: Any,
+    step: float,
 ) -> float:
-    """What to tell the vehicle for the coming step, m/s2: brakes `response` s after the first demand, rising at `jerk`
-    m/s3, up to `braking` m/s2, which `brakes` holds. Call once a step.
+    """What to tell the vehicle for the coming step, m/s2: brakes `response` s after the first
+    demand, rising at `jerk` m/s3, up to `braking` m/s2, which `brakes` holds. Call once a step.
 
-    demand: called with the scene and a time (s) after now, from one and a half steps before now to a step after it, the
-    deceleration that is demanded then, as far as it can be foreseen, m/s2; 0 for none. The first demand is looked for
-    half a step ago, where speeds that are told from positions are known; one that began with a jump began with the last
-    step. The reaction is waited for once: who has been alarmed stays alert.
+    demand: called with the scene and a time (s) after now, from one and a half steps before now to
+        a step after it, the deceleration that is demanded then, as far as it can be foreseen, m/s2;
+        0 for none. The first demand is looked for half a step ago, where speeds that are told from
+        positions are known; one that began with a jump began with the last step. The reaction is
+        waited for once: who has been alarmed stays alert.
     """
     path, jerk = braking.path, brakes.jerk
     if braking.is_alarmed == 0 and braking.looks == 0:
@@ -204,7 +245,9 @@ def follow_demand(
     braking.looks += 1
     wait = max(braking.alarmed + brakes.response - time, 0.0) if braking.is_alarmed else math.inf
     if wait >= step:
-        return path_command(path, path_towards(path, 0.0, step, jerk, vehicle), True, brakes, vehicle, step)
+        return path_command(
+            path, path_towards(path, 0.0, step, jerk, vehicle), True, brakes, vehicle, step
+        )
     lost = path_towards(path, 0.0, wait, jerk, vehicle) if wait > 0.0 else 0.0
     before, after = demand(scene, wait) > 0.0, demand(scene, step) > 0.0
     change = step if before == after else first_instant(demand, scene, 0.0, wait, step)

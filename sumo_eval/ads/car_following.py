@@ -1,4 +1,6 @@
-"""Following a vehicle: the Intelligent Driver Model (IDM), its enhanced form for dense traffic, and the ADS `idm`."""
+"""Following a vehicle: the Intelligent Driver Model (IDM), its enhanced form for dense traffic, and
+the ADS `idm`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,14 @@ from dataclasses import fields as fields_of
 from typing import Any, ClassVar
 
 from sumo_eval.ads.asked_change import change_if_free, is_waiting, lead_beside, road_left
-from sumo_eval.ads.lane_change import PATH, curvature_kept, keep_lane, path_at, rear_axle_next, steering
+from sumo_eval.ads.lane_change import (
+    PATH,
+    curvature_kept,
+    keep_lane,
+    path_at,
+    rear_axle_next,
+    steering,
+)
 from sumo_eval.ads.perception import bumper_gap, coming_into_path, lead_in_path
 from sumo_eval.cosim.compiled import Compiled, decides, each_row
 from sumo_eval.cosim.records import fields, flags
@@ -17,14 +26,20 @@ from sumo_eval.kernels import kernel
 
 EXPONENT = 4.0  # delta of the free-road term (Treiber, Hennecke, Helbing 2000)
 COOLNESS = 0.99  # c (Kesting, Treiber, Helbing 2010)
-HEADWAY_RECOVERY = 25.0  # s, time constant in which an accepted short headway grows back (Schakel et al. 2012, LMRS)
-MIN_GAP = 0.1  # m; the models divide by the gap, and at this one they ask for more than any brake can give
+# s, time constant in which an accepted short headway grows back (Schakel et al. 2012, LMRS)
+HEADWAY_RECOVERY = 25.0
+# m; the models divide by the gap, and at this one they ask for more than any brake can give
+MIN_GAP = 0.1
 MIN_SPEED = 0.1  # m/s; they divide by the desired speed too
 
 
 @dataclass(frozen=True, slots=True)
 class IdmParameters:
-    """headway: T, s. standstill_gap: s0, m. acceleration: a, m/s2. deceleration: b, the comfortable one, m/s2, > 0."""
+    """headway: T, s.
+    standstill_gap: s0, m.
+    acceleration: a, m/s2.
+    deceleration: b, the comfortable one, m/s2, > 0.
+    """
 
     headway: float = 1.2
     standstill_gap: float = 2.0
@@ -39,11 +54,15 @@ class IdmParameters:
 
 
 @kernel
-def desired_gap(speed: float, closing_speed: float, idm: Any, headway: float | None = None) -> float:
+def desired_gap(
+    speed: float, closing_speed: float, idm: Any, headway: float | None = None
+) -> float:
     """s* = s0 + max(0, v T + v dv / (2 sqrt(a b))), m.
 
-    speed: v, m/s. closing_speed: dv = v - v_lead, m/s. headway: T, s, in place of the parameters' own.
-    Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62, 1805 (2000).
+    speed: v, m/s.
+    closing_speed: dv = v - v_lead, m/s.
+    headway: T, s, in place of the parameters' own. Source: Treiber, Hennecke, Helbing, Phys. Rev. E
+        62, 1805 (2000).
     """
     time = idm.headway if headway is None else headway
     braking = speed * closing_speed / (2.0 * math.sqrt(idm.acceleration * idm.deceleration))
@@ -51,11 +70,15 @@ def desired_gap(speed: float, closing_speed: float, idm: Any, headway: float | N
 
 
 @kernel
-def idm_acceleration(speed: float, desired_speed: float, gap: float, lead_speed: float, idm: Any) -> float:
+def idm_acceleration(
+    speed: float, desired_speed: float, gap: float, lead_speed: float, idm: Any
+) -> float:
     """IDM: dv/dt = a (1 - (v / v0)^4 - (s* / s)^2), m/s2.
 
-    speed: v, m/s. desired_speed: v0, m/s. gap: s, bumper to bumper, m; inf on a free road. lead_speed: m/s.
-    Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62, 1805 (2000).
+    speed: v, m/s.
+    desired_speed: v0, m/s.
+    gap: s, bumper to bumper, m; inf on a free road.
+    lead_speed: m/s. Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62, 1805 (2000).
     """
     free: float = (speed / max(desired_speed, MIN_SPEED)) ** EXPONENT
     crowding = desired_gap(speed, speed - lead_speed, idm) / max(gap, MIN_GAP)
@@ -64,7 +87,8 @@ def idm_acceleration(speed: float, desired_speed: float, gap: float, lead_speed:
 
 @kernel
 def free_acceleration(speed: float, desired_speed: float, idm: Any) -> float:
-    """Free road of the improved IDM: a (1 - (v / v0)^4) up to the desired speed, above it -b (1 - (v0 / v)^(4 a / b)).
+    """Free road of the improved IDM: a (1 - (v / v0)^4) up to the desired speed, above it -b (1 -
+    (v0 / v)^(4 a / b)).
 
     Source: Treiber, Kesting, Traffic Flow Dynamics (2013), section 11.3.7.
     """
@@ -77,13 +101,22 @@ def free_acceleration(speed: float, desired_speed: float, idm: Any) -> float:
 
 @kernel
 def improved_idm_acceleration(
-    speed: float, desired_speed: float, gap: float, lead_speed: float, idm: Any, headway: float | None = None
+    speed: float,
+    desired_speed: float,
+    gap: float,
+    lead_speed: float,
+    idm: Any,
+    headway: float | None = None,
 ) -> float:
-    """Improved IDM: like the IDM, but at v = v0 the gap it settles at is s* itself, not infinity. m/s2.
+    """Improved IDM: like the IDM, but at v = v0 the gap it settles at is s* itself, not infinity.
+    m/s2.
 
-    With z = s* / s and f the free-road acceleration: v <= v0: f (1 - z^(2 a / f)) for z < 1, a (1 - z^2) otherwise;
-    v > v0: f for z < 1, f + a (1 - z^2) otherwise. Arguments as in `idm_acceleration`; headway: T in place of the own.
-    Source: Treiber, Kesting, Traffic Flow Dynamics (2013), section 11.3.7.
+    With z = s* / s and f the free-road acceleration: v <= v0: f (1 - z^(2 a / f)) for z < 1, a (1 -
+    z^2) otherwise; v > v0: f for z < 1, f + a (1 - z^2) otherwise. Arguments as in
+    `idm_acceleration`;
+
+    headway: T in place of the own. Source: Treiber, Kesting, Traffic Flow Dynamics (2013), section
+        11.3.7.
     """
     free = free_acceleration(speed, desired_speed, idm)
     z = desired_gap(speed, speed - lead_speed, idm, headway) / max(gap, MIN_GAP)
@@ -96,24 +129,36 @@ def improved_idm_acceleration(
 
 @kernel
 def constant_speed_heuristic(speed: float, gap: float, lead_speed: float) -> float:
-    """Acceleration that just avoids a lead which keeps its speed: -dv^2 / (2 s) while closing, else 0. m/s2.
+    """Acceleration that just avoids a lead which keeps its speed: -dv^2 / (2 s) while closing, else
+    0. m/s2.
 
-    Source: the constant-acceleration heuristic of Kesting, Treiber, Helbing (2010) with lead acceleration 0.
+    Source: the constant-acceleration heuristic of Kesting, Treiber, Helbing (2010) with lead
+        acceleration 0.
     """
     closing = speed - lead_speed
     return -closing * closing / (2.0 * max(gap, MIN_GAP)) if closing > 0.0 else 0.0
 
 
 @kernel
-def constant_acceleration_heuristic(speed: float, gap: float, lead_speed: float, lead_braking: float) -> float:
-    """CAH: acceleration that just avoids a lead which goes on braking with b_l > 0 until it stands. m/s2.
+def constant_acceleration_heuristic(
+    speed: float, gap: float, lead_speed: float, lead_braking: float
+) -> float:
+    """CAH: acceleration that just avoids a lead which goes on braking with b_l > 0 until it stands.
+    m/s2.
 
-    v^2 a_l / (v_l^2 - 2 s a_l) if v_l (v - v_l) <= -2 s a_l (the lead stands first), else a_l - dv^2 / (2 s) with
-    dv = max(v - v_l, 0), a_l = -b_l. Source: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 4585 (2010).
+    v^2 a_l / (v_l^2 - 2 s a_l) if v_l (v - v_l) <= -2 s a_l (the lead stands first), else a_l -
+    dv^2 / (2 s) with
+    dv = max(v - v_l, 0), a_l = -b_l. Source: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368,
+    4585 (2010).
     """
     distance = max(gap, MIN_GAP)
     if lead_speed * (speed - lead_speed) <= 2.0 * distance * lead_braking:
-        return -speed * speed * lead_braking / (lead_speed * lead_speed + 2.0 * distance * lead_braking)
+        return (
+            -speed
+            * speed
+            * lead_braking
+            / (lead_speed * lead_speed + 2.0 * distance * lead_braking)
+        )
     return -lead_braking + constant_speed_heuristic(speed, gap, lead_speed)
 
 
@@ -129,9 +174,11 @@ def enhanced_idm_acceleration(
 ) -> float:
     """Enhanced IDM ("ACC model"): brakes no harder than a gap needs by more than b. m/s2.
 
-    i = improved IDM, h = constant-speed heuristic (CAH behind a lead that brakes with `lead_braking`, m/s2).
+    i = improved IDM, h = constant-speed heuristic (CAH behind a lead that brakes with
+    `lead_braking`, m/s2).
     i if i >= h, else (1 - c) i + c (h + b tanh((i - h) / b)), c = 0.99.
-    The IDM brakes at its limit when it finds itself close behind a lead of its own speed; people do not.
+    The IDM brakes at its limit when it finds itself close behind a lead of its own speed; people do
+    not.
     Source: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 4585 (2010).
     """
     plain = improved_idm_acceleration(speed, desired_speed, gap, lead_speed, idm, headway)
@@ -142,17 +189,32 @@ def enhanced_idm_acceleration(
     if plain >= needed:
         return plain
     b = idm.deceleration
-    return float((1.0 - COOLNESS) * plain + COOLNESS * (needed + b * math.tanh((plain - needed) / b)))
+    return float(
+        (1.0 - COOLNESS) * plain + COOLNESS * (needed + b * math.tanh((plain - needed) / b))
+    )
 
 
 @kernel
 def in_half_a_step(
-    speed: float, gap: float, lead_speed: float, acceleration: float, lead_braking: float, step: float
+    speed: float,
+    gap: float,
+    lead_speed: float,
+    acceleration: float,
+    lead_braking: float,
+    step: float,
 ) -> tuple[float, float, float]:
-    """Speed, gap and the lead's speed half a step on, at these accelerations (m/s2): where the step's mean is felt."""
+    """Speed, gap and the lead's speed half a step on, at these accelerations (m/s2): where the
+    step's mean is felt.
+    """
     half = 0.5 * step
-    later_gap = gap + (lead_speed - speed) * half - 0.5 * (lead_braking + acceleration) * half * half
-    return max(speed + acceleration * half, 0.0), later_gap, max(lead_speed - lead_braking * half, 0.0)
+    later_gap = (
+        gap + (lead_speed - speed) * half - 0.5 * (lead_braking + acceleration) * half * half
+    )
+    return (
+        max(speed + acceleration * half, 0.0),
+        later_gap,
+        max(lead_speed - lead_braking * half, 0.0),
+    )
 
 
 FOLLOWED = fields("accepted")
@@ -161,33 +223,43 @@ FOLLOWED = fields("accepted")
 
 @kernel
 def follow(
-    followed: Any, speed: float, desired_speed: float, gap: float, lead_speed: float, lead_braking: float, idm: Any,
+    followed: Any, speed: float, desired_speed: float, gap: float, lead_speed: float,
+    lead_braking: float, idm: Any,
     step: float,
 ) -> float:  # fmt: skip
-    """The enhanced IDM with a memory of the headway accepted behind a lead, m/s2; call once a step and lead.
+    """The enhanced IDM with a memory of the headway accepted behind a lead, m/s2; call once a step
+    and lead.
 
-    Whoever finds a lead closer than his own headway T accepts that headway at first, and lets it grow back to T:
-    dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp. Res. Rec. 2316 (2012), LMRS.
+    Whoever finds a lead closer than his own headway T accepts that headway at first, and lets it
+    grow back to T: dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp. Res. Rec.
+    2316 (2012), LMRS.
     """
     own, accepted = idm.headway, followed.accepted
     if math.isnan(accepted):
         accepted = min(own, max(gap - idm.standstill_gap, 0.0) / max(speed, MIN_SPEED))
     followed.accepted = accepted + (own - accepted) * (step / HEADWAY_RECOVERY)
-    return enhanced_idm_acceleration(speed, desired_speed, gap, lead_speed, idm, accepted, lead_braking)
+    return enhanced_idm_acceleration(
+        speed, desired_speed, gap, lead_speed, idm, accepted, lead_braking
+    )
 
 
 @kernel
-def change_as_asked(path: Any, way: Any, me: Any, others: Any, desired_speed: float, idm: Any, scenario: Any) -> float:
-    """The most that an ego that has to change lanes accelerates, m/s2; may begin the change in `path`.
+def change_as_asked(
+    path: Any, way: Any, me: Any, others: Any, desired_speed: float, idm: Any, scenario: Any
+) -> float:
+    """The most that an ego that has to change lanes accelerates, m/s2; may begin the change in
+    `path`.
 
-    It follows by the IDM whom it will be behind, no harder than comfortably until the change has begun, and waits
-    before the end of its lane.
+    It follows by the IDM whom it will be behind, no harder than comfortably until the change has
+    begun, and waits before the end of its lane.
     """
     changing = change_if_free(path, way, me, others, scenario)
     most = math.inf
     lead = lead_beside(way, me, others, scenario)
     if lead >= 0:
-        most = idm_acceleration(me.speed, desired_speed, bumper_gap(me, others[lead]), others[lead].along, idm)
+        most = idm_acceleration(
+            me.speed, desired_speed, bumper_gap(me, others[lead]), others[lead].along, idm
+        )
         if not changing:
             most = max(most, -idm.deceleration)
     left = road_left(path, way, me)
@@ -200,9 +272,11 @@ PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
 
 
 @kernel
-def idm(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
-    """Acceleration and steering wheel angle, decided once a cycle: whoever comes into the path is the lead from one
-    cycle to the next.
+def idm(
+    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+) -> None:
+    """Acceleration and steering wheel angle, decided once a cycle: whoever comes into the path is
+    the lead from one cycle to the next.
     """
     me = ego.seen
     if own.steps == 0:
@@ -215,7 +289,9 @@ def idm(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, 
 
 
 @kernel
-def _decide(me: Any, others: Any, memory: Any, known: Any, way: Any, scenario: Any) -> tuple[float, float]:
+def _decide(
+    me: Any, others: Any, memory: Any, known: Any, way: Any, scenario: Any
+) -> tuple[float, float]:
     """IDM behind the lead in the path, in the middle of the cycle, along the lane's centre.
 
     Who watches takes whoever comes into the path for the lead, if that one is nearer.
@@ -234,25 +310,39 @@ def _decide(me: Any, others: Any, memory: Any, known: Any, way: Any, scenario: A
         known[j].last_speed = math.nan if math.isnan(others[j].x) else others[j].along
     strongest = scenario.vehicle.max_deceleration
     now = idm_acceleration(me.speed, memory.desired_speed, gap, lead_speed, p)
-    speed, gap, lead_speed = in_half_a_step(me.speed, gap, lead_speed, max(now, -strongest), braking, scenario.step)
+    speed, gap, lead_speed = in_half_a_step(
+        me.speed, gap, lead_speed, max(now, -strongest), braking, scenario.step
+    )
     wanted = idm_acceleration(speed, memory.desired_speed, gap, lead_speed, p)
     if way.asked:
-        wanted = min(wanted, change_as_asked(memory.path, way, me, others, memory.desired_speed, p, scenario))
+        wanted = min(
+            wanted, change_as_asked(memory.path, way, me, others, memory.desired_speed, p, scenario)
+        )
     y, slope, bend = path_at(memory.path, rear_axle_next(me, scenario))
     return max(wanted, -strongest), steering(memory, me, y, slope, bend, scenario)
 
 
 class Idm(Compiled):
-    """ADS `idm`: keeps its lane and follows by the IDM alone. Its desired speed is the one it starts with.
+    """ADS `idm`: keeps its lane and follows by the IDM alone.
 
-    The default parameters lie between the motorway values of Treiber, Hennecke, Helbing (2000: T 1.6 s, a 0.73, b 1.67)
-    and of Treiber, Kesting (2013: T 1.0 s, a 1.0, b 1.5) and those of Kesting, Treiber, Helbing (2010: T 1.5 s, a 1.4,
-    b 2.0). It brakes as hard as the formula asks, up to the vehicle's brakes.
+    Its desired speed is the one it starts with.
+
+    The default parameters lie between the motorway values of Treiber, Hennecke, Helbing (2000: T
+    1.6 s, a 0.73, b 1.67) and of Treiber, Kesting (2013: T 1.0 s, a 1.0, b 1.5) and those of
+    Kesting, Treiber, Helbing (2010: T 1.5 s, a 1.4, b 2.0). It brakes as hard as the formula asks,
+    up to the vehicle's brakes.
     """
 
     loop = staticmethod(each_row(idm))
-    memory: ClassVar = [*fields("desired_speed", "curvature", "told", "steered"), ("path", PATH), *flags("steps")]
-    """told: acceleration, m/s2, and steered: steering wheel angle, rad, in this cycle. steps: driven so far."""
+    memory: ClassVar = [
+        *fields("desired_speed", "curvature", "told", "steered"),
+        ("path", PATH),
+        *flags("steps"),
+    ]
+    """told: acceleration, m/s2, and steered: steering wheel angle, rad, in this cycle.
+
+    steps: driven so far.
+    """
     known = fields("last_speed")
     numbers: ClassVar = [("idm", PARAMETERS), *flags("watches")]
     watches = False
@@ -262,11 +352,13 @@ class Idm(Compiled):
 
 
 class Attentive(Idm):
-    """ADS `attentive`: the IDM that brakes for who will be in its path, above all for people who cross the road.
+    """ADS `attentive`: the IDM that brakes for who will be in its path, above all for people who
+    cross the road.
 
-    Whoever is ahead and moves towards the path, seen past what stands nearer, is the lead as soon as both would be in
-    the same place within a second of each other (`perception.coming_into_path`); who crosses in time before or behind
-    the ego is left to go. A reference driver of ours; no regulation names one for people on foot.
+    Whoever is ahead and moves towards the path, seen past what stands nearer, is the lead as soon
+    as both would be in the same place within a second of each other
+    (`perception.coming_into_path`); who crosses in time before or behind the ego is left to go. A
+    reference driver of ours; no regulation names one for people on foot.
     """
 
     watches = True

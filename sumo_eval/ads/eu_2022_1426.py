@@ -1,8 +1,10 @@
-"""ADSs `eu_2022_1426`, `eu_2022_1426_bus`: what Regulation (EU) 2022/1426 demands of an automated vehicle at the least.
+"""ADSs `eu_2022_1426`, `eu_2022_1426_bus`: what Regulation (EU) 2022/1426 demands of an automated
+vehicle at the least.
 
-A cut-in must be avoided when its TTC, 0.30 m inside the lane, is above v_rel / (2 a) + tau / 2 + 0.1 s: the vehicle may
-take 0.1 s, build its braking up over tau and brake with a. With standing or unbelted passengers a and tau are smaller.
-Source: Annex III, cut-in (the German AFGBV, Annex 1, has the same). Everything else is as `reg157` does it.
+A cut-in must be avoided when its TTC, 0.30 m inside the lane, is above v_rel / (2 a) + tau / 2 +
+0.1 s: the vehicle may take 0.1 s, build its braking up over tau and brake with a. With standing or
+unbelted passengers a and tau are smaller. Source: Annex III, cut-in (the German AFGBV, Annex 1, has
+the same). Everything else is as `reg157` does it.
 """
 
 from __future__ import annotations
@@ -19,11 +21,15 @@ class Eu20221426(Reg157):
 
     last_moment = SEATED
 
-    def __init__(self, margin: float = 0.0, lead_braking: float = 1.0, standstill_gap: float = 0.1) -> None:
+    def __init__(
+        self, margin: float = 0.0, lead_braking: float = 1.0, standstill_gap: float = 0.1
+    ) -> None:
         super().__init__(margin, lead_braking, standstill_gap)
 
 
 class Eu20221426Bus(Eu20221426):
-    """ADS `eu_2022_1426_bus`: 2.4 m/s2, built up over 0.12 s, for standing or unbelted passengers."""
+    """ADS `eu_2022_1426_bus`: 2.4 m/s2, built up over 0.12 s, for standing or unbelted
+    passengers.
+    """
 
     last_moment = STANDING

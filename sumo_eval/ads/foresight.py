@@ -1,7 +1,9 @@
-"""What the ideal vehicle of Eq. 17 knows before a case begins: whom it would touch, and from when on it can know so.
+"""What the ideal vehicle of Eq. 17 knows before a case begins: whom it would touch, and from when
+on it can know so.
 
-Everything is worked out in continuous time from the scripts of the other vehicles, so that it does not depend on the
-simulation's step; only whether bodies touch is asked step by step, as the harness asks it.
+Everything is worked out in continuous time from the scripts of the other vehicles, so that it does
+not depend on the simulation's step; only whether bodies touch is asked step by step, as the harness
+asks it.
 """
 
 from __future__ import annotations
@@ -24,12 +26,17 @@ from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
-FOLLOWING_GAP = 1.6  # s to a vehicle ahead in the lane that is entered: the least of UN R157 from 60 km/h on
-_LOOK = 0.05  # s between two looks for the first sight of a hidden vehicle, whose instant is then bisected
+# s to a vehicle ahead in the lane that is entered: the least of UN R157 from 60 km/h on
+FOLLOWING_GAP = 1.6
+# s between two looks for the first sight of a hidden vehicle, whose instant is then bisected
+_LOOK = 0.05
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
 _AHEAD = 0.01  # m on which the direction of a way is taken
-_STEERED = 0.005  # m by which a way may be driven otherwise than it lies (0.002 in every scenario that ships)
-_BEND = 1.0  # m by which bodies on a bent road may be nearer to each other than their places along and across it tell
+# m by which a way may be driven otherwise than it lies (0.002 in every scenario that ships)
+_STEERED = 0.005
+# m by which bodies on a bent road may be nearer to each other than their places along and across it
+# tell
+_BEND = 1.0
 
 
 Line = tuple[Piece, ...]
@@ -43,9 +50,10 @@ _Moving = Callable[[float], "_Shape"]
 class Foresight(NamedTuple):
     """What is known of one other vehicle.
 
-    noticed: when its first change of state can be seen, s; inf where it never can. meets: whether an ego that keeps
-    its speed would touch it. speed: its lowest speed along the road to come, m/s. hidden: whether a nearer vehicle is
-    what keeps it from being noticed at once.
+    noticed: when its first change of state can be seen, s; inf where it never can.
+    meets: whether an ego that keeps its speed would touch it.
+    speed: its lowest speed along the road to come, m/s.
+    hidden: whether a nearer vehicle is what keeps it from being noticed at once.
     """
 
     noticed: float
@@ -55,9 +63,12 @@ class Foresight(NamedTuple):
 
 
 def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[Foresight, ...]:
-    """One `Foresight` for each of the other vehicles. settings: those of the case, its ego's body among them.
+    """One `Foresight` for each of the other vehicles.
 
-    They do what they do while the ego keeps its speed; whoever reacts is taken to keep its speed, too.
+    settings: those of the case, its ego's body among them.
+
+    They do what they do while the ego keeps its speed; whoever reacts is taken to keep its speed,
+    too.
     """
     ego, vehicle, step, told = concrete.ego, settings.vehicle, settings.step, []
     on_the_road = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
@@ -71,22 +82,31 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         changes = 0.0 if caught_up or math.isinf(begins) else begins
         nearer = [other.shape for other in theirs if other is not track]
         noticed = first_sight(ego, settings, track.shape, nearer, changes, until)
-        reacts = actor.model is not None and not ahead  # it will not drive into whoever keeps its speed
+        # it will not drive into whoever keeps its speed
+        reacts = actor.model is not None and not ahead
         meets = not reacts and _meets(ego, vehicle, track, until, concrete.road.line)
-        passes = ego.way is not None and not ahead  # it is let past: only who stands leads no one into it
+        # it is let past: only who stands leads no one into it
+        passes = ego.way is not None and not ahead
         told.append(Foresight(noticed, meets, 0.0 if passes else track.slowest, noticed > changes))
     return tuple(told)
 
 
 def evasion(
-    concrete: ConcreteScenario, settings: SimulationSettings, known: Sequence[Foresight], deceleration: float
+    concrete: ConcreteScenario,
+    settings: SimulationSettings,
+    known: Sequence[Foresight],
+    deceleration: float,
 ) -> tuple[float, float, float, float]:
-    """The path (`PATH`) of an ideal vehicle that steers to the lane on its left, of offset 0 where it brakes.
+    """The path (`PATH`) of an ideal vehicle that steers to the lane on its left, of offset 0 where
+    it brakes.
 
-    It steers where a steady vehicle shows so late, from behind another one, that braking with `deceleration` (m/s2)
-    from then on hits it, and where a lane change from then on at the speed it has, as quick as those of the drivers
-    that ship, is clear of everybody to the end: by 0.3 m across, and along the road of whoever is no such vehicle by
-    `FOLLOWING_GAP` to the one ahead and 2 m to the one behind. settings: those of the case.
+    It steers where a steady vehicle shows so late, from behind another one, that braking with
+    `deceleration` (m/s2) from then on hits it, and where a lane change from then on at the speed it
+    has, as quick as those of the drivers that ship, is clear of everybody to the end: by 0.3 m
+    across, and along the road of whoever is no such vehicle by `FOLLOWING_GAP` to the one ahead and
+    2 m to the one behind.
+
+    settings: those of the case.
     """
     ego, road, vehicle = concrete.ego, concrete.road, settings.vehicle
     lane = min(max(round(ego.y / road.lane_width), 0), road.lanes - 1)
@@ -102,7 +122,8 @@ def evasion(
     at = ego.x + ego.speed * begin
     hits = [
         ideal_impact_speed(
-            ego.speed, actor.start.speed, actor.x(begin) - at - 0.5 * (vehicle.length + actor.length),
+            ego.speed, actor.start.speed,
+            actor.x(begin) - at - 0.5 * (vehicle.length + actor.length),
             deceleration=deceleration, build_up=deceleration / vehicle.brake_jerk,
         ) > 0.0
         for actor in round_whom
@@ -120,11 +141,19 @@ def evasion(
             across = abs(actor.y(time) - y) - 0.5 * (vehicle.width + actor.width)
             shown = actor not in round_whom
             if time >= begin:
-                least = 0.0 if not shown else FOLLOWING_GAP * ego.speed if actor.x(time) > x else EMERGENCY_GAP
+                least = (
+                    0.0
+                    if not shown
+                    else FOLLOWING_GAP * ego.speed
+                    if actor.x(time) > x
+                    else EMERGENCY_GAP
+                )
                 clear = across >= CLEARANCE or along >= least
             else:  # it would brake behind a vehicle that is too near
                 near = shown and actor.x(time) > x and across < 0.0
-                clear = not near or along >= safe_gap(ego.speed, actor.speed(time), deceleration, response)
+                clear = not near or along >= safe_gap(
+                    ego.speed, actor.speed(time), deceleration, response
+                )
             if not clear:
                 return straight
     return straight[0], road.lane_width, at, duration * ego.speed
@@ -137,7 +166,10 @@ def _on_the_way(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
 
 
 class _Track:
-    """Another vehicle as it moves while the ego keeps its speed. rows: at every step, as in `Tracks`."""
+    """Another vehicle as it moves while the ego keeps its speed.
+
+    rows: at every step, as in `Tracks`.
+    """
 
     def __init__(self, actor: Actor, step: float, rows: FloatArray) -> None:
         self.actor, self.step, self.rows = actor, step, rows
@@ -148,15 +180,23 @@ class _Track:
         return Body(x, y, heading, speed, self.actor.length, self.actor.width, across)
 
     def shape(self, time: float) -> _Shape:
-        """Where it is and how far it reaches, at any time: between two steps, if its script says no more."""
+        """Where it is and how far it reaches, at any time: between two steps, if its script says no
+        more.
+        """
         actor = self.actor
         if actor.lively:
             at = min(max(time / self.step, 0.0), len(self.rows) - 1.0)
             k = min(int(at), len(self.rows) - 2)
-            x, y, heading, _, _ = (self.rows[k] + (at - k) * (self.rows[k + 1] - self.rows[k])).tolist()
+            x, y, heading, _, _ = (
+                self.rows[k] + (at - k) * (self.rows[k + 1] - self.rows[k])
+            ).tolist()
         else:
             across = 0.0 if actor.slides else actor.lateral_speed(time)
-            x, y, heading = actor.x(time), actor.y(time), math.atan2(across, actor.speed(time)) if across else 0.0
+            x, y, heading = (
+                actor.x(time),
+                actor.y(time),
+                math.atan2(across, actor.speed(time)) if across else 0.0,
+            )
         c, s = abs(math.cos(heading)), abs(math.sin(heading))
         half_length, half_width = 0.5 * actor.length, 0.5 * actor.width
         return _Shape(x, y, half_length * c + half_width * s, half_length * s + half_width * c)
@@ -166,15 +206,23 @@ class _Track:
         """Its lowest speed along the road to come, m/s."""
         if not self.actor.lively:
             return self.actor.start.speed if self.actor.braking is None else 0.0
-        along = self.rows[:, 3] * np.cos(self.rows[:, 2]) - self.rows[:, 4] * np.sin(self.rows[:, 2])
+        along = self.rows[:, 3] * np.cos(self.rows[:, 2]) - self.rows[:, 4] * np.sin(
+            self.rows[:, 2]
+        )
         return max(float(along.min()), 0.0)
 
 
 def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, until: float, line: Line) -> bool:
-    """Whether an ego that keeps its speed and its lane touches another vehicle. line: of the road, none: straight."""
+    """Whether an ego that keeps its speed and its lane touches another vehicle.
+
+    line: of the road, none: straight.
+    """
     rows, step = track.rows, track.step
     times = np.arange(len(rows)) * step
-    reach = 0.5 * (vehicle.length + vehicle.width + track.actor.length + track.actor.width) + FASTEST * step * 0.1
+    reach = (
+        0.5 * (vehicle.length + vehicle.width + track.actor.length + track.actor.width)
+        + FASTEST * step * 0.1
+    )
     reach += _BEND if line else 0.0
     places = ego.x_after(ego.speed * times)
     near = np.abs(rows[:, 0] - places) < reach
@@ -190,12 +238,18 @@ def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, until: float, li
 
 
 def first_sight(
-    ego: Start, settings: SimulationSettings, it: _Moving, others: Sequence[_Moving], time: float, until: float
+    ego: Start,
+    settings: SimulationSettings,
+    it: _Moving,
+    others: Sequence[_Moving],
+    time: float,
+    until: float,
 ) -> float:
-    """When another vehicle, whose state changes at a time, can be seen from then on, s; inf if it stays hidden.
+    """When another vehicle, whose state changes at a time, can be seen from then on, s; inf if it
+    stays hidden.
 
-    It is hidden while a nearer one covers so much of its width that less than `ideal_visible_share` shows; the ego
-    keeps its speed.
+    It is hidden while a nearer one covers so much of its width that less than `ideal_visible_share`
+    shows; the ego keeps its speed.
     """
 
     def hidden(when: float) -> bool:
@@ -214,10 +268,13 @@ def first_sight(
     return time
 
 
-def _hides(ego: Start, settings: SimulationSettings, nearer: _Shape, it: _Shape, time: float) -> bool:
-    """Whether one hides another from the ego, as those see who ship (`perception.is_in_sight`): looking along the road
-    at who is in its way, else along the line to him. One that has come up to another hides it no longer: bodies are
-    solid, and a collision is seen, also where a script drives through.
+def _hides(
+    ego: Start, settings: SimulationSettings, nearer: _Shape, it: _Shape, time: float
+) -> bool:
+    """Whether one hides another from the ego, as those see who ship (`perception.is_in_sight`):
+    looking along the road at who is in its way, else along the line to him. One that has come up to
+    another hides it no longer: bodies are solid, and a collision is seen, also where a script
+    drives through.
     """
     eye = ego.x + ego.speed * time
     if not eye < nearer.x < it.x - nearer.half_length - it.half_length:
@@ -240,8 +297,8 @@ class _Shape(NamedTuple):
 def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> Body:
     """The ego's body on the map.
 
-    Where it steers its rear axle is on the way, square to it, and it takes `_STEERED` more room to each side: it brakes
-    for whom it would miss by less.
+    Where it steers its rear axle is on the way, square to it, and it takes `_STEERED` more room to
+    each side: it brakes for whom it would miss by less.
     """
     room = 2.0 * _STEERED if ego.way is not None else 0.0
     half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
@@ -250,8 +307,12 @@ def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> 
     if ego.way is not None:
         y, ahead = ego.y_at(np.array([x, x + _AHEAD])).tolist()
         heading = math.atan2(ahead - y, _AHEAD)
-    axle = _on_the_map(Body(x, y, heading, ego.speed, vehicle.length + room, vehicle.width + room), line)
-    return axle._replace(x=axle.x + half * math.cos(axle.heading), y=axle.y + half * math.sin(axle.heading))
+    axle = _on_the_map(
+        Body(x, y, heading, ego.speed, vehicle.length + room, vehicle.width + room), line
+    )
+    return axle._replace(
+        x=axle.x + half * math.cos(axle.heading), y=axle.y + half * math.sin(axle.heading)
+    )
 
 
 def _on_the_map(body: Body, line: Line) -> Body:

@@ -1,8 +1,10 @@
-"""ADS `fsm`: the fuzzy safety model, performance model 2 of UN Regulation No. 157 (01 series, Annex 3).
+"""ADS `fsm`: the fuzzy safety model, performance model 2 of UN Regulation No. 157 (01 series, Annex
+3).
 
-Two surrogate safety metrics between 0 (safe) and 1 (unsafe) set the braking: PFS supposes that the lead may brake hard,
-CFS that both go on as they are. Source: the regulation, and Mattas et al., Accid. Anal. Prev. 148, 105794 (2020);
-constants as in the JRC's implementation. docs/baselines.md lists the readings.
+Two surrogate safety metrics between 0 (safe) and 1 (unsafe) set the braking: PFS supposes that the
+lead may brake hard, CFS that both go on as they are. Source: the regulation, and Mattas et al.,
+Accid. Anal. Prev. 148, 105794 (2020); constants as in the JRC's implementation. docs/baselines.md
+lists the readings.
 """
 
 from __future__ import annotations
@@ -47,8 +49,11 @@ def _between(distance: float, unsafe: float, safe: float) -> float:
 def proactive_fuzzy_safety(gap: float, speed: float, other_speed: float) -> float:
     """PFS(d): 1 below d1 + d_unsafe, 0 above d1 + d_safe, linear between.
 
-    d_safe = u tau + u^2 / (2 bc) - w^2 / (2 bo) + d1; d_unsafe = u tau + u^2 / (2 bm) - w^2 / (2 bo).
-    gap: d, m. speed: u, other_speed: w, m/s.
+    d_safe = u tau + u^2 / (2 bc) - w^2 / (2 bo) + d1; d_unsafe = u tau + u^2 / (2 bm) - w^2 / (2
+    bo).
+
+    gap: d, m.
+    speed: u, other_speed: w, m/s.
     """
     stops = speed * REACTION - other_speed * other_speed / (2.0 * OTHER_BRAKING)
     safe = stops + speed * speed / (2.0 * COMFORTABLE) + MARGIN
@@ -62,10 +67,13 @@ def critical_fuzzy_safety(
 ) -> float:
     """CFS(d): 1 below d_unsafe, 0 above d_safe, linear between; 0 when not closing.
 
-    a' = max(a, -bc); u2 = u + a' tau. If u2 > w: d_new = ((u + u2) / 2 - w) tau, d_safe = d_new + (u2 - w)^2 / (2 bc),
-    d_unsafe = d_new + (u2 - w)^2 / (2 bm); else both are (u - w)^2 / (2 |a'|).
-    gap: d, m. speed: u, other_speed: w, m/s. acceleration: a, of the ego, m/s2. as_coded: |a| stands for |a'| in the
-    last of these, as in the JRC's program.
+    a' = max(a, -bc); u2 = u + a' tau. If u2 > w: d_new = ((u + u2) / 2 - w) tau, d_safe = d_new +
+    (u2 - w)^2 / (2 bc), d_unsafe = d_new + (u2 - w)^2 / (2 bm); else both are (u - w)^2 / (2 |a'|).
+
+    gap: d, m.
+    speed: u, other_speed: w, m/s.
+    acceleration: a, of the ego, m/s2.
+    as_coded: |a| stands for |a'| in the last of these, as in the JRC's program.
     """
     closing = speed - other_speed
     if closing <= 0.0:
@@ -77,21 +85,30 @@ def critical_fuzzy_safety(
         return 1.0 if gap < distance else 0.0
     covered = (0.5 * (speed + later) - other_speed) * REACTION
     remaining = (later - other_speed) * (later - other_speed)
-    return _between(gap, covered + remaining / (2.0 * STRONGEST), covered + remaining / (2.0 * COMFORTABLE))
+    return _between(
+        gap, covered + remaining / (2.0 * STRONGEST), covered + remaining / (2.0 * COMFORTABLE)
+    )
 
 
 @kernel
 def demanded_braking(critical: float, proactive: float) -> float:
     """Deceleration for CFS and PFS, m/s2: bc + CFS (bm - bc) when CFS > 0, else PFS bc."""
-    return COMFORTABLE + critical * (STRONGEST - COMFORTABLE) if critical > 0.0 else proactive * COMFORTABLE
+    return (
+        COMFORTABLE + critical * (STRONGEST - COMFORTABLE)
+        if critical > 0.0
+        else proactive * COMFORTABLE
+    )
 
 
 @kernel
 def considered(me: Any, other: Any, lateral_closing: float) -> bool:
-    """Whether the other vehicle counts: it overlaps already, or will reach the ego's strip before the ego is past.
+    """Whether the other vehicle counts: it overlaps already, or will reach the ego's strip before
+    the ego is past.
 
-    u > w and (lateral gap) / (lateral closing speed) < (d + both lengths) / (u - w) + 0.1 s. Who is not slower than the
-    ego and not in its strip is none of its business, as in the regulation's lateral safety check.
+    u > w and (lateral gap) / (lateral closing speed) < (d + both lengths) / (u - w) + 0.1 s. Who is
+    not slower than the ego and not in its strip is none of its business, as in the regulation's
+    lateral safety check.
+
     lateral_closing: m/s.
     """
     across = lateral_gap(me, other)
@@ -101,12 +118,17 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
     if lateral_closing <= 0.0 or closing <= 0.0:
         return False
     lengths = 2.0 * (me.half_length + other.half_length)
-    return bool(across / lateral_closing < (bumper_gap(me, other) + lengths) / closing + CUT_IN_MARGIN)
+    return bool(
+        across / lateral_closing < (bumper_gap(me, other) + lengths) / closing + CUT_IN_MARGIN
+    )
 
 
 @kernel
 def fuzzy_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as `brake` makes it."""
+    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2.
+
+    scene: as `brake` makes it.
+    """
     own, known, others, scenario = scene
     foresee_all(own, known, others, after, scenario.step)
     me, demanded = own.then, 0.0
@@ -124,21 +146,25 @@ def fuzzy_demand(scene: Any, after: float) -> float:
 
 
 @kernel
-def fuzzy_safety_model(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+def fuzzy_safety_model(
+    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+) -> None:
     """The strongest braking that any vehicle ahead demands, decided once a cycle.
 
-    CFS asks for more the harder the ego brakes already, so beside a limit of it the demand goes up and down from look
-    to look.
+    CFS asks for more the harder the ego brakes already, so beside a limit of it the demand goes up
+    and down from look to look.
     """
     brake(fuzzy_demand, ego, others, own, known, later, scenario, time)
 
 
 class FuzzySafetyModel(Compiled):
-    """ADS `fsm`: brakes as PFS and CFS demand, `REACTION` s after they first do; between times it keeps its speed.
+    """ADS `fsm`: brakes as PFS and CFS demand, `REACTION` s after they first do; between times it
+    keeps its speed.
 
-    standstill_gap: what it takes off the gap for CFS, m. Without it the formulas, followed in continuous time, bring
-    the ego to rest exactly against the other vehicle, which is a contact at 0 m/s. Any 1 to 10 cm give
-    the same outcomes. as_coded: CFS as the JRC's program has it (`critical_fuzzy_safety`), not as it is printed.
+    standstill_gap: what it takes off the gap for CFS, m. Without it the formulas, followed in
+        continuous time, bring the ego to rest exactly against the other vehicle, which is a contact
+        at 0 m/s. Any 1 to 10 cm give the same outcomes.
+    as_coded: CFS as the JRC's program has it (`critical_fuzzy_safety`), not as it is printed.
     """
 
     loop = staticmethod(each_row(fuzzy_safety_model))

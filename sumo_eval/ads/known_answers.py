@@ -1,4 +1,6 @@
-"""ADSs whose result is known in closed form: one that does nothing, and the ideal vehicle of Eq. 17."""
+"""ADSs whose result is known in closed form: one that does nothing, and the ideal vehicle of Eq.
+17.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,14 @@ import numpy as np
 
 from sumo_eval.ads.braking import switched
 from sumo_eval.ads.foresight import evasion, foresee
-from sumo_eval.ads.lane_change import PATH, curvature_kept, lane_kept, path_at, rear_axle_next, steering
+from sumo_eval.ads.lane_change import (
+    PATH,
+    curvature_kept,
+    lane_kept,
+    path_at,
+    rear_axle_next,
+    steering,
+)
 from sumo_eval.ads.perception import bumper_gap, lateral_overlap, lead_in_path, safe_gap
 from sumo_eval.cosim.compiled import Compiled, each_row
 from sumo_eval.cosim.records import MOVER, Records, fields
@@ -21,14 +30,18 @@ from sumo_eval.settings import SimulationSettings
 
 
 @kernel
-def _no_reaction(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+def _no_reaction(
+    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+) -> None:
     """No acceleration and no steering but the road's own."""
     ego.command.steering = lane_kept(ego, scenario[0])
     ego.settled = 1
 
 
 class NoReaction(Compiled):
-    """ADS `no_reaction`: keeps its speed and its wheel straight, whatever is ahead; where the road bends, its lane."""
+    """ADS `no_reaction`: keeps its speed and its wheel straight, whatever is ahead; where the road
+    bends, its lane.
+    """
 
     loop = staticmethod(each_row(_no_reaction))
 
@@ -36,13 +49,16 @@ class NoReaction(Compiled):
 no_reaction = NoReaction()
 """ADS `no_reaction`, ready-made: it holds nothing of a case."""
 
-_TURNED = 0.2  # m by which somebody who turns into the lane comes to reach further along it than he does now
+# m by which somebody who turns into the lane comes to reach further along it than he does now
+_TURNED = 0.2
 _KNOWN = fields("noticed", "meets", "speed", "hidden")
 """A `Foresight`."""
 
 
 @kernel
-def is_too_close_to_see(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float) -> bool:
+def is_too_close_to_see(
+    me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float
+) -> bool:
     """Whether the vehicle ahead hides somebody whom it would touch, and is nearer than is safe."""
     lead = lead_in_path(me, others)
     if lead < 0:
@@ -57,10 +73,12 @@ def is_too_close_to_see(me: Any, others: Any, known: Any, p: Any, scenario: Any,
 
 @kernel
 def full_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float) -> float:
-    """Full braking for anybody who calls for it, from within the step in which he first does, as an acceleration, m/s2.
+    """Full braking for anybody who calls for it, from within the step in which he first does, as an
+    acceleration, m/s2.
 
-    Before that, too close behind the vehicle that hides him, it brakes as hard. known: of each of the others, a
-    `Foresight`.
+    Before that, too close behind the vehicle that hides him, it brakes as hard.
+
+    known: of each of the others, a `Foresight`.
     """
     level = p.deceleration if is_too_close_to_see(me, others, known, p, scenario, time) else 0.0
     began = begins = math.inf
@@ -76,13 +94,18 @@ def full_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: 
             called = called or me.along > known[j].speed or beside
         if called:
             begins = min(begins, known[j].noticed)
-    return -float(switched(level, p.deceleration, begins - time, scenario.vehicle.brake_jerk, scenario.step))
+    return -float(
+        switched(level, p.deceleration, begins - time, scenario.vehicle.brake_jerk, scenario.step)
+    )
 
 
 @kernel
-def ideal_braking(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
-    """`full_braking`, or the lane change of one that steers at the speed it has. It has always settled: while nothing
-    comes nearer it does nothing.
+def ideal_braking(
+    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+) -> None:
+    """`full_braking`, or the lane change of one that steers at the speed it has.
+
+    It has always settled: while nothing comes nearer it does nothing.
     """
     me, command = ego.seen, ego.command
     if own.path.offset == 0.0:
@@ -97,24 +120,29 @@ def ideal_braking(ego: Any, others: Any, own: Any, known: Any, later: Any, scena
 
 
 class IdealBraking(Compiled):
-    """ADS `ideal_braking`, the reference Ug of Eq. 17: perfect perception, immediate braking at the road's limit.
+    """ADS `ideal_braking`, the reference Ug of Eq. 17: perfect perception, immediate braking at the
+    road's limit.
 
-    It knows what the others will do (`foresight`). From the first change of state that it can see of a vehicle that it
-    would touch if it kept its speed, it brakes as hard as the road allows, until it is neither faster than that vehicle
-    will ever be again nor beside it; it never drives faster again. Where keeping its speed touches nobody, it keeps
-    it: braking may only then cause a contact. Once slower it brakes, besides, while it closes on anybody in its path:
-    who keeps his speed leaves earlier, and what others do later than that is not foreseen.
+    It knows what the others will do (`foresight`). From the first change of state that it can see
+    of a vehicle that it would touch if it kept its speed, it brakes as hard as the road allows,
+    until it is neither faster than that vehicle will ever be again nor beside it; it never drives
+    faster again. Where keeping its speed touches nobody, it keeps it: braking may only then cause a
+    contact. Once slower it brakes, besides, while it closes on anybody in its path: who keeps his
+    speed leaves earlier, and what others do later than that is not foreseen.
 
-    What a vehicle ahead hides it does not know, and therefore keeps a safe distance to that vehicle (`safe_gap`, with
-    its own brakes and the time that they need): as long as it is nearer it brakes as hard. Without that, whoever opens
-    such a gap at once, as `idm` does, is slower than it when what was hidden shows.
+    What a vehicle ahead hides it does not know, and therefore keeps a safe distance to that vehicle
+    (`safe_gap`, with its own brakes and the time that they need): as long as it is nearer it brakes
+    as hard. Without that, whoever opens such a gap at once, as `idm` does, is slower than it when
+    what was hidden shows.
 
-    Where what was hidden shows so late that no braking stops short of it, it steers round it instead, if the lane on
-    the left is free for sure (`evasion`): `lane_changer` would, and nobody is to be gentler.
+    Where what was hidden shows so late that no braking stops short of it, it steers round it
+    instead, if the lane on the left is free for sure (`evasion`): `lane_changer` would, and nobody
+    is to be gentler.
 
-    The pressure build-up is the vehicle model's (`VehicleSettings.brake_build_up`, 0.15 s), as far as `deceleration` is
-    the strongest that the vehicle has. So its impact speed behind a vehicle that it sees from the start is
-    `criticality.ideal_impact_speed(..., deceleration=deceleration, delay=0, build_up=0.15)`.
+    The pressure build-up is the vehicle model's (`VehicleSettings.brake_build_up`, 0.15 s), as far
+    as `deceleration` is the strongest that the vehicle has. So its impact speed behind a vehicle
+    that it sees from the start is `criticality.ideal_impact_speed(..., deceleration=deceleration,
+    delay=0, build_up=0.15)`.
     """
 
     loop = staticmethod(each_row(ideal_braking))
@@ -123,17 +151,29 @@ class IdealBraking(Compiled):
 
     def __init__(self, deceleration: float = 9.0) -> None:
         if not (math.isfinite(deceleration) and deceleration > 0.0):
-            raise must_be("`deceleration`", "ADS `ideal_braking`", "a finite number greater than 0 m/s2", deceleration)
+            raise must_be(
+                "`deceleration`",
+                "ADS `ideal_braking`",
+                "a finite number greater than 0 m/s2",
+                deceleration,
+            )
         self.deceleration = deceleration
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Nothing can be made without the scripts: only the loop tells them, and only to this very class."""
-        raise ControllerError("The ideal vehicle must be told the scripts of the others; only `ideal_braking` is")
+        """Nothing can be made without the scripts: only the loop tells them, and only to this very
+        class.
+        """
+        raise ControllerError(
+            "The ideal vehicle must be told the scripts of the others; only `ideal_braking` is"
+        )
 
     @classmethod
     def foreseeing(
-        cls, together: Sequence[Any], cases: Sequence[ConcreteScenario], settings: SimulationSettings
+        cls,
+        together: Sequence[Any],
+        cases: Sequence[ConcreteScenario],
+        settings: SimulationSettings,
     ) -> tuple[Records, ...]:
         """`arrays`, with the evasion of each case and what is known of its others."""
         known, own = [foresee(concrete, settings) for concrete in cases], cls.own_records(together)

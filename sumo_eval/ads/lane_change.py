@@ -1,7 +1,8 @@
 """Where to be across the road, as a path over x, and the steering that follows it.
 
-A path is a function of the position along the road, not of time: a vehicle that brakes during its lane change needs no
-sharper curve, and the place where it is clear of the vehicle ahead stays where it was planned.
+A path is a function of the position along the road, not of time: a vehicle that brakes during its
+lane change needs no sharper curve, and the place where it is clear of the vehicle ahead stays where
+it was planned.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ RATE = 1.0  # w of the steering, 1/s
 SLOW = 8.0  # m/s, below which the steering's rate is one per metre
 
 PATH = fields("start", "offset", "begin", "length")
-"""A lane's centre line, and from `begin` on, over `length` m of road, the smooth step by `offset` m to the left."""
+"""A lane's centre line, and from `begin` on, over `length` m of road, the smooth step by `offset` m
+to the left."""
 
 
 @kernel
@@ -67,13 +69,19 @@ def path_at(path: Any, x: float) -> tuple[float, float, float]:
 @kernel
 def keep_lane(path: Any, me: Any, road: Any) -> None:
     """Make the path the centre line of the lane that the ego is in."""
-    path.start, path.offset, path.begin, path.length = road.lane_width * lane_of(me.y, road), 0.0, 0.0, 1.0
+    path.start, path.offset, path.begin, path.length = (
+        road.lane_width * lane_of(me.y, road),
+        0.0,
+        0.0,
+        1.0,
+    )
 
 
 @kernel
 def curvature_kept(path: Any, me: Any) -> float:
-    """The curvature, 1/m, that the rear axle has on a path beside the road's line at an even distance: how the wheel
-    stands where a drive begins. Who took it to be straight there would steer anew, by more the longer a step is.
+    """The curvature, 1/m, that the rear axle has on a path beside the road's line at an even
+    distance: how the wheel stands where a drive begins. Who took it to be straight there would
+    steer anew, by more the longer a step is.
     """
     line = line_curvature(me)
     return float(line / (1.0 - line * path.start))
@@ -81,7 +89,9 @@ def curvature_kept(path: Any, me: Any) -> float:
 
 @kernel
 def line_curvature(me: Any) -> float:
-    """Curvature, 1/m, of the road's line itself, from that beside it at the offset where somebody is."""
+    """Curvature, 1/m, of the road's line itself, from that beside it at the offset where somebody
+    is.
+    """
     return float(me.curvature / (1.0 + me.curvature * me.y))
 
 
@@ -98,27 +108,38 @@ def rear_axle_next(me: Any, scenario: Any) -> float:
 
 
 @kernel
-def steering(memory: Any, me: Any, path_y: float, slope: float, bend: float, scenario: Any) -> float:
-    """Steering wheel angle, rad, that keeps a kinematic single-track vehicle on a path, given at `rear_axle_next`.
+def steering(
+    memory: Any, me: Any, path_y: float, slope: float, bend: float, scenario: Any
+) -> float:
+    """Steering wheel angle, rad, that keeps a kinematic single-track vehicle on a path, given at
+    `rear_axle_next`.
 
-    The rear axle is led along y(x) (the centre then runs on it as well, up to wheelbase^2/8 times the curvature):
+    The rear axle is led along y(x) (the centre then runs on it as well, up to wheelbase^2/8 times
+    the curvature):
 
-        kappa = kappa_path + (w/v)^2 e_y + 2 (w/v) e_psi,    steering = ratio * atan(wheelbase * kappa)
+    kappa = kappa_path + (w/v)^2 e_y + 2 (w/v) e_psi,    steering = ratio * atan(wheelbase * kappa)
 
-    kappa_path = y'' / (1 + y'^2)^(3/2); e_y = y_path - y, e_psi = atan(y') - heading, both at the rear axle at the end
-    of the coming step, predicted with the curvature now steered. The feedback is critically damped with the rate w, per
-    second; below `SLOW` it becomes one per metre, so that a stopping vehicle does not turn its wheel without end.
-    memory: holds the `curvature`, 1/m. Single-track model: Rajamani, Vehicle Dynamics and Control (2012), ch. 2.
-    On a road that bends the path is y(x) in the road's frame, and the curvature of the line beside the road on which
-    the path lies is steered ahead of the feedback.
+    kappa_path = y'' / (1 + y'^2)^(3/2); e_y = y_path - y, e_psi = atan(y') - heading, both at the
+    rear axle at the end of the coming step, predicted with the curvature now steered. The feedback
+    is critically damped with the rate w, per second; below `SLOW` it becomes one per metre, so that
+    a stopping vehicle does not turn its wheel without end.
+
+    memory: holds the `curvature`, 1/m. Single-track model: Rajamani, Vehicle Dynamics and Control
+        (2012), ch. 2. On a road that bends the path is y(x) in the road's frame, and the curvature
+        of the line beside the road on which the path lies is steered ahead of the feedback.
     """
     memory.curvature = steered(memory.curvature, me, path_y, slope, bend, scenario)
-    return float(scenario.vehicle.steering_ratio * math.atan(scenario.vehicle.wheelbase * memory.curvature))
+    return float(
+        scenario.vehicle.steering_ratio * math.atan(scenario.vehicle.wheelbase * memory.curvature)
+    )
 
 
 @kernel
 def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scenario: Any) -> float:
-    """The curvature, 1/m, that `steering` asks for. now: the one that is steered."""
+    """The curvature, 1/m, that `steering` asks for.
+
+    now: the one that is steered.
+    """
     vehicle, step, speed = scenario.vehicle, scenario.step, me.speed
     per_metre = RATE / max(speed, SLOW)
     if me.curvature == 0.0:
@@ -129,34 +150,45 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
     else:
         half, ahead = 0.5 * vehicle.wheelbase, speed * step
         line = line_curvature(me)
-        left, turn = beside_an_arc(me.curvature, -half * math.cos(me.heading), -half * math.sin(me.heading))
+        left, turn = beside_an_arc(
+            me.curvature, -half * math.cos(me.heading), -half * math.sin(me.heading)
+        )
         y, heading = me.y + left, me.heading - turn
         turned = heading + 0.5 * ahead * now
-        left, turn = beside_an_arc(line / (1.0 - line * y), ahead * math.cos(turned), ahead * math.sin(turned))
+        left, turn = beside_an_arc(
+            line / (1.0 - line * y), ahead * math.cos(turned), ahead * math.sin(turned)
+        )
         y, heading = y + left, heading + ahead * now - turn
         stretched = 1.0 / (1.0 - line * path_y)  # metres of the line for each metre of the path
         wanted, beside = math.atan(slope * stretched), line * stretched
         bend = bend * stretched * stretched
     c = math.cos(wanted)
     return float(
-        bend * (c * c * c) + per_metre * per_metre * (path_y - y) + 2.0 * per_metre * (wanted - heading) + beside
+        bend * (c * c * c)
+        + per_metre * per_metre * (path_y - y)
+        + 2.0 * per_metre * (wanted - heading)
+        + beside
     )
 
 
 @kernel
 def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, float]:
-    """What a move by (ahead, left) m in the axes of an arc is beside it: how far to its left, m, and by which angle the
-    arc has turned, rad. (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 + l^2) - 2 k l)), atan2(k a, 1 - k l).
+    """What a move by (ahead, left) m in the axes of an arc is beside it: how far to its left, m,
+    and by which angle the arc has turned, rad. (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 +
+    l^2) - 2 k l)), atan2(k a, 1 - k l).
     """
     square = ahead * ahead + left * left
     root = math.sqrt(max(1.0 + curvature * (curvature * square - 2.0 * left), 0.0))
-    return (2.0 * left - curvature * square) / (1.0 + root), math.atan2(curvature * ahead, 1.0 - curvature * left)
+    return (2.0 * left - curvature * square) / (1.0 + root), math.atan2(
+        curvature * ahead, 1.0 - curvature * left
+    )
 
 
 @kernel
 def lane_kept(ego: Any, scenario: Any) -> float:
-    """Steering wheel angle, rad, of those whose rule is for the pedals: on a road that bends they keep to the line on
-    which they began; who has to change lanes does so at the fixed place of the way; else they leave the wheel alone.
+    """Steering wheel angle, rad, of those whose rule is for the pedals: on a road that bends they
+    keep to the line on which they began; who has to change lanes does so at the fixed place of the
+    way; else they leave the wheel alone.
     """
     if scenario.road.bent == 0 and ego.way.asked == 0:
         return 0.0
@@ -169,7 +201,9 @@ def lane_kept(ego: Any, scenario: Any) -> float:
 
 @functools.cache  # every driver of a population asks the same
 def share_of_duration(done: float) -> float:
-    """The share of a lane change's duration at which the share `done` of its offset is covered (0..1 -> 0..1)."""
+    """The share of a lane change's duration at which the share `done` of its offset is covered
+    (0..1 -> 0..1).
+    """
     if not 0.0 <= done <= 1.0:
         raise must_be("`done`", "a lane change", "within 0..1", done)
     return share_when_done(done)
@@ -190,7 +224,8 @@ def share_when_done(done: float) -> float:
 
 @kernel
 def shortest_duration(offset: float, lateral_acceleration: float) -> float:
-    """Duration of a smooth step by `offset` (m) that peaks at `lateral_acceleration` (m/s2), s, at constant speed.
+    """Duration of a smooth step by `offset` (m) that peaks at `lateral_acceleration` (m/s2), s, at
+    constant speed.
 
     sqrt(PEAK_BEND |offset| / lateral_acceleration).
     """

@@ -1,4 +1,6 @@
-"""The ADS `lane_changer`: keeps its speed and overtakes a slower vehicle smoothly when it pays, else follows."""
+"""The ADS `lane_changer`: keeps its speed and overtakes a slower vehicle smoothly when it pays,
+else follows.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,12 @@ SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, dura
 def _remember(to: Any, decided: Any) -> None:
     """Write what is decided into another record."""
     path, goes = decided.path, to.path
-    goes.start, goes.offset, goes.begin, goes.length = path.start, path.offset, path.begin, path.length
+    goes.start, goes.offset, goes.begin, goes.length = (
+        path.start,
+        path.offset,
+        path.begin,
+        path.length,
+    )
     to.cruising_speed, to.began = decided.cruising_speed, decided.began
     to.passing, to.changing, to.curvature = decided.passing, decided.changing, decided.curvature
 
@@ -39,8 +46,10 @@ def _foresee_ego(then: Any, me: Any, acceleration: float, time: float) -> None:
 
 @kernel
 def wanted_at(scene: Any, after: float) -> float:
-    """Acceleration wanted `after` s from now, if all continue as now, m/s2. What would be decided then is in
-    `own.tried`. scene: as the rule makes it.
+    """Acceleration wanted `after` s from now, if all continue as now, m/s2. What would be decided
+    then is in `own.tried`.
+
+    scene: as the rule makes it.
     """
     me, own, known, later, way, scenario = scene
     _foresee_ego(own.then, me, own.pedals.level, after)
@@ -56,7 +65,9 @@ def wanted_at(scene: Any, after: float) -> float:
     _remember(own.tried, own.decided)
     idm, desired = own.p.idm, own.desired_speed
     free = free_acceleration(own.then.speed, desired, idm)
-    return float(overtake(own.tried, own.then, later, known, own.p.habits, idm, desired, free, way, scenario))
+    return float(
+        overtake(own.tried, own.then, later, known, own.p.habits, idm, desired, free, way, scenario)
+    )
 
 
 @kernel
@@ -79,7 +90,9 @@ def _decide_at(scene: Any, after: float) -> float:
 
 @kernel
 def _turn_in(scene: Any, step: float) -> float:
-    """When in the coming `step` the lane change begins, or the acceleration that is wanted jumps, s; `step`: never."""
+    """When in the coming `step` the lane change begins, or the acceleration that is wanted jumps,
+    s; `step`: never.
+    """
     memory = scene[1]
     now, changes_now = wanted_at(scene, 0.0), memory.tried.changing
     end, changes = wanted_at(scene, step), memory.tried.changing
@@ -96,8 +109,8 @@ def _turn_in(scene: Any, step: float) -> float:
 def _decide(scene: Any) -> float:
     """What to tell the vehicle in the coming cycle, m/s2.
 
-    What is wanted counts as in the middle of the parts of the cycle before and after the instant at which it jumps or
-    the lane change begins; that begins at that instant.
+    What is wanted counts as in the middle of the parts of the cycle before and after the instant at
+    which it jumps or the lane change begins; that begins at that instant.
     """
     me, memory, _, _, _, scenario = scene
     step, vehicle = scenario.step, scenario.vehicle
@@ -116,10 +129,14 @@ def _decide(scene: Any) -> float:
 
 
 @kernel
-def lane_changer(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
-    """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided on.
+def lane_changer(
+    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+) -> None:
+    """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided
+    on.
 
-    Beside a lead that it passes the rule brakes or does not: who is just clear is let go, and is not clear any more.
+    Beside a lead that it passes the rule brakes or does not: who is just clear is let go, and is
+    not clear any more.
     """
     me = ego.seen
     if own.steps == 0:
@@ -134,13 +151,14 @@ def lane_changer(ego: Any, others: Any, own: Any, known: Any, later: Any, scenar
 
 
 class LaneChanger(Compiled):
-    """Overtakes a lead that is 2 m/s slower than its own initial speed: one smooth lane change, and it stays left.
+    """Overtakes a lead that is 2 m/s slower than its own initial speed: one smooth lane change, and
+    it stays left.
 
-    It begins at 10 s TTC or 2.5 s headway (the medians of recorded drivers, DLR-HT 2024) and takes 8 s, or the time
-    that is left to be clear of the lead, but not less than a lateral acceleration of 2 m/s2 allows (3.2 s); where
-    braking alone would need over 80 % of the brakes, 4 m/s2 (2.25 s). The left lane must be free: see
-    `sumo_eval.ads.overtaking`. If it cannot change, it follows by the enhanced IDM. It sees a hidden vehicle once
-    nothing covers any of it.
+    It begins at 10 s TTC or 2.5 s headway (the medians of recorded drivers, DLR-HT 2024) and takes
+    8 s, or the time that is left to be clear of the lead, but not less than a lateral acceleration
+    of 2 m/s2 allows (3.2 s); where braking alone would need over 80 % of the brakes, 4 m/s2 (2.25
+    s). The left lane must be free: see `sumo_eval.ads.overtaking`. If it cannot change, it follows
+    by the enhanced IDM. It sees a hidden vehicle once nothing covers any of it.
     """
 
     loop = staticmethod(each_row(lane_changer))
@@ -148,12 +166,17 @@ class LaneChanger(Compiled):
         ("decided", OVERTAKING), ("tried", OVERTAKING), ("pedals", PEDALS), ("then", MOVER),
         *fields("desired_speed", "told"), *flags("steps"),
     ]  # fmt: skip
-    """decided: what it is about. tried: what it would be about at some instant of the cycle. then: where the ego is at
-    it, as far as can be foreseen. told: acceleration, m/s2. steps: driven so far."""
+    """decided: what it is about.
+
+    tried: what it would be about at some instant of the cycle. then: where the ego is at it, as far
+    as can be foreseen. told: acceleration, m/s2. steps: driven so far.
+    """
     known: ClassVar = [*WATCHED, *fields("kept"), *SIGHTED]
     """`WATCHED` is of what is tried; kept: the headway accepted by what is decided, s."""
     numbers: ClassVar = [("idm", PARAMETERS), ("habits", HABITS)]
 
-    def __init__(self, habits: OvertakingHabits = SMOOTH, parameters: IdmParameters | None = None) -> None:
+    def __init__(
+        self, habits: OvertakingHabits = SMOOTH, parameters: IdmParameters | None = None
+    ) -> None:
         self.habits = habits
         self.idm = parameters or IdmParameters()

@@ -1,7 +1,9 @@
-"""When to change to the left lane instead of following, and how quickly: for `lane_changer` and the human drivers.
+"""When to change to the left lane instead of following, and how quickly: for `lane_changer` and the
+human drivers.
 
-A vehicle is in the ego's way if, at the present speeds, the ego's path overlaps it where the ego reaches it. That one
-rule serves for keeping the lane, for passing the old lead during a change, and for the lead behind which it ends.
+A vehicle is in the ego's way if, at the present speeds, the ego's path overlaps it where the ego
+reaches it. That one rule serves for keeping the lane, for passing the old lead during a change, and
+for the lead behind which it ends.
 """
 
 from __future__ import annotations
@@ -26,22 +28,29 @@ from sumo_eval.cosim.records import fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel
 
-CLEARANCE = 0.3  # m, free space across the road when the ego's front comes level with the lead's rear
+# m, free space across the road when the ego's front comes level with the lead's rear
+CLEARANCE = 0.3
 AT_EASE = 0.6  # m of free space across from which on a vehicle ahead needs no attention any more
-SIDE_CLEARANCE = 0.2  # m, on each side of the body, in the strip of the other lane that must be free
+# m, on each side of the body, in the strip of the other lane that must be free
+SIDE_CLEARANCE = 0.2
 COMFORTABLE_LATERAL = 2.0  # m/s2, peak of a quick but ordinary lane change: 3.2 s for 3.5 m
-EMERGENCY_LATERAL = 4.0  # m/s2, peak of an evasion that ordinary drivers still master: 2.25 s for 3.5 m
-EMERGENCY_BRAKING = 0.8  # share of the strongest braking; needing more, braking alone is not relied on
+# m/s2, peak of an evasion that ordinary drivers still master: 2.25 s for 3.5 m
+EMERGENCY_LATERAL = 4.0
+# share of the strongest braking; needing more, braking alone is not relied on
+EMERGENCY_BRAKING = 0.8
 EMERGENCY_GAP = 2.0  # m left to a vehicle in the other lane after an evasion
-SPEED_RESERVE = 1.0  # m/s; nobody gains speed while he would not be clear of what he passes at this much more
+# m/s; nobody gains speed while he would not be clear of what he passes at this much more
+SPEED_RESERVE = 1.0
 LEAST_LENGTH = 20.0  # m of road for a lane change at a crawl: a fifth of a car's tightest curve
 END_AHEAD = 10.0  # s before the end of the lane beside from which on nobody changes to it
 LEAST_SPEED = 2.0  # m/s, nobody overtakes from a slower roll
 COMES_TOWARDS = 1.0  # m/s against the ego's direction, faster than which somebody comes towards it
-AHEAD_HEADWAY = 0.6  # s, shortest headway accepted behind the vehicle in the other lane (LMRS: 0.56 s)
+# s, shortest headway accepted behind the vehicle in the other lane (LMRS: 0.56 s)
+AHEAD_HEADWAY = 0.6
 
-# UN R79, 5.6.4.7 (lane change, ACSF C): whoever comes from behind in the other lane need not brake harder than 3 m/s2,
-# beginning 0.4 s after the ego's side has come to the line between the lanes, to keep a headway of 1 s.
+# UN R79, 5.6.4.7 (lane change, ACSF C): whoever comes from behind in the other lane need not brake
+# harder than 3 m/s2, beginning 0.4 s after the ego's side has come to the line between the lanes,
+# to keep a headway of 1 s.
 REAR_DECELERATION = 3.0  # m/s2
 REAR_DELAY = 0.4  # s
 REAR_HEADWAY = 1.0  # s
@@ -51,9 +60,10 @@ REAR_HEADWAY = 1.0  # s
 class OvertakingHabits:
     """When someone overtakes.
 
-    inclined: whether he overtakes at all when not in danger. onset_headway, onset_ttc: s, the change begins at the
-    first of the two. duration: s, of the whole smooth step when there is no hurry. worth: m/s by which the lead must be
-    slower than the ego was at the start.
+    inclined: whether he overtakes at all when not in danger.
+    onset_headway, onset_ttc: s, the change begins at the first of the two.
+    duration: s, of the whole smooth step when there is no hurry.
+    worth: m/s by which the lead must be slower than the ego was at the start.
     """
 
     inclined: bool
@@ -66,27 +76,42 @@ class OvertakingHabits:
         for name in ("onset_headway", "onset_ttc", "duration", "worth"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise must_be(f"`{name}`", "`OvertakingHabits`", "a finite number greater than 0", value)
+                raise must_be(
+                    f"`{name}`", "`OvertakingHabits`", "a finite number greater than 0", value
+                )
 
 
 HABITS = [*fields("onset_headway", "onset_ttc", "duration", "worth"), *flags("inclined")]
-OVERTAKING = [("path", PATH), *fields("cruising_speed", "curvature"), *flags("began", "passing", "changing")]
-"""path: where to drive. passing: the lane change has begun, and something ahead in the old lane is not well clear yet.
-changing: the lane change has begun (it may have ended since)."""
+OVERTAKING = [
+    ("path", PATH),
+    *fields("cruising_speed", "curvature"),
+    *flags("began", "passing", "changing"),
+]
+"""path: where to drive.
+
+passing: the lane change has begun, and something ahead in the old lane is not well clear yet.
+changing: the lane change has begun (it may have ended since).
+"""
 WATCHED = [*FOLLOWED, *fields("gap", "closing"), *flags("leads")]
-"""What is remembered of each vehicle, and of this step: bumper gap, m, closing speed, m/s, whether it is in the way."""
+"""What is remembered of each vehicle, and of this step: bumper gap, m, closing speed, m/s, whether
+it is in the way."""
 
 
 @kernel
 def overtake(
-    memory: Any, me: Any, others: Any, watched: Any, habits: Any, idm: Any, desired_speed: float, free: float,
+    memory: Any, me: Any, others: Any, watched: Any, habits: Any, idm: Any, desired_speed: float,
+    free: float,
     way: Any, scenario: Any,
 ) -> float:  # fmt: skip
-    """Acceleration wanted in this step, m/s2; may begin the lane change, which then shows in `memory.path`.
+    """Acceleration wanted in this step, m/s2; may begin the lane change, which then shows in
+    `memory.path`.
 
-    Follows what is in the way, or changes to the lane left of the start, once and for good. Who has to change lanes
-    (`way`) does that and overtakes nobody.
-    others: the vehicles known. desired_speed: m/s. free: the acceleration wanted with nothing in the way, m/s2.
+    Follows what is in the way, or changes to the lane left of the start, once and for good. Who has
+    to change lanes (`way`) does that and overtakes nobody.
+
+    others: the vehicles known.
+    desired_speed: m/s.
+    free: the acceleration wanted with nothing in the way, m/s2.
     """
     if memory.began == 0:
         memory.began, memory.cruising_speed = 1, me.speed
@@ -107,7 +132,14 @@ def overtake(
         known = watched[j]
         if known.leads:
             behind_it = follow(
-                known, me.speed, desired_speed, known.gap, others[j].along, others[j].braking, idm, scenario.step
+                known,
+                me.speed,
+                desired_speed,
+                known.gap,
+                others[j].along,
+                others[j].braking,
+                idm,
+                scenario.step,
             )
             wanted = min(wanted, behind_it)
     memory.passing = 0
@@ -116,7 +148,9 @@ def overtake(
         for j in range(len(others)):
             if _still_ahead(memory, me, others[j], scenario):
                 memory.passing = 1
-                held = held or _in_the_way(memory, me, others[j], scenario, SPEED_RESERVE, CLEARANCE)
+                held = held or _in_the_way(
+                    memory, me, others[j], scenario, SPEED_RESERVE, CLEARANCE
+                )
         if held and wanted > 0.0:
             return 0.0
     return wanted
@@ -129,14 +163,19 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
         return bool(lane + 1 < road.lanes)
     if not (lane > 0 or road.right_parted_until < me.x < road.right_parted_from):
         return False
-    first, last = max(road.left_is_open, road.left_parted_until), min(road.left_closes, road.left_parted_from)
+    first, last = (
+        max(road.left_is_open, road.left_parted_until),
+        min(road.left_closes, road.left_parted_from),
+    )
     return bool(lane + 2 < road.lanes or first <= me.x < last - END_AHEAD * me.along)
 
 
 @kernel
 def _comes_towards(others: Any, watched: Any) -> bool:
-    """Whether something in the way comes towards the ego. Nobody overtakes that, nor evades it to the left, which is
-    its own side and where it will go back to.
+    """Whether something in the way comes towards the ego.
+
+    Nobody overtakes that, nor evades it to the left, which is its own side and where it will go
+    back to.
     """
     found = False
     for j in range(len(others)):
@@ -153,12 +192,18 @@ def emergency_braking(scenario: Any) -> float:
 @kernel
 def quickest_change(scenario: Any, emergency: bool) -> float:
     """The shortest lane change of ordinary driving or of an emergency, s."""
-    return shortest_duration(scenario.road.lane_width, EMERGENCY_LATERAL if emergency else COMFORTABLE_LATERAL)
+    return shortest_duration(
+        scenario.road.lane_width, EMERGENCY_LATERAL if emergency else COMFORTABLE_LATERAL
+    )
 
 
 @kernel
-def _in_the_way(memory: Any, me: Any, other: Any, scenario: Any, faster: float, clearance: float) -> bool:
-    """Whether the ego would come nearer to it than `clearance` (m) if it were `faster` (m/s) than it is."""
+def _in_the_way(
+    memory: Any, me: Any, other: Any, scenario: Any, faster: float, clearance: float
+) -> bool:
+    """Whether the ego would come nearer to it than `clearance` (m) if it were `faster` (m/s) than
+    it is.
+    """
     if not other.x > me.x:
         return False
     path = memory.path
@@ -168,7 +213,9 @@ def _in_the_way(memory: Any, me: Any, other: Any, scenario: Any, faster: float, 
     if closing > 0.0:
         y = path_y(path, me.x + speed * max(bumper_gap(me, other), 0.0) / closing)
     off_path = me.y - path_y(path, me.x)
-    return bool(abs(y + off_path - other.y) < 0.5 * scenario.vehicle.width + other.half_width + clearance)
+    return bool(
+        abs(y + off_path - other.y) < 0.5 * scenario.vehicle.width + other.half_width + clearance
+    )
 
 
 @kernel
@@ -179,7 +226,11 @@ def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) 
         known = watched[j]
         known.leads = 0
         if _in_the_way(memory, me, others[j], scenario, 0.0, 0.0):
-            known.leads, known.gap, known.closing = 1, bumper_gap(me, others[j]), me.along - others[j].along
+            known.leads, known.gap, known.closing = (
+                1,
+                bumper_gap(me, others[j]),
+                me.along - others[j].along,
+            )
             count += 1
     return count
 
@@ -195,7 +246,9 @@ def _nearest_lead(others: Any, watched: Any) -> int:
 
 @kernel
 def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any) -> bool:
-    """Begin the lane change if it is wanted, or if braking alone will not do, and if it can be done."""
+    """Begin the lane change if it is wanted, or if braking alone will not do, and if it can be
+    done.
+    """
     if me.along < LEAST_SPEED:
         return False
     lead = _nearest_lead(others, watched)
@@ -203,7 +256,9 @@ def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenar
     for j in range(len(others)):
         if watched[j].leads and _needed_braking(watched[j]) > emergency_braking(scenario):
             emergency = True
-    if not emergency and not (_pays(memory, others[lead], habits) and _is_time(me, watched[lead], habits)):
+    if not emergency and not (
+        _pays(memory, others[lead], habits) and _is_time(me, watched[lead], habits)
+    ):
         return False
     shortest = max(quickest_change(scenario, emergency), LEAST_LENGTH / me.along)
     duration = _duration(me, others, watched, shortest, habits, scenario)
@@ -215,10 +270,18 @@ def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenar
 
 
 @kernel
-def _bides_its_time(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any) -> bool:
-    """Whether it is going to overtake but is not near enough yet, so that nothing calls for following."""
+def _bides_its_time(
+    memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any
+) -> bool:
+    """Whether it is going to overtake but is not near enough yet, so that nothing calls for
+    following.
+    """
     lead = _nearest_lead(others, watched)
-    if me.along < LEAST_SPEED or not _pays(memory, others[lead], habits) or _is_time(me, watched[lead], habits):
+    if (
+        me.along < LEAST_SPEED
+        or not _pays(memory, others[lead], habits)
+        or _is_time(me, watched[lead], habits)
+    ):
         return False
     return _left_is_free(memory, me, others, habits.duration, False, scenario)
 
@@ -235,7 +298,9 @@ def _is_time(me: Any, lead: Any, habits: Any) -> bool:
 
 @kernel
 def _needed_braking(lead: Any) -> float:
-    """Constant deceleration to the lead's speed just short of it, m/s2, less the time brakes take to build up."""
+    """Constant deceleration to the lead's speed just short of it, m/s2, less the time brakes take
+    to build up.
+    """
     if lead.closing <= 0.0:
         return 0.0
     room = lead.gap - 0.1 * lead.closing
@@ -243,7 +308,9 @@ def _needed_braking(lead: Any) -> float:
 
 
 @kernel
-def _duration(me: Any, others: Any, watched: Any, shortest: float, habits: Any, scenario: Any) -> float:
+def _duration(
+    me: Any, others: Any, watched: Any, shortest: float, habits: Any, scenario: Any
+) -> float:
     """The habitual duration, or the longest that is clear of every lead when the ego reaches it, s.
 
     -1 when that is less than `shortest`.
@@ -268,29 +335,41 @@ def _duration(me: Any, others: Any, watched: Any, shortest: float, habits: Any, 
 
 
 @kernel
-def _left_is_free(memory: Any, me: Any, others: Any, duration: float, emergency: bool, scenario: Any) -> bool:
+def _left_is_free(
+    memory: Any, me: Any, others: Any, duration: float, emergency: bool, scenario: Any
+) -> bool:
     strip = 2.0 * (0.5 * scenario.vehicle.width + SIDE_CLEARANCE)
     ahead, behind = neighbours(me, others, memory.path.start + scenario.road.lane_width, strip)
     if ahead >= 0:
         least = EMERGENCY_GAP if emergency else AHEAD_HEADWAY * me.along
-        if bumper_gap(me, others[ahead]) - max(me.along - others[ahead].along, 0.0) * duration < least:
+        if (
+            bumper_gap(me, others[ahead]) - max(me.along - others[ahead].along, 0.0) * duration
+            < least
+        ):
             return False
     if behind >= 0:
         closing = max(others[behind].along - me.along, 0.0)
-        beside = 0.5 * (1.0 - scenario.vehicle.width / scenario.road.lane_width)  # share of the way to the other lane
+        # share of the way to the other lane
+        beside = 0.5 * (1.0 - scenario.vehicle.width / scenario.road.lane_width)
         undiminished = duration * share_when_done(beside) + REAR_DELAY
         braking = closing * closing / (2.0 * REAR_DECELERATION)
         least = closing * undiminished + braking + me.along * REAR_HEADWAY
-        if gap_behind(me, others[behind]) < (EMERGENCY_GAP + closing * duration if emergency else least):
+        if gap_behind(me, others[behind]) < (
+            EMERGENCY_GAP + closing * duration if emergency else least
+        ):
             return False
     return True
 
 
 @kernel
 def _still_ahead(memory: Any, me: Any, other: Any, scenario: Any) -> bool:
-    """Whether the lane change leads past it, and the ego has neither passed it nor is well clear of it."""
+    """Whether the lane change leads past it, and the ego has neither passed it nor is well clear of
+    it.
+    """
     widths = 0.5 * scenario.vehicle.width + other.half_width
     target = memory.path.start + memory.path.offset
     return bool(
-        other.x > me.x - me.half_length and abs(me.y - other.y) < widths + AT_EASE and abs(target - other.y) >= widths
+        other.x > me.x - me.half_length
+        and abs(me.y - other.y) < widths + AT_EASE
+        and abs(target - other.y) >= widths
     )

@@ -1,7 +1,8 @@
 """Brakes and drive in continuous time, for drivers that are asked once a step and also speed up.
 
-As in `sumo_eval.ads.braking`, what a driver means is a path: an acceleration over time that may change anywhere within
-a step. The vehicle is told, at the beginning of the step, what takes its speed to where that path has it at the end.
+As in `sumo_eval.ads.braking`, what a driver means is a path: an acceleration over time that may
+change anywhere within a step. The vehicle is told, at the beginning of the step, what takes its
+speed to where that path has it at the end.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ _ROLLING = 1e3  # m/s, a speed from which nothing comes to a standstill within a
 PEDALS = fields("level", "given", "owed")
 """The vehicle's acceleration on the way that its driver means; all 0 at the beginning.
 
-level: where the driver's is, m/s2. given: where the vehicle's is, m/s2. owed: m/s that the vehicle has yet to gain to
-be as fast as the driver means it to be.
+level: where the driver's is, m/s2. given: where the vehicle's is, m/s2. owed: m/s that the vehicle
+    has yet to gain to be as fast as the driver means it to be.
 """
 
 
 @kernel
 def gained_towards(pedals: Any, target: float, duration: float, vehicle: Any) -> float:
-    """Speed gained while the meant acceleration goes to `target` (m/s2) as fast as brakes and drive can, and holds it,
-    for `duration` s, m/s.
+    """Speed gained while the meant acceleration goes to `target` (m/s2) as fast as brakes and drive
+    can, and holds it, for `duration` s, m/s.
     """
     level, speed, _ = drive(_ROLLING, pedals.level, target, vehicle, duration)
     pedals.level = level
@@ -35,7 +36,9 @@ def gained_towards(pedals: Any, target: float, duration: float, vehicle: Any) ->
 
 @kernel
 def pedal_command(pedals: Any, speed: float, gained: float, vehicle: Any, step: float) -> float:
-    """What to tell a vehicle at `speed` (m/s), m/s2, where the coming step shall gain `gained` m/s. Call once a step.
+    """What to tell a vehicle at `speed` (m/s), m/s2, where the coming step shall gain `gained` m/s.
+
+    Call once a step.
 
     Brakes and drive bound it; who comes to a standstill owes nothing.
     """

@@ -1,8 +1,10 @@
-"""What rules tell from what is seen: gaps, overlaps, who is ahead, who is hidden. Everything along and across the road.
+"""What rules tell from what is seen: gaps, overlaps, who is ahead, who is hidden.
 
-`me` and `other` are `MOVER` records of `cosim.records` (x, y: body centre, m; along, across: speeds by road axis, m/s;
-half_length, half_width: half the extent of the turned body along and across the road, m). One that is not seen has nan
-as its x, and is nowhere.
+Everything along and across the road.
+
+`me` and `other` are `MOVER` records of `cosim.records` (x, y: body centre, m; along, across: speeds
+by road axis, m/s; half_length, half_width: half the extent of the turned body along and across the
+road, m). One that is not seen has nan as its x, and is nowhere.
 """
 
 from __future__ import annotations
@@ -12,48 +14,60 @@ from typing import Any
 
 from sumo_eval.kernels import kernel
 
-LEAST_GAP = 2.0  # m to a vehicle that hides the road ahead: the least distance of the following gaps of UN R157
+# m to a vehicle that hides the road ahead: the least distance of the following gaps of UN R157
+LEAST_GAP = 2.0
 COURTESY = 1.0  # s between an ego and somebody who crosses its path, below which it yields
 CROSSES = 0.1  # m/s towards the path, below which nobody crosses
 
 
 @kernel
 def bumper_gap(me: Any, other: Any) -> float:
-    """Free road from the ego's front to the rear of a vehicle ahead, m; negative when they are side by side."""
+    """Free road from the ego's front to the rear of a vehicle ahead, m; negative when they are side
+    by side.
+    """
     return float(other.x - me.x - other.half_length - me.half_length)
 
 
 @kernel
 def gap_behind(me: Any, other: Any) -> float:
-    """Free road from the front of a vehicle behind to the ego's rear, m; negative when they are side by side."""
+    """Free road from the front of a vehicle behind to the ego's rear, m; negative when they are
+    side by side.
+    """
     return float(me.x - other.x - other.half_length - me.half_length)
 
 
 @kernel
 def lateral_overlap(me: Any, other: Any) -> float:
-    """Width of the strip along the road that both bodies share, m; negative: their distance across."""
+    """Width of the strip along the road that both bodies share, m; negative: their distance
+    across.
+    """
     mine, its = me.half_width, other.half_width
     return float(min(mine + its - abs(me.y - other.y), 2.0 * mine, 2.0 * its))
 
 
 @kernel
 def lead_in_path(me: Any, others: Any) -> int:
-    """Index of the nearest vehicle ahead whose body reaches into the strip of road that the ego's body sweeps straight
-    ahead, -1: none. A vehicle behind that lead is not the lead: it is hidden until the first one has left the strip.
+    """Index of the nearest vehicle ahead whose body reaches into the strip of road that the ego's
+    body sweeps straight ahead, -1: none. A vehicle behind that lead is not the lead: it is hidden
+    until the first one has left the strip.
     """
     nearest = -1
     for j in range(len(others)):
         other = others[j]
-        if other.x > me.x and (nearest < 0 or other.x < others[nearest].x) and lateral_overlap(me, other) > 0.0:
+        if (
+            other.x > me.x
+            and (nearest < 0 or other.x < others[nearest].x)
+            and lateral_overlap(me, other) > 0.0
+        ):
             nearest = j
     return nearest
 
 
 @kernel
 def coming_into_path(me: Any, others: Any) -> int:
-    """Index of the nearest one ahead who comes into the strip of road that the ego's body sweeps straight ahead while
-    the ego is there, or within `COURTESY` of it, both at the speeds that they have, -1: nobody. Who is hidden to more
-    than half by a nearer one is not seen.
+    """Index of the nearest one ahead who comes into the strip of road that the ego's body sweeps
+    straight ahead while the ego is there, or within `COURTESY` of it, both at the speeds that they
+    have, -1: nobody. Who is hidden to more than half by a nearer one is not seen.
     """
     nearest = -1
     for j in range(len(others)):
@@ -67,14 +81,20 @@ def coming_into_path(me: Any, others: Any) -> int:
             continue
         enters, leaves = (abs(apart) - reach) / towards, (abs(apart) + reach) / towards
         here, gone = gap / closing, (gap + 2.0 * (me.half_length + other.half_length)) / closing
-        if enters < gone + COURTESY and here < leaves + COURTESY and is_in_sight(me, others, j, 0.5):
+        if (
+            enters < gone + COURTESY
+            and here < leaves + COURTESY
+            and is_in_sight(me, others, j, 0.5)
+        ):
             nearest = j
     return nearest
 
 
 @kernel
 def next_ahead(me: Any, others: Any, last: int) -> int:
-    """Index of the nearest vehicle ahead that is beyond number `last` (-1: of all ahead), -1: none."""
+    """Index of the nearest vehicle ahead that is beyond number `last` (-1: of all ahead), -1:
+    none.
+    """
     found = -1
     for j in range(len(others)):
         x = others[j].x
@@ -89,7 +109,8 @@ def next_ahead(me: Any, others: Any, last: int) -> int:
 
 @kernel
 def neighbours(me: Any, others: Any, centre: float, width: float) -> tuple[int, int]:
-    """Indexes of the nearest vehicles ahead and behind whose body reaches into the strip `width` m wide around
+    """Indexes of the nearest vehicles ahead and behind whose body reaches into the strip `width` m
+    wide around
     y = `centre`, -1: none. One beside the ego is both.
     """
     ahead = behind = -1
@@ -109,9 +130,13 @@ def neighbours(me: Any, others: Any, centre: float, width: float) -> tuple[int, 
 def safe_gap(speed: float, lead_speed: float, deceleration: float, response: float) -> float:
     """Gap from which two vehicles that brake equally hard come to rest `LEAST_GAP` apart, m.
 
-    d = max(0, v rho + (v^2 - w^2) / (2 b)) + 2 m: the longitudinal distance of Responsibility-Sensitive Safety for one
-    that does not speed up in between (Shalev-Shwartz et al. 2017, Definition 1).
-    speed: v, lead_speed: w, m/s. deceleration: b, m/s2. response: rho, s.
+    d = max(0, v rho + (v^2 - w^2) / (2 b)) + 2 m: the longitudinal distance of
+    Responsibility-Sensitive Safety for one that does not speed up in between (Shalev-Shwartz et al.
+    2017, Definition 1).
+
+    speed: v, lead_speed: w, m/s.
+    deceleration: b, m/s2.
+    response: rho, s.
     """
     rolled = speed * response + (speed * speed - lead_speed * lead_speed) / (2.0 * deceleration)
     return max(rolled, 0.0) + LEAST_GAP
@@ -121,8 +146,9 @@ def safe_gap(speed: float, lead_speed: float, deceleration: float, response: flo
 def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
     """Whether no single nearer vehicle ahead covers more than `hiding_share` of a vehicle's width.
 
-    Lines of sight run along the road: seen from far away, a vehicle hides what lies straight behind it. With 0 a
-    vehicle is seen once nothing covers any of it (a sensor that needs the whole contour), with 0.5 once half shows.
+    Lines of sight run along the road: seen from far away, a vehicle hides what lies straight behind
+    it. With 0 a vehicle is seen once nothing covers any of it (a sensor that needs the whole
+    contour), with 0.5 once half shows.
     """
     other = others[index]
     if math.isnan(other.x):
@@ -139,8 +165,9 @@ def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
 def is_in_sight(me: Any, others: Any, index: int, hiding_share: float) -> bool:
     """Whether no single nearer vehicle ahead covers more than `hiding_share` of a vehicle's width.
 
-    Who reaches into the strip of road that the ego's body sweeps is looked at along the road (`is_visible`). Who is
-    beside it is looked at along the line from the ego to his middle: between parked cars nobody is seen over them.
+    Who reaches into the strip of road that the ego's body sweeps is looked at along the road
+    (`is_visible`). Who is beside it is looked at along the line from the ego to his middle: between
+    parked cars nobody is seen over them.
     """
     other = others[index]
     if math.isnan(other.x) or other.x <= me.x or lateral_overlap(me, other) > 0.0:
@@ -149,29 +176,47 @@ def is_in_sight(me: Any, others: Any, index: int, hiding_share: float) -> bool:
         nearer = others[j]
         if me.x < nearer.x < other.x:
             share = (nearer.x - me.x) / (other.x - me.x)
-            if covers(nearer.y, nearer.half_width, me.y, other.y, other.half_width, share, hiding_share):
+            if covers(
+                nearer.y, nearer.half_width, me.y, other.y, other.half_width, share, hiding_share
+            ):
                 return False
     return True
 
 
 @kernel
 def covers(
-    nearer_y: float, nearer_half: float, eye_y: float, other_y: float, other_half: float, share: float, hiding: float
+    nearer_y: float,
+    nearer_half: float,
+    eye_y: float,
+    other_y: float,
+    other_half: float,
+    share: float,
+    hiding: float,
 ) -> bool:
-    """Whether a vehicle covers more than the share `hiding` of another's width along the line from the eye to it.
+    """Whether a vehicle covers more than the share `hiding` of another's width along the line from
+    the eye to it.
 
-    nearer_half, other_half: half their extents across the road, m. share: of the way to the other, at which the nearer
-    one is; the other's width is so much narrower there.
+    nearer_half, other_half: half their extents across the road, m.
+    share: of the way to the other, at which the nearer one is; the other's width is so much
+        narrower there.
     """
     hidden = other_half * share
     apart = abs(nearer_y - eye_y - share * (other_y - eye_y))
-    return bool(min(nearer_half + hidden - apart, 2.0 * nearer_half, 2.0 * hidden) > 2.0 * hidden * hiding)
+    return bool(
+        min(nearer_half + hidden - apart, 2.0 * nearer_half, 2.0 * hidden) > 2.0 * hidden * hiding
+    )
 
 
 @kernel
 def take(to: Any, other: Any) -> None:
     """Write a vehicle into another record."""
-    to.x, to.y, to.heading, to.along, to.across = other.x, other.y, other.heading, other.along, other.across
+    to.x, to.y, to.heading, to.along, to.across = (
+        other.x,
+        other.y,
+        other.heading,
+        other.along,
+        other.across,
+    )
     to.half_length, to.half_width, to.speed, to.braking = (
         other.half_length,
         other.half_width,
@@ -183,7 +228,9 @@ def take(to: Any, other: Any) -> None:
 
 @kernel
 def carry_on(mover: Any, time: float) -> None:
-    """Move a vehicle to where it is `time` s later if it keeps its velocity, or goes on braking until it stands."""
+    """Move a vehicle to where it is `time` s later if it keeps its velocity, or goes on braking
+    until it stands.
+    """
     if mover.braking <= 0.0:
         mover.x, mover.y = mover.x + mover.along * time, mover.y + mover.across * time
         return

@@ -1,4 +1,6 @@
-"""What the reference drivers of UN Regulation No. 157 share: brakes that build up, headways along and across."""
+"""What the reference drivers of UN Regulation No. 157 share: brakes that build up, headways along
+and across.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,19 @@ from sumo_eval.kernels import kernel
 GRAVITY = 9.81  # m/s2
 HUMAN_JERK = 12.65  # m/s3, rate at which the regulation's human brakes (0.774 g in 0.6 s)
 HUMAN_BRAKING = 0.774 * GRAVITY  # m/s2, the strongest of the regulation's human
-FOLLOWING_HEADWAY = 2.0  # s, at which and below which the regulation's human minds what the lead does
+# s, at which and below which the regulation's human minds what the lead does
+FOLLOWING_HEADWAY = 2.0
 HEADWAY_ROUNDING = 0.01  # s
-SHOWING = 0.8  # share of a vehicle that a nearer one may cover at most, or it is hidden: 0.375 m of 1.9 m must show
+# share of a vehicle that a nearer one may cover at most, or it is hidden: 0.375 m of 1.9 m must
+# show
+SHOWING = 0.8
 
 
 @kernel
 def brake_ramp(since: float, level: float, build_up: float) -> float:
-    """Braking `since` s after it began, m/s2: from 0 to `level`, linear over `build_up` s, then held; 0 before."""
+    """Braking `since` s after it began, m/s2: from 0 to `level`, linear over `build_up` s, then
+    held; 0 before.
+    """
     if since <= 0.0:
         return 0.0
     return level * min(since / build_up, 1.0) if build_up > 0.0 else level
@@ -41,7 +48,9 @@ def brake_ramp_lost(since: float, level: float, build_up: float) -> float:
 
 @kernel
 def time_to_collision(me: Any, other: Any) -> float:
-    """TTC = d / (v - w), s: bumper gap over closing speed; inf when not closing, 0 or less beside a slower vehicle."""
+    """TTC = d / (v - w), s: bumper gap over closing speed; inf when not closing, 0 or less beside a
+    slower vehicle.
+    """
     closing = me.along - other.along
     return bumper_gap(me, other) / closing if closing > 0.0 else math.inf
 
@@ -60,7 +69,9 @@ def lateral_gap(me: Any, other: Any) -> float:
 
 @kernel
 def within_headway(me: Any, other: Any, limit: float) -> bool:
-    """Whether the time headway is at most `limit` s; one that is so by construction counts, whatever the rounding."""
+    """Whether the time headway is at most `limit` s; one that is so by construction counts,
+    whatever the rounding.
+    """
     return time_headway(me, other) <= limit + HEADWAY_ROUNDING
 
 
@@ -74,19 +85,30 @@ def closing_across(me: Any, other: Any) -> float:
 SIGHTING = [*fields("last_speed", "last_y", "across", "gain"), ("mover", MOVER)]
 """Another vehicle as the last two steps show it; nan before it was seen.
 
-last_speed, last_y: of the last look. mover: with its braking, and the mean of its speed across the road over the last
-step (across), which it had in the middle of it. gain: of that speed on the one in the middle of the step before, m/s2;
-0 if the motion began or turned round in between.
+last_speed, last_y: of the last look. mover: with its braking, and the mean of its speed across the
+    road over the last step (across), which it had in the middle of it. gain: of that speed on the
+    one in the middle of the step before, m/s2; 0 if the motion began or turned round in between.
 """
 SIGHTED = [("sighting", SIGHTING)]
-SAFETY_MEMORY = [("braking", SAFETY_BRAKING), ("me", MOVER), ("then", MOVER), *fields("told"), *flags("steps")]
-"""What a driver with safety braking remembers; all 0 at the beginning. me: the ego as it is, with the driver's braking.
-then: where the ego is foreseen to be at some instant. told: acceleration of this cycle, m/s2. steps: driven so far."""
+SAFETY_MEMORY = [
+    ("braking", SAFETY_BRAKING),
+    ("me", MOVER),
+    ("then", MOVER),
+    *fields("told"),
+    *flags("steps"),
+]
+"""What a driver with safety braking remembers; all 0 at the beginning.
+
+me: the ego as it is, with the driver's braking. then: where the ego is foreseen to be at some
+instant. told: acceleration of this cycle, m/s2. steps: driven so far.
+"""
 BRAKES = ("brakes", fields("response", "braking", "jerk"))
 
 
 class Brakes(NamedTuple):
-    """How a driver brakes: `response` s after a demand, with up to `braking` m/s2, rising at `jerk` m/s3."""
+    """How a driver brakes: `response` s after a demand, with up to `braking` m/s2, rising at `jerk`
+    m/s3.
+    """
 
     response: float
     braking: float
@@ -95,7 +117,9 @@ class Brakes(NamedTuple):
 
 @kernel
 def sight(sighting: Any, other: Any, step: float) -> None:
-    """Take in what speed and position of one step to the next tell of a vehicle. Call once a step and vehicle.
+    """Take in what speed and position of one step to the next tell of a vehicle.
+
+    Call once a step and vehicle.
 
     Speeds across the road come from positions, as a body may move across without turning.
     """
@@ -127,7 +151,9 @@ def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
 
 @kernel
 def foresee_all(own: Any, known: Any, later: Any, time: float, step: float) -> None:
-    """Write into `own.then` and `later` the ego, `own.me`, and all others `time` s from now, if all continue as now."""
+    """Write into `own.then` and `later` the ego, `own.me`, and all others `time` s from now, if all
+    continue as now.
+    """
     take(own.then, own.me)
     carry_on(own.then, time)
     for j in range(len(known)):
@@ -136,12 +162,21 @@ def foresee_all(own: Any, known: Any, later: Any, time: float, step: float) -> N
 
 @kernel
 def brake(
-    demand: Callable[..., float], ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+    demand: Callable[..., float],
+    ego: Any,
+    others: Any,
+    own: Any,
+    known: Any,
+    later: Any,
+    scenario: Any,
+    time: float,
 ) -> None:
-    """Command the braking that `demand` asks for, decided once in the step of the last scenario, and keep the lane.
+    """Command the braking that `demand` asks for, decided once in the step of the last scenario,
+    and keep the lane.
 
-    demand: called with (own, known, later, scenario) and a time after now, s; the deceleration demanded then if all
-    continue as now, m/s2. own: of `SAFETY_MEMORY`, with `BRAKES` in `p`.
+    demand: called with (own, known, later, scenario) and a time after now, s; the deceleration
+        demanded then if all continue as now, m/s2.
+    own: of `SAFETY_MEMORY`, with `BRAKES` in `p`.
     """
     if decides(own, scenario):
         cycle = scenario[-1]
@@ -150,6 +185,8 @@ def brake(
         for j in range(len(others)):
             sight(known[j].sighting, others[j], cycle.step)
         scene = (own, known, later, cycle)
-        own.told = -follow_demand(own.braking, demand, scene, time, own.p.brakes, cycle.vehicle, cycle.step)
+        own.told = -follow_demand(
+            own.braking, demand, scene, time, own.p.brakes, cycle.vehicle, cycle.step
+        )
     ego.command.acceleration = own.told
     ego.command.steering = lane_kept(ego, scenario[0])

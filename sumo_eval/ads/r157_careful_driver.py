@@ -1,11 +1,13 @@
-"""ADS `careful_driver`: the careful and competent human of UN Regulation No. 157 (performance model 1).
+"""ADS `careful_driver`: the careful and competent human of UN Regulation No. 157 (performance model
+1).
 
-It perceives an event, evaluates it for 0.4 s, and 0.75 s after braking is judged necessary its brakes begin to act: 0
-to 0.774 g in 0.6 s. Between events it keeps its speed and its wheel straight. It sees the positions and speeds of the
-other vehicles up to now, nothing else; a crossed threshold is dated between two looks, by linear interpolation.
+It perceives an event, evaluates it for 0.4 s, and 0.75 s after braking is judged necessary its
+brakes begin to act: 0 to 0.774 g in 0.6 s. Between events it keeps its speed and its wheel
+straight. It sees the positions and speeds of the other vehicles up to now, nothing else; a crossed
+threshold is dated between two looks, by linear interpolation.
 
-Source: UN R157, Annex 4, Appendix 3 (original series), Annex 3 (amended); AEB stage as in esmini's R157 controllers.
-docs/baselines.md lists the readings.
+Source: UN R157, Annex 4, Appendix 3 (original series), Annex 3 (amended); AEB stage as in esmini's
+    R157 controllers. docs/baselines.md lists the readings.
 """
 
 from __future__ import annotations
@@ -15,7 +17,15 @@ from typing import Any, ClassVar
 
 from sumo_eval.ads.braking import BRAKE_PATH, Braked, first_instant, moved, path_command
 from sumo_eval.ads.lane_change import lane_kept
-from sumo_eval.ads.perception import bumper_gap, carry_on, is_in_sight, is_visible, lateral_overlap, next_ahead, take
+from sumo_eval.ads.perception import (
+    bumper_gap,
+    carry_on,
+    is_in_sight,
+    is_visible,
+    lateral_overlap,
+    next_ahead,
+    take,
+)
 from sumo_eval.ads.r157 import (
     BRAKES,
     FOLLOWING_HEADWAY,
@@ -43,11 +53,15 @@ FULL_OVERLAP = 0.05  # m, of the narrower body that may still be missing
 
 
 @kernel
-def needed_deceleration(gap: float, speed: float, lead_speed: float, lead_braking: float, delay: float) -> float:
-    """Constant deceleration that avoids the lead when it begins `delay` s from now, m/s2; inf when none does.
+def needed_deceleration(
+    gap: float, speed: float, lead_speed: float, lead_braking: float, delay: float
+) -> float:
+    """Constant deceleration that avoids the lead when it begins `delay` s from now, m/s2; inf when
+    none does.
 
-    The larger of (v - w)^2 / (2 (d - (v - w) delay)), for a lead that keeps its speed w, and, when it brakes with b,
-    v^2 / (2 (d + w^2 / (2 b) - v delay)), for stopping behind the place where it stops. d: bumper gap, m.
+    The larger of (v - w)^2 / (2 (d - (v - w) delay)), for a lead that keeps its speed w, and, when
+    it brakes with b, v^2 / (2 (d + w^2 / (2 b) - v delay)), for stopping behind the place where it
+    stops. d: bumper gap, m.
     """
     closing = speed - lead_speed
     room = gap - max(closing, 0.0) * delay
@@ -59,15 +73,23 @@ def needed_deceleration(gap: float, speed: float, lead_speed: float, lead_brakin
 
 
 @kernel
-def ramped(level: float, path: Any, begins: float, ends: float, vehicle: Any, step: float) -> Braked:
+def ramped(
+    level: float, path: Any, begins: float, ends: float, vehicle: Any, step: float
+) -> Braked:
     """What a brake ramp takes off in a step, m/s, and the deceleration at the step's end, m/s2.
 
-    level: of the ramp, m/s2. path: of the driver's braking so far. begins, ends: of the ramp, s from the beginning of
-    the step. After its end the brakes are released as fast as they can be, and so are those of an earlier ramp.
+    level: of the ramp, m/s2.
+    path: of the driver's braking so far.
+    begins, ends: of the ramp, s from the beginning of the step. After its end the brakes are
+        released as fast as they can be, and so are those of an earlier ramp.
     """
     ends = min(ends, step)
-    lost = brake_ramp_lost(ends - begins, level, BUILD_UP) - brake_ramp_lost(-begins, level, BUILD_UP)
-    released = moved(brake_ramp(ends - begins, level, BUILD_UP), 0.0, vehicle.brake_jerk, step - ends)
+    lost = brake_ramp_lost(ends - begins, level, BUILD_UP) - brake_ramp_lost(
+        -begins, level, BUILD_UP
+    )
+    released = moved(
+        brake_ramp(ends - begins, level, BUILD_UP), 0.0, vehicle.brake_jerk, step - ends
+    )
     earlier = moved(path.level, 0.0, vehicle.brake_jerk, step)
     return Braked(max(lost + released.lost, earlier.lost), max(released.level, earlier.level))
 
@@ -77,15 +99,18 @@ _WATCHED = fields(
 )  # fmt: skip
 """What the driver remembers of another vehicle, nan where there is nothing.
 
-lane: y of the centre of the lane where it was first seen, or of the place where it stood then, m. offset, time, speed:
-of the last look. strayed: when it was further off there than wandering explains, s. braking: its deceleration of the
-last step, m/s2. braked: when that exceeded the driver's threshold, s. evaluated: when an event of it has been
-evaluated, s. necessary: when braking for it became necessary, s.
+lane: y of the centre of the lane where it was first seen, or of the place where it stood then, m.
+    offset, time, speed: of the last look. strayed: when it was further off there than wandering
+    explains, s. braking: its deceleration of the last step, m/s2. braked: when that exceeded the
+    driver's threshold, s. evaluated: when an event of it has been evaluated, s. necessary: when
+    braking for it became necessary, s.
 """
 
 
 @kernel
-def careful_driver(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+def careful_driver(
+    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+) -> None:
     """Braking for the vehicle that made it necessary first, else the speed is kept."""
     me, path, vehicle, step = own.me, own.path, scenario[0].vehicle, scenario[0].step
     take(me, ego.seen)
@@ -113,7 +138,9 @@ def careful_driver(ego: Any, others: Any, own: Any, known: Any, later: Any, scen
 
 
 @kernel
-def _braking_necessary(own: Any, others: Any, watched: Any, later: Any, scenario: Any, time: float) -> float:
+def _braking_necessary(
+    own: Any, others: Any, watched: Any, later: Any, scenario: Any, time: float
+) -> float:
     """When braking became necessary for any vehicle ahead, s; nan when nothing calls for it."""
     me, p = own.me, own.p
     for j in range(len(others)):
@@ -143,7 +170,8 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
     else:
         braking = (known.speed - other.along) / scenario.step
     offset = other.y - known.lane
-    if math.isnan(known.strayed) and abs(offset) > p.wander and abs(offset) > abs(known.offset):  # not who is parked
+    # not who is parked
+    if math.isnan(known.strayed) and abs(offset) > p.wander and abs(offset) > abs(known.offset):
         share = max((p.wander - abs(known.offset)) / (abs(offset) - abs(known.offset)), 0.0)
         known.strayed = known.time + share * (time - known.time)
     if math.isnan(known.braked) and braking > p.lead_braking:
@@ -153,7 +181,9 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
 
 @kernel
 def _is_over(me: Any, other: Any, known: Any, scenario: Any) -> bool:
-    """Whether the event no longer calls for braking: passed, no longer in or towards the path, or not closing."""
+    """Whether the event no longer calls for braking: passed, no longer in or towards the path, or
+    not closing.
+    """
     if not other.x > me.x:
         return True
     if lateral_overlap(me, other) <= 0.0 and not _comes_towards(me, known, scenario):
@@ -178,7 +208,11 @@ def _comes_towards(me: Any, known: Any, scenario: Any) -> bool:
 def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float) -> None:
     for j in range(len(others)):
         other, known = others[j], watched[j]
-        if not other.x > me.x or not math.isnan(known.necessary) or not _comes_towards(me, known, scenario):
+        if (
+            not other.x > me.x
+            or not math.isnan(known.necessary)
+            or not _comes_towards(me, known, scenario)
+        ):
             continue
         if not is_in_sight(me, others, j, SHOWING):
             continue
@@ -189,9 +223,11 @@ def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, ti
 
 
 @kernel
-def _judge_path(own: Any, others: Any, watched: Any, later: Any, scenario: Any, time: float) -> None:
-    """The vehicles in the ego's lane, nearest first, down to the first that hides what is beyond it: revealed by one
-    that leaves, braking within 2 s of headway, or approached for long.
+def _judge_path(
+    own: Any, others: Any, watched: Any, later: Any, scenario: Any, time: float
+) -> None:
+    """The vehicles in the ego's lane, nearest first, down to the first that hides what is beyond
+    it: revealed by one that leaves, braking within 2 s of headway, or approached for long.
     """
     me, leaves = own.me, -1
     j = next_ahead(me, others, -1)
@@ -200,7 +236,9 @@ def _judge_path(own: Any, others: Any, watched: Any, later: Any, scenario: Any, 
         in_path = lateral_overlap(me, others[j]) > 0.0
         if in_path and math.isnan(known.necessary) and not _comes_towards(me, known, scenario):
             if math.isnan(known.evaluated):
-                perceived = _perceived(own, others, watched, later[j], j, leaves, scenario.step, time)
+                perceived = _perceived(
+                    own, others, watched, later[j], j, leaves, scenario.step, time
+                )
                 known.evaluated = perceived + own.p.evaluation
             if not math.isnan(known.evaluated) and time >= known.evaluated - 0.5 * scenario.step:
                 known.necessary = known.evaluated
@@ -212,8 +250,12 @@ def _judge_path(own: Any, others: Any, watched: Any, later: Any, scenario: Any, 
 
 
 @kernel
-def _perceived(own: Any, others: Any, watched: Any, then: Any, j: int, leaves: int, step: float, time: float) -> float:
-    """When the driver perceived what calls for braking behind a vehicle, s; nan while nothing does."""
+def _perceived(
+    own: Any, others: Any, watched: Any, then: Any, j: int, leaves: int, step: float, time: float
+) -> float:
+    """When the driver perceived what calls for braking behind a vehicle, s; nan while nothing
+    does.
+    """
     me, p, other, known = own.me, own.p, others[j], watched[j]
     near = within_headway(me, other, FOLLOWING_HEADWAY)
     if leaves >= 0 and me.along > other.along and not math.isnan(watched[leaves].strayed):
@@ -245,8 +287,8 @@ def _needed(me: Any, other: Any, known: Any, p: Any) -> float:
 
 @kernel
 def _brakes_end(me: Any, others: Any, watched: Any, step: float) -> float:
-    """When in the coming step the ego is as slow as everybody it brakes for, s, inf: not in it; those events are over
-    then.
+    """When in the coming step the ego is as slow as everybody it brakes for, s, inf: not in it;
+    those events are over then.
     """
     ends, calls = 0.0, 0
     for j in range(len(others)):
@@ -269,29 +311,43 @@ def _brakes_end(me: Any, others: Any, watched: Any, step: float) -> float:
 def _aeb_ttc(me: Any, other: Any) -> float:
     """TTC to a vehicle ahead that fully overlaps the ego's path, s; inf to others."""
     full = 2.0 * min(me.half_width, other.half_width) - FULL_OVERLAP
-    return math.inf if not other.x > me.x or lateral_overlap(me, other) < full else time_to_collision(me, other)
+    return (
+        math.inf
+        if not other.x > me.x or lateral_overlap(me, other) < full
+        else time_to_collision(me, other)
+    )
 
 
 @kernel
 def _aeb_demand(scene: Any, after: float) -> float:
-    """1 where the AEB stage demands braking `after` s from now, if everybody goes on as now, else 0."""
+    """1 where the AEB stage demands braking `after` s from now, if everybody goes on as now, else
+    0.
+    """
     own, known, others, step = scene
     foresee_all(own, known, others, after, step)
     for j in range(len(others)):
-        if 0.0 <= _aeb_ttc(own.then, others[j]) < AEB_TTC and is_visible(own.then, others, j, SHOWING):
+        if 0.0 <= _aeb_ttc(own.then, others[j]) < AEB_TTC and is_visible(
+            own.then, others, j, SHOWING
+        ):
             return 1.0
     return 0.0
 
 
 @kernel
 def _watch_over(others: Any, own: Any, known: Any, later: Any, step: float, time: float) -> None:
-    """The AEB stage: for a vehicle in sight and fully in the path at TTC < 1.5 s, until no longer closing."""
+    """The AEB stage: for a vehicle in sight and fully in the path at TTC < 1.5 s, until no longer
+    closing.
+    """
     for j in range(len(others)):
         sight(known[j].sighting, others[j], step)
     if own.aeb_brakes == 0:
         scene = (own, known, later, step)
         if _aeb_demand(scene, step) > 0.0:
-            begins = 0.0 if _aeb_demand(scene, 0.0) > 0.0 else first_instant(_aeb_demand, scene, 0.0, 0.0, step)
+            begins = (
+                0.0
+                if _aeb_demand(scene, 0.0) > 0.0
+                else first_instant(_aeb_demand, scene, 0.0, 0.0, step)
+            )
             own.aeb_brakes, own.aeb_began = 1, time + begins
         return
     for j in range(len(others)):
@@ -303,20 +359,24 @@ def _watch_over(others: Any, own: Any, known: Any, later: Any, step: float, time
 class CarefulDriver(Compiled):
     """ADS `careful_driver` (with `aeb`: `careful_driver_aeb`), performance model 1 of UN R157.
 
-    wander: lateral distance from the lane centre that is no lane change yet, m. evaluation: s. reaction: from judging
-    braking necessary to its beginning, s. lead_braking: deceleration of a lead above which it is perceived as braking,
-    m/s2. in_path_limit: deceleration, m/s2, that approaching a vehicle already in the path must come to need before it
-    is an event; the regulation has no such case.
+    wander: lateral distance from the lane centre that is no lane change yet, m.
+    evaluation: s.
+    reaction: from judging braking necessary to its beginning, s.
+    lead_braking: deceleration of a lead above which it is perceived as braking, m/s2.
+    in_path_limit: deceleration, m/s2, that approaching a vehicle already in the path must come to
+        need before it is an event; the regulation has no such case.
     """
 
     loop = staticmethod(each_row(careful_driver))
     memory: ClassVar = [
-        ("path", BRAKE_PATH), ("me", MOVER), ("then", MOVER), *fields("aeb_began"), *flags("aeb_brakes", "looked"),
+        ("path", BRAKE_PATH), ("me", MOVER), ("then", MOVER), *fields("aeb_began"),
+        *flags("aeb_brakes", "looked"),
     ]  # fmt: skip
     """me: the ego as it is, with the driver's braking. then: where it is at some other instant."""
     known: ClassVar = [*_WATCHED, *SIGHTED]
     numbers: ClassVar = [
-        BRAKES, *fields("wander", "evaluation", "reaction", "lead_braking", "in_path_limit"), *flags("aeb"),
+        BRAKES, *fields("wander", "evaluation", "reaction", "lead_braking", "in_path_limit"),
+        *flags("aeb"),
     ]  # fmt: skip
 
     def __init__(
@@ -330,7 +390,8 @@ class CarefulDriver(Compiled):
         in_path_limit: float = 3.0,
     ) -> None:
         check_numbers(
-            "careful_driver", wander=wander, evaluation=evaluation, reaction=reaction, lead_braking=lead_braking,
+            "careful_driver", wander=wander, evaluation=evaluation, reaction=reaction,
+            lead_braking=lead_braking,
             in_path_limit=in_path_limit,
         )  # fmt: skip
         self.aeb = aeb

@@ -1,8 +1,9 @@
-"""ADS `reg157`: what UN Regulation No. 157, 5.2.5, demands of an automated lane keeping system at the least.
+"""ADS `reg157`: what UN Regulation No. 157, 5.2.5, demands of an automated lane keeping system at
+the least.
 
-A cut-in must be avoided when its TTC, as it intrudes into the lane, is above v_rel / (2 * 6 m/s2) + 0.35 s: the system
-may take 0.35 s and brake at 6 m/s2. So that is what this one does, and no earlier than it must. docs/baselines.md
-lists the readings.
+A cut-in must be avoided when its TTC, as it intrudes into the lane, is above v_rel / (2 * 6 m/s2) +
+0.35 s: the system may take 0.35 s and brake at 6 m/s2. So that is what this one does, and no
+earlier than it must. docs/baselines.md lists the readings.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ INTRUSION = 0.3  # m, of the tyre beyond the lane marking
 
 @dataclass(frozen=True, slots=True)
 class LastMoment:
-    """What a regulation grants before a collision has to be avoided: `braking` m/s2, `response` s, `build_up` s."""
+    """What a regulation grants before a collision has to be avoided: `braking` m/s2, `response` s,
+    `build_up` s.
+    """
 
     ads: str
     braking: float
@@ -50,17 +53,22 @@ class LastMoment:
 
 @kernel
 def avoidable_ttc(closing_speed: float, granted: Any) -> float:
-    """TTC above which a collision has to be avoided: v_rel / (2 a) + tau / 2 + response, s. closing_speed: m/s.
+    """TTC above which a collision has to be avoided: v_rel / (2 a) + tau / 2 + response, s.
+
+    closing_speed: m/s.
 
     granted: a `LastMoment`, or a record of one. UN R157, 5.2.5.2: v_rel / (2 * 6 m/s2) + 0.35 s.
     """
-    return float(closing_speed / (2.0 * granted.braking) + 0.5 * granted.build_up + granted.response)
+    return float(
+        closing_speed / (2.0 * granted.braking) + 0.5 * granted.build_up + granted.response
+    )
 
 
 @kernel
 def demands_braking(me: Any, other: Any, p: Any, scenario: Any) -> bool:
     """Whether a vehicle demands braking."""
-    intruding = 0.5 * scenario.road.lane_width - me.half_width - INTRUSION  # m, lateral gap of who is in the lane
+    # m, lateral gap of who is in the lane
+    intruding = 0.5 * scenario.road.lane_width - me.half_width - INTRUSION
     if other.x <= me.x or lateral_gap(me, other) > intruding:
         return False
     left, closing = time_to_collision(me, other), me.along - other.along
@@ -73,28 +81,37 @@ def demands_braking(me: Any, other: Any, p: Any, scenario: Any) -> bool:
 
 @kernel
 def reg157_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as `brake` makes it."""
+    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2.
+
+    scene: as `brake` makes it.
+    """
     own, known, others, scenario = scene
     foresee_all(own, known, others, after, scenario.step)
     for j in range(len(others)):
-        if is_in_sight(own.then, others, j, SHOWING) and demands_braking(own.then, others[j], own.p, scenario):
+        if is_in_sight(own.then, others, j, SHOWING) and demands_braking(
+            own.then, others[j], own.p, scenario
+        ):
             return float(own.p.brakes.braking)
     return 0.0
 
 
 @kernel
-def reg157(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float) -> None:
+def reg157(
+    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+) -> None:
     """Braking while a vehicle ahead demands it, else the speed is kept; decided once a cycle."""
     brake(reg157_demand, ego, others, own, known, later, scenario, time)
 
 
 class Reg157(Compiled):
-    """ADS `reg157`: 0.35 s after the last moment to begin, 6 m/s2; for a lead that brakes, 0.35 s after it does.
+    """ADS `reg157`: 0.35 s after the last moment to begin, 6 m/s2; for a lead that brakes, 0.35 s
+    after it does.
 
-    margin: how much above the critical TTC it acts, s: a sensor's step of 0.1 s. lead_braking: deceleration of a lead
-    at 2 s headway or less above which the lead counts as braking, m/s2. standstill_gap: what it takes off the gap for
-    TTC, m: it releases where TTC is critical, and followed in continuous time that ends exactly against the other
-    vehicle, a contact at 0 m/s.
+    margin: how much above the critical TTC it acts, s: a sensor's step of 0.1 s.
+    lead_braking: deceleration of a lead at 2 s headway or less above which the lead counts as
+        braking, m/s2.
+    standstill_gap: what it takes off the gap for TTC, m: it releases where TTC is critical, and
+        followed in continuous time that ends exactly against the other vehicle, a contact at 0 m/s.
     """
 
     loop = staticmethod(each_row(reg157))
@@ -105,8 +122,15 @@ class Reg157(Compiled):
     ]
     last_moment: ClassVar[LastMoment] = LastMoment("reg157", braking=BRAKING, response=RESPONSE)
 
-    def __init__(self, margin: float = 0.1, lead_braking: float = 1.0, standstill_gap: float = 0.1) -> None:
-        check_numbers(self.last_moment.ads, margin=margin, lead_braking=lead_braking, standstill_gap=standstill_gap)
+    def __init__(
+        self, margin: float = 0.1, lead_braking: float = 1.0, standstill_gap: float = 0.1
+    ) -> None:
+        check_numbers(
+            self.last_moment.ads,
+            margin=margin,
+            lead_braking=lead_braking,
+            standstill_gap=standstill_gap,
+        )
         self.margin = margin
         self.lead_braking = lead_braking
         self.standstill_gap = standstill_gap

@@ -1,7 +1,8 @@
-"""ADS `rss`: Responsibility-Sensitive Safety, as the JRC compares it with the models of UN Regulation No. 157.
+"""ADS `rss`: Responsibility-Sensitive Safety, as the JRC compares it with the models of UN
+Regulation No. 157.
 
-Unsafe is who is too close along the road and across it. Source: Shalev-Shwartz, Shammah, Shashua, arXiv:1708.06374;
-constants as in the JRC's implementation. docs/baselines.md lists the readings.
+Unsafe is who is too close along the road and across it. Source: Shalev-Shwartz, Shammah, Shashua,
+arXiv:1708.06374; constants as in the JRC's implementation. docs/baselines.md lists the readings.
 """
 
 from __future__ import annotations
@@ -36,15 +37,25 @@ LATERAL_MARGIN = 0.3  # mu, m
 
 @kernel
 def longitudinal_safe_distance(speed: float, other_speed: float) -> float:
-    """d_lon = v rho + a rho^2 / 2 + (v + rho a)^2 / (2 b) - w^2 / (2 bl), m. speed: v, other_speed: w, m/s."""
+    """d_lon = v rho + a rho^2 / 2 + (v + rho a)^2 / (2 b) - w^2 / (2 bl), m.
+
+    speed: v, other_speed: w, m/s.
+    """
     faster = speed + RESPONSE * ACCELERATION
     driven = speed * RESPONSE + 0.5 * ACCELERATION * RESPONSE * RESPONSE
-    return driven + faster * faster / (2.0 * BRAKING) - other_speed * other_speed / (2.0 * OTHER_BRAKING)
+    return (
+        driven
+        + faster * faster / (2.0 * BRAKING)
+        - other_speed * other_speed / (2.0 * OTHER_BRAKING)
+    )
 
 
 @kernel
 def lateral_safe_distance(lateral_speed: float) -> float:
-    """d_lat = mu + |(2 vy + ay rho) rho / 2| + (vy + ay rho)^2 / (2 ay), m. lateral_speed: vy towards the ego, m/s."""
+    """d_lat = mu + |(2 vy + ay rho) rho / 2| + (vy + ay rho)^2 / (2 ay), m.
+
+    lateral_speed: vy towards the ego, m/s.
+    """
     faster = lateral_speed + LATERAL_ACCELERATION * RESPONSE
     driven = math.fabs((2.0 * lateral_speed + LATERAL_ACCELERATION * RESPONSE) * RESPONSE / 2.0)
     return LATERAL_MARGIN + driven + faster * faster / (2.0 * LATERAL_ACCELERATION)
@@ -52,7 +63,10 @@ def lateral_safe_distance(lateral_speed: float) -> float:
 
 @kernel
 def rss_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as `brake` makes it."""
+    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2.
+
+    scene: as `brake` makes it.
+    """
     own, known, others, scenario = scene
     foresee_all(own, known, others, after, scenario.step)
     me = own.then
@@ -60,7 +74,9 @@ def rss_demand(scene: Any, after: float) -> float:
         other = others[j]
         if not is_in_sight(me, others, j, SHOWING):
             continue
-        if other.x <= me.x or bumper_gap(me, other) >= longitudinal_safe_distance(me.along, other.along):
+        if other.x <= me.x or bumper_gap(me, other) >= longitudinal_safe_distance(
+            me.along, other.along
+        ):
             continue
         if lateral_gap(me, other) < lateral_safe_distance(abs(closing_across(me, other))):
             return HUMAN_BRAKING
@@ -76,7 +92,9 @@ def responsibility_sensitive_safety(
 
 
 class ResponsibilitySensitiveSafety(Compiled):
-    """ADS `rss`: full braking while a vehicle ahead violates both distances, `RESPONSE` s after one first did."""
+    """ADS `rss`: full braking while a vehicle ahead violates both distances, `RESPONSE` s after one
+    first did.
+    """
 
     loop = staticmethod(each_row(responsibility_sensitive_safety))
     memory, known, numbers = SAFETY_MEMORY, SIGHTED, [BRAKES]

@@ -1,4 +1,7 @@
-"""The command line. A command's file is imported when the command is named, so that `--help` answers at once."""
+"""The command line.
+
+A command's file is imported when the command is named, so that `--help` answers at once.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,10 @@ _CORE: Final = {
 _FILES: Final = {name: file for file, names in _CORE.items() for name in names}
 
 GROUP: Final = "sumo_eval.commands"
-"""Entry points of packages that bring further commands: a name and a click command. Our `extras` use them, too."""
+"""Entry points of packages that bring further commands: a name and a click command.
+
+Our `extras` use them, too.
+"""
 
 TASKS: Final = {
     "Evaluate": ("run", "score", "merge", "verify"),
@@ -89,7 +95,9 @@ MEANT: Final = {
 
 
 class _Group(click.Group):
-    """Loads a command when it is named, offers the nearest name for a misspelt one, turns errors into sentences."""
+    """Loads a command when it is named, offers the nearest name for a misspelt one, turns errors
+    into sentences.
+    """
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return commands()
@@ -108,16 +116,26 @@ class _Group(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         refuse_command(args)
-        if args and not args[0].startswith("-") and args[0] not in _FILES and args[0] not in _plugins():
+        if (
+            args
+            and not args[0].startswith("-")
+            and args[0] not in _FILES
+            and args[0] not in _plugins()
+        ):
             if args[0] in MEANT:  # ours, of a copy whose entry points are older than its sources
-                raise click.UsageError(f"Command `{args[0]}` is not installed: run `pip install -e .` again.")
+                raise click.UsageError(
+                    f"Command `{args[0]}` is not installed: run `pip install -e .` again."
+                )
             raise click.UsageError(f"There is no command `{clean(args[0])}`.{_nearest(args[0])}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The commands by task, each in one line that is not cut."""
         ours, there = {name for names in TASKS.values() for name in names}, commands()
-        for task, names in (*TASKS.items(), (FURTHER, tuple(name for name in there if name not in ours))):
+        for task, names in (
+            *TASKS.items(),
+            (FURTHER, tuple(name for name in there if name not in ours)),
+        ):
             if shown := [(name, self._line(ctx, name)) for name in names if name in there]:
                 with formatter.section(task):
                     formatter.write_dl(shown)
@@ -135,7 +153,8 @@ class _Group(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         _one_thread()
         _give_memory_back()
-        atexit.register(gc.freeze)  # else Python looks through all that was imported before it lets go of it, for 0.2 s
+        # else Python looks through all that was imported before it lets go of it, for 0.2 s
+        atexit.register(gc.freeze)
         try:
             return super().invoke(ctx)
         except StoppedError as stop:
@@ -157,7 +176,9 @@ class _Group(click.Group):
 
 
 def _nearest(name: str) -> str:
-    """The command that was meant, by meaning first and by spelling second, as a closing half-sentence."""
+    """The command that was meant, by meaning first and by spelling second, as a closing
+    half-sentence.
+    """
     word = name.lower()
     for command, words in MEANT.items():
         if word in words.split():
@@ -174,7 +195,9 @@ def commands() -> list[str]:
 
 @cache
 def _plugins() -> dict[str, EntryPoint]:
-    """Commands that installed packages bring, by name; the first of each name, none in the place of ours."""
+    """Commands that installed packages bring, by name; the first of each name, none in the place of
+    ours.
+    """
     found: dict[str, EntryPoint] = {}
     for point in entry_points(group=GROUP):
         if point.name not in _FILES:
@@ -186,33 +209,42 @@ def _loaded(point: EntryPoint) -> click.Command:
     try:
         command = point.load()
     except Exception as error:  # of a package that is not ours
-        raise InputError(f"Command `{point.name}`, `{point.value}`, cannot be loaded: {said(error)}.") from error
+        raise InputError(
+            f"Command `{point.name}`, `{point.value}`, cannot be loaded: {said(error)}."
+        ) from error
     if not isinstance(command, click.Command):
         kind = type(command).__name__
-        raise InputError(f"Command `{point.name}`, `{point.value}`, must be a click command, got {kind}.")
+        raise InputError(
+            f"Command `{point.name}`, `{point.value}`, must be a click command, got {kind}."
+        )
     return command
 
 
 def _read_utf8() -> None:
-    """Begin again in UTF-8 where names of files are not: a path with other letters could not be written anywhere."""
+    """Begin again in UTF-8 where names of files are not: a path with other letters could not be
+    written anywhere.
+    """
     if sys.getfilesystemencoding().lower() != "utf-8" and not sys.flags.utf8_mode:
         words = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
         os.execve(sys.executable, words, {**os.environ, "PYTHONUTF8": "1"})  # noqa: S606
 
 
 def _one_thread() -> None:
-    """Of linear algebra, before it is loaded: the matrices here are small, threads would only wait for each other, and
-    their number would change sums by a bit. What the user has set stays.
+    """Of linear algebra, before it is loaded: the matrices here are small, threads would only wait
+    for each other, and their number would change sums by a bit. What the user has set stays.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
 
 
 def _give_memory_back() -> None:
-    """Large arrays go back to the system when they are let go of. The GNU C library keeps what it has once given, in
-    holes between smaller things: 100 MB of a page of a million cases. Other C libraries have no such setting.
+    """Large arrays go back to the system when they are let go of.
+
+    The GNU C library keeps what it has once given, in holes between smaller things: 100 MB of a
+    page of a million cases. Other C libraries have no such setting.
     """
-    with suppress(OSError, AttributeError, TypeError):  # TypeError: a system whose libraries have no common name
+    # TypeError: a system whose libraries have no common name
+    with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
 
 
@@ -232,10 +264,13 @@ def _stdout_to_nowhere() -> None:
             os.close(nowhere)
 
 
-@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
 @click.version_option(package_name="sumo_eval", message="%(version)s")
 def main() -> None:
-    """Score automated driving systems over the whole parameter space of logical scenarios, in simulation with SUMO.
+    """Score automated driving systems over the whole parameter space of logical scenarios, in
+    simulation with SUMO.
 
     Exit status: 0 done, 1 a gate failed, 2 the input is wrong, 3 some cases could not be evaluated.
     """

@@ -11,7 +11,15 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import scored, show_scores
-from sumo_eval.cli.options import GATE, WORKERS, count_option, flag, path_argument, path_option, trusting
+from sumo_eval.cli.options import (
+    GATE,
+    WORKERS,
+    count_option,
+    flag,
+    path_argument,
+    path_option,
+    trusting,
+)
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 
@@ -19,12 +27,21 @@ if TYPE_CHECKING:
     from sumo_eval.results import Evaluation
 
 
-@click.command(epilog="Example: sumo-eval compare results/before results/after --gate gate.toml --page compare.html")
+@click.command(
+    epilog="Example: sumo-eval compare results/before results/after --gate gate.toml --page "
+    "compare.html"
+)
 @path_argument("base")
 @path_argument("new")
 @GATE
 @path_option("--junit", help="Write gates and changed cases as JUnit XML.")
-@click.option("--pair", "pairs", multiple=True, metavar="BASE=NEW", help="ADSs that belong together; may be repeated.")
+@click.option(
+    "--pair",
+    "pairs",
+    multiple=True,
+    metavar="BASE=NEW",
+    help="ADSs that belong together; may be repeated.",
+)
 @flag("--accept-differences", help="Compare although settings or versions differ; they are shown.")
 @path_option("--page", help="Write the comparison as a page of its own.")
 @flag("--report", "with_report", help="Write NEW/report.html anew, with the comparison first.")
@@ -41,7 +58,8 @@ def compare(
 ) -> None:
     """Compare run NEW with run BASE, the same cases side by side, and apply a gate.
 
-    Exit status: 0 the gate holds, 1 it does not, 2 the runs cannot be compared, 3 cases of NEW could not be evaluated.
+    Exit status: 0 the gate holds, 1 it does not, 2 the runs cannot be compared, 3 cases of NEW
+    could not be evaluated.
     """
     from sumo_eval.errors import InputError
     from sumo_eval.evaluation import refuse_to_score
@@ -62,7 +80,9 @@ def compare(
         refuse_to_score(run)
     before, after = scored(base), scored(new)
     partners = dict(_names(pair, before, after) for pair in pairs)
-    comparison = compare_runs(before, after, settings, pairs=partners, accept_differences=accept_differences)
+    comparison = compare_runs(
+        before, after, settings, pairs=partners, accept_differences=accept_differences
+    )
     gates = judge(after, comparison, settings)
     if junit is not None:
         write_junit(comparison_suites(comparison, gates), junit)
@@ -84,7 +104,9 @@ def _names(pair: str, base: Evaluation, new: Evaluation) -> tuple[str, str]:
     return next((names for names in splits if names[0] in olds and names[1] in news), splits[0])
 
 
-@click.command(epilog="Example: sumo-eval nightly evaluation.toml --history nights --gate gate.toml")
+@click.command(
+    epilog="Example: sumo-eval nightly evaluation.toml --history nights --gate gate.toml"
+)
 @path_argument("evaluation", required=False)
 @path_option("--history", required=True, help="Folder of the nights and their history.")
 @GATE
@@ -107,10 +129,11 @@ def nightly(
     resume: bool,
     age: str | None,
 ) -> None:
-    """Evaluate EVALUATION, compare with the last good and the accepted night, write report and a line of history.
+    """Evaluate EVALUATION, compare with the last good and the accepted night, write report and a
+    line of history.
 
-    Exit status: 0 a good night, 1 a limit failed or cases went missing, 2 the input is wrong or a night is running
-    already, 3 some cases could not be evaluated.
+    Exit status: 0 a good night, 1 a limit failed or cases went missing, 2 the input is wrong or a
+    night is running already, 3 some cases could not be evaluated.
     """
     if age is not None:
         from sumo_eval.nightly.bases import finished_within
@@ -132,7 +155,8 @@ def nightly(
     settings = read_gate(gate)
     with Progress() as progress:
         result = run_night(
-            evaluation, history, settings, keep=keep, workers=workers, resume=resume, progress=progress,
+            evaluation, history, settings, keep=keep, workers=workers, resume=resume,
+            progress=progress,
             stopping=Stopping,
         )  # fmt: skip
     say((*morning_lines(result), *result.notes))
@@ -147,13 +171,23 @@ def nightly(
     sys.exit(result.night.exit_status)
 
 
-@click.command(epilog='Example: sumo-eval accept nights --reason "brakes are softer on purpose" --until 2026-12-31')
+@click.command(
+    epilog='Example: sumo-eval accept nights --reason "brakes are softer on purpose" --until '
+    "2026-12-31"
+)
 @path_argument("history")
 @click.argument("run", required=False)
 @click.option("--reason", required=True, help="Why; the history keeps it.")
-@click.option("--until", type=click.DateTime(["%Y-%m-%d"]), metavar="DATE", help="Last day on which it counts.")
+@click.option(
+    "--until",
+    type=click.DateTime(["%Y-%m-%d"]),
+    metavar="DATE",
+    help="Last day on which it counts.",
+)
 def accept(history: Path, run: str | None, reason: str, until: datetime | None) -> None:
-    """Accept night RUN of HISTORY, by default the newest, as the base that later nights are compared with."""
+    """Accept night RUN of HISTORY, by default the newest, as the base that later nights are
+    compared with.
+    """
     from sumo_eval.nightly.bases import accept as accept_night
 
     last_day = None if until is None else until.date().isoformat()
@@ -167,7 +201,9 @@ def accept(history: Path, run: str | None, reason: str, until: datetime | None) 
 @path_option("--import", "runs", multiple=True, help="Add an older run first; may be repeated.")
 @trusting
 def trend(history: Path, runs: tuple[Path, ...]) -> None:
-    """Write HISTORY/trend.html: S, C, D, risk and run time of every ADS over the nights, with the gates."""
+    """Write HISTORY/trend.html: S, C, D, risk and run time of every ADS over the nights, with the
+    gates.
+    """
     from sumo_eval.nightly.history import open_history
     from sumo_eval.nightly.night import import_runs
     from sumo_eval.nightly.trend import write_trend

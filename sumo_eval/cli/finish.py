@@ -1,4 +1,6 @@
-"""What every scoring command does last: files for people and machines, the table, the exit status."""
+"""What every scoring command does last: files for people and machines, the table, the exit
+status.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,19 @@ if TYPE_CHECKING:
     from sumo_eval.results import Evaluation
 
 
-ALL = flag("--all", "everything", help="Print every number: C, D, all counts and intervals, in more tables.")
+ALL = flag(
+    "--all",
+    "everything",
+    help="Print every number: C, D, all counts and intervals, in more tables.",
+)
 """The option of every command that prints scores."""
 
 
 def scored(run: Path, changes: Sequence[str] = ()) -> Evaluation:
-    """A run, scored with a bar on the terminal. changes: as of `score`."""
+    """A run, scored with a bar on the terminal.
+
+    changes: as of `score`.
+    """
     from sumo_eval.evaluation import score
 
     with Progress() as progress:
@@ -44,10 +53,14 @@ def show_scores(evaluation: Evaluation, everything: bool = False) -> None:
     say((WORDS, citation(evaluation)))
 
 
-def finish(evaluation: Evaluation, notes: Sequence[str] = (), *, everything: bool = False) -> NoReturn:
-    """Write what a person and a machine read, print the table, and leave with the status that the cases deserve.
+def finish(
+    evaluation: Evaluation, notes: Sequence[str] = (), *, everything: bool = False
+) -> NoReturn:
+    """Write what a person and a machine read, print the table, and leave with the status that the
+    cases deserve.
 
-    notes: sentences that stand before where the report is. everything: whether all tables are printed.
+    notes: sentences that stand before where the report is.
+    everything: whether all tables are printed.
     """
     from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.junit import write_results

@@ -1,4 +1,6 @@
-"""Looking at a run: its `report`, the arithmetic that `explain` prints, a `replay`, an `export` for other tools."""
+"""Looking at a run: its `report`, the arithmetic that `explain` prints, a `replay`, an `export` for
+other tools.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ def report(run: Path) -> None:
 @click.argument("case", required=False)
 @trusting
 def explain(run: Path, case: str | None) -> None:
-    """Print what happened in CASE of RUN, then its arithmetic; without CASE, where the points of S+ and S went."""
+    """Print what happened in CASE of RUN, then its arithmetic; without CASE, where the points of S+
+    and S went.
+    """
     from sumo_eval.evaluation import zone_partitions
     from sumo_eval.report.explain import explain_case, known_case
 
@@ -40,7 +44,8 @@ def explain(run: Path, case: str | None) -> None:
         known_case(run, case)  # a misspelt one is told before anything is computed
     evaluation = scored(run)
     if case is None:
-        from sumo_eval.report.terminal import ledger_lines  # and with it what draws tables, which a case does not need
+        # and with it what draws tables, which a case does not need
+        from sumo_eval.report.terminal import ledger_lines
 
         lines = ledger_lines(evaluation)
     else:
@@ -52,27 +57,41 @@ def explain(run: Path, case: str | None) -> None:
 @RUN
 @click.argument("values", nargs=-1, required=True, metavar="NAME=VALUE...")
 @click.option("--ads", help="Cases of this ADS only (default: of all).")
-@click.option("--scenario", help="The logical scenario (default: the first that has these parameters).")
+@click.option(
+    "--scenario", help="The logical scenario (default: the first that has these parameters)."
+)
 @count_option("--most", default=5, show_default=True, help="Cases to name for each ADS.")
 @trusting
-def find(run: Path, values: tuple[str, ...], ads: str | None, scenario: str | None, most: int) -> None:
-    """Name the cases of RUN nearest to parameter values, by their distance in the unit box of these parameters."""
+def find(
+    run: Path, values: tuple[str, ...], ads: str | None, scenario: str | None, most: int
+) -> None:
+    """Name the cases of RUN nearest to parameter values, by their distance in the unit box of these
+    parameters.
+    """
     from sumo_eval.report.found_cases import nearest_cases
 
     evaluation = scored(run)
     say(nearest_cases(evaluation, named_values(values, "A parameter"), ads, scenario, most))
 
 
-@click.command(epilog="Example: sumo-eval replay results/first cut_in-0007-idm --beside driver_03 --open")
+@click.command(
+    epilog="Example: sumo-eval replay results/first cut_in-0007-idm --beside driver_03 --open"
+)
 @RUN
 @click.argument("case")
-@click.option("--beside", metavar="NAME", help="Another ADS, or a driver such as driver_03, next to it.")
+@click.option(
+    "--beside", metavar="NAME", help="Another ADS, or a driver such as driver_03, next to it."
+)
 @path_option("--out", help="File of the animation (default: RUN/replay-CASE.html).")
 @flag("--open", "opens", help="Open the animation in the browser.")
 @flag("--gui", help="Show the recorded vehicles in sumo-gui instead (extra `gui`).")
 @trusting
-def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bool, gui: bool) -> None:
-    """Write an animation of CASE of RUN: one HTML file that plays in any browser, without a server."""
+def replay(
+    run: Path, case: str, beside: str | None, out: Path | None, opens: bool, gui: bool
+) -> None:
+    """Write an animation of CASE of RUN: one HTML file that plays in any browser, without a
+    server.
+    """
     from sumo_eval.record.run_folder import resolved_run
     from sumo_eval.report.replay import recorded, write_replay
 
@@ -97,20 +116,24 @@ def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bo
 @click.command(epilog="Example: sumo-eval export results/first --format csv --out tables")
 @RUN
 @click.argument("case", required=False)
-@click.option("--format", "kind", type=click.Choice(("csv", "parquet")), help="Of the tables (default: csv).")
+@click.option(
+    "--format", "kind", type=click.Choice(("csv", "parquet")), help="Of the tables (default: csv)."
+)
 @flag("--evidence", help="Claims, arguments and evidence of the run, as JSON and a page.")
 @path_option("--out", help="Folder for the files (default: RUN/export).")
 @trusting
 def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: Path | None) -> None:
     """Write the cases, all drives and all trajectories of RUN as tables, or CASE as files.
 
-    A case is written as a SUMO configuration, as OpenSCENARIO, and as an evaluation that drives it again; with
-    --evidence it is what the run claims, for a safety case.
+    A case is written as a SUMO configuration, as OpenSCENARIO, and as an evaluation that drives it
+    again; with --evidence it is what the run claims, for a safety case.
     """
     out = out or run / "export"
     if evidence:
         if case is not None or kind is not None:
-            raise click.UsageError("`--evidence` is of a whole run, and has its own kinds of files.")
+            raise click.UsageError(
+                "`--evidence` is of a whole run, and has its own kinds of files."
+            )
         from sumo_eval.report.evidence import write_evidence
 
         evaluation = scored(run)
@@ -124,7 +147,9 @@ def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: P
             tell(str(path))
         return
     if kind is not None:
-        raise click.UsageError("`--format` is for the tables of a whole run; a case has its own kinds of files.")
+        raise click.UsageError(
+            "`--format` is for the tables of a whole run; a case has its own kinds of files."
+        )
     from sumo_eval.report.export_case import export_case
 
     exported = export_case(run, case, out)

@@ -6,7 +6,11 @@ from collections.abc import Iterable
 
 
 def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
-    """The numbers by name. option: what they were given with. Raises InputError for whatever has another form."""
+    """The numbers by name.
+
+    option: what they were given with.
+    Raises InputError for whatever has another form.
+    """
     from sumo_eval.errors import InputError
 
     found = {}
@@ -15,5 +19,7 @@ def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
         try:
             found[name] = float(value)
         except ValueError:
-            raise InputError(f"{option} must have the form NAME=VALUE with a number, got {text!r}.") from None
+            raise InputError(
+                f"{option} must have the form NAME=VALUE with a number, got {text!r}."
+            ) from None
     return found

@@ -18,7 +18,9 @@ flag = partial(click.option, is_flag=True)
 
 RUN: Final = path_argument("run")
 GATE: Final = path_option("--gate", help="Limits on changes and values (docs/compare.md).")
-WORKERS: Final = count_option("--workers", help="Processes that simulate cases (default: as in the file).")
+WORKERS: Final = count_option(
+    "--workers", help="Processes that simulate cases (default: as in the file)."
+)
 SEED: Final = click.option(
     "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness."
 )

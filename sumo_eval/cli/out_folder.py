@@ -1,4 +1,6 @@
-"""Where a command will write: tried before it works for minutes and then could not keep what it found."""
+"""Where a command will write: tried before it works for minutes and then could not keep what it
+found.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +20,15 @@ def default(*words: str) -> Path:
 
 
 def ready(folder: Path) -> None:
-    """Make the folder and write into it. Raises InputError where that cannot be done."""
+    """Make the folder and write into it.
+
+    Raises InputError where that cannot be done.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise InputError(f"The folder {folder} of `--out` cannot be written: {error.strerror or error}.") from None
+        raise InputError(
+            f"The folder {folder} of `--out` cannot be written: {error.strerror or error}."
+        ) from None

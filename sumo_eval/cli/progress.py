@@ -1,4 +1,6 @@
-"""Long work shows how far it is: a bar with rate, time left and failures on a terminal, plain lines elsewhere."""
+"""Long work shows how far it is: a bar with rate, time left and failures on a terminal, plain lines
+elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ from typing import Any, NamedTuple
 import click
 
 _LINE_EVERY = 10.0  # s between two plain lines of one stage
-_RECENT = 30.0  # s by which the time that is left is estimated: the beginning of a stage says little of its rest
+# s by which the time that is left is estimated: the beginning of a stage says little of its rest
+_RECENT = 30.0
 _TOO_EARLY = 5  # done since then below which nothing is estimated
 _TOO_SHORT = 5.0  # s of work below which nothing is estimated
 _WIDE = 120  # columns of a terminal with room for a long bar
@@ -19,7 +22,11 @@ _BURST = 1.0  # s within which what gets done came from one pack, and began long
 
 
 class _Burst(NamedTuple):
-    """What was done within a moment. begin, end: its first and last report, s. done: of the stage, at its end."""
+    """What was done within a moment.
+
+    begin, end: its first and last report, s.
+    done: of the stage, at its end.
+    """
 
     begin: float
     end: float
@@ -39,8 +46,8 @@ class _Stage:
     def note(self, now: float, done: int) -> None:
         """Remember how far it was in the last half minute.
 
-        Its beginning is forgotten as soon as more is done: before the first cases are there, rules are compiled and
-        processes start, which the rest need not wait for.
+        Its beginning is forgotten as soon as more is done: before the first cases are there, rules
+        are compiled and processes start, which the rest need not wait for.
         """
         lately = self._lately
         if lately and now - lately[-1].begin < _BURST:
@@ -54,7 +61,9 @@ class _Stage:
             lately.pop(0)
 
     def left(self, total: int, unless: str) -> str:
-        """`12.0/s, about 40 s left` by how it went lately; nothing while it is too early to say, or at the end."""
+        """`12.0/s, about 40 s left` by how it went lately; nothing while it is too early to say, or
+        at the end.
+        """
         first, last = self._lately[0], self._lately[-1]
         done, seconds = last.done - first.done, last.end - first.end
         if not self._under_way or last.done >= total or done < _TOO_EARLY or seconds < _TOO_SHORT:
@@ -66,7 +75,8 @@ class _Stage:
 class Progress:
     """A context that gives the function to call with (stage, done, total, failed).
 
-    at_most: the work may end before the total is reached, as a search does that has found what it looks for.
+    at_most: the work may end before the total is reached, as a search does that has found what it
+        looks for.
     """
 
     def __init__(self, at_most: bool = False) -> None:
@@ -81,9 +91,16 @@ class Progress:
 
             console = Console(stderr=True)
             self._bar = Bar(
-                # Where the terminal is narrow, the description goes on in a second line and all else stays whole.
-                TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=False, overflow="fold")),
-                BarColumn(bar_width=40 if console.width >= _WIDE else 6, table_column=Column(no_wrap=True)),
+                # Where the terminal is narrow, the description goes on in a second line and all
+                # else stays whole.
+                TextColumn(
+                    "{task.description}",
+                    markup=False,
+                    table_column=Column(no_wrap=False, overflow="fold"),
+                ),
+                BarColumn(
+                    bar_width=40 if console.width >= _WIDE else 6, table_column=Column(no_wrap=True)
+                ),
                 MofNCompleteColumn(table_column=Column(no_wrap=True)),
                 TextColumn("{task.fields[left]}", style="cyan"),
                 TextColumn("{task.fields[failed]}", style="yellow"),

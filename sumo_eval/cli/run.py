@@ -1,4 +1,6 @@
-"""Evaluations: `run` them, `score` them again, `merge` their shards, `verify` that they are reproduced."""
+"""Evaluations: `run` them, `score` them again, `merge` their shards, `verify` that they are
+reproduced.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,16 @@ import click
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import ALL, finish, scored
-from sumo_eval.cli.options import POSITIVE, RUN, WORKERS, count_option, flag, path_argument, path_option, trusting
+from sumo_eval.cli.options import (
+    POSITIVE,
+    RUN,
+    WORKERS,
+    count_option,
+    flag,
+    path_argument,
+    path_option,
+    trusting,
+)
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.cli.stopping import Heard, Stopping
@@ -28,15 +39,41 @@ ENGINES = ("processes", "serial", "dask")
 )
 @WORKERS
 @click.option(
-    "--ads", multiple=True, metavar="LOCATOR", help="An ADS in place of the file's, e.g. my_ads.py:MyAds; repeatable."
+    "--ads",
+    multiple=True,
+    metavar="LOCATOR",
+    help="An ADS in place of the file's, e.g. my_ads.py:MyAds; repeatable.",
 )
-@click.option("--engine", type=click.Choice(ENGINES), help="Where cases run (default: as in the file: processes).")
-@click.option("--scheduler", metavar="ADDRESS", help="The Dask scheduler of --engine dask, e.g. tcp://host:8786.")
-@click.option("--case-timeout", type=POSITIVE, help="Wall time a case may take, s (default: as in the file: 60).")
-@click.option("--step-timeout", type=POSITIVE, help="Wall time a step of an ADS may take, s (as in the file: 1).")
+@click.option(
+    "--engine",
+    type=click.Choice(ENGINES),
+    help="Where cases run (default: as in the file: processes).",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="The Dask scheduler of --engine dask, e.g. tcp://host:8786.",
+)
+@click.option(
+    "--case-timeout",
+    type=POSITIVE,
+    help="Wall time a case may take, s (default: as in the file: 60).",
+)
+@click.option(
+    "--step-timeout",
+    type=POSITIVE,
+    help="Wall time a step of an ADS may take, s (as in the file: 1).",
+)
 @flag("--resume", help="Go on with the run in --out: simulate what is not recorded there.")
-@click.option("--shard", metavar="I/N", help="Simulate the I-th of N parts only; `merge` puts them together.")
-@click.option("--only", multiple=True, metavar="CASE", help="Drive this case alone, e.g. cut_in-0042-idm; repeatable.")
+@click.option(
+    "--shard", metavar="I/N", help="Simulate the I-th of N parts only; `merge` puts them together."
+)
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="CASE",
+    help="Drive this case alone, e.g. cut_in-0042-idm; repeatable.",
+)
 @flag("--dry-run", help="Say how many drives it takes and how long, and simulate nothing.")
 @ALL
 @trusting
@@ -50,7 +87,9 @@ def run(
     everything: bool,
     **changes: Any,
 ) -> None:
-    """Simulate and score EVALUATION, a TOML file or a run; without one the paper's, with --resume the run's own."""
+    """Simulate and score EVALUATION, a TOML file or a run; without one the paper's, with --resume
+    the run's own.
+    """
     from sumo_eval.record.children import warm_up
 
     if evaluation is not None and not evaluation.is_dir():
@@ -75,7 +114,9 @@ def run(
         if out is None and dry_run
         else out or out_folder.default("paper" if evaluation is None else evaluation.stem)
     )
-    settings, source = resolve(evaluation, folder, resume, ads, **changes | {"only": changes["only"] or None})
+    settings, source = resolve(
+        evaluation, folder, resume, ads, **changes | {"only": changes["only"] or None}
+    )
     if out is not None and not dry_run:
         refuse_foreign(folder, resume)  # before anything that takes time
     if settings.run.engine == "dask" and not dry_run:
@@ -87,11 +128,21 @@ def run(
         sys.exit(DONE)
     with Progress() as progress, Stopping() as stopping:
         recorded = record_rounds(
-            settings, source, folder, resume=resume, shard=part, progress=progress, stopping=stopping
+            settings,
+            source,
+            folder,
+            resume=resume,
+            shard=part,
+            progress=progress,
+            stopping=stopping,
         )
     say(recorded.notes)
     if part != WHOLE:
-        failed = f", {recorded.not_evaluated} of the ADSs' not evaluated" if recorded.not_evaluated else ""
+        failed = (
+            f", {recorded.not_evaluated} of the ADSs' not evaluated"
+            if recorded.not_evaluated
+            else ""
+        )
         tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")
         sys.exit(NOT_EVALUATED if recorded.not_evaluated else DONE)
     result = scored(folder)
@@ -101,7 +152,13 @@ def run(
 
 @click.command(epilog="Example: sumo-eval score results/first --set method.score.a=60")
 @RUN
-@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="e.g. method.score.a=60; may be repeated.")
+@click.option(
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="e.g. method.score.a=60; may be repeated.",
+)
 @ALL
 @trusting
 def score(run: Path, changes: tuple[str, ...], everything: bool) -> None:
@@ -111,8 +168,14 @@ def score(run: Path, changes: tuple[str, ...], everything: bool) -> None:
     warm_up()  # before the imports below, which take a second
 
     result = scored(run, changes)
-    said = f"Scored with {', '.join(changes)} instead of the values in {result.folder / 'evaluation.toml'}."
-    stays = "report.html and scores.json show these scores; other commands use the settings of the file."
+    said = (
+        f"Scored with {', '.join(changes)} instead of the values in "
+        f"{result.folder / 'evaluation.toml'}."
+    )
+    stays = (
+        "report.html and scores.json show these scores; other commands use the settings of the "
+        "file."
+    )
     finish(result, [f"{said} {stays}"] if changes else [], everything=everything)
 
 
@@ -122,7 +185,9 @@ def score(run: Path, changes: tuple[str, ...], everything: bool) -> None:
 @ALL
 @trusting
 def merge(shards: tuple[Path, ...], out: Path, everything: bool) -> None:
-    """Put SHARDS, the folders of all parts that `run --shard` made, together into one run, and score it."""
+    """Put SHARDS, the folders of all parts that `run --shard` made, together into one run, and
+    score it.
+    """
     from sumo_eval.evaluation import let_go
     from sumo_eval.record.facts import merge as put_together
 
@@ -137,12 +202,16 @@ _MOST_LISTED = 20
 
 @click.command(epilog="Example: sumo-eval verify results/first --share 0.1")
 @RUN
-@click.option("--share", type=click.FloatRange(0.0, 1.0, min_open=True), default=0.1, show_default=True,
+@click.option("--share", type=click.FloatRange(0.0, 1.0, min_open=True), default=0.1,
+    show_default=True,
               help="Share of the drives that is simulated again.")  # fmt: skip
 @count_option("--workers", help="Processes that simulate (default: as in the run).")
 @trusting
 def verify(run: Path, share: float, workers: int | None) -> None:
-    """Simulate a share of RUN again, chosen by its seed. Exit status 1 when any drive differs in a single bit."""
+    """Simulate a share of RUN again, chosen by its seed.
+
+    Exit status 1 when any drive differs in a single bit.
+    """
     from sumo_eval.record.facts import verify as simulate_again
 
     with Progress() as progress:

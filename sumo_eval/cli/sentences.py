@@ -1,4 +1,6 @@
-"""Sentences of the commands on a terminal: each broken between words, and the commands' own in full."""
+"""Sentences of the commands on a terminal: each broken between words, and the commands' own in
+full.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +20,22 @@ WHOLE: Final = 200
 def say(lines: Iterable[str], *, err: bool = False, fg: str | None = None) -> None:
     """Print lines; on a terminal what is wider is broken between words, and goes on indented.
 
-    A file or a pipe gets every line as it is, so a search finds a whole sentence. fg: colour on a terminal.
+    A file or a pipe gets every line as it is, so a search finds a whole sentence.
+
+    fg: colour on a terminal.
     """
-    width = shutil.get_terminal_size().columns if (sys.stderr if err else sys.stdout).isatty() else None
+    width = (
+        shutil.get_terminal_size().columns if (sys.stderr if err else sys.stdout).isatty() else None
+    )
     for line in lines:
         parts = [line] if width is None else [broken(part, width) for part in line.split("\n")]
         show(["\n".join(click.style(part, fg=fg) if fg else part for part in parts)], err=err)
 
 
 def show(lines: Iterable[str], *, err: bool = False) -> None:
-    """Print styled lines as they are; without colours to a file, a pipe, or where NO_COLOR asks for none."""
+    """Print styled lines as they are; without colours to a file, a pipe, or where NO_COLOR asks for
+    none.
+    """
     colour = False if os.environ.get("NO_COLOR") else None
     for line in lines:
         click.echo(line, err=err, color=colour)
@@ -39,7 +47,9 @@ def tell(line: str, *, err: bool = False) -> None:
 
 
 def open_in_browser(address: str) -> None:
-    """Open an address in the browser that BROWSER or the desktop names, or report that there is none."""
+    """Open an address in the browser that BROWSER or the desktop names, or report that there is
+    none.
+    """
     import webbrowser
 
     if not webbrowser.open(address):
@@ -55,7 +65,8 @@ def broken(line: str, width: int) -> str:
         return line
     indent = " " * (len(line) - len(line.lstrip()) + 4)
     parts = textwrap.wrap(
-        line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False,
+        line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False,
+        replace_whitespace=False,
         drop_whitespace=True,
     )  # fmt: skip
     return "\n".join(parts)

@@ -1,4 +1,6 @@
-"""Spaces: the `scenarios` that ship, the `partition` of one, a `sample` of it, the `boundary` of an ADS in it."""
+"""Spaces: the `scenarios` that ship, the `partition` of one, a `sample` of it, the `boundary` of an
+ADS in it.
+"""
 
 from __future__ import annotations
 
@@ -19,15 +21,23 @@ def scenarios() -> None:
     for scenario in SCENARIOS.values():
         tell(f"{scenario.name}\n  {scenario.about}")
         for item in scenario.parameters:
-            tell(f"  {item.name:<16} {item.low:g}..{item.high:g}{item.behind}, step {item.step:g}: {item.about}")
+            tell(
+                f"  {item.name:<16} {item.low:g}..{item.high:g}{item.behind}, step {item.step:g}: "
+                f"{item.about}"
+            )
         for option in scenario.options:
-            tell(f"  ?{option.name}=...{'' if option.unit == '1' else f' {option.unit}'}: {option.about}")
+            tell(
+                f"  ?{option.name}=...{'' if option.unit == '1' else f' {option.unit}'}: "
+                f"{option.about}"
+            )
 
 
 @click.command(epilog="Example: sumo-eval partition front_vehicle_cut_out")
 @click.argument("scenario")
 def partition(scenario: str) -> None:
-    """Split the space of SCENARIO into safe and hazardous zones and say where the danger is greatest."""
+    """Split the space of SCENARIO into safe and hazardous zones and say where the danger is
+    greatest.
+    """
     from sumo_eval.method.zone_partition import partition as split
     from sumo_eval.scenario.catalogue import find
     from sumo_eval.scenario.sampling.samples import sample as draw
@@ -39,8 +49,14 @@ def partition(scenario: str) -> None:
     share = f"{result.hazardous_share:z.1%} of {result.sampled} grid points"
     tell(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
     for point in result.most_dangerous:
-        tell("  most dangerous point: " + ", ".join(f"{name}={value:g}" for name, value in point.items()))
-    tell(f"  on the wrong side of the exact boundary: {result.boundary_error:z.2%} of the possible points")
+        tell(
+            "  most dangerous point: "
+            + ", ".join(f"{name}={value:g}" for name, value in point.items())
+        )
+    tell(
+        f"  on the wrong side of the exact boundary: {result.boundary_error:z.2%} of the possible "
+        "points"
+    )
     for note in result.notes:
         tell(f"  {note}")
 
@@ -48,8 +64,12 @@ def partition(scenario: str) -> None:
 @click.command(epilog="Example: sumo-eval sample cut_in --method sobol --count 64 --out points")
 @click.argument("scenario")
 @path_option("--out",
-              help="Folder for points.csv and points.html (default: results/SCENARIO-points-TIME).")  # fmt: skip
-@click.option("--method", help="As in an evaluation file: grid, pairwise, combinations, latin_hypercube, sobol ...")
+              help="Folder for points.csv and points.html (default: "
+                   "results/SCENARIO-points-TIME).")  # fmt: skip
+@click.option(
+    "--method",
+    help="As in an evaluation file: grid, pairwise, combinations, latin_hypercube, sobol ...",
+)
 @count_option("--count", help="How many points to draw.")
 @count_option("--levels", help="Points on each axis of a grid.")
 @count_option("--strength", help="t of t-way combinations.")
@@ -73,17 +93,28 @@ def sample(
     from sumo_eval.report.points_page import write_points
     from sumo_eval.scenario.catalogue import find
     from sumo_eval.scenario.sampling.samples import METHODS
-    from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+    from sumo_eval.settings import (
+        AdsSettings,
+        EvaluationSettings,
+        SamplingSettings,
+        ScenarioSettings,
+    )
 
     if count is None and method is not None and method in METHODS and "count" in METHODS[method][1]:
-        raise click.UsageError(f"`--method {method}` needs `--count`, the number of points, e.g. --count 64.")
-    entry = ScenarioSettings(scenario, SamplingSettings(method, levels, count=count, strength=strength, file=file))
+        raise click.UsageError(
+            f"`--method {method}` needs `--count`, the number of points, e.g. --count 64."
+        )
+    entry = ScenarioSettings(
+        scenario, SamplingSettings(method, levels, count=count, strength=strength, file=file)
+    )
     settings = EvaluationSettings("sample", (entry,), (AdsSettings("none", "no_reaction"),), seed)
     logical = find(scenario, Path.cwd())
     chosen = choose_points(logical, entry, Path.cwd(), settings)
     how = method or ("grid" if levels else "file" if file else logical.default_sample)
     title = f"{logical.name}: {how}, {len(chosen.points)} points"
-    table, page = write_points(logical, chosen, out or out_folder.default(logical.name, "points"), title)
+    table, page = write_points(
+        logical, chosen, out or out_folder.default(logical.name, "points"), title
+    )
     total = len(chosen.points) + len(chosen.refused)
     share = len(chosen.refused) / total
     tell(f"{title}; constraints refuse {len(chosen.refused)} of {total} ({share:z.1%}).")

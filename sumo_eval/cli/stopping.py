@@ -1,6 +1,7 @@
 """Ctrl-C once: finish what runs, keep everything. Twice: stop at once, and still keep everything.
 
-SIGTERM: what runs has a few seconds to end, whatever it is doing; whoever sends it mostly sends SIGKILL next.
+SIGTERM: what runs has a few seconds to end, whatever it is doing; whoever sends it mostly sends
+    SIGKILL next.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Heard:
-    """A context for imports, at whose end a Ctrl-C that came meanwhile is raised: amid an import it could fall into a
-    callback of Python's own, which drops what is raised there.
+    """A context for imports, at whose end a Ctrl-C that came meanwhile is raised: amid an import it
+    could fall into a callback of Python's own, which drops what is raised there.
     """
 
     def __init__(self) -> None:
@@ -29,7 +30,12 @@ class Heard:
     def __enter__(self) -> None:
         self._before = signal.signal(signal.SIGINT, self._hear)
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         signal.signal(signal.SIGINT, self._before)
         if self._heard and error is None:
             raise KeyboardInterrupt
@@ -39,7 +45,9 @@ class Heard:
 
 
 class Stopping:
-    """A context that gives the function to ask whether to stop; the second signal raises KeyboardInterrupt."""
+    """A context that gives the function to ask whether to stop; the second signal raises
+    KeyboardInterrupt.
+    """
 
     def __init__(self) -> None:
         self._asked = False
@@ -51,7 +59,12 @@ class Stopping:
         self._before = {number: signal.signal(number, self._ask) for number in _SIGNALS}
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         self._at_last.cancel()
         for number, handler in self._before.items():
             signal.signal(number, handler)
@@ -66,6 +79,12 @@ class Stopping:
         self._asked = True
         if number == signal.SIGTERM:
             self._at_last.start()
-            tell(f"Stopping when the running cases have ended, in {GRACE:g} s at the latest.", err=True)
+            tell(
+                f"Stopping when the running cases have ended, in {GRACE:g} s at the latest.",
+                err=True,
+            )
         else:
-            tell("Stopping when the running cases have ended; Ctrl-C once more stops at once.", err=True)
+            tell(
+                "Stopping when the running cases have ended; Ctrl-C once more stops at once.",
+                err=True,
+            )

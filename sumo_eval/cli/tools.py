@@ -55,12 +55,19 @@ def _of_a_run(name: str) -> Callable[[], float]:
     show_default="as `run.case_timeout`",
     help="Wall time a case may take in the run that is to be, s.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Draws two of the cases.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="Draws two of the cases.",
+)
 def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> None:
-    """Check an ADS (edge cases of two scenarios, driven twice), an evaluation file, or a scenario (name or FILE.toml).
+    """Check an ADS (edge cases of two scenarios, driven twice), an evaluation file, or a scenario
+    (name or FILE.toml).
 
-    Exit status: 0 all is well, 1 the ADS breaks the contract or a run would lose cases of it to the clock, 2 it cannot
-    be loaded or the file is wrong.
+    Exit status: 0 all is well, 1 the ADS breaks the contract or a run would lose cases of it to the
+    clock, 2 it cannot be loaded or the file is wrong.
     """
     from sumo_eval.gone import is_use_case, refuse_use_case
     from sumo_eval.scenario.shipped_files import scenario_files
@@ -87,9 +94,13 @@ def _refuse_a_folder(named: str) -> None:
     folder = Path(named)
     if not folder.is_dir():
         return
-    files = sorted(path for ending in ("toml", "py") for path in folder.glob(f"*.{ending}") if path.is_file())
+    files = sorted(
+        path for ending in ("toml", "py") for path in folder.glob(f"*.{ending}") if path.is_file()
+    )
     if not files:
-        raise InputError(f"{shown(named)} is a folder without an evaluation, a scenario (.toml) or an ADS (.py).")
+        raise InputError(
+            f"{shown(named)} is a folder without an evaluation, a scenario (.toml) or an ADS (.py)."
+        )
     more = f" and {len(files) - _LISTED} more" if len(files) > _LISTED else ""
     listed = ", ".join(shown(str(path)) for path in files[:_LISTED])
     raise InputError(f"{shown(named)} is a folder; name a file that it holds: {listed}{more}.")
@@ -112,15 +123,21 @@ def refuse_a_bare_file(locator: str) -> None:
     except (SyntaxError, ValueError) as error:
         raise InputError(f"{shown(locator)} is no Python that can be read: {error}.") from None
     kinds = (ast.ClassDef, ast.FunctionDef)
-    names = [item.name for item in body if isinstance(item, kinds) and not item.name.startswith("_")]
+    names = [
+        item.name for item in body if isinstance(item, kinds) and not item.name.startswith("_")
+    ]
     if not names:
         raise InputError(f"{shown(locator)} holds no class and no function, so no ADS.")
     listed = ", ".join(f"`{name}`" for name in names)
-    raise InputError(f"{shown(locator)} is a file; name one of what it holds ({listed}): {locator}:{names[0]}")
+    raise InputError(
+        f"{shown(locator)} is a file; name one of what it holds ({listed}): {locator}:{names[0]}"
+    )
 
 
 def _has_scheme(locator: str) -> bool:
-    """Whether a locator names a program, a model or a file of another kind: `exec:python my_ads.py`."""
+    """Whether a locator names a program, a model or a file of another kind: `exec:python
+    my_ads.py`.
+    """
     if ":" not in locator:
         return False
     from sumo_eval.cosim.doors.controller import has_scheme
@@ -129,7 +146,9 @@ def _has_scheme(locator: str) -> bool:
 
 
 def _is_scenario(path: Path) -> bool:
-    """Whether a file describes a logical scenario; what cannot be read at all is left to the evaluation's reader."""
+    """Whether a file describes a logical scenario; what cannot be read at all is left to the
+    evaluation's reader.
+    """
     from sumo_eval.errors import InputError
     from sumo_eval.input_file import read_input
     from sumo_eval.settings.toml_file import read_toml
@@ -154,7 +173,8 @@ def _check_scenario(use: str) -> NoReturn:
     path = Path(file)
     scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
-    space = space_of(scenario, alone, path.parent.resolve(), looked_at=_ASKED)  # the file is asked everywhere
+    # the file is asked everywhere
+    space = space_of(scenario, alone, path.parent.resolve(), looked_at=_ASKED)
     logical = space.logical
     refuse_impossible_zones(logical, alone.method.zones)
     say(check_file(path, given))
@@ -177,7 +197,8 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
         for case in edge_cases(catalogue.load(name), seed)
     ]
     if WORLD not in compiled():
-        check_apart(locator, (), Path.cwd())  # what cannot be loaded is refused before anything is compiled
+        # what cannot be loaded is refused before anything is compiled
+        check_apart(locator, (), Path.cwd())
         with Progress() as progress:
             ready({WORLD}, progress)  # else the first drive would wait for it, and be told as slow
     findings, printed = check_apart(locator, cases, Path.cwd(), step_timeout, case_timeout)
@@ -194,7 +215,9 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
 
 
 def _check_evaluation(path: Path) -> None:
-    """Ask of each part of the file what a run asks before it simulates; name every mistake, not only the first."""
+    """Ask of each part of the file what a run asks before it simulates; name every mistake, not
+    only the first.
+    """
     from sumo_eval.drivers.recorded.matching import known_match
     from sumo_eval.drivers.recorded.reference import open_people, reference
     from sumo_eval.errors import InputError
@@ -222,8 +245,16 @@ def _check_evaluation(path: Path) -> None:
             tell(f"ok    {described}: {said}")
 
     if settings.run.qualification:
-        found("qualification", lambda: f"{read_qualification(settings.run.qualification, source)['checks']} checks")
-    bare = replace(settings, ads=(), drivers=DriverSettings(), simulation=replace(settings.simulation, plant=None))
+        found(
+            "qualification",
+            lambda: f"{read_qualification(settings.run.qualification, source)['checks']} checks",
+        )
+    bare = replace(
+        settings,
+        ads=(),
+        drivers=DriverSettings(),
+        simulation=replace(settings.simulation, plant=None),
+    )
     spaces = []
 
     def points(entry: ScenarioSettings, offset: int) -> str:
@@ -253,7 +284,10 @@ def _check_evaluation(path: Path) -> None:
     plant = settings.simulation.plant
     words = "the single-track model" if plant is None else plant.file
     found("vehicle model", partial(planned, words, replace(bare, simulation=settings.simulation)))
-    found("drivers", partial(planned, settings.drivers.source, replace(bare, drivers=settings.drivers)))
+    found(
+        "drivers",
+        partial(planned, settings.drivers.source, replace(bare, drivers=settings.drivers)),
+    )
     if settings.drivers.source == "recorded" and not wrong:
         people = open_people(settings.drivers, source)
         for space in spaces:
@@ -261,8 +295,16 @@ def _check_evaluation(path: Path) -> None:
             if people.events is not None and known_match(name, recorded) is not None:
                 found(f"recorded people of {name}", partial(_events, people.events, name, recorded))
             safe = (space.concrete(number) for number in space.safe)
-            if not (wrong or any(reference(point, people, settings.drivers, recorded).drives for point in safe)):
-                tell(f"WARN  recorded people of {name}: none match any of its {len(space.safe)} safe points")
+            if not (
+                wrong
+                or any(
+                    reference(point, people, settings.drivers, recorded).drives for point in safe
+                )
+            ):
+                tell(
+                    f"WARN  recorded people of {name}: none match any of its {len(space.safe)} "
+                    "safe points"
+                )
     found("severity", severity)
     if settings.method.ranking.weights:
         found("ranking", ranking)
@@ -270,7 +312,9 @@ def _check_evaluation(path: Path) -> None:
 
 
 def _events(events: Events, scenario: str, recorded: Counterpart | None) -> str:
-    """Say how many recorded events a scenario is like, before a run finds out that there are none."""
+    """Say how many recorded events a scenario is like, before a run finds out that there are
+    none.
+    """
     from sumo_eval.drivers.recorded.matching import matching_events
 
     return f"{len(matching_events(events, scenario, recorded))} events like it"
@@ -279,7 +323,9 @@ def _events(events: Events, scenario: str, recorded: Counterpart | None) -> str:
 @click.command(epilog="Example: sumo-eval schema evaluation > evaluation.schema.json")
 @click.argument("what", type=click.Choice(["scenario", "evaluation"]))
 def schema(what: str) -> None:
-    """Print the JSON schema of a scenario file or of an evaluation file, for editors that check TOML."""
+    """Print the JSON schema of a scenario file or of an evaluation file, for editors that check
+    TOML.
+    """
     from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
 
     tell(json.dumps(scenario_schema() if what == "scenario" else evaluation_schema(), indent=2))

@@ -1,7 +1,8 @@
-"""Co-simulation: libsumo steps every vehicle, the ADS moves the ego, contact and limits are the harness's own.
+"""Co-simulation: libsumo steps every vehicle, the ADS moves the ego, contact and limits are the
+harness's own.
 
-The names that users' code imports from here are looked up at first use: what only reads a recording, or writes one for
-another simulator, does not wait for SUMO to load.
+The names that users' code imports from here are looked up at first use: what only reads a
+recording, or writes one for another simulator, does not wait for SUMO to load.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""From an ADS's command to the one that reaches the vehicle: late commands and the way that a command takes."""
+"""From an ADS's command to the one that reaches the vehicle: late commands and the way that a
+command takes.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ from sumo_eval.settings import ConditionSettings
 Clip = Callable[[str, float, float], None]
 """Puts on record: what, the value asked for, the value that held."""
 
-_NEUTRAL = Command(0.0)  # before the first command has arrived: the speed is kept, the wheel is straight
+# before the first command has arrived: the speed is kept, the wheel is straight
+_NEUTRAL = Command(0.0)
 
 
 class Actuation:
@@ -25,9 +28,12 @@ class Actuation:
         self._under_way: deque[tuple[float, Command]] = deque([(float("-inf"), _NEUTRAL)])
 
     def pass_on(self, command: Command | None, time: float, took: float) -> Command | None:
-        """The command that reaches the vehicle at `time` s. took: wall time of the ADS's step, s.
+        """The command that reaches the vehicle at `time` s.
 
-        A step that was late leaves the last command in force. What an ADS tells SUMO itself cannot be held back.
+        took: wall time of the ADS's step, s.
+
+        A step that was late leaves the last command in force. What an ADS tells SUMO itself cannot
+        be held back.
         """
         if self._budget is not None and took > self._budget:
             self._clip("late_command", took, self._budget)

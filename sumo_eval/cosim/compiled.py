@@ -1,7 +1,9 @@
-"""ADSs and people whose rule is a kernel: the door between their objects and the loop that drives them.
+"""ADSs and people whose rule is a kernel: the door between their objects and the loop that drives
+them.
 
-An object of such a class holds what was given to it and nothing of a case: what it remembers of a case stands in arrays
-that the loop keeps, a row each. The same object can be driven through TraCI, a step at a time; that is one row too.
+An object of such a class holds what was given to it and nothing of a case: what it remembers of a
+case stands in arrays that the loop keeps, a row each. The same object can be driven through TraCI,
+a step at a time; that is one row too.
 """
 
 from __future__ import annotations
@@ -32,13 +34,20 @@ def _show_rows(movers: Records, bodies: Records, line: Records, rear: float) -> 
 def each_row(rule: Callable[..., None]) -> Callable[..., None]:
     """Loop of a rule: calls it for every live row.
 
-    rule: kernel of the ego, the `MOVER` records of the others, the row's own record, one of each other vehicle, room
-    for where those are foreseen, the two `SCENARIO` records, and the time, s.
+    rule: kernel of the ego, the `MOVER` records of the others, the row's own record, one of each
+        other vehicle, room for where those are foreseen, the two `SCENARIO` records, and the time,
+        s.
     """
 
     @compiled_rows
     def loop(
-        egos: Records, seen: Records, own: Records, known: Records, later: Records, scenario: Records, time: float
+        egos: Records,
+        seen: Records,
+        own: Records,
+        known: Records,
+        later: Records,
+        scenario: Records,
+        time: float,
     ) -> None:
         for i in range(len(egos)):
             if egos[i].live:
@@ -49,7 +58,10 @@ def each_row(rule: Callable[..., None]) -> Callable[..., None]:
 
 @kernel
 def decides(own: Any, scenario: Any) -> bool:
-    """Whether a cycle, the step of the last scenario, begins now. Call once a step. own: holds `steps` so far."""
+    """Whether a cycle, the step of the last scenario, begins now. Call once a step.
+
+    own: holds `steps` so far.
+    """
     own.steps += 1
     return bool((own.steps - 1) % round(scenario[-1].step / scenario[0].step) == 0)
 
@@ -57,14 +69,21 @@ def decides(own: Any, scenario: Any) -> bool:
 def _numbers(thing: Any, layout: Layout) -> tuple[Any, ...]:
     """Attributes of an object as a record."""
     values = ((getattr(thing, name), kind) for name, kind in layout)
-    return tuple(_numbers(value, kind) if isinstance(kind, list) else value for value, kind in values)
+    return tuple(
+        _numbers(value, kind) if isinstance(kind, list) else value for value, kind in values
+    )
 
 
 def unknown(count: int, others: int, layout: Layout) -> Records:
-    """Memories of vehicles that no rule has seen yet, (count, others): nan in every field that is a number."""
+    """Memories of vehicles that no rule has seen yet, (count, others): nan in every field that is a
+    number.
+    """
 
     def row(layout: Layout) -> tuple[Any, ...]:
-        return tuple(row(kind) if isinstance(kind, list) else math.nan if kind == "f8" else 0 for _, kind in layout)
+        return tuple(
+            row(kind) if isinstance(kind, list) else math.nan if kind == "f8" else 0
+            for _, kind in layout
+        )
 
     return np.full((count, others), np.array(row(layout), layout))
 
@@ -79,9 +98,10 @@ def check_numbers(ads: str, **numbers: float) -> None:
 class Compiled:
     """Base of what ships.
 
-    loop: the rows of its rule, called with the egos, what is seen of the others, the arrays, the scenario and the time;
-    writes the egos' commands, and whether they have settled.
-    memory, known: layouts of what the rule remembers of a case, 0 at first, and of each other vehicle, nan at first.
+    loop: the rows of its rule, called with the egos, what is seen of the others, the arrays, the
+        scenario and the time; writes the egos' commands, and whether they have settled.
+    memory, known: layouts of what the rule remembers of a case, 0 at first, and of each other
+        vehicle, nan at first.
     numbers: layout of `p` in the memory, which holds the attributes of the object.
     """
 
@@ -92,9 +112,11 @@ class Compiled:
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """What the loop wants between what is seen and the scenario, a row for each of these objects.
+        """What the loop wants between what is seen and the scenario, a row for each of these
+        objects.
 
-        scenario: the `SCENARIO` records. others: how many other vehicles there are.
+        scenario: the `SCENARIO` records.
+        others: how many other vehicles there are.
         """
         known = unknown(len(together), others, cls.known)
         return cls.own_records(together), known, np.zeros(known.shape, MOVER)
@@ -102,7 +124,9 @@ class Compiled:
     @classmethod
     def own_records(cls, together: Sequence[Any]) -> Records:
         """Memory and parameters of each object, (n,)."""
-        own = np.zeros(len(together), [*cls.memory, ("p", cls.numbers)] if cls.numbers else cls.memory)
+        own = np.zeros(
+            len(together), [*cls.memory, ("p", cls.numbers)] if cls.numbers else cls.memory
+        )
         if cls.numbers:
             own["p"] = np.array([_numbers(each, cls.numbers) for each in together], cls.numbers)
         return own
@@ -111,7 +135,11 @@ class Compiled:
     def rides(cls, target: Any) -> bool:
         """Whether an object is driven by its loop: a subclass with a `step` of its own is not."""
         own = type(target)
-        return isinstance(target, Compiled) and own.step is Compiled.step and own.reset is Compiled.reset
+        return (
+            isinstance(target, Compiled)
+            and own.step is Compiled.step
+            and own.reset is Compiled.reset
+        )
 
     def reset(self, scenario: Any, traci: Any, ego: str) -> None:
         """Begin a case that is driven through TraCI."""
@@ -128,16 +156,22 @@ class Compiled:
             self._own = type(self).arrays([self], self._scenario, len(self._names))
             self._egos, self._seen = np.zeros(1, EGO), np.zeros((1, len(self._names)), MOVER)
             self._egos["live"] = 1
-            self._sizes = [(traci.vehicle.getLength(n), traci.vehicle.getWidth(n)) for n in (ego, *self._names)]
+            self._sizes = [
+                (traci.vehicle.getLength(n), traci.vehicle.getWidth(n)) for n in (ego, *self._names)
+            ]
         sized = zip((ego, *self._names), self._sizes, strict=True)
-        bodies = np.array([(*_pose(calls, name, size[0]), *size, 0.0) for name, size in sized], BODY)
+        bodies = np.array(
+            [(*_pose(calls, name, size[0]), *size, 0.0) for name, size in sized], BODY
+        )
         movers = np.zeros(len(bodies), MOVER)
         rear = 0.5 * float(self._scenario["vehicle"]["wheelbase"][0])
         _show_rows(movers, self._in_frame(bodies), knots_of(self._line), rear)
         if time == 0.0:
             self._egos["way"]["start"], self._egos["way"]["length"] = movers["y"][0], 1.0
             if self._way is not None:
-                write_way(self._egos[0], self._way, float(movers["y"][0]), float(movers["speed"][0]))
+                write_way(
+                    self._egos[0], self._way, float(movers["y"][0]), float(movers["speed"][0])
+                )
         self._egos["seen"][0] = movers[0]
         self._seen[0] = movers[1:]
         type(self).loop(self._egos, self._seen, *self._own, self._scenario, time)
@@ -146,13 +180,17 @@ class Compiled:
         return Command(float(command["acceleration"]), float(command["steering"]))
 
     def _in_frame(self, bodies: Any) -> Any:
-        """Bodies with their places and headings along and across the road, of which SUMO shows those on the map."""
+        """Bodies with their places and headings along and across the road, of which SUMO shows
+        those on the map.
+        """
         if not self._line:
             return bodies
         if self._along is None:
             self._along = frame_places(self._line, bodies["x"], bodies["y"])[0].tolist()
         for i, (body, near) in enumerate(zip(bodies, self._along, strict=True)):
-            x, y, heading = frame_places(self._line, body["x"], body["y"], body["heading"], near=near)
+            x, y, heading = frame_places(
+                self._line, body["x"], body["y"], body["heading"], near=near
+            )
             body["x"], body["y"], body["heading"], self._along[i] = x, y, heading, float(x)
         return bodies
 
@@ -162,7 +200,14 @@ class Compiled:
 
 
 def _pose(calls: Any, name: str, length: float) -> tuple[float, float, float, float]:
-    """Centre, heading and speed of a vehicle of which SUMO shows the front bumper and an angle clockwise from north."""
+    """Centre, heading and speed of a vehicle of which SUMO shows the front bumper and an angle
+    clockwise from north.
+    """
     x, y = calls.getPosition(name)
     heading = np.radians(90.0 - calls.getAngle(name))
-    return x - 0.5 * length * np.cos(heading), y - 0.5 * length * np.sin(heading), heading, calls.getSpeed(name)
+    return (
+        x - 0.5 * length * np.cos(heading),
+        y - 0.5 * length * np.sin(heading),
+        heading,
+        calls.getSpeed(name),
+    )

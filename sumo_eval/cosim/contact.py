@@ -1,8 +1,10 @@
-"""Contact between vehicle bodies: oriented boxes, the first instant of touching within a step, where and how fast.
+"""Contact between vehicle bodies: oriented boxes, the first instant of touching within a step,
+where and how fast.
 
-SUMO's own collision check sees lanes, not bodies, so the harness decides. Between two samples every pose moves
-linearly; conservative advancement finds the first touch without skipping a graze: bodies that are apart along one axis
-do not touch, so advancing by gap / (fastest closing of any two body points along that axis) jumps over no contact.
+SUMO's own collision check sees lanes, not bodies, so the harness decides. Between two samples every
+pose moves linearly; conservative advancement finds the first touch without skipping a graze: bodies
+that are apart along one axis do not touch, so advancing by gap / (fastest closing of any two body
+points along that axis) jumps over no contact.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ TURN = 2.0 * math.pi  # rad
 
 
 class Body(NamedTuple):
-    """A vehicle body's pose and motion at an instant: centre (x, y) m, heading rad, speed m/s along the heading.
+    """A vehicle body's pose and motion at an instant: centre (x, y) m, heading rad, speed m/s along
+    the heading.
 
     across: m/s, to the left of the heading, of a body that slides.
     """
@@ -42,7 +45,10 @@ class Body(NamedTuple):
         c, s = math.cos(self.heading), math.sin(self.heading)
         half_length, half_width = 0.5 * self.length, 0.5 * self.width
         return tuple(
-            (self.x + i * half_length * c - j * half_width * s, self.y + i * half_length * s + j * half_width * c)
+            (
+                self.x + i * half_length * c - j * half_width * s,
+                self.y + i * half_length * s + j * half_width * c,
+            )
             for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))
         )
 
@@ -61,7 +67,8 @@ def radius(body: Body) -> float:
 
 @kernel
 def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
-    """(gap m, axis x, axis y): the axis of either box along which they are furthest apart, pointing from a to b.
+    """(gap m, axis x, axis y): the axis of either box along which they are furthest apart, pointing
+    from a to b.
 
     The gap is never above the distance; negative: penetration.
     """
@@ -107,7 +114,11 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
     """Share of the step at which the bodies first touch; -1 when they do not."""
     shift_x = (b_after.x - b_before.x) - (a_after.x - a_before.x)
     shift_y = (b_after.y - b_before.y) - (a_after.y - a_before.y)
-    reach = 0.5 * (a_after.length + a_after.width + b_after.length + b_after.width) + abs(shift_x) + abs(shift_y)
+    reach = (
+        0.5 * (a_after.length + a_after.width + b_after.length + b_after.width)
+        + abs(shift_x)
+        + abs(shift_y)
+    )
     if abs(b_before.x - a_before.x) > reach or abs(b_before.y - a_before.y) > reach:
         return -1.0
     turning = abs(within_a_turn(a_after.heading - a_before.heading)) * radius(a_after)
@@ -115,7 +126,8 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
     share = 0.0
     gap, x, y = widest_gap(a_before, b_before)
     while gap > TOUCH:
-        closing = turning - (shift_x * x + shift_y * y)  # m per step along the axis, never less than the true value
+        # m per step along the axis, never less than the true value
+        closing = turning - (shift_x * x + shift_y * y)
         if gap > closing * (1.0 - share):
             return -1.0
         share += gap / closing
@@ -132,7 +144,9 @@ def keeps_apart(ego: Body, other: Body) -> bool:
     length = 0.5 * ego.length + 0.5 * other.length
     if abs(other.y - ego.y) >= 0.5 * ego.width + 0.5 * other.width:
         return True
-    return (ahead >= length and other.speed >= ego.speed) or (-ahead >= length and other.speed <= ego.speed)
+    return (ahead >= length and other.speed >= ego.speed) or (
+        -ahead >= length and other.speed <= ego.speed
+    )
 
 
 def describe(time: float, name: str, ego: Body, other: Body) -> Collision:
@@ -164,12 +178,26 @@ def bumper_overlap(ego: Body, other: Body) -> float:
 
 
 def struck_side(ego: Body, other: Body) -> Side:
-    """Which face of the ego is touched; at a corner, the face towards which the other moves faster."""
+    """Which face of the ego is touched; at a corner, the face towards which the other moves
+    faster.
+    """
     reach = 1e-3  # m; far above the touching tolerance, far below a body's size
-    points = [_in_frame_of(ego, corner) for corner in other.corners() if _inside(ego, corner, reach)]
-    points += [_in_frame_of(ego, corner) for corner in ego.corners() if _inside(other, corner, reach)]
-    ahead = sum(point[0] for point in points) / len(points) if points else _in_frame_of(ego, (other.x, other.y))[0]
-    left = sum(point[1] for point in points) / len(points) if points else _in_frame_of(ego, (other.x, other.y))[1]
+    points = [
+        _in_frame_of(ego, corner) for corner in other.corners() if _inside(ego, corner, reach)
+    ]
+    points += [
+        _in_frame_of(ego, corner) for corner in ego.corners() if _inside(other, corner, reach)
+    ]
+    ahead = (
+        sum(point[0] for point in points) / len(points)
+        if points
+        else _in_frame_of(ego, (other.x, other.y))[0]
+    )
+    left = (
+        sum(point[1] for point in points) / len(points)
+        if points
+        else _in_frame_of(ego, (other.x, other.y))[1]
+    )
     depths: dict[Side, float] = {
         "front": 0.5 * ego.length - ahead,
         "rear": 0.5 * ego.length + ahead,
@@ -183,7 +211,12 @@ def struck_side(ego: Body, other: Body) -> Side:
     closing = (other.velocity[0] - ego.velocity[0], other.velocity[1] - ego.velocity[1])
     c, s = math.cos(ego.heading), math.sin(ego.heading)
     forward, leftward = closing[0] * c + closing[1] * s, closing[1] * c - closing[0] * s
-    inward: dict[Side, float] = {"front": -forward, "rear": forward, "left": -leftward, "right": leftward}
+    inward: dict[Side, float] = {
+        "front": -forward,
+        "rear": forward,
+        "left": -leftward,
+        "right": leftward,
+    }
     return max(candidates, key=lambda side: inward[side])
 
 

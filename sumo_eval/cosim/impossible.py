@@ -1,4 +1,6 @@
-"""What SUMO may show of a vehicle that no vehicle can be: lost on no lane, jumped, faster than anything drives."""
+"""What SUMO may show of a vehicle that no vehicle can be: lost on no lane, jumped, faster than
+anything drives.
+"""
 
 from __future__ import annotations
 
@@ -26,11 +28,13 @@ def front(body: Body) -> tuple[float, float]:
 
 
 def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
-    """Whether the ego is, or within a step gets, where SUMO has no lane for it: its centre beside the road, or its
-    front bumper's centre half a width beside it or beyond its ends.
+    """Whether the ego is, or within a step gets, where SUMO has no lane for it: its centre beside
+    the road, or its front bumper's centre half a width beside it or beyond its ends.
     """
     ahead = ego.speed * step
-    coming = ego._replace(x=ego.x + ahead * math.cos(ego.heading), y=ego.y + ahead * math.sin(ego.heading))
+    coming = ego._replace(
+        x=ego.x + ahead * math.cos(ego.heading), y=ego.y + ahead * math.sin(ego.heading)
+    )
     reach = 0.5 * ego.width - BESIDE
     for body in (ego, coming):
         x, y = front(body)
@@ -41,8 +45,13 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     return False
 
 
-def impossible(calls: Any, name: str, last: tuple[float, float], now: float, step: float) -> SimulationError:
-    """What SUMO shows of a vehicle is the state of none: which of its quantities. last: its front bumper before, m."""
+def impossible(
+    calls: Any, name: str, last: tuple[float, float], now: float, step: float
+) -> SimulationError:
+    """What SUMO shows of a vehicle is the state of none: which of its quantities.
+
+    last: its front bumper before, m.
+    """
     x, y = calls.getPosition(name)
     angle, speed = calls.getAngle(name), calls.getSpeed(name)
     if not max(abs(x - last[0]), abs(y - last[1])) < FASTEST * step:
@@ -51,4 +60,6 @@ def impossible(calls: Any, name: str, last: tuple[float, float], now: float, ste
         what = f"the speed {speed:g} m/s"
     else:
         what = f"the angle {angle:g} deg"
-    return SimulationError(f"SUMO gave vehicle `{name}` {what} at {now:.2f} s, which no vehicle can have.")
+    return SimulationError(
+        f"SUMO gave vehicle `{name}` {what} at {now:.2f} s, which no vehicle can have."
+    )

@@ -1,4 +1,6 @@
-"""How long a driver takes over its steps, beside a fixed piece of work that is timed between them."""
+"""How long a driver takes over its steps, beside a fixed piece of work that is timed between
+them.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ def fixed_work() -> float:
 
 
 class Latencies:
-    """Wall times of the steps of cases that are driven together, s: of each case, or shared by all."""
+    """Wall times of the steps of cases that are driven together, s: of each case, or shared by
+    all.
+    """
 
     def __init__(self, cases: int) -> None:
         self.own = [array("d") for _ in range(cases)]
@@ -45,6 +49,13 @@ class Latencies:
         return self._of(self.shared)
 
     def _of(self, took: array[float]) -> Latency:
-        steps, work = (np.sort(np.frombuffer(times)) if times else np.zeros(1) for times in (took, self._reference))
+        steps, work = (
+            np.sort(np.frombuffer(times)) if times else np.zeros(1)
+            for times in (took, self._reference)
+        )
         late = steps[min(int(LATE * len(steps)), len(steps) - 1)]
-        return Latency(*map(float, (steps.mean(), steps[-1], steps[len(steps) // 2], late, work[len(work) // 2])))
+        return Latency(
+            *map(
+                float, (steps.mean(), steps[-1], steps[len(steps) // 2], late, work[len(work) // 2])
+            )
+        )

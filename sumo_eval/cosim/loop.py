@@ -1,8 +1,9 @@
 """The loop: the only one in which anything drives, one case or hundreds beside each other.
 
-A step: the driver commands, the vehicle model moves the egos and the scripts move the others, SUMO steps everything,
-the world takes in what SUMO shows. Who drives is one of four: `Rows` (rules that are kernels), `OneEach` (a policy in
-plain Python for each row), `Batch` (one policy over arrays), `OnTraci` (whoever needs the simulation to itself).
+A step: the driver commands, the vehicle model moves the egos and the scripts move the others, SUMO
+steps everything, the world takes in what SUMO shows. Who drives is one of four: `Rows` (rules that
+are kernels), `OneEach` (a policy in plain Python for each row), `Batch` (one policy over arrays),
+`OnTraci` (whoever needs the simulation to itself).
 """
 
 from __future__ import annotations
@@ -21,9 +22,21 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.doors.controller import Briefing, PolicyController, as_command, knows_the_scripts
+from sumo_eval.cosim.doors.controller import (
+    Briefing,
+    PolicyController,
+    as_command,
+    knows_the_scripts,
+)
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses, kinds_of, task_of
+from sumo_eval.cosim.doors.observation import (
+    Look,
+    Observation,
+    Observations,
+    Senses,
+    kinds_of,
+    task_of,
+)
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
 from sumo_eval.cosim.latency import EVERY
@@ -49,7 +62,8 @@ KEPT = 0.75  # share of the rows that must still be live, or the others are give
 _body = Body._make
 _look = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 SEEN_AS_IT_IS: dict[str, Any] = {
-    "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0, "sensor_range": None,
+    "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0,
+    "sensor_range": None,
     "field_of_view_deg": None, "occlusion": False,
 }  # fmt: skip
 
@@ -57,8 +71,10 @@ SEEN_AS_IT_IS: dict[str, Any] = {
 class Terms(NamedTuple):
     """Terms on which an ADS drives.
 
-    step_timeout: longest wall time of a step, s. plant: the vehicle model instead of ours. folder: where relative paths
-    start. every: the ADS is called every n-th step.
+    step_timeout: longest wall time of a step, s.
+    plant: the vehicle model instead of ours.
+    folder: where relative paths start.
+    every: the ADS is called every n-th step.
     """
 
     step_timeout: float = math.inf
@@ -94,37 +110,56 @@ class Driver:
             self._closed(world, row, "The vehicle model", self._plant.close, "sim_error")
 
     def _closed(
-        self, world: World, row: int, who: str, close: Callable[[], None], fault: EndReason, target: Any = None
+        self,
+        world: World,
+        row: int,
+        who: str,
+        close: Callable[[], None],
+        fault: EndReason,
+        target: Any = None,
     ) -> None:
-        """Close one of the things a case holds; what goes wrong there keeps none of the others from being closed."""
+        """Close one of the things a case holds; what goes wrong there keeps none of the others from
+        being closed.
+        """
         try:
             close()
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
             world.keep_fault(int(world.rows[row]), error, target, self._folder)
-            contact = REASONS[int(world.egos["reason"][row])] == "contact"  # nobody undoes a collision afterwards
-            world.fail(row, "contact" if contact else fault, f"{who} raised in close: {said(error)}.")
+            # nobody undoes a collision afterwards
+            contact = REASONS[int(world.egos["reason"][row])] == "contact"
+            world.fail(
+                row, "contact" if contact else fault, f"{who} raised in close: {said(error)}."
+            )
 
-    def _close_guarded(self, world: World, row: int, close: Callable[[], None], target: Any) -> None:
+    def _close_guarded(
+        self, world: World, row: int, close: Callable[[], None], target: Any
+    ) -> None:
         """Close an ADS that may have used TraCI, and remove its listeners."""
         self._closed(world, row, "The ADS", close, "ads_error", target)
         self._closed(world, row, "The ADS", GUARD.end, "ads_error")
         world.touched(GUARD.touched, GUARD.ignored)
 
     def _check_clock(self, world: World, time: float) -> None:
-        """The harness alone steps, starts and closes the simulation; who swallows the refusal of a call has made it."""
+        """The harness alone steps, starts and closes the simulation; who swallows the refusal of a
+        call has made it.
+        """
         if GUARD.refusal is not None:
             deed, why = GUARD.refusal
             raise ControllerError(f"{deed} at {time:.2f} s; {why}.")
         try:
             now = self._clock()
         except (self._traci.TraCIException, self._traci.FatalTraCIError) as error:
-            raise ControllerError(f"The ADS closed the simulation at {time:.2f} s; that is the harness's.") from error
-        ahead = now - time - world.settings.step  # SUMO has made one step more, the one that inserted the vehicles
+            raise ControllerError(
+                f"The ADS closed the simulation at {time:.2f} s; that is the harness's."
+            ) from error
+        # SUMO has made one step more, the one that inserted the vehicles
+        ahead = now - time - world.settings.step
         if abs(ahead) > _CLOCK_TOLERANCE:
             raise ControllerError(
-                f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the harness's."
+                f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the "
+                "harness's."
             )
 
 
@@ -134,7 +169,9 @@ def sees_all(conditions: ConditionSettings) -> bool:
 
 
 def note_unlimited(world: World) -> None:
-    """Put on record that an ADS sees the world as it is where the conditions ask for something else."""
+    """Put on record that an ADS sees the world as it is where the conditions ask for something
+    else.
+    """
     if not sees_all(world.settings.conditions):
         for case in range(len(world.cases)):
             world.note(case, "perception_not_limited", 1.0, 0.0)
@@ -167,7 +204,8 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
                 if not asked:
                     raise
                 raise ControllerError(  # who asks SUMO has just taken a vehicle away
-                    f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: {said(error)}."
+                    f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: "
+                    f"{said(error)}."
                 ) from error
             stage.step()
             driver.after(world, now)
@@ -190,7 +228,9 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
     except (stage.traci.TraCIException, stage.traci.FatalTraCIError) as error:
         if len(world.cases) > 1:
             raise
-        break_off(world, SimulationError(f"SUMO stopped at {world.time:.2f} s: {said(error)}."), moved)
+        break_off(
+            world, SimulationError(f"SUMO stopped at {world.time:.2f} s: {said(error)}."), moved
+        )
     finally:
         for row in np.flatnonzero(world.egos["live"]).tolist():
             _release(world, driver, row)
@@ -207,7 +247,10 @@ def _release(world: World, driver: Driver, row: int) -> None:
 
 
 def break_off(world: World, error: ControllerError | SimulationError, moved: int = 0) -> None:
-    """A single case cannot go on. moved: within a step, of which nothing counts."""
+    """A single case cannot go on.
+
+    moved: within a step, of which nothing counts.
+    """
     world.fail(0, _fault(error), words_of(error, SENTENCE))
     world.room_for_samples()
     stop_rows(world.egos, world.others, world.samples, 0, moved)
@@ -219,9 +262,12 @@ def _end_rows(world: World, driver: Driver, stage: Stage) -> None:
         case = int(world.rows[row])
         if REASONS[int(world.egos["reason"][row])] == "ads_error" and case not in world.errors:
             wanted, steering = world.egos["command"][row].tolist()
-            name, value = ("steering", steering) if np.isfinite(wanted) else ("acceleration", wanted)
+            name, value = (
+                ("steering", steering) if np.isfinite(wanted) else ("acceleration", wanted)
+            )
             time = float(world.egos["time"][row])
-            world.fail(row, "ads_error", f"`{name}` of the ADS's Command must be a finite number, got {value!r} "
+            world.fail(row, "ads_error", f"`{name}` of the ADS's Command must be a finite number, "
+                                         f"got {value!r} "
                        f"at {time:.2f} s.")  # fmt: skip
         _release(world, driver, row)
         stage.remove(world, row)
@@ -255,23 +301,35 @@ def told(concrete: ConcreteScenario, settings: SimulationSettings, terms: Terms)
 
 
 class _Delayed:
-    """The way that commands take under the conditions, and the plant in place of the vehicle model; all rows'."""
+    """The way that commands take under the conditions, and the plant in place of the vehicle model;
+    all rows'.
+    """
 
     def __init__(self, world: World, plant: FmuPlant | None) -> None:
         conditions = world.settings.conditions
         self._direct = conditions.actuation_delay == 0.0 and conditions.step_budget is None
         self._plant = plant
         self._of = [
-            Actuation(conditions, lambda what, asked, got, case=case: world.note(case, what, asked, got))  # type: ignore[misc]
+            Actuation(
+                conditions,
+                lambda what, asked, got, case=case: world.note(  # type: ignore[misc]
+                    case, what, asked, got
+                ),
+            )
             for case in range(0 if self._direct else len(world.cases))
         ]
 
     def pass_on(self, world: World, time: float, took: Callable[[int], float]) -> None:
-        """Put the commands that reach the vehicles in place of those that were given. took: of a case, s."""
+        """Put the commands that reach the vehicles in place of those that were given.
+
+        took: of a case, s.
+        """
         if not self._direct:
             for row in np.flatnonzero(world.egos["live"]).tolist():
                 case = int(world.rows[row])
-                arrived = self._of[case].pass_on(Command(*world.egos["command"][row].tolist()), time, took(case))
+                arrived = self._of[case].pass_on(
+                    Command(*world.egos["command"][row].tolist()), time, took(case)
+                )
                 assert arrived is not None
                 world.egos["command"][row] = (arrived.acceleration, arrived.steering)
         if self._plant is not None:
@@ -288,7 +346,8 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     moved = math.hypot(state.x - before.x, state.y - before.y)
     if not (moved < FASTEST * world.settings.step and BACKWARDS < state.speed < FASTEST):
         raise SimulationError(
-            f"The vehicle model moved `{EGO}` {moved:g} m in the step after {world.time:.2f} s, to the speed "
+            f"The vehicle model moved `{EGO}` {moved:g} m in the step after {world.time:.2f} s, "
+            "to the speed "
             f"{state.speed:g} m/s; no vehicle is faster than {FASTEST:g} m/s."
         )
     for what, requested, applied in clips:
@@ -298,7 +357,9 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
 
 
 def arrays(ads: Sequence[Compiled], world: World) -> tuple[Records, ...]:
-    """What the loop of these objects, all of one class, wants beside what is seen: a row for each case of the world."""
+    """What the loop of these objects, all of one class, wants beside what is seen: a row for each
+    case of the world.
+    """
     own: Any = type(ads[0])
     if knows_the_scripts(ads[0]):
         return own.foreseeing(ads, world.cases, world.settings)  # type: ignore[no-any-return]
@@ -355,7 +416,8 @@ class Policies(Driver):
         stage.take_charge(world)
         conditions = world.settings.conditions
         GUARD.begin(
-            (actor.name for actor in world.cases[0].actors) if self._alone else (), world.settings.step,
+            (actor.name for actor in world.cases[0].actors) if self._alone else (),
+            world.settings.step,
             conditions.interference, heeding(world.cases[0]),
         )  # fmt: skip
         self._usual = sees_all(conditions)
@@ -378,10 +440,16 @@ class Policies(Driver):
         n, m = world.seen.shape
         self._ego_values = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, :8]
         first = [name for name, _ in _numbers(world.egos.dtype)].index("command.acceleration")
-        self._commands = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, first : first + 2]
-        self._other_values = world.others.view(np.float64).reshape(n, m, world.others.itemsize // 8)[:, :, :8]
+        self._commands = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[
+            :, first : first + 2
+        ]
+        self._other_values = world.others.view(np.float64).reshape(
+            n, m, world.others.itemsize // 8
+        )[:, :, :8]
 
-    def _fail(self, world: World, rows: Sequence[int], error: BaseException, when: str, target: Any) -> None:
+    def _fail(
+        self, world: World, rows: Sequence[int], error: BaseException, when: str, target: Any
+    ) -> None:
         """Fail the rows of a call; one that asks SUMO has its case to itself, later."""
         if isinstance(error, RefusedCallError | self._traci.TraCIException) and not self._alone:
             for row in rows:
@@ -399,16 +467,23 @@ class Policies(Driver):
             if not (self.checks and isinstance(error, RefusedCallError)):
                 world.fail(row, fault, sentence)
 
-    def _observation(self, world: World, case: int, time: float, me: list[float], others: list[Any]) -> Observation:
+    def _observation(
+        self, world: World, case: int, time: float, me: list[float], others: list[Any]
+    ) -> Observation:
         acceleration = me.pop()
         if self._usual:
             look = _look(Look, (me, list(enumerate(others, 1))))
-            return Observation(time, self._road, me, acceleration, look, self._tasks[case], self._kinds[case])
+            return Observation(
+                time, self._road, me, acceleration, look, self._tasks[case], self._kinds[case]
+            )
         body = _body(me)
         senses = self._senses[case]
         names = [actor.name for actor in world.cases[case].actors]
         senses.take_in(
-            time, body, acceleration, {name: _body(other[:7]) for name, other in zip(names, others, strict=True)}
+            time,
+            body,
+            acceleration,
+            {name: _body(other[:7]) for name, other in zip(names, others, strict=True)},
         )
         return senses.observe()
 
@@ -418,7 +493,11 @@ def _numbers(dtype: np.dtype[Any], within: str = "") -> list[tuple[str, int]]:
     found = []
     for name in dtype.names or ():
         inner = dtype[name]
-        found += _numbers(inner, f"{within}{name}.") if inner.names else [(f"{within}{name}", inner.itemsize)]
+        found += (
+            _numbers(inner, f"{within}{name}.")
+            if inner.names
+            else [(f"{within}{name}", inner.itemsize)]
+        )
     return found
 
 
@@ -430,7 +509,9 @@ class OneEach(Policies):
 
     checks = True
 
-    def __init__(self, policies: Sequence[PolicyController], seeds: Sequence[int], terms: Terms) -> None:
+    def __init__(
+        self, policies: Sequence[PolicyController], seeds: Sequence[int], terms: Terms
+    ) -> None:
         super().__init__(seeds, terms)
         self._policies, self._terms = policies, terms
 
@@ -442,7 +523,8 @@ class OneEach(Policies):
                 continue
             try:
                 policy.reset(told(world.cases[case], world.settings, self._terms), TRACI, EGO)
-            except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
+            # the user's; an ADS's own is put in words by the watch over it
+            except KeyboardInterrupt:
                 raise
             except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
                 self._fail(world, [case], error, "in reset", policy.target)
@@ -491,7 +573,9 @@ class OneEach(Policies):
                     answer = command.acceleration, command.steering
                 took = now() - asked
                 if took > self._step_timeout:
-                    raise ControllerTimeoutError(f"The ADS must answer within {self._step_timeout:g} s, took longer")
+                    raise ControllerTimeoutError(
+                        f"The ADS must answer within {self._step_timeout:g} s, took longer"
+                    )
             except KeyboardInterrupt:
                 raise
             except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
@@ -520,7 +604,10 @@ class OneEach(Policies):
 
 
 def with_time(error: ControllerError, when: str) -> ControllerError:
-    """What an adapter, or the watch over a step, has put in words, with the time. The class may be the user's own."""
+    """What an adapter, or the watch over a step, has put in words, with the time.
+
+    The class may be the user's own.
+    """
     kind = ControllerTimeoutError if isinstance(error, ControllerTimeoutError) else ControllerError
     return kind(f"{words_of(error, _LONGEST_WORDS)} {when}.")
 
@@ -534,8 +621,8 @@ def _fault(error: ControllerError | SimulationError) -> EndReason:
 class Batch(Policies):
     """One policy for all rows, which takes arrays of observations and gives arrays of commands.
 
-    Its numbers may depend on how many rows there are and which (those of a network do, in the last bit): what is driven
-    together is part of what it is given.
+    Its numbers may depend on how many rows there are and which (those of a network do, in the last
+    bit): what is driven together is part of what it is given.
     """
 
     def __init__(self, policy: PolicyController, seeds: Sequence[int], terms: Terms) -> None:
@@ -557,13 +644,16 @@ class Batch(Policies):
         except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
             self._fail_all(world, error, "in reset")
         self._settled: Callable[[], Any] | None = (
-            getattr(self._policy.target, "settled", None) if world.settings.end_when_decided else None
+            getattr(self._policy.target, "settled", None)
+            if world.settings.end_when_decided
+            else None
         )
 
     def step(self, world: World, time: float) -> None:
         """One call for all."""
         live = np.flatnonzero(world.egos["live"])
-        seen = Observations(time, world.cases[0].road, world.rows[live], world.egos[live], world.seen[live],
+        seen = Observations(time, world.cases[0].road, world.rows[live], world.egos[live],
+            world.seen[live],
                             world.others[live], world.cases)  # fmt: skip
         asked = clock.perf_counter()
         try:
@@ -591,10 +681,13 @@ class Batch(Policies):
         except ControllerTimeoutError:  # of the watch over it
             overdue = True
         if overdue:
-            raise ControllerTimeoutError(f"The ADS must answer within {self._step_timeout:g} s a case, took longer")
+            raise ControllerTimeoutError(
+                f"The ADS must answer within {self._step_timeout:g} s a case, took longer"
+            )
         if answer.shape not in ((rows,), (rows, 1), (rows, 2)):
             raise ControllerError(
-                f"The actions of the ADS must have the shape ({rows},) or ({rows}, 2), got {answer.shape}"
+                f"The actions of the ADS must have the shape ({rows},) or ({rows}, 2), got "
+                f"{answer.shape}"
             )
         return answer
 
@@ -603,12 +696,15 @@ class Batch(Policies):
         settled = np.asarray(said_so, dtype=bool)
         if settled.shape != (rows,):
             raise ControllerError(
-                f"What `settled()` of the ADS gives must have the shape ({rows},), got {settled.shape}"
+                f"What `settled()` of the ADS gives must have the shape ({rows},), got "
+                f"{settled.shape}"
             )
         return settled
 
     def _fail_all(self, world: World, error: BaseException, when: str) -> None:
-        self._fail(world, np.flatnonzero(world.egos["live"]).tolist(), error, when, self._policy.target)
+        self._fail(
+            world, np.flatnonzero(world.egos["live"]).tolist(), error, when, self._policy.target
+        )
 
     def release(self, world: World, row: int) -> None:
         """Close it when the last row has ended."""

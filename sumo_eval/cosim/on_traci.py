@@ -1,7 +1,9 @@
-"""Whoever needs the simulation to itself: TraCI code, step listeners, programs, FMUs, SUMO's own models. One case.
+"""Whoever needs the simulation to itself: TraCI code, step listeners, programs, FMUs, SUMO's own
+models. One case.
 
-Such an ADS may command SUMO itself, a step, several or always; then SUMO moves the ego, and the harness watches that it
-moves as a vehicle can. What is called through TraCI is guarded (`traci_module`).
+Such an ADS may command SUMO itself, a step, several or always; then SUMO moves the ego, and the
+harness watches that it moves as a vehicle can. What is called through TraCI is guarded
+(`traci_module`).
 """
 
 from __future__ import annotations
@@ -19,7 +21,15 @@ from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObservingController
 from sumo_eval.cosim.doors.observation import Senses, kinds_of, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
-from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
+from sumo_eval.cosim.impossible import (
+    BACKWARDS,
+    FASTEST,
+    LOST,
+    LeftTheRoadError,
+    front,
+    impossible,
+    leaves_the_lanes,
+)
 from sumo_eval.cosim.loop import Driver, Terms, advance_plant, note_unlimited, told, with_time
 from sumo_eval.cosim.plans import HOLD, Wheel, wanted
 from sumo_eval.cosim.records import MODEL, SUMO
@@ -34,7 +44,8 @@ _LIMIT_TOLERANCE = 1e-6  # m/s2
 _JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
 _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
 _PLACE_TOLERANCE = 1e-3  # m
-_CHORD_SHARE = 0.03  # of the motion on a bend, by which SUMO's polylines and its stretching of lanes change it
+# of the motion on a bend, by which SUMO's polylines and its stretching of lanes change it
+_CHORD_SHARE = 0.03
 
 
 class OnTraci(Driver):
@@ -50,7 +61,7 @@ class OnTraci(Driver):
         self._senses: Senses | None = None
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
 
-    # -- the ADS -------------------------------------------------------------------------------------------------------
+    # -- the ADS -----------------------------------------------------------------------------------
 
     def begin(self, world: World, stage: Stage) -> None:
         """Take charge of the vehicles, and reset the ADS."""
@@ -60,21 +71,33 @@ class OnTraci(Driver):
         self._native = isinstance(self.ads, NativeModel)
         self._step, self._limits = settings.step, settings.vehicle
         self._half = 0.5 * settings.vehicle.length
-        self._lowest, self._highest = -settings.vehicle.max_deceleration, settings.vehicle.max_acceleration
+        self._lowest, self._highest = (
+            -settings.vehicle.max_deceleration,
+            settings.vehicle.max_acceleration,
+        )
         self._sideways = _SIDEWAYS_SPEED * settings.step
-        self._lane_speed = concrete.ego.speed  # m/s, the ego's as SUMO counts it, without the sideways part
+        # m/s, the ego's as SUMO counts it, without the sideways part
+        self._lane_speed = concrete.ego.speed
         # One number at a time: of a memory view that takes a tenth as long as of an array.
-        self._state: Any = world.egos.view(np.float64).reshape(-1).data  # first a body's numbers, and the acceleration
+        # first a body's numbers, and the acceleration
+        self._state: Any = world.egos.view(np.float64).reshape(-1).data
         places = {name: place[1] // 8 for name, place in (world.egos.dtype.fields or {}).items()}
-        self._front_x, self._front_y, self._commanded = (places[name] for name in ("front_x", "front_y", "command"))
+        self._front_x, self._front_y, self._commanded = (
+            places[name] for name in ("front_x", "front_y", "command")
+        )
         self._placed = world.egos["placed"].data
         self._stale = world.egos["stale"].data
         self._settles = world.egos["settled"].data
         self._road, self._bent = concrete.road, concrete.road.bent
-        self._others = world.others.view(np.float64).reshape(len(concrete.actors), world.others.itemsize // 8)
+        self._others = world.others.view(np.float64).reshape(
+            len(concrete.actors), world.others.itemsize // 8
+        )
         self._wheel = Wheel(settings, partial(world.note, 0), concrete.road.line)
         self._actuation = Actuation(settings.conditions, lambda *clip: world.note(0, *clip))
-        others, interference = [actor.name for actor in concrete.actors], settings.conditions.interference
+        others, interference = (
+            [actor.name for actor in concrete.actors],
+            settings.conditions.interference,
+        )
         GUARD.begin(others, settings.step, interference, heeding(concrete))
         stage.take_charge(world)
         self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
@@ -87,11 +110,15 @@ class OnTraci(Driver):
             )
         else:
             note_unlimited(world)  # TraCI shows everything
-        self._called("in reset", 0.0, self.ads.reset, told(concrete, settings, self._terms), TRACI, EGO)
+        self._called(
+            "in reset", 0.0, self.ads.reset, told(concrete, settings, self._terms), TRACI, EGO
+        )
         self._check_clock(world, 0.0)
 
     def _called(self, when: str, time: float, call: Callable[..., Any], *arguments: Any) -> Any:
-        """What the user's code answers; None after a refused call, which the check of the clock reports."""
+        """What the user's code answers; None after a refused call, which the check of the clock
+        reports.
+        """
         try:
             return call(*arguments)
         except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
@@ -100,13 +127,16 @@ class OnTraci(Driver):
             self._world.keep_fault(0, error, self._target, self._folder)
             if isinstance(error, RefusedCallError):
                 return None
-            if isinstance(error, ControllerError):  # an adapter, or the watch over the step, has put it in words
+            # an adapter, or the watch over the step, has put it in words
+            if isinstance(error, ControllerError):
                 raise with_time(error, when) from error
             self._check_clock(self._world, time)
             raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
 
     def step(self, world: World, time: float) -> None:
-        """One step of the ADS: an exception, an unusable answer or a slow one is its fault, and ends the case so."""
+        """One step of the ADS: an exception, an unusable answer or a slow one is its fault, and
+        ends the case so.
+        """
         try:
             command = self._ask(world, time)
             if command is None:
@@ -178,7 +208,7 @@ class OnTraci(Driver):
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error
 
-    # -- motion --------------------------------------------------------------------------------------------------------
+    # -- motion ------------------------------------------------------------------------------------
 
     def _leave_to_sumo(self) -> None:
         world = self._world
@@ -198,18 +228,24 @@ class OnTraci(Driver):
         ego, state = world.egos, self._state
         if self._placed[0] == SUMO:
             self._calls.setSpeedMode(EGO, EXACT_SPEED_MODE)
-            if world.steps == 0:  # it has had its hands on the wheel, and the wheel straight, from the start
+            # it has had its hands on the wheel, and the wheel straight, from the start
+            if world.steps == 0:
                 world.samples[0, 0, 0, 6] = 0.0
             ego["steering"][0] = 0.0
             self._placed[0] = MODEL
         self._stale[0] = 1  # SUMO hears of the ego at every step
         if self._plant is None:
-            state[self._commanded], state[self._commanded + 1] = command.acceleration, command.steering
+            state[self._commanded], state[self._commanded + 1] = (
+                command.acceleration,
+                command.steering,
+            )
         else:
             advance_plant(self._plant, world, command)
 
     def after(self, world: World, now: float) -> None:
-        """Read the ego that SUMO moved; where the vehicle model moves it, SUMO must show the same."""
+        """Read the ego that SUMO moved; where the vehicle model moves it, SUMO must show the
+        same.
+        """
         if self._placed[0] == SUMO:
             self._read_driven_ego(now)
         else:
@@ -219,21 +255,28 @@ class OnTraci(Driver):
         state = self._state
         self._lane_speed, front_x, front_y = state[3], state[self._front_x], state[self._front_y]
         x, y = self._calls.getPosition(EGO)
-        if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):  # which no nan is
+        # which no nan is
+        if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):
             raise SimulationError(
-                f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of ({front_x:.3f}, {front_y:.3f}) m "
+                f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of "
+                f"({front_x:.3f}, {front_y:.3f}) m "
                 f"at {now:.2f} s."
             )
 
     def _read_driven_ego(self, now: float) -> None:
-        """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across the lane apart."""
+        """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across
+        the lane apart.
+        """
         calls, state = self._calls, self._state
         front_x, front_y = calls.getPosition(EGO)
         angle, speed = calls.getAngle(EGO), calls.getSpeed(EGO)
         last_s, last_speed = state[0], state[3]
         last_x, last_y, last_heading = self._world.egos["map"][0].tolist()
         if not (
-            -LOST < front_x < LOST and -LOST < front_y < LOST and BACKWARDS < speed < FASTEST and 0.0 <= angle <= 360.0
+            -LOST < front_x < LOST
+            and -LOST < front_y < LOST
+            and BACKWARDS < speed < FASTEST
+            and 0.0 <= angle <= 360.0
         ):
             sizes = self._limits.length, self._limits.width
             if front_x <= -LOST and leaves_the_lanes(
@@ -246,7 +289,10 @@ class OnTraci(Driver):
             x, y, heading = front_x - self._half, front_y, 0.0
         else:
             heading = math.remainder(math.radians(90.0 - angle), math.tau)
-            x, y = front_x - self._half * math.cos(heading), front_y - self._half * math.sin(heading)
+            x, y = (
+                front_x - self._half * math.cos(heading),
+                front_y - self._half * math.sin(heading),
+            )
         if last_heading == 0.0:
             moved_x, moved_y = front_x - last_x - self._half, front_y - last_y
         else:
@@ -254,7 +300,8 @@ class OnTraci(Driver):
             moved_y = front_y - last_y - self._half * math.sin(last_heading)
         stretch = 1.0
         self._world.egos["map"][0] = (x, y, heading)
-        if self._bent:  # SUMO counts along the line, and on the map a vehicle beside it drives less or more
+        # SUMO counts along the line, and on the map a vehicle beside it drives less or more
+        if self._bent:
             line = self._road.line
             place = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
             self._bend = float(curvatures(line, place[0]))
@@ -265,12 +312,16 @@ class OnTraci(Driver):
         self._lane_speed = speed
         if self._handed_over:
             self._handed_over = False
-            if abs(math.remainder(heading - last_heading, math.tau)) > 1e-3 + abs(last_speed * self._step * self._bend):
+            if abs(math.remainder(heading - last_heading, math.tau)) > 1e-3 + abs(
+                last_speed * self._step * self._bend
+            ):
                 self._world.note(0, "heading", last_heading, heading)
         turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
         across = calls.getLateralSpeed(EGO) if turned_or_moved else 0.0
         if not -FASTEST < across < FASTEST:
-            raise SimulationError(f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s.")
+            raise SimulationError(
+                f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s."
+            )
         if self._bent:
             x, y, heading = place
             speed *= stretch
@@ -279,11 +330,18 @@ class OnTraci(Driver):
         state[0], state[1], state[2], state[3], state[7] = x, y, heading, speed, acceleration
 
     def _check_native_motion(self, ahead: float, across: float, speed: float, now: float) -> None:
-        """TraCI calls can move the ego in ways no vehicle can. ahead, across: of the front bumper in the step, m.
+        """TraCI calls can move the ego in ways no vehicle can.
+
+        ahead, across: of the front bumper in the step, m.
 
         speed: along the lane, m/s.
         """
-        step, lane_speed, lowest, highest = self._step, self._lane_speed, self._lowest, self._highest
+        step, lane_speed, lowest, highest = (
+            self._step,
+            self._lane_speed,
+            self._lowest,
+            self._highest,
+        )
         gained = (speed - lane_speed) / step
         if not lowest - _LIMIT_TOLERANCE <= gained <= highest + _LIMIT_TOLERANCE:
             self._unphysical(
@@ -303,7 +361,8 @@ class OnTraci(Driver):
             self._unphysical(
                 "jump", moved, min(max(moved, least), most),
                 f"The ADS moved its vehicle {moved:.2f} m in a step that its speed makes "
-                f"{max(least, 0.0):.2f}..{most:.2f} m long, at {now:.2f} s (moveToXY needs a setSpeed to go with it).",
+                f"{max(least, 0.0):.2f}..{most:.2f} m long, at {now:.2f} s (moveToXY needs a "
+                "setSpeed to go with it).",
             )  # fmt: skip
 
     def _unphysical(self, what: str, requested: float, possible: float, sentence: str) -> None:
@@ -312,11 +371,12 @@ class OnTraci(Driver):
             raise ControllerError(sentence)
         if what == "jump" and not requested < FASTEST * self._step:
             raise SimulationError(
-                f"SUMO moved vehicle `{EGO}` {requested:g} m in the step after {self._world.time:.2f} s."
+                f"SUMO moved vehicle `{EGO}` {requested:g} m in the step after "
+                f"{self._world.time:.2f} s."
             )
         self._world.note(0, what, requested, possible)
 
-    # -- the end -------------------------------------------------------------------------------------------------------
+    # -- the end -----------------------------------------------------------------------------------
 
     def release(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""

@@ -1,8 +1,8 @@
 """A concrete scenario as OpenSCENARIO XML 1.2, and its road as OpenDRIVE, for other simulators.
 
-Vehicles with scripted manoeuvres follow a trajectory with times, so that they do there exactly what they did here;
-those whose moves depend on what happens follow the one that was recorded. The reference point of every vehicle is put
-into the middle of its body, where this package has it.
+Vehicles with scripted manoeuvres follow a trajectory with times, so that they do there exactly what
+they did here; those whose moves depend on what happens follow the one that was recorded. The
+reference point of every vehicle is put into the middle of its body, where this package has it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,13 @@ from sumo_eval.trajectory import Trajectory
 VERTEX_INTERVAL = 0.1  # s between the vertices of a trajectory
 HEIGHT = 1.5  # m of every body: nothing here knows it, and the format asks
 _ON_FOOT = ("pedestrian", "child")
-_CATEGORIES = {"car": "car", "van": "van", "truck": "truck", "motorcycle": "motorbike", "bicycle": "bicycle"}
+_CATEGORIES = {
+    "car": "car",
+    "van": "van",
+    "truck": "truck",
+    "motorcycle": "motorbike",
+    "bicycle": "bicycle",
+}
 
 
 def _written(_: object, value: float) -> str:
@@ -38,38 +44,55 @@ E: Any = ElementMaker(typemap={float: _written, int: _written, np.float64: _writ
 
 
 def opendrive_xml(road: Road) -> str:
-    """The road as OpenDRIVE 1.6; lane -1 is the leftmost one. The reference line is the left edge; of a road that bends
-    it is the right lane's centre, from which the lanes are offset: an offset of a spiral is none.
+    """The road as OpenDRIVE 1.6; lane -1 is the leftmost one.
+
+    The reference line is the left edge; of a road that bends it is the right lane's centre, from
+    which the lanes are offset: an offset of a spiral is none.
     """
     length = road.length + road.run_out
     left, aside = road.span(road.lanes - 1), 0.0 if road.bent else road.left_edge
-    places = [0.0, *sorted({it for span in road.spans for it in span.places if 0.0 < it < length}), length]
+    places = [
+        0.0,
+        *sorted({it for span in road.spans for it in span.places if 0.0 < it < length}),
+        length,
+    ]
     sections = list(itertools.pairwise(places))
     lanes = E.lanes()
     if road.bent and left is EVERYWHERE:
         lanes.append(E.laneOffset(s=0, a=road.left_edge, b=0, c=0, d=0))
     for begin, end in sections if left is not EVERYWHERE else ():
-        first, last = (road.left_edge - aside - road.lane_width * gone for gone in _gone(left, begin, end))
+        first, last = (
+            road.left_edge - aside - road.lane_width * gone for gone in _gone(left, begin, end)
+        )
         lanes.append(E.laneOffset(s=begin, a=first, b=(last - first) / (end - begin), c=0, d=0))
     for begin, end in sections:
         right = E.right()
         for place in reversed(range(road.lanes)):
-            first, last = (road.lane_width * (1.0 - gone) for gone in _gone(road.span(place), begin, end))
+            first, last = (
+                road.lane_width * (1.0 - gone) for gone in _gone(road.span(place), begin, end)
+            )
             if not first == last == 0.0:
                 width = E.width(sOffset=0, a=first, b=(last - first) / (end - begin), c=0, d=0)
                 right.append(E.lane(width, id=-1 - len(right), type="driving", level="false"))
-        lanes.append(E.laneSection(E.center(E.lane(id=0, type="none", level="false")), right, s=begin))
+        lanes.append(
+            E.laneSection(E.center(E.lane(id=0, type="none", level="false")), right, s=begin)
+        )
     return _document(E.OpenDRIVE(
         E.header(revMajor=1, revMinor=6, name=road.name),
-        E.road(E.planView(*_plan(road, length, aside)), lanes, name=road.name, length=length, id=0, junction=-1),
+        E.road(E.planView(*_plan(road, length, aside)), lanes, name=road.name, length=length, id=0,
+            junction=-1),
         *(_crossing(road, crossing, number) for number, crossing in enumerate(road.crossings, 1)),
     ))  # fmt: skip
 
 
 def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
-    """The shares of a lane that are not there at the ends of a section, throughout which its edge is straight."""
+    """The shares of a lane that are not there at the ends of a section, throughout which its edge
+    is straight.
+    """
     inside = 1e-6 * (end - begin)  # an end may be where the lane's edge turns
-    return tuple(float(missing_at(span, place).round(5)) for place in (begin + inside, end - inside))  # type: ignore[return-value]
+    return tuple(
+        float(missing_at(span, place).round(5)) for place in (begin + inside, end - inside)
+    )  # type: ignore[return-value]
 
 
 def _crossing(road: Road, crossing: Crossing, number: int) -> Any:
@@ -79,15 +102,26 @@ def _crossing(road: Road, crossing: Crossing, number: int) -> Any:
     section = E.laneSection(s=0)
     for side, lane in (("left", 1), ("center", 0), ("right", -1)):
         width = [E.width(sOffset=0, a=0.5 * crossing.width, b=0, c=0, d=0)] if lane else []
-        section.append(E(side, E.lane(*width, id=lane, type="driving" if lane else "none", level="false")))
-    return E.road(E.planView(line), E.lanes(section), name="crossing", length=length, id=number, junction=-1)
+        section.append(
+            E(side, E.lane(*width, id=lane, type="driving" if lane else "none", level="false"))
+        )
+    return E.road(
+        E.planView(line), E.lanes(section), name="crossing", length=length, id=number, junction=-1
+    )
 
 
 def _geometry(road: Road, s: float, aside: float, turned: float, length: float, shape: Any) -> Any:
-    """A piece of a reference line that begins `aside` m beside the road's line at s, turned from it, rad."""
+    """A piece of a reference line that begins `aside` m beside the road's line at s, turned from
+    it, rad.
+    """
     x, y, heading = map_places(road.line, s, aside)
     return E.geometry(
-        shape, s=0 if turned else s, x=float(x), y=float(y), hdg=f"{heading + turned:.12g}", length=length
+        shape,
+        s=0 if turned else s,
+        x=float(x),
+        y=float(y),
+        hdg=f"{heading + turned:.12g}",
+        length=length,
     )
 
 
@@ -109,27 +143,40 @@ def openscenario_xml(
     remark: str,
     driven: Mapping[str, Trajectory] | None = None,
 ) -> str:
-    """The scenario. driven: how everybody was recorded, by name: the ego drives that way again, until it ends, as do
-    those whose moves depend on what happens. None: the ego keeps its speed, as which controller drives it is the other
-    simulator's to say.
+    """The scenario.
 
-    road_file: the OpenDRIVE file, relative. remark: where it comes from, for the header.
+    driven: how everybody was recorded, by name: the ego drives that way again, until it ends, as do
+        those whose moves depend on what happens. None: the ego keeps its speed, as which controller
+        drives it is the other simulator's to say.
+
+    road_file: the OpenDRIVE file, relative.
+    remark: where it comes from, for the header.
     """
     settings = concrete.simulation(settings)
     vehicle, road, actors = settings.vehicle, concrete.road, concrete.actors
     known = {name: path for name, path in (driven or {}).items() if len(path) > 1}
     ego = known.get(EGO)
     recorded = [actor.name for actor in actors if actor.lively and actor.name in known]
-    moved = tracks([concrete], [(vehicle.length, vehicle.width)], VERTEX_INTERVAL, settings.time_limit, in_python=True)
+    moved = tracks(
+        [concrete],
+        [(vehicle.length, vehicle.width)],
+        VERTEX_INTERVAL,
+        settings.time_limit,
+        in_python=True,
+    )
     groups = [
         _follow(actor.name, _on_the_road(rows, road), road)
         for actor, rows in zip(actors, moved.others[0].tolist(), strict=True)
         if actor.acts and not actor.lively and actor.name not in recorded
     ]
     for name in [*([] if ego is None else [EGO]), *recorded]:
-        columns = (getattr(known[name], column).tolist() for column in ("time", "x", "y", "heading"))
+        columns = (
+            getattr(known[name], column).tolist() for column in ("time", "x", "y", "heading")
+        )
         groups.append(_follow(name, zip(*columns, strict=True), road))
-    nobody = E.ManeuverGroup(E.Actors(selectTriggeringEntities="false"), maximumExecutionCount=1, name="nobody")
+    nobody = E.ManeuverGroup(
+        E.Actors(selectTriggeringEntities="false"), maximumExecutionCount=1, name="nobody"
+    )
     act = E.Act(*(groups or [nobody]), E.StartTrigger(_after(0.0, "begin")), name="others")
     end = settings.time_limit if ego is None else float(ego.time[-1])
     starts = [(EGO, concrete.ego), *((actor.name, actor.start) for actor in actors)]
@@ -138,9 +185,11 @@ def openscenario_xml(
             revMajor=1, revMinor=2, date="2022-01-01T00:00:00", author="sumo_eval",
             description=f"{concrete.scenario}: {concrete.label}. {remark}",
         ),
-        E.ParameterDeclarations(), E.CatalogLocations(), E.RoadNetwork(E.LogicFile(filepath=road_file)),
+        E.ParameterDeclarations(), E.CatalogLocations(),
+        E.RoadNetwork(E.LogicFile(filepath=road_file)),
         E.Entities(
-            _entity(EGO, "car", vehicle.length, vehicle.width, vehicle.max_acceleration, vehicle.max_deceleration),
+            _entity(EGO, "car", vehicle.length, vehicle.width, vehicle.max_acceleration,
+                vehicle.max_deceleration),
             *(_entity(it.name, it.body, it.length, it.width, 10.0, 10.0) for it in actors),
         ),
         E.Storyboard(
@@ -166,21 +215,43 @@ def _begin(name: str, start: Start, road: Road) -> Any:
 def _entity(name: str, body: str, length: float, width: float, accel: float, decel: float) -> Any:
     """A body around the reference point in its middle."""
     center = E.Center(x=0, y=0, z=HEIGHT / 2)
-    box = E.ParameterDeclarations(), E.BoundingBox(center, E.Dimensions(width=width, length=length, height=HEIGHT))
+    box = (
+        E.ParameterDeclarations(),
+        E.BoundingBox(center, E.Dimensions(width=width, length=length, height=HEIGHT)),
+    )
     if body in _ON_FOOT:
         it = E.Pedestrian(*box, E.Properties(), name=name, mass=75, pedestrianCategory="pedestrian")
     else:
         axles = (
-            E(axle, maxSteering="0.5", wheelDiameter="0.6", trackWidth=0.85 * width, positionX=at, positionZ="0.3")
+            E(
+                axle,
+                maxSteering="0.5",
+                wheelDiameter="0.6",
+                trackWidth=0.85 * width,
+                positionX=at,
+                positionZ="0.3",
+            )
             for axle, at in (("FrontAxle", 0.3 * length), ("RearAxle", -0.3 * length))
         )
         power = E.Performance(maxSpeed=70, maxAcceleration=accel, maxDeceleration=decel)
-        it = E.Vehicle(*box, power, E.Axles(*axles), E.Properties(), name=name, vehicleCategory=_CATEGORIES[body])
+        it = E.Vehicle(
+            *box,
+            power,
+            E.Axles(*axles),
+            E.Properties(),
+            name=name,
+            vehicleCategory=_CATEGORIES[body],
+        )
     return E.ScenarioObject(it, name=name)
 
 
-def _on_the_road(rows: list[list[float]], road: Road) -> Iterator[tuple[float, float, float, float]]:
-    """Time, x, y and heading of a vehicle at every vertex, until it leaves the road. rows: as in `Tracks`."""
+def _on_the_road(
+    rows: list[list[float]], road: Road
+) -> Iterator[tuple[float, float, float, float]]:
+    """Time, x, y and heading of a vehicle at every vertex, until it leaves the road.
+
+    rows: as in `Tracks`.
+    """
     for number, (x, y, heading, *_) in enumerate(rows):
         if x > road.length + road.run_out:
             return
@@ -188,7 +259,10 @@ def _on_the_road(rows: list[list[float]], road: Road) -> Iterator[tuple[float, f
 
 
 def _follow(name: str, vertices: Iterable[tuple[float, float, float, float]], road: Road) -> Any:
-    """A vehicle on one timed trajectory. vertices: time, x, y, heading."""
+    """A vehicle on one timed trajectory.
+
+    vertices: time, x, y, heading.
+    """
     line = E.Polyline(*(E.Vertex(_position(road, *pose), time=time) for time, *pose in vertices))
     follow = E.FollowTrajectoryAction(
         E.TrajectoryRef(E.Trajectory(E.Shape(line), name=name, closed="false")),
@@ -201,7 +275,8 @@ def _follow(name: str, vertices: Iterable[tuple[float, float, float, float]], ro
         name=name, priority="overwrite",
     )  # fmt: skip
     return E.ManeuverGroup(
-        E.Actors(E.EntityRef(entityRef=name), selectTriggeringEntities="false"), E.Maneuver(event, name=name),
+        E.Actors(E.EntityRef(entityRef=name), selectTriggeringEntities="false"),
+        E.Maneuver(event, name=name),
         maximumExecutionCount=1, name=name,
     )  # fmt: skip
 
@@ -217,4 +292,6 @@ def _position(road: Road, x: float, y: float, heading: float) -> Any:
 
 
 def _document(root: Any) -> str:
-    return etree.tostring(root.getroottree(), pretty_print=True, xml_declaration=True, encoding="UTF-8").decode()
+    return etree.tostring(
+        root.getroottree(), pretty_print=True, xml_declaration=True, encoding="UTF-8"
+    ).decode()

@@ -1,9 +1,10 @@
 """Cases beside each other of which each can end and begin anew by itself, for learning.
 
-The ego is moved by the vehicle model, the others by their scripts and by SUMO, contact and ends are found by the
-functions that every evaluation uses (`cosim.step_rules`). libsumo holds one simulation in a process, so one pack is
-in it at a time. A pack without SUMO has the others where their scripts have them, which is where SUMO has to show them
-in an evaluation: a drive is the same to rounding, and there may be as many such packs in a process as one likes.
+The ego is moved by the vehicle model, the others by their scripts and by SUMO, contact and ends are
+found by the functions that every evaluation uses (`cosim.step_rules`). libsumo holds one simulation
+in a process, so one pack is in it at a time. A pack without SUMO has the others where their scripts
+have them, which is where SUMO has to show them in an evaluation: a drive is the same to rounding,
+and there may be as many such packs in a process as one likes.
 """
 
 from __future__ import annotations
@@ -29,10 +30,13 @@ from sumo_eval.settings import ConditionSettings, SimulationSettings
 class Pack:
     """Rows of cases of one logical scenario, stepped together."""
 
-    def __init__(self, cases: Sequence[ConcreteScenario], settings: SimulationSettings, *, sumo: bool = True) -> None:
+    def __init__(
+        self, cases: Sequence[ConcreteScenario], settings: SimulationSettings, *, sumo: bool = True
+    ) -> None:
         if settings.plant is not None or settings.conditions != ConditionSettings():
             raise InputError(
-                "Learning needs the usual vehicle model and conditions: no `plant`, nothing in `conditions`."
+                "Learning needs the usual vehicle model and conditions: no `plant`, nothing in "
+                "`conditions`."
             )
         self._settings = cases[0].simulation(settings)
         self._kind = _kind(cases[0])
@@ -47,7 +51,8 @@ class Pack:
             raise InputError("Learning on a road that bends needs `sumo=False`.")
         if libsumo.simulation.isLoaded():
             raise InputError(
-                "libsumo holds one simulation in a process, and there is one already: close the other environment "
+                "libsumo holds one simulation in a process, and there is one already: close the "
+                "other environment "
                 "first, or make this one with `sumo=False`."
             )
         texts = shared_network_xml(cases), shared_routes_xml(cases, self._settings.vehicle)
@@ -109,19 +114,34 @@ class Pack:
         """What all rows see."""
         world = self.world
         return Observations(
-            world.time, world.cases[0].road, world.rows, world.egos, world.seen, world.others, world.cases
+            world.time,
+            world.cases[0].road,
+            world.rows,
+            world.egos,
+            world.seen,
+            world.others,
+            world.cases,
         )
 
     def _check(self, concrete: ConcreteScenario) -> None:
         if concrete.lively:
             raise InputError(
-                f"Scenario `{concrete.scenario}` must have scripts that depend on time alone to be learned in: in it a "
-                "vehicle follows, waits for a condition, has a path or a heading, or comes in a stream."
+                f"Scenario `{concrete.scenario}` must have scripts that depend on time alone to "
+                "be learned in: in it a "
+                "vehicle follows, waits for a condition, has a path or a heading, or comes in a "
+                "stream."
             )
         if _kind(concrete) != self._kind:
-            raise must_be("The cases", "one pack", "of one road, one ego's body and as many other vehicles",
+            raise must_be("The cases", "one pack", "of one road, one ego's body and as many other "
+                                                   "vehicles",
                           f"{concrete.scenario} ({concrete.label})")  # fmt: skip
 
 
 def _kind(concrete: ConcreteScenario) -> tuple[object, ...]:
-    return concrete.road, concrete.ego_body, concrete.time_limit, concrete.standstill_time, len(concrete.actors)
+    return (
+        concrete.road,
+        concrete.ego_body,
+        concrete.time_limit,
+        concrete.standstill_time,
+        len(concrete.actors),
+    )

@@ -1,9 +1,11 @@
-"""Cases through SUMO: one at a time, or many that are driven together, in the same loop and to the same bits.
+"""Cases through SUMO: one at a time, or many that are driven together, in the same loop and to the
+same bits.
 
-Cases on the same road with the same settings and as many other vehicles can share one simulation, where the ADS looks
-through observations: everything that ships, people, and users' policies. Whatever needs the simulation to itself
-(TraCI code, listeners, programs) is driven alone; when a simulation that many share fails as a whole, each of its cases
-is driven alone too. Who asks is told how many, and why.
+Cases on the same road with the same settings and as many other vehicles can share one simulation,
+where the ADS looks through observations: everything that ships, people, and users' policies.
+Whatever needs the simulation to itself (TraCI code, listeners, programs) is driven alone; when a
+simulation that many share fails as a whole, each of its cases is driven alone too. Who asks is told
+how many, and why.
 """
 
 from __future__ import annotations
@@ -58,7 +60,9 @@ _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
 SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them are there
-TOGETHER = 512  # cases in one simulation: enough to share a step's fixed cost, few enough for the processor's caches
+# cases in one simulation: enough to share a step's fixed cost, few enough for the processor's
+# caches
+TOGETHER = 512
 
 USUAL = SimulationSettings()  # checked once, and not for every case
 ON_TRACI = Alone("on_traci")
@@ -79,13 +83,18 @@ def simulate(
 ) -> Recording:
     """Run a concrete scenario with an ADS at the ego's wheel.
 
-    controller: a locator string, a function, a class or an object (see `sumo_eval.cosim.doors.controller`).
-    folder: where relative paths in a locator start. step_timeout: longest wall time of one controller step, s.
-    seed: of what `settings.conditions` leave to chance. period: s from one call of the controller to the next, in
-    between its answer holds; None: as its locator says.
+    controller: a locator string, a function, a class or an object (see
+        `sumo_eval.cosim.doors.controller`).
+    folder: where relative paths in a locator start.
+    step_timeout: longest wall time of one controller step, s.
+    seed: of what `settings.conditions` leave to chance.
+    period: s from one call of the controller to the next, in between its answer holds; None: as its
+        locator says.
 
-    A fault of the ADS (an exception, a command that is no finite number, motion that no vehicle can do, touching SUMO's
-    clock) ends the run with `end_reason` "ads_error" and a sentence in `error`, too slow a step with "ads_timeout", a
+    A fault of the ADS (an exception, a command that is no finite number, motion that no vehicle can
+    do, touching SUMO's
+    clock) ends the run with `end_reason` "ads_error" and a sentence in `error`, too slow a step
+    with "ads_timeout", a
     fault of SUMO with "sim_error". What was driven until then is kept.
     """
     settings = concrete.simulation(settings or USUAL)
@@ -93,11 +102,15 @@ def simulate(
     ads = load_controller(controller, folder)
     every = _steps_between(controller, period, settings)
     began = clock.perf_counter()
-    plant = None if settings.plant is None else FmuPlant(settings.plant, settings.plant.file, folder)
+    plant = (
+        None if settings.plant is None else FmuPlant(settings.plant, settings.plant.file, folder)
+    )
     terms = Terms(step_timeout, plant, folder, every)
     target = _target(ads)
     if every > 1 and (Compiled.rides(target) or isinstance(ads, ListenerController)):
-        raise InputError("What ships, and a step listener, drive at every step; they take no `period`.")
+        raise InputError(
+            "What ships, and a step listener, drive at every step; they take no `period`."
+        )
     alone = Compiled.rides(target) or ads.is_policy
     world = World([concrete], settings, MODEL if alone else SUMO)
     driver: Driver
@@ -121,11 +134,15 @@ def simulate(
     return recording
 
 
-def _steps_between(controller: ControllerLike, period: float | None, settings: SimulationSettings) -> int:
+def _steps_between(
+    controller: ControllerLike, period: float | None, settings: SimulationSettings
+) -> int:
     """Steps from one call of a controller to the next."""
     if period is None:
         period = split_entry(controller)[1].period if isinstance(controller, str) else 0.0
-    return steps_between(period, settings.step, f"ADS `{controller}`" if isinstance(controller, str) else "the ADS")
+    return steps_between(
+        period, settings.step, f"ADS `{controller}`" if isinstance(controller, str) else "the ADS"
+    )
 
 
 def _target(ads: Adapter) -> Any:
@@ -136,15 +153,24 @@ def _target(ads: Adapter) -> Any:
 def _policies(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> Driver:
     if takes_arrays(ads[0].target):
         if terms.every > 1:
-            raise InputError("A policy over arrays (`batch`) is asked at every step; it takes no `period`.")
+            raise InputError(
+                "A policy over arrays (`batch`) is asked at every step; it takes no `period`."
+            )
         return Batch(ads[0], seeds, terms)
     return OneEach(ads, seeds, terms)
 
 
 def _opened(
-    concrete: ConcreteScenario, settings: SimulationSettings, ads: Adapter, step_timeout: float, alone: bool
+    concrete: ConcreteScenario,
+    settings: SimulationSettings,
+    ads: Adapter,
+    step_timeout: float,
+    alone: bool,
 ) -> AbstractContextManager[Any]:
-    """The simulation of a single case. alone: SUMO's own models are asked nothing."""
+    """The simulation of a single case.
+
+    alone: SUMO's own models are asked nothing.
+    """
     if isinstance(ads, TraciProgram):
         return served(concrete, settings, ads, step_timeout)
     if alone and concrete.road.network is None:
@@ -153,7 +179,9 @@ def _opened(
         texts = network, shared_routes_xml([concrete], settings.vehicle, own_lanes=asks)
         return running(*texts, settings, concrete.road, collisions="none")
     road = concrete.road
-    its_own = ads.vtype_on(road) if isinstance(ads, NativeModel) else own_vehicle_type(_target(ads), road)
+    its_own = (
+        ads.vtype_on(road) if isinstance(ads, NativeModel) else own_vehicle_type(_target(ads), road)
+    )
     return session(concrete, settings, its_own)
 
 
@@ -161,7 +189,12 @@ def check_intervals(settings: SimulationSettings) -> None:
     """SUMO rounds its step to milliseconds, and a sample falls on a step."""
     milliseconds = settings.step * 1000.0
     if round(milliseconds) < 1 or abs(milliseconds - round(milliseconds)) > 1e-6:
-        raise must_be("`step`", "the simulation", "a whole number of milliseconds (SUMO rounds it)", settings.step)
+        raise must_be(
+            "`step`",
+            "the simulation",
+            "a whole number of milliseconds (SUMO rounds it)",
+            settings.step,
+        )
     ratio = settings.record_interval / settings.step
     if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9:
         raise must_be(
@@ -172,7 +205,7 @@ def check_intervals(settings: SimulationSettings) -> None:
         )
 
 
-# -- many --------------------------------------------------------------------------------------------------------------
+# -- many ------------------------------------------------------------------------------------------
 
 
 def simulate_many(
@@ -185,10 +218,11 @@ def simulate_many(
 ) -> Iterator[Recording]:
     """Recordings of concrete scenarios in their order; other arguments and errors as in `simulate`.
 
-    controller: an ADS (a locator, a class or a function, so that every case gets a fresh one; an object that is given
-    ready-made serves all cases one after the other), or a list with one controller for each case.
-    Cases of one kind are driven together where the ADS and they allow it, in whatever order they come; the others one
-    by one. alone: counts these, by the reason.
+    controller: an ADS (a locator, a class or a function, so that every case gets a fresh one; an
+        object that is given ready-made serves all cases one after the other), or a list with one
+        controller for each case. Cases of one kind are driven together where the ADS and they allow
+        it, in whatever order they come; the others one by one.
+    alone: counts these, by the reason.
     """
     together = simulate_together(cases, controller, settings, folder=folder)
     each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
@@ -212,11 +246,15 @@ def simulate_together(
     wrap: Callable[[Adapter], Adapter] = lambda ads: ads,
     batches: bool = True,
 ) -> Iterator[Recording | Alone]:
-    """Recordings of cases driven together, in their order; for one that has to be driven alone, the reason. Those of a
-    kind go together: as many other vehicles on one road. How many there are of a stream depends on its density.
+    """Recordings of cases driven together, in their order; for one that has to be driven alone, the
+    reason. Those of a
+    kind go together: as many other vehicles on one road. How many there are of a stream depends on
+    its density.
 
-    seeds: of each case, of what the conditions leave to chance. wrap: put around the policy of each case. batches:
-    whether a policy over arrays may see many cases at once; its numbers may depend on which.
+    seeds: of each case, of what the conditions leave to chance.
+    wrap: put around the policy of each case.
+    batches: whether a policy over arrays may see many cases at once; its numbers may depend on
+        which.
     """
     basis = settings or USUAL
     check_intervals(basis)
@@ -241,9 +279,11 @@ def simulate_together(
         ):
             return None
         body = (
-            concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit, concrete.standstill_time,
+            concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit,
+            concrete.standstill_time,
             len(concrete.actors),
-            tuple([(it.body, it.model is None, it.follows_at_once) for it in concrete.actors if concrete.lively]),
+            tuple([(it.body, it.model is None,
+                it.follows_at_once) for it in concrete.actors if concrete.lively]),
         )  # fmt: skip
         return (*body, rider.kind)
 
@@ -257,9 +297,15 @@ def simulate_together(
                 found.update({index: riders[index].why or NOT_TOGETHER for index in members})
                 continue
             resolved = cases[members[0]].simulation(basis)
-            order = sorted(members, key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided))
+            order = sorted(
+                members,
+                key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided),
+            )
             for part in _chunks(order, TOGETHER):
-                made, batch = [riders[index].make() for index in part], [cases[index] for index in part]
+                made, batch = (
+                    [riders[index].make() for index in part],
+                    [cases[index] for index in part],
+                )
                 driver = (
                     Rows(made, terms) if isinstance(made[0], Compiled)
                     else _policies(made, [given[index] for index in part], terms)
@@ -270,7 +316,10 @@ def simulate_together(
 
 
 class _Rider(NamedTuple):
-    """How a case is driven: `make` gives its driver, those of one kind can share a simulation. why: it drives alone."""
+    """How a case is driven: `make` gives its driver, those of one kind can share a simulation.
+
+    why: it drives alone.
+    """
 
     kind: type | None
     make: Callable[[], Any]
@@ -278,19 +327,31 @@ class _Rider(NamedTuple):
 
 
 def _rider(
-    controller: ControllerLike, folder: Path | None, wrap: Callable[[Adapter], Adapter], batches: bool,
+    controller: ControllerLike, folder: Path | None, wrap: Callable[[Adapter], Adapter],
+    batches: bool,
     *, its_own: bool = False,
 ) -> _Rider:  # fmt: skip
-    """How an ADS drives its cases. its_own: the object serves this case and no other."""
+    """How an ADS drives its cases.
+
+    its_own: the object serves this case and no other.
+    """
 
     def alone(why: Alone) -> _Rider:
         return _Rider(None, lambda: None, why)
 
     found, name, entry = controller, repr(controller), PLAIN
     if isinstance(controller, str):
-        found, name, entry = find_controller(controller, folder), controller, split_entry(controller)[1]
+        found, name, entry = (
+            find_controller(controller, folder),
+            controller,
+            split_entry(controller)[1],
+        )
     make = partial(adapted, found, name, entry.options)
-    in_vain = isinstance(found, type) and not issubclass(found, Compiled) and not callable(getattr(found, "act", None))
+    in_vain = (
+        isinstance(found, type)
+        and not issubclass(found, Compiled)
+        and not callable(getattr(found, "act", None))
+    )
     if in_vain or (its_own and entry.period):
         return alone(ON_TRACI)
     with seen_as_traci():
@@ -313,7 +374,9 @@ def _rider(
 
 
 def asks_traci(target: Any) -> bool:
-    """Whether the module of a policy has imported TraCI: it may ask SUMO, which then has to hold its case alone."""
+    """Whether the module of a policy has imported TraCI: it may ask SUMO, which then has to hold
+    its case alone.
+    """
     function = getattr(target, "__func__", target)
     module = sys.modules.get(getattr(function, "__module__", "") or type(target).__module__)
     values = [] if module is None else list(vars(module).values())
@@ -325,14 +388,19 @@ def _chunks(items: list[_T], size: int) -> Iterator[list[_T]]:
 
 
 def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
-    """About when a case ends, s: cases that end together share a simulation, which lasts as long as its last.
+    """About when a case ends, s: cases that end together share a simulation, which lasts as long as
+    its last.
 
-    When the ego is at the road's end if it stays behind the slowest that moves; of a case that ends when it is
-    `decided`, when the ego reaches another vehicle if nobody does anything.
+    When the ego is at the road's end if it stays behind the slowest that moves; of a case that ends
+    when it is `decided`, when the ego reaches another vehicle if nobody does anything.
     """
     ego, starts = concrete.ego, [actor.start for actor in concrete.actors]
     if decided:
-        times = [(start.x - ego.x) / (ego.speed - start.speed) for start in starts if ego.speed > start.speed]
+        times = [
+            (start.x - ego.x) / (ego.speed - start.speed)
+            for start in starts
+            if ego.speed > start.speed
+        ]
         return min(times, default=math.inf)
     speeds = [start.speed for start in (ego, *starts) if start.speed > 0.0]
     return (concrete.road.length - ego.x) / min(speeds, default=math.inf)
@@ -341,7 +409,9 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
 def _stands_on_its_road(concrete: ConcreteScenario) -> bool:
     road = concrete.road
     ego = concrete.ego
-    return bool(concrete.actors) and bool(road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x))
+    return bool(concrete.actors) and bool(
+        road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)
+    )
 
 
 def _together(
@@ -352,11 +422,18 @@ def _together(
     texts = shared_network_xml(cases), shared_routes_xml(cases, settings.vehicle)
     try:
         world = World(cases, settings)
-        with running(*texts, settings, collisions="none") as traci, seen_as_traci(_Refused("traci")), _little_garbage():
+        with (
+            running(*texts, settings, collisions="none") as traci,
+            seen_as_traci(_Refused("traci")),
+            _little_garbage(),
+        ):
             drive(world, driver, (Traffic if world.reacts else Stage)(traci, world))
-    except Exception as error:  # noqa: BLE001 - logged in full and told, and each case is driven alone
+    # logged in full and told, and each case is driven alone
+    except Exception as error:  # noqa: BLE001
         _LOG.error(
-            "%d cases that were driven together failed; each is driven alone.\n%s", len(cases), traceback_of(error)
+            "%d cases that were driven together failed; each is driven alone.\n%s",
+            len(cases),
+            traceback_of(error),
         )
         return [Alone("together_failed", said(error))] * len(cases)
     return world.recordings(clock.perf_counter() - began)
@@ -364,7 +441,9 @@ def _together(
 
 @contextmanager
 def _little_garbage() -> Iterator[None]:
-    """Python looks for cycles of garbage a hundredth as often: a pack's tuples and arrays make none."""
+    """Python looks for cycles of garbage a hundredth as often: a pack's tuples and arrays make
+    none.
+    """
     before = gc.get_threshold()
     gc.set_threshold(100 * before[0], *before[1:])
     try:

@@ -1,7 +1,8 @@
-"""SUMO's side of the cases that are driven: what it is told before a step, what it shows after it, whether both agree.
+"""SUMO's side of the cases that are driven: what it is told before a step, what it shows after it,
+whether both agree.
 
-SUMO steps the ego and every other vehicle of every case. Where nobody asks it, it hears of all of them at every tenth
-step, and must then show each where it was told.
+SUMO steps the ego and every other vehicle of every case. Where nobody asks it, it hears of all of
+them at every tenth step, and must then show each where it was told.
 """
 
 from __future__ import annotations
@@ -21,13 +22,17 @@ from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
 from sumo_eval.trajectory import FloatArray
 
-EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
-EXACT_SPEED_MODE = 32  # setSpeed is taken as it is: the harness's own vehicle model has applied the limits
+# bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
+EGO_SPEED_MODE = 6
+# setSpeed is taken as it is: the harness's own vehicle model has applied the limits
+EXACT_SPEED_MODE = 32
 CHECKED_EVERY = 10  # steps
 ASIDE = -500.0  # m, y of a vehicle that nothing is to see
-_NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)  # place, angle and speed of a vehicle that SUMO has no longer
+# place, angle and speed of a vehicle that SUMO has no longer
+_NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)
 _KEEPS_ROUTE = 2  # moveToXY: anywhere, off the road too
-_KEEPS_ROUTE_OFF_ROAD = 3  # moveToXY: onto the vehicle's own road and no other, and as far off it as told
+# moveToXY: onto the vehicle's own road and no other, and as far off it as told
+_KEEPS_ROUTE_OFF_ROAD = 3
 
 
 def joined(egos: Any, others: Any, name: str) -> FloatArray:
@@ -38,13 +43,15 @@ def joined(egos: Any, others: Any, name: str) -> FloatArray:
 class Stage:
     """The running simulation of the cases of a world.
 
-    asked: somebody else may ask SUMO, which is told everything at every step. as_read: the other vehicles are as SUMO
-    shows them in every respect, whatever their scripts say.
+    asked: somebody else may ask SUMO, which is told everything at every step.
+    as_read: the other vehicles are as SUMO shows them in every respect, whatever their scripts say.
     """
 
     tolerance = 1e-3  # m, between the vehicle model and SUMO
 
-    def __init__(self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False) -> None:
+    def __init__(
+        self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False
+    ) -> None:
         self.traci, self.asked, self.as_read = traci, asked, as_read
         self.calls = vehicles(traci)
         self.step = simulation_step(traci)
@@ -53,9 +60,12 @@ class Stage:
         count, road = len(world.cases), world.cases[0].road
         self._alone = count == 1
         self._bent, self._road, self._step = road.bent, road, world.settings.step
-        self._on_lanes = self._bent and not as_read  # it is told places on lanes: a place on the map costs fifty times
-        self._told: dict[str, float] = {}  # m/s along the line, which SUMO goes on with until it is told again
-        own = road.network is not None or as_read  # a network of many edges, or whatever the ADS has made of it
+        # it is told places on lanes: a place on the map costs fifty times
+        self._on_lanes = self._bent and not as_read
+        # m/s along the line, which SUMO goes on with until it is told again
+        self._told: dict[str, float] = {}
+        # a network of many edges, or whatever the ADS has made of it
+        own = road.network is not None or as_read
         self._edges = [("" if own else edge_name(case, count)) for case in range(count)]
         self._lane = -1 if own else 0
         self._keep = _KEEPS_ROUTE if own else _KEEPS_ROUTE_OFF_ROAD
@@ -76,7 +86,8 @@ class Stage:
         self._width = 1 + world.others.shape[1]
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist()]
-        if self._alone:  # whose numbers are read one by one: an array takes ten times as long for each
+        # whose numbers are read one by one: an array takes ten times as long for each
+        if self._alone:
             self._cells: Any = world.shown.reshape(-1).data
             self._present: Any = world.others["present"][0].data
         self.without(world)
@@ -111,7 +122,9 @@ class Stage:
         return self.asked or self.compares(steps)
 
     def compares(self, steps: int) -> bool:
-        """Whether SUMO and the world are compared in the step after so many; one by one, whoever asks SUMO does."""
+        """Whether SUMO and the world are compared in the step after so many; one by one, whoever
+        asks SUMO does.
+        """
         return not self.as_read and (steps == 0 or (steps + 1) % CHECKED_EVERY == 0)
 
     def tell(self, world: World, count: int) -> None:
@@ -125,7 +138,15 @@ class Stage:
         for vehicle, x, y, angle, speed in world.tell[:count, :5].tolist():
             number = int(vehicle)
             set_speed(names[number], speed)
-            move(names[number], self._edge[number // self._width], self._lane, x, y, angle, self._keep)
+            move(
+                names[number],
+                self._edge[number // self._width],
+                self._lane,
+                x,
+                y,
+                angle,
+                self._keep,
+            )
 
     def put_aside(self, numbers: Sequence[int]) -> None:
         """Let SUMO stand vehicles where nothing sees them: they have left the network."""
@@ -135,20 +156,31 @@ class Stage:
                 self.traci.vehicle.remove(name)
                 continue
             self.calls.setSpeed(name, 0.0)
-            self.calls.moveToXY(name, self._edge[number // self._width], -1, 10.0, ASIDE, STRAIGHT, self._keep)
+            self.calls.moveToXY(
+                name, self._edge[number // self._width], -1, 10.0, ASIDE, STRAIGHT, self._keep
+            )
 
     def begin_anew(self, world: World, row: int) -> None:
-        """Put the vehicles of a row that has begun a case anew where they are at the end of this, its first step."""
+        """Put the vehicles of a row that has begun a case anew where they are at the end of this,
+        its first step.
+        """
         bodies = (world.egos[row], *world.others[row])
         for name, body in zip(self.names[int(world.rows[row])], bodies, strict=True):
             angle = STRAIGHT - math.degrees(float(body["map"]["heading"]))
             self.calls.setSpeed(name, float(body["speed"]))
             self.calls.moveToXY(
-                name, self._edge[row], self._lane, float(body["front_x"]), float(body["front_y"]), angle, self._keep
+                name,
+                self._edge[row],
+                self._lane,
+                float(body["front_x"]),
+                float(body["front_y"]),
+                angle,
+                self._keep,
             )
 
     def _tell_lanes(self, world: World, count: int) -> None:
-        """On a bend: to go on from where the mean of its old and its new speed takes it to its place in this step.
+        """On a bend: to go on from where the mean of its old and its new speed takes it to its
+        place in this step.
 
         Whose line is on the map, far beside the lanes, is told a place on the map.
         """
@@ -158,7 +190,9 @@ class Stage:
             name = self._flat[number]
             if name in self._on_map:
                 calls.setSpeed(name, speed)
-                calls.moveToXY(name, self._edge[number // self._width], self._lane, x, y, angle, self._keep)
+                calls.moveToXY(
+                    name, self._edge[number // self._width], self._lane, x, y, angle, self._keep
+                )
                 continue
             before = s - 0.5 * (self._told.get(name, along) + along) * self._step
             if not (before >= 0.0 and s < end):  # there are no lanes
@@ -169,7 +203,9 @@ class Stage:
             self._told[name] = along
 
     def read(self, world: World) -> None:
-        """Every respect of the other vehicles of a single case, where they are as SUMO shows them."""
+        """Every respect of the other vehicles of a single case, where they are as SUMO shows
+        them.
+        """
         if not self.as_read:
             return
         calls, cells, present, far = self.calls, self._cells, self._present, self._far
@@ -180,10 +216,16 @@ class Stage:
                     x, y = calls.getPosition(name)
                     angle, speed = calls.getAngle(name), calls.getSpeed(name)
                     last_x, last_y = self._fronts[j]
-                    there = -far < x - last_x < far and -far < y - last_y < far and 0.0 <= angle <= 360.0
+                    there = (
+                        -far < x - last_x < far
+                        and -far < y - last_y < far
+                        and 0.0 <= angle <= 360.0
+                    )
                     if not (there and BACKWARDS < speed < FASTEST):
                         if not self._is_past_the_road(world, j):
-                            raise impossible(calls, name, self._fronts[j], world.time + self._step, self._step)
+                            raise impossible(
+                                calls, name, self._fronts[j], world.time + self._step, self._step
+                            )
                         raise self.traci.TraCIException(name)
                     self._fronts[j] = x, y
                 except self.traci.TraCIException:
@@ -200,13 +242,18 @@ class Stage:
         return bool(body["x"] + 0.5 * body["length"] > road.length + road.run_out - BESIDE)
 
     def compare(self, world: World) -> None:
-        """A case in which SUMO shows somebody elsewhere than it was told in this step has come to its end."""
+        """A case in which SUMO shows somebody elsewhere than it was told in this step has come to
+        its end.
+        """
         road, live = self._road, self._live
         egos, others = world.egos[live], world.others[live]
         x, y, length, width, front_x, front_y = (
-            joined(egos, others, name) for name in ("x", "y", "length", "width", "front_x", "front_y")
+            joined(egos, others, name)
+            for name in ("x", "y", "length", "width", "front_x", "front_y")
         )
-        told = np.column_stack([egos["placed"] != SUMO, (others["told"] == 2) & (others["present"] == 1)])
+        told = np.column_stack(
+            [egos["placed"] != SUMO, (others["told"] == 2) & (others["present"] == 1)]
+        )
         told &= (egos["reason"] == 0)[:, None]
         end = road.length + road.run_out - BESIDE
         told &= (x - 0.5 * length >= 0.0) & (x + 0.5 * length < end)  # there are lanes
@@ -215,7 +262,8 @@ class Stage:
         for row, j in np.argwhere(told).tolist():
             at_x, at_y = self.calls.getPosition(self._flat[int(live[row]) * self._width + j])
             off = math.hypot(at_x - front_x[row, j], at_y - front_y[row, j])
-            if not off <= (bend_tolerance(road, y[row, j]) if self._bent else self.tolerance):  # which also finds a nan
+            # which also finds a nan
+            if not off <= (bend_tolerance(road, y[row, j]) if self._bent else self.tolerance):
                 case = int(world.rows[live[row]])
                 who = "the ego" if j == 0 else f"vehicle `{world.cases[case].actors[j - 1].name}`"
                 world.fail(

@@ -1,7 +1,8 @@
-"""What happens in a step, one row after the other: vehicles move, scripts go on, bodies touch, cases end.
+"""What happens in a step, one row after the other: vehicles move, scripts go on, bodies touch,
+cases end.
 
-The vehicle model moves the ego on the map, and contact is judged there; on a straight road frame and map are the same
-numbers.
+The vehicle model moves the ego on the map, and contact is judged there; on a straight road frame
+and map are the same numbers.
 """
 
 from __future__ import annotations
@@ -37,34 +38,45 @@ from sumo_eval.scenario.road.lanes import left_edge_at, right_edge_at
 from sumo_eval.scenario.road.reference_line import line_at, to_frame, to_map
 from sumo_eval.trajectory import FloatArray
 
-# -- what rules see ----------------------------------------------------------------------------------------------------
+# -- what rules see --------------------------------------------------------------------------------
 
 
 @kernel
 def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
-    """Write into `mover` what a sensor shows of a vehicle: its centre, its speeds and extents by the road's axes.
+    """Write into `mover` what a sensor shows of a vehicle: its centre, its speeds and extents by
+    the road's axes.
 
-    line: the road's, of no knots if straight. rear: m from the centre back to the axle that runs along the lane. A body
-    that follows a bend leans out of it there by atan(rear * curvature), which takes no more of the road from others
-    than on a straight.
+    line: the road's, of no knots if straight.
+    rear: m from the centre back to the axle that runs along the lane. A body that follows a bend
+        leans out of it there by atan(rear * curvature), which takes no more of the road from others
+        than on a straight.
     """
     _, _, _, curvature = line_at(line, body.x)
     inner, speed, length, width = 1.0 - curvature * body.y, body.speed, body.length, body.width
     heading = 0.0 if abs(body.heading) < ALONG else within_a_turn(body.heading)
-    mover.x, mover.y, mover.heading, mover.speed, mover.braking = body.x, body.y, heading, speed, 0.0
+    mover.x, mover.y, mover.heading, mover.speed, mover.braking = (
+        body.x,
+        body.y,
+        heading,
+        speed,
+        0.0,
+    )
     mover.along, mover.across = speed * math.cos(heading) / inner, speed * math.sin(heading)
     mover.curvature = curvature / inner
     lean = heading + math.atan(rear * mover.curvature)
     c, s = abs(math.cos(lean)), abs(math.sin(lean))
     if s < ALONG:
         c, s = 1.0, 0.0
-    mover.half_length, mover.half_width = 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
+    mover.half_length, mover.half_width = (
+        0.5 * (length * c + width * s),
+        0.5 * (length * s + width * c),
+    )
 
 
 @kernel
 def put_on_map(body: Any, line: Any) -> float:
-    """Put a vehicle of which the frame is known on the map; the share of a metre along the line that it drives there
-    for each metre of the line.
+    """Put a vehicle of which the frame is known on the map; the share of a metre along the line
+    that it drives there for each metre of the line.
     """
     at = body.map
     at.x, at.y, at.heading, curvature = to_map(line, body.x, body.y, body.heading)
@@ -75,7 +87,13 @@ def put_on_map(body: Any, line: Any) -> float:
 def _keep_before(body: Any) -> None:
     """Keep where a vehicle is as where it was before the step."""
     was = body.before
-    was.x, was.y, was.heading, was.speed, was.across = body.x, body.y, body.heading, body.speed, body.across
+    was.x, was.y, was.heading, was.speed, was.across = (
+        body.x,
+        body.y,
+        body.heading,
+        body.speed,
+        body.across,
+    )
     was.map.x, was.map.y, was.map.heading = body.map.x, body.map.y, body.map.heading
 
 
@@ -83,7 +101,13 @@ def _keep_before(body: Any) -> None:
 def _put_back(body: Any) -> None:
     """Put a vehicle where it was before the step."""
     was = body.before
-    body.x, body.y, body.heading, body.speed, body.across = was.x, was.y, was.heading, was.speed, was.across
+    body.x, body.y, body.heading, body.speed, body.across = (
+        was.x,
+        was.y,
+        was.heading,
+        was.speed,
+        was.across,
+    )
     body.map.x, body.map.y, body.map.heading = was.map.x, was.map.y, was.map.heading
 
 
@@ -102,25 +126,33 @@ def _put_front(body: Any) -> None:
 
 @kernel
 def _tell(tell: Any, told: int, number: int, body: Any, line: Any, along: float) -> int:
-    """Write what SUMO hears of a vehicle into row `told` of `tell`; the next row. along: dx/dt, m/s."""
+    """Write what SUMO hears of a vehicle into row `told` of `tell`; the next row.
+
+    along: dx/dt, m/s.
+    """
     tell[told, 0] = number
     tell[told, 1] = body.front_x
     tell[told, 2] = body.front_y
     tell[told, 3] = STRAIGHT - body.map.heading * DEGREES
     tell[told, 4] = body.speed
-    s, d, _, _ = to_frame(line, body.front_x, body.front_y, body.map.heading, body.x + 0.5 * body.length)
+    s, d, _, _ = to_frame(
+        line, body.front_x, body.front_y, body.map.heading, body.x + 0.5 * body.length
+    )
     tell[told, 5] = s
     tell[told, 6] = d
     tell[told, 7] = along
     return told + 1
 
 
-# -- samples -----------------------------------------------------------------------------------------------------------
+# -- samples ---------------------------------------------------------------------------------------
 
 
 @kernel
 def _sample(samples: Any, vehicle: Any, time: float, acceleration: float, steering: float) -> None:
-    """Record a vehicle as it is now, unless it has been at this instant. samples: (instants, channels)."""
+    """Record a vehicle as it is now, unless it has been at this instant.
+
+    samples: (instants, channels).
+    """
     count = vehicle.samples
     if count > 0 and time - samples[count - 1, 0] < 1e-9:
         return
@@ -137,7 +169,13 @@ def _sample(samples: Any, vehicle: Any, time: float, acceleration: float, steeri
 @kernel
 def _sample_row(ego: Any, others: Any, samples: Any) -> None:
     """Record every vehicle of a case at its time."""
-    _sample(samples[0], ego, ego.time, ego.acceleration, math.nan if ego.placed == SUMO else ego.steering)
+    _sample(
+        samples[0],
+        ego,
+        ego.time,
+        ego.acceleration,
+        math.nan if ego.placed == SUMO else ego.steering,
+    )
     for j in range(len(others)):
         if others[j].present:
             _sample(samples[1 + j], others[j], ego.time, others[j].acceleration, math.nan)
@@ -166,7 +204,10 @@ def begin_rows(
 
 @rows
 def stop_rows(egos: Records, others: Records, samples: FloatArray, row: int, back: int) -> None:
-    """Record a case as it is when it is broken off; back: within a step, of which nothing counts."""
+    """Record a case as it is when it is broken off;
+
+    back: within a step, of which nothing counts.
+    """
     ego = egos[row]
     if back:
         _put_back(ego)
@@ -175,18 +216,23 @@ def stop_rows(egos: Records, others: Records, samples: FloatArray, row: int, bac
     _sample_row(ego, others[row], samples[row])
 
 
-# -- one step, before and after SUMO's ---------------------------------------------------------------------------------
+# -- one step, before and after SUMO's -------------------------------------------------------------
 
 
 @rows
 def move_rows(
-    egos: Records, others: Records, clips: Records, tell: FloatArray, scenario: Records, line: Records, steps: int,
+    egos: Records, others: Records, clips: Records, tell: FloatArray, scenario: Records,
+    line: Records, steps: int,
     closely: int,
 ) -> int:  # fmt: skip
-    """Move the egos as they are commanded to the end of so many steps, and keep where all others were before.
+    """Move the egos as they are commanded to the end of so many steps, and keep where all others
+    were before.
 
-    What SUMO has to hear of it is written to `tell`, a row each: number of the vehicle, x and y of the front bumper's
-    centre on the map, angle and speed, its place along and across the line and dx/dt. closely: SUMO hears of the egos.
+    What SUMO has to hear of it is written to `tell`, a row each: number of the vehicle, x and y of
+    the front bumper's centre on the map, angle and speed, its place along and across the line and
+    dx/dt.
+
+    closely: SUMO hears of the egos.
     line: the road's, of no knots if it is straight. Returns how many rows of `tell` there are.
     """
     told = 0
@@ -211,10 +257,17 @@ def move_rows(
             ego.acceleration, ego.steering = ahead.acceleration, ahead.steering
         if ego.placed != SUMO:
             near = ego.before.x + ego.before.speed * step
-            ego.x, ego.y, ego.heading, curvature = to_frame(line, ego.map.x, ego.map.y, ego.map.heading, near)
+            ego.x, ego.y, ego.heading, curvature = to_frame(
+                line, ego.map.x, ego.map.y, ego.map.heading, near
+            )
             _put_front(ego)
             before = ego.before
-            if len(line) or ego.speed != before.speed or ego.heading != 0.0 or before.heading != 0.0:
+            if (
+                len(line)
+                or ego.speed != before.speed
+                or ego.heading != 0.0
+                or before.heading != 0.0
+            ):
                 ego.stale = 1
             if closely and ego.stale:
                 ego.stale = 0
@@ -244,7 +297,13 @@ def _go_back(body: Any, share: float) -> None:
     here = between(_body(was.map, was, body), _body(at, body, body), share)
     at.x, at.y, at.heading = here.x, here.y, here.heading
     here = between(_body(was, was, body), _body(body, body, body), share)
-    body.x, body.y, body.heading, body.speed, body.across = here.x, here.y, here.heading, here.speed, here.across
+    body.x, body.y, body.heading, body.speed, body.across = (
+        here.x,
+        here.y,
+        here.heading,
+        here.speed,
+        here.across,
+    )
 
 
 @kernel
@@ -279,10 +338,12 @@ def see_rows(
     egos: Records, others: Records, clips: Records, seen: Records, samples: FloatArray,
     shown: FloatArray, scenario: Records, line: Records, steps: int, sampling: int, as_read: int,
 ) -> int:  # fmt: skip
-    """Take in what SUMO shows at the end of so many steps: places, contact, ends, samples, what rules see next.
+    """Take in what SUMO shows at the end of so many steps: places, contact, ends, samples, what
+    rules see next.
 
-    shown: (n, m, 4), x and y of the front bumper, angle and speed of the others, which count if `as_read`. line: the
-    road's, of no knots if it is straight. Returns how many cases have ended.
+    shown: (n, m, 4), x and y of the front bumper, angle and speed of the others, which count if
+        `as_read`.
+    line: the road's, of no knots if it is straight. Returns how many cases have ended.
     """
     ended = 0
     step = scenario[0].step
@@ -309,11 +370,16 @@ def see_rows(
                 _stand(other, shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], line)
             was = other.before
             other.rate = (other.speed - was.speed) / step
-            share = share_at_touch(before, body, _body(was.map, was, other), _body(other.map, other, other))
+            share = share_at_touch(
+                before, body, _body(was.map, was, other), _body(other.map, other, other)
+            )
             if 0.0 <= share < first:
                 first, ego.struck = share, j
         # a case ends at the road's end, whatever it would touch beyond
-        if first <= 1.0 and not ego.before.x + first * (ego.x - ego.before.x) > scenario[0].road.length:
+        if (
+            first <= 1.0
+            and not ego.before.x + first * (ego.x - ego.before.x) > scenario[0].road.length
+        ):
             ego.reason, ego.share = CONTACT, first
             _go_back(ego, first)
             ego.time = now - step + first * step
@@ -337,7 +403,9 @@ def see_rows(
 
 @kernel
 def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> bool:
-    """Whether SUMO cannot move another vehicle by itself: it is in a move, turned, or has been beside the lanes."""
+    """Whether SUMO cannot move another vehicle by itself: it is in a move, turned, or has been
+    beside the lanes.
+    """
     road, reach = scenario.road, 0.5 * other.width - BESIDE
     if not road.right_edge - reach <= other.y <= road.left_edge + reach:
         other.strays = 1
@@ -351,12 +419,15 @@ def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> boo
 
 @rows
 def tell_others_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, tell: FloatArray, scenario: Records, line: Records,
+    egos: Records, others: Records, plays: Records, acts: Records, tell: FloatArray,
+    scenario: Records, line: Records,
     steps: int, told: int, closely: int, quiet: int,
 ) -> int:  # fmt: skip
-    """Put the others on the map, and write what SUMO has to hear of them to `tell`, behind `told` rows of it.
+    """Put the others on the map, and write what SUMO has to hear of them to `tell`, behind `told`
+    rows of it.
 
-    closely: SUMO hears of them. quiet: but of none that SUMO can move by itself. Returns how many rows there are then.
+    closely: SUMO hears of them.
+    quiet: but of none that SUMO can move by itself. Returns how many rows there are then.
     """
     for i in range(len(egos)):
         if egos[i].live == 0 or egos[i].reason != 0:
@@ -373,7 +444,9 @@ def tell_others_rows(
                 other.told = 0
             elif closely:
                 other.told = 2
-                along = (other.speed * math.cos(other.heading) - other.across * math.sin(other.heading)) / inner
+                along = (
+                    other.speed * math.cos(other.heading) - other.across * math.sin(other.heading)
+                ) / inner
                 told = _tell(tell, told, i * (1 + len(others[i])) + 1 + j, other, line, along)
     return told
 

@@ -1,9 +1,11 @@
-"""The ego as a machine: a single-track model that turns commands into motion within physical limits.
+"""The ego as a machine: a single-track model that turns commands into motion within physical
+limits.
 
-Within one step the acceleration is piecewise linear in time (brakes build up, drive rises) and the motion along the
-path is its exact integral, so that stopping distances and impact speeds do not depend on the step. The path within a
-step is a circular arc with the step's mean road wheel angle. That is the kinematic model: its tyres do not slip, which
-is honest below about 0.4 g across. The dynamic one has side slip and a yaw rate of its own (`move_dynamic`).
+Within one step the acceleration is piecewise linear in time (brakes build up, drive rises) and the
+motion along the path is its exact integral, so that stopping distances and impact speeds do not
+depend on the step. The path within a step is a circular arc with the step's mean road wheel angle.
+That is the kinematic model: its tyres do not slip, which is honest below about 0.4 g across. The
+dynamic one has side slip and a yaw rate of its own (`move_dynamic`).
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from sumo_eval.kernels import kernel
 GRAVITY = 9.81  # m/s2
 KINEMATIC_UP_TO = 0.4 * GRAVITY  # m/s2 across, up to which tyres may be taken not to slip
 _SLOWEST_SLIP = (
-    2.0  # m/s, below which the dynamic model rolls as the kinematic one: its slip angles divide by the speed
+    # m/s, below which the dynamic model rolls as the kinematic one: its slip angles divide by the
+    # speed
+    2.0
 )
 _PARTS = 10  # of a step, in each of which the dynamic model is integrated once
 _GRANTED = 1e-9  # m/s2, a request met as closely as this is granted
@@ -28,15 +32,18 @@ _SAME = 1e-12  # m/s2, accelerations closer than this are one
 class Command:
     """What an ADS asks of its vehicle for the next step: an acceleration, or in its place a speed.
 
-    acceleration: along the vehicle, m/s2, negative brakes; nan beside a speed. steering: steering wheel angle, rad,
-    positive to the left. speed: m/s, wanted from now on; `TrackerSettings.speed_time` says how soon.
+    acceleration: along the vehicle, m/s2, negative brakes; nan beside a speed.
+    steering: steering wheel angle, rad, positive to the left.
+    speed: m/s, wanted from now on; `TrackerSettings.speed_time` says how soon.
     """
 
     acceleration: float
     steering: float = 0.0
     speed: float | None = None
 
-    def __init__(self, acceleration: Any = ..., steering: float = 0.0, *, speed: float | None = None) -> None:
+    def __init__(
+        self, acceleration: Any = ..., steering: float = 0.0, *, speed: float | None = None
+    ) -> None:
         if (acceleration is ...) == (speed is None):
             raise TypeError("a Command takes an acceleration or a speed, one of both")
         _SET_ACCELERATION(self, math.nan if acceleration is ... else acceleration)
@@ -45,7 +52,9 @@ class Command:
 
     @staticmethod
     def pedals(throttle: float = 0.0, brake: float = 0.0, steer: float = 0.0) -> Pedals:
-        """Pedals, 0..1 each, and the steering wheel, -1..1 of its end stops, positive to the left."""
+        """Pedals, 0..1 each, and the steering wheel, -1..1 of its end stops, positive to the
+        left.
+        """
         return Pedals(throttle, brake, steer)
 
 
@@ -57,7 +66,9 @@ _SET_SPEED = vars(Command)["speed"].__set__
 
 @dataclass(frozen=True, slots=True)
 class Pedals:
-    """How far the pedals are pressed, 0..1, and the wheel turned, -1..1 of its end stops, positive to the left."""
+    """How far the pedals are pressed, 0..1, and the wheel turned, -1..1 of its end stops, positive
+    to the left.
+    """
 
     throttle: float = 0.0
     brake: float = 0.0
@@ -80,19 +91,24 @@ Clipped = tuple[str, float, float]
 
 
 LIMITED = (
-    "steering_angle", "steering_rate", "lateral_friction", "acceleration", "friction", "speed", "acceleration_rate",
+    "steering_angle", "steering_rate", "lateral_friction", "acceleration", "friction", "speed",
+    "acceleration_rate",
     "beyond_kinematic",
 )  # fmt: skip
 """What the vehicle model may have to limit, by the number of its clip."""
 (
-    _STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION, _ACCELERATION, _FRICTION, _SPEED, _ACCELERATION_RATE,
+    _STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION, _ACCELERATION, _FRICTION, _SPEED,
+    _ACCELERATION_RATE,
     _BEYOND_KINEMATIC,
 ) = range(8)  # fmt: skip
 
 
 @kernel
 def count_clip(clips: Any, what: int, time: float, requested: float, applied: float) -> None:
-    """Count a clip at `time` (s) and keep its worst instance. clips: of one case, by number."""
+    """Count a clip at `time` (s) and keep its worst instance.
+
+    clips: of one case, by number.
+    """
     clip = clips[what]
     if clip.count == 0:
         clip.first = time
@@ -102,15 +118,19 @@ def count_clip(clips: Any, what: int, time: float, requested: float, applied: fl
 
 
 @kernel
-def move(ego: Any, at: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any) -> None:
+def move(
+    ego: Any, at: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any
+) -> None:
     """Move an ego by the kinematic model for one `step`, s.
 
-    ego: its speed, acceleration, steering wheel angle and time. at: its x, y and heading. wanted: m/s2, and steering:
-    rad, as in `Command`. limits: `VehicleSettings` or a record of them. clips: where limits that the command runs into
-    are counted, by number.
-    The tyres hold a total acceleration of friction * g at the end of every step: steering comes first, braking and
-    drive get the rest of the friction circle, and what brakes and drive cannot let go of within the step is taken from
-    the steering.
+    ego: its speed, acceleration, steering wheel angle and time.
+    at: its x, y and heading.
+    wanted: m/s2, and steering: rad, as in `Command`.
+    limits: `VehicleSettings` or a record of them.
+    clips: where limits that the command runs into are counted, by number. The tyres hold a total
+        acceleration of friction * g at the end of every step: steering comes first, braking and
+        drive get the rest of the friction circle, and what brakes and drive cannot let go of within
+        the step is taken from the steering.
     """
     if steering == 0.0 and ego.steering == 0.0:  # straight, as nearly always
         end = curvature = lateral = 0.0
@@ -126,44 +146,71 @@ def move(ego: Any, at: Any, wanted: float, steering: float, limits: Any, step: f
 
 @kernel
 def side_force(linear: float, limit: float) -> float:
-    """Force of an axle's tyres across, N: linear at first, never above its limit: limit tanh(linear / limit)."""
+    """Force of an axle's tyres across, N: linear at first, never above its limit: limit tanh(linear
+    / limit).
+    """
     return limit * math.tanh(linear / limit) if limit > 0.0 else 0.0
 
 
 @kernel
 def slip_rates(
-    speed: float, slip: float, yaw_rate: float, wheel: float, acceleration: float, limits: Any, grip: float
+    speed: float,
+    slip: float,
+    yaw_rate: float,
+    wheel: float,
+    acceleration: float,
+    limits: Any,
+    grip: float,
 ) -> tuple[float, float, float]:
-    """Rates of side slip, rad/s, and yaw rate, rad/s2, of the dynamic single-track model; and the largest share that
+    """Rates of side slip, rad/s, and yaw rate, rad/s2, of the dynamic single-track model; and the
+    largest share that
     linear tyres would use of an axle's limit.
 
-    wheel: angle of the front wheels on the road, rad. grip: friction coefficient that limits forces; with inf tyres
-    stay linear, and the rates are those of the single-track model of commonroad-vehicle-models (Althoff, Koschi,
-    Manzinger: CommonRoad, IV 2017): F = mu C Fz alpha with the load transfer of the acceleration. Forces across have
-    what the friction circle leaves them beside the acceleration.
+    wheel: angle of the front wheels on the road, rad.
+    grip: friction coefficient that limits forces; with inf tyres stay linear, and the rates are
+        those of the single-track model of commonroad-vehicle-models (Althoff, Koschi, Manzinger:
+        CommonRoad, IV 2017): F = mu C Fz alpha with the load transfer of the acceleration. Forces
+        across have what the friction circle leaves them beside the acceleration.
     """
     front = limits.front_share * limits.wheelbase
     rear = limits.wheelbase - front
-    load_front = limits.mass * (GRAVITY * rear - acceleration * limits.centre_height) / limits.wheelbase
-    load_rear = limits.mass * (GRAVITY * front + acceleration * limits.centre_height) / limits.wheelbase
+    load_front = (
+        limits.mass * (GRAVITY * rear - acceleration * limits.centre_height) / limits.wheelbase
+    )
+    load_rear = (
+        limits.mass * (GRAVITY * front + acceleration * limits.centre_height) / limits.wheelbase
+    )
     stiffness = limits.friction * limits.cornering_stiffness
     alpha_front = wheel - slip - front * yaw_rate / speed
     alpha_rear = rear * yaw_rate / speed - slip
-    linear_front, linear_rear = stiffness * load_front * alpha_front, stiffness * load_rear * alpha_rear
+    linear_front, linear_rear = (
+        stiffness * load_front * alpha_front,
+        stiffness * load_rear * alpha_rear,
+    )
     used = 0.0
     if not math.isinf(grip):
         along = acceleration / GRAVITY
         left = math.sqrt(max(grip * grip - along * along, 0.0))
         limit_front, limit_rear = left * load_front, left * load_rear
-        used = 1.0 if left == 0.0 else max(abs(linear_front) / limit_front, abs(linear_rear) / limit_rear)
-        linear_front, linear_rear = side_force(linear_front, limit_front), side_force(linear_rear, limit_rear)
+        used = (
+            1.0
+            if left == 0.0
+            else max(abs(linear_front) / limit_front, abs(linear_rear) / limit_rear)
+        )
+        linear_front, linear_rear = (
+            side_force(linear_front, limit_front),
+            side_force(linear_rear, limit_rear),
+        )
     yaw_acceleration = (front * linear_front - rear * linear_rear) / limits.yaw_inertia
     return (linear_front + linear_rear) / (limits.mass * speed) - yaw_rate, yaw_acceleration, used
 
 
 @kernel
-def _drive_within(ego: Any, target: float, limits: Any, step: float, clips: Any) -> tuple[float, float, float]:
-    """Acceleration, speed and distance after a step of `drive`, m/s2, m/s, m, held to the vehicle's highest speed.
+def _drive_within(
+    ego: Any, target: float, limits: Any, step: float, clips: Any
+) -> tuple[float, float, float]:
+    """Acceleration, speed and distance after a step of `drive`, m/s2, m/s, m, held to the vehicle's
+    highest speed.
 
     Counts what that speed, or the rate at which acceleration may change, took away.
     """
@@ -178,15 +225,20 @@ def _drive_within(ego: Any, target: float, limits: Any, step: float, clips: Any)
 
 
 @kernel
-def move_dynamic(ego: Any, at: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any) -> None:
+def move_dynamic(
+    ego: Any, at: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any
+) -> None:
     """Move an ego by the dynamic model, with its side slip, rad, and yaw rate, rad/s.
 
-    Arguments as in `move`. Steering, drive and brakes have the kinematic model's limits but for the tyres', which here
-    let go by themselves. Side slip, yaw and place are integrated by Heun's method in ten parts of the step; speed and
-    distance along the path are the exact ones of `drive`.
+    Arguments as in `move`. Steering, drive and brakes have the kinematic model's limits but for the
+    tyres', which here let go by themselves. Side slip, yaw and place are integrated by Heun's
+    method in ten parts of the step; speed and distance along the path are the exact ones of
+    `drive`.
     """
     speed, wheel, slip, yaw_rate = ego.speed, ego.steering, ego.slip, ego.yaw_rate
-    end = _limit_steering(ego, steering, math.radians(limits.max_steering_wheel_angle_deg), limits, step, clips)
+    end = _limit_steering(
+        ego, steering, math.radians(limits.max_steering_wheel_angle_deg), limits, step, clips
+    )
     target = _limit_acceleration(wanted, speed * yaw_rate, limits, ego.time, clips)
     after, faster, distance = _drive_within(ego, target, limits, step, clips)
     acceleration = ego.acceleration
@@ -197,7 +249,8 @@ def move_dynamic(ego: Any, at: Any, wanted: float, steering: float, limits: Any,
         behind = (1.0 - limits.front_share) * limits.wheelbase
         ego.slip, ego.yaw_rate = math.atan(behind * bend), faster * bend
         return
-    ahead = (0.5 - limits.front_share) * limits.wheelbase  # of the middle between the axles, the centre of gravity
+    # of the middle between the axles, the centre of gravity
+    ahead = (0.5 - limits.front_share) * limits.wheelbase
     heading = at.heading
     x, y = at.x + ahead * math.cos(heading), at.y + ahead * math.sin(heading)
     part, way = step / _PARTS, distance / _PARTS
@@ -207,10 +260,14 @@ def move_dynamic(ego: Any, at: Any, wanted: float, steering: float, limits: Any,
         v, v2 = speed + share * (faster - speed), speed + next_share * (faster - speed)
         turned = (wheel + share * (end - wheel)) / limits.steering_ratio
         turned2 = (wheel + next_share * (end - wheel)) / limits.steering_ratio
-        slipping, turning, used = slip_rates(v, slip, yaw_rate, turned, acceleration, limits, limits.friction)
+        slipping, turning, used = slip_rates(
+            v, slip, yaw_rate, turned, acceleration, limits, limits.friction
+        )
         most = max(most, used)
         slip2, yaw2 = slip + part * slipping, yaw_rate + part * turning
-        slipping2, turning2, used = slip_rates(v2, slip2, yaw2, turned2, after, limits, limits.friction)
+        slipping2, turning2, used = slip_rates(
+            v2, slip2, yaw2, turned2, after, limits, limits.friction
+        )
         before, course = yaw_rate, heading + slip
         slip += 0.5 * part * (slipping + slipping2)
         yaw_rate += 0.5 * part * (turning + turning2)
@@ -228,7 +285,9 @@ def move_dynamic(ego: Any, at: Any, wanted: float, steering: float, limits: Any,
 def _steer(
     ego: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any
 ) -> tuple[float, float, float]:
-    """Steering wheel angle at the end of the step, mean curvature and highest lateral acceleration within the step."""
+    """Steering wheel angle at the end of the step, mean curvature and highest lateral acceleration
+    within the step.
+    """
     carried = max(abs(ego.acceleration) - limits.brake_jerk * step, 0.0)
     fastest = ego.speed + step * max(ego.acceleration, min(wanted, limits.max_acceleration), 0.0)
     grip = grip_steering_wheel_angle(fastest, limits, carried)
@@ -244,8 +303,12 @@ def _curvature(steering_wheel_angle: float, limits: Any) -> float:
 
 
 @kernel
-def _limit_steering(ego: Any, requested: float, grip: float, limits: Any, step: float, clips: Any) -> float:
-    """Steering wheel angle at the end of the step: within its end stops, its rate, and the grip of the tyres."""
+def _limit_steering(
+    ego: Any, requested: float, grip: float, limits: Any, step: float, clips: Any
+) -> float:
+    """Steering wheel angle at the end of the step: within its end stops, its rate, and the grip of
+    the tyres.
+    """
     stop = math.radians(limits.max_steering_wheel_angle_deg)
     angle = min(max(requested, -stop), stop)
     if angle != requested:
@@ -269,7 +332,8 @@ def _grip_left(limits: Any, other: float) -> float:
 
 @kernel
 def grip_steering_wheel_angle(speed: float, limits: Any, longitudinal: float = 0.0) -> float:
-    """Largest steering wheel angle (rad) whose steady cornering the tyres can hold beside a longitudinal acceleration.
+    """Largest steering wheel angle (rad) whose steady cornering the tyres can hold beside a
+    longitudinal acceleration.
 
     v^2 tan(angle / steering ratio) / wheelbase = sqrt((mu g)^2 - longitudinal^2).
     """
@@ -278,8 +342,12 @@ def grip_steering_wheel_angle(speed: float, limits: Any, longitudinal: float = 0
 
 
 @kernel
-def _limit_acceleration(requested: float, lateral: float, limits: Any, time: float, clips: Any) -> float:
-    """Acceleration the brakes, the drive and the tyres' remaining grip (friction circle) can give."""
+def _limit_acceleration(
+    requested: float, lateral: float, limits: Any, time: float, clips: Any
+) -> float:
+    """Acceleration the brakes, the drive and the tyres' remaining grip (friction circle) can
+    give.
+    """
     granted = min(max(requested, -limits.max_deceleration), limits.max_acceleration)
     if granted != requested:
         count_clip(clips, _ACCELERATION, time, requested, granted)
@@ -291,8 +359,12 @@ def _limit_acceleration(requested: float, lateral: float, limits: Any, time: flo
 
 
 @kernel
-def drive(speed: float, acceleration: float, target: float, limits: Any, step: float) -> tuple[float, float, float]:
-    """(acceleration, speed) at the end of the step and the distance driven in it, exactly; no vehicle reverses."""
+def drive(
+    speed: float, acceleration: float, target: float, limits: Any, step: float
+) -> tuple[float, float, float]:
+    """(acceleration, speed) at the end of the step and the distance driven in it, exactly; no
+    vehicle reverses.
+    """
     distance, left, a, v = 0.0, step, acceleration, speed
     while left > 0.0:
         goal, jerk = _ramp(a, target, limits)
@@ -305,7 +377,8 @@ def drive(speed: float, acceleration: float, target: float, limits: Any, step: f
                 distance += v * stop + 0.5 * a * (stop * stop) + jerk * (stop * stop * stop) / 6.0
                 if target < _SAME:
                     return 0.0, 0.0, distance
-                a, v, left = 0.0, 0.0, left - stop  # brakes still closing at a standstill hold nothing: drive begins
+                # brakes still closing at a standstill hold nothing: drive begins
+                a, v, left = 0.0, 0.0, left - stop
                 continue
         square = duration * duration
         distance += v * duration + 0.5 * a * square + jerk * (square * duration) / 6.0
@@ -317,7 +390,9 @@ def drive(speed: float, acceleration: float, target: float, limits: Any, step: f
 
 @kernel
 def _ramp(a: float, target: float, limits: Any) -> tuple[float, float]:
-    """Where the acceleration goes next on its way from `a` to `target`, m/s2, and its rate, m/s3 (0: it is there)."""
+    """Where the acceleration goes next on its way from `a` to `target`, m/s2, and its rate, m/s3
+    (0: it is there).
+    """
     if abs(a - target) < _SAME:
         return a, 0.0
     if target < a:
@@ -329,7 +404,9 @@ def _ramp(a: float, target: float, limits: Any) -> tuple[float, float]:
 
 @kernel
 def _time_to_stop(v: float, a: float, jerk: float, duration: float) -> float:
-    """First time within `duration` at which v + a t + jerk t^2 / 2 falls to 0; -1 if it does not."""
+    """First time within `duration` at which v + a t + jerk t^2 / 2 falls to 0; -1 if it does
+    not.
+    """
     discriminant = a * a - 2.0 * jerk * v
     if discriminant < 0.0:
         return -1.0
@@ -344,7 +421,9 @@ def _time_to_stop(v: float, a: float, jerk: float, duration: float) -> float:
 
 @kernel
 def _along_arc(at: Any, distance: float, curvature: float, wheelbase: float) -> None:
-    """Move centre and heading to where the rear axle has rolled `distance` along an arc of `curvature`."""
+    """Move centre and heading to where the rear axle has rolled `distance` along an arc of
+    `curvature`.
+    """
     c, s = math.cos(at.heading), math.sin(at.heading)
     if curvature == 0.0:
         at.x, at.y = at.x + distance * c, at.y + distance * s

@@ -1,4 +1,5 @@
-"""The world of one case or of many: who is where, what the scripts say, what touched, what ended, what is recorded.
+"""The world of one case or of many: who is where, what the scripts say, what touched, what ended,
+what is recorded.
 
 Its records are in `cosim.records`, what happens to them in a step in `cosim.step_rules`.
 """
@@ -59,7 +60,9 @@ _PLACES = ("opens", "is_open", "closes", "is_gone", "parted_until", "parted_from
 _ARRIVED = 0.101  # m before the end of the last lane, nearer than which SUMO takes a vehicle out
 
 
-def described(road: Road, vehicle: VehicleSettings, step: float, settings: SimulationSettings | None = None) -> Records:
+def described(
+    road: Road, vehicle: VehicleSettings, step: float, settings: SimulationSettings | None = None
+) -> Records:
     """What the rows of a case, or of many like it, share: the two `SCENARIO` records.
 
     settings: when cases end; None: nobody asks.
@@ -69,13 +72,17 @@ def described(road: Road, vehicle: VehicleSettings, step: float, settings: Simul
 
 
 @lru_cache(maxsize=16)
-def _described(road: Road, vehicle: VehicleSettings, step: float, ends: tuple[float, ...] | None) -> Records:
+def _described(
+    road: Road, vehicle: VehicleSettings, step: float, ends: tuple[float, ...] | None
+) -> Records:
     found = np.zeros(2, SCENARIO)
     for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
         found["road"][name] = getattr(road, name)
     for side, lane in (("right", 0), ("left", road.lanes - 1)):
         span = road.span(lane)
-        for name, place in zip(_PLACES, (*span.places, span.parted_until, span.parted_from), strict=True):
+        for name, place in zip(
+            _PLACES, (*span.places, span.parted_until, span.parted_from), strict=True
+        ):
             found["road"][f"{side}_{name}"] = place
     for name, _ in LIMITS:
         found["vehicle"][name] = getattr(vehicle, name)
@@ -88,10 +95,13 @@ def _described(road: Road, vehicle: VehicleSettings, step: float, ends: tuple[fl
 class World:
     """Cases that are driven together, on roads of one kind, with as many other vehicles each.
 
-    rows: the numbers of the cases that are held, in the order of the arrays; some of them may have ended.
+    rows: the numbers of the cases that are held, in the order of the arrays; some of them may have
+        ended.
     """
 
-    def __init__(self, cases: Sequence[ConcreteScenario], settings: SimulationSettings, placed: int = MODEL) -> None:
+    def __init__(
+        self, cases: Sequence[ConcreteScenario], settings: SimulationSettings, placed: int = MODEL
+    ) -> None:
         self.cases, self.settings = cases, settings
         n, m = len(cases), len(cases[0].actors)
         self.rows = np.arange(n)
@@ -140,16 +150,24 @@ class World:
         play_rows(self.egos, self.others, plays, acts, pieces, table, steps, step, self.line)
         quiet = as_read and self.timed and not len(self.line)
         return int(tell_others_rows(
-            self.egos, self.others, plays, acts, self.tell, self.scenario, self.line, steps, told, int(closely),
+            self.egos, self.others, plays, acts, self.tell, self.scenario, self.line, steps, told,
+            int(closely),
             int(quiet),
         ))  # fmt: skip
 
     def move(self, *, closely: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
-        """Move everybody to the end of the coming step; how many rows of `tell` there are then, and who has left."""
+        """Move everybody to the end of the coming step; how many rows of `tell` there are then, and
+        who has left.
+        """
         steps = self.steps + 1
         if self._codes is None:
-            self._codes = bound(move_rows, *self._moving, 1, 0), bound(see_rows, *self._seeing, 1, 0, 0)
-        told = self.play(self._codes[0](*self._moving, steps, int(closely)), closely=closely, as_read=as_read)
+            self._codes = (
+                bound(move_rows, *self._moving, 1, 0),
+                bound(see_rows, *self._seeing, 1, 0, 0),
+            )
+        told = self.play(
+            self._codes[0](*self._moving, steps, int(closely)), closely=closely, as_read=as_read
+        )
         now = steps * self.settings.step
         return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
 
@@ -164,10 +182,21 @@ class World:
 
     @property
     def _seeing(self) -> tuple[Any, ...]:
-        return self.egos, self.others, self.clips, self.seen, self.samples, self.shown, self.scenario, self.line
+        return (
+            self.egos,
+            self.others,
+            self.clips,
+            self.seen,
+            self.samples,
+            self.shown,
+            self.scenario,
+            self.line,
+        )
 
     def may_leave(self, now: float) -> bool:
-        """Whether a vehicle may come to the end of its lanes in the step to `now`, s; a quick no for most steps."""
+        """Whether a vehicle may come to the end of its lanes in the step to `now`, s; a quick no
+        for most steps.
+        """
         if now < self.none_leaves_before:
             return False
         near = float(self.others["x"].max()) + float(self.others["length"].max())
@@ -177,8 +206,8 @@ class World:
     def let_leave(self, now: float, told: int, as_read: bool) -> tuple[int, Sequence[int]]:
         """Let the vehicles leave that come to the end of their lanes in the step to `now`, s.
 
-        as_read: SUMO says itself when those are gone that it moves. Returns how many rows of `tell` there are without
-        the others, and their numbers as they stand there.
+        as_read: SUMO says itself when those are gone that it moves. Returns how many rows of `tell`
+            there are without the others, and their numbers as they stand there.
         """
         others, road, half = self.others, self.cases[0].road, 0.5 * self.others["length"]
         front = others["x"] + half * np.cos(others["heading"])
@@ -212,10 +241,22 @@ class World:
         return float(self.steps * self.settings.step)
 
     def note(self, case: int, what: str, requested: float, applied: float, **known: float) -> None:
-        """Count a clip that no kernel counts, and keep its worst instance. known: its count and first time, s."""
+        """Count a clip that no kernel counts, and keep its worst instance.
+
+        known: its count and first time, s.
+        """
         if case not in self.notes:
-            self.notes[case] = defaultdict(lambda: SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0))
-        count_clip(self.notes[case], what, self.time, float(requested), float(applied))  # type: ignore[arg-type]
+            self.notes[case] = defaultdict(
+                lambda: SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0)
+            )
+        notes = self.notes[case]
+        count_clip(
+            notes,
+            what,  # type: ignore[arg-type]
+            self.time,
+            float(requested),
+            float(applied),
+        )
         vars(self.notes[case][what]).update(known)
 
     def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
@@ -269,12 +310,16 @@ class World:
         assert reason is not None
         if reason in TO_ITS_END:
             acts = self.players.acts[row]
-            waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)  # nobody has to depart from a recording
+            # nobody has to depart from a recording
+            waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)
             used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
             if count := int((waiting & used).sum()):
                 self.note(case, "trigger_never_fired", float(count), 0.0, count=count)
         way = ego["way"]
-        missed = abs(float(ego["y"]) - float(way["start"] + way["offset"])) > 0.5 * self.cases[case].road.lane_width
+        missed = (
+            abs(float(ego["y"]) - float(way["start"] + way["offset"]))
+            > 0.5 * self.cases[case].road.lane_width
+        )
         if way["asked"] and missed and ego["x"] >= way["by"]:
             self.note(case, "goal_missed", float(way["by"]), float(ego["y"]))
         concrete, vehicle = self.cases[case], self.settings.vehicle
@@ -288,7 +333,10 @@ class World:
         self.ended[case] = partial(
             Recording,
             self._trajectory(row, 0, int(ego["samples"]), vehicle),
-            {actor.name: self._trajectory(row, 1 + j, counts[j], actor) for j, actor in enumerate(actors)},
+            {
+                actor.name: self._trajectory(row, 1 + j, counts[j], actor)
+                for j, actor in enumerate(actors)
+            },
             hit,
             reason,
             self._clips(row, case),
@@ -296,7 +344,9 @@ class World:
         return case
 
     def _note_departure(self, row: int, case: int) -> None:
-        """Put on record how far the ego was from where the recorded one was, and who reacted to it from when on."""
+        """Put on record how far the ego was from where the recorded one was, and who reacted to it
+        from when on.
+        """
         count = int(self.egos["samples"][row])
         time, x, y = self.samples[row, 0, :count, :3].T
         apart = departures(self.cases[case].ego.recorded, time, x, y)
@@ -316,7 +366,10 @@ class World:
         return float(time[-1] - time[elsewhere[-1]] if len(elsewhere) else time[-1])
 
     def recordings(self, wall_time: float) -> list[Recording | Alone]:
-        """What each case left behind, or why it has to be driven alone. wall_time: of all of them, s."""
+        """What each case left behind, or why it has to be driven alone.
+
+        wall_time: of all of them, s.
+        """
         found: list[Recording | Alone] = []
         for case in range(len(self.cases)):
             if case in self.left:
@@ -334,7 +387,9 @@ class World:
             )
         return found
 
-    def _trajectory(self, row: int, vehicle: int, count: int, body: VehicleSettings | Actor) -> Trajectory:
+    def _trajectory(
+        self, row: int, vehicle: int, count: int, body: VehicleSettings | Actor
+    ) -> Trajectory:
         block = self.samples[row, vehicle, :count].T.copy()
         return Trajectory.of_block(block, length=body.length, width=body.width)
 
@@ -342,8 +397,14 @@ class World:
         ego = self.egos[row]
         struck = int(ego["struck"])
         ego_body = self._touching(ego, float(ego["x"]))
-        time = float(self.samples[row, 0, int(ego["samples"]) - 1, 0])  # a touch at a step's first instant is that one
-        return describe(time, actors[struck].name, ego_body, self._touching(self.others[row, struck], float(ego["x"])))
+        # a touch at a step's first instant is that one
+        time = float(self.samples[row, 0, int(ego["samples"]) - 1, 0])
+        return describe(
+            time,
+            actors[struck].name,
+            ego_body,
+            self._touching(self.others[row, struck], float(ego["x"])),
+        )
 
     def _touching(self, vehicle: Any, x: float) -> Body:
         """A vehicle as it stands on the map, in the axes that the road has at x."""
@@ -354,12 +415,15 @@ class World:
         at, c, s = vehicle["map"], math.cos(along), math.sin(along)
         ahead, left = float(at["x"]) - line_x, float(at["y"]) - line_y
         return found._replace(
-            x=x + ahead * c + left * s, y=left * c - ahead * s, heading=within_a_turn(float(at["heading"]) - along)
+            x=x + ahead * c + left * s,
+            y=left * c - ahead * s,
+            heading=within_a_turn(float(at["heading"]) - along),
         )
 
     def _clips(self, row: int, case: int) -> tuple[Clip, ...]:
         found = [
-            Clip(WHATS[what], *self.clips[row, what].tolist()) for what in np.flatnonzero(self.clips["count"][row])
+            Clip(WHATS[what], *self.clips[row, what].tolist())
+            for what in np.flatnonzero(self.clips["count"][row])
         ]
         for what, note in self.notes.get(case, {}).items():
             found.append(Clip(what, note.count, note.first, note.requested, note.applied))
@@ -383,12 +447,16 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
 
 
 def write_way(ego: Any, way: Way, y: float, speed: float) -> None:
-    """Write into a record what lane change an ego has to make that starts at y, m, with a speed, m/s."""
+    """Write into a record what lane change an ego has to make that starts at y, m, with a speed,
+    m/s.
+    """
     ego["way"] = (y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends))
 
 
 def _put_on_bend(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
-    """Put egos that begin on a bend as those stand who drive it: the rear axle along it, the wheel turned."""
+    """Put egos that begin on a bend as those stand who drive it: the rear axle along it, the wheel
+    turned.
+    """
     line, half = curvatures(road.line, egos["x"]), 0.5 * vehicle.wheelbase
     bend = line / (1.0 - line * egos["y"])
     egos["y"] -= bend * half * half / (1.0 + np.sqrt(1.0 + np.square(bend * half)))
@@ -402,6 +470,11 @@ def _others(cases: Sequence[ConcreteScenario]) -> Records:
     for i, concrete in enumerate(cases):
         for j, actor in enumerate(concrete.actors):
             other, start = others[i, j], actor.start
-            other["x"], other["y"], other["heading"], other["speed"] = start.x, start.y, actor.heading, start.speed
+            other["x"], other["y"], other["heading"], other["speed"] = (
+                start.x,
+                start.y,
+                actor.heading,
+                start.speed,
+            )
             other["length"], other["width"], other["present"] = actor.length, actor.width, 1
     return others

@@ -17,8 +17,18 @@ if TYPE_CHECKING:
 
 INK, MUTED, FAINT = "#1b1f24", "#5b6670", "#c9d0d6"
 SAFE, HAZARDOUS = "#e6f1f8", "#fbd9b5"
-COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8a8f00")
-"""Okabe and Ito's colours (2008), which people of every colour vision tell apart, for ADSs in their order."""
+COLOURS: Final = (
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#cc79a7",
+    "#e69f00",
+    "#56b4e9",
+    "#000000",
+    "#8a8f00",
+)
+"""Okabe and Ito's colours (2008), which people of every colour vision tell apart, for ADSs in their
+order."""
 
 LONGEST_LINE: Final = 100  # characters of a note above a figure of a page's width
 _ON_PAGES: Final = {"o": "circle", "X": "x", "-": "solid"}
@@ -30,7 +40,8 @@ class Marks:
 
     name: in the legend, where each name stands once; empty: not there.
     x, y: (n,).
-    line, marker: of matplotlib; empty: none. bars: bars instead of both.
+    line, marker: of matplotlib; empty: none.
+    bars: bars instead of both.
     spread: half the length of each point's bar along x, (n,); None: without.
     words: on each point, shown by a page.
     """
@@ -48,7 +59,9 @@ class Marks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
-    """One chart. x, y: words of its axes; without x it stands on another panel with the same axis.
+    """One chart.
+
+    x, y: words of its axes; without x it stands on another panel with the same axis.
 
     verticals: places of lines across the whole panel.
     chance: chances (n, m) over x (m,) and y (n,), above 0.5 hazardous; None: no map.
@@ -65,14 +78,21 @@ class Panel:
 
 
 def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
-    """The panels as a figure of plotly, `columns` beside each other. height: of all, px."""
+    """The panels as a figure of plotly, `columns` beside each other.
+
+    height: of all, px.
+    """
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
     rows = -(-len(panels) // columns)
     titles = [panel.title for panel in panels]
     figure = make_subplots(
-        rows, columns, subplot_titles=titles, vertical_spacing=0.3 / rows, horizontal_spacing=0.2 / columns
+        rows,
+        columns,
+        subplot_titles=titles,
+        vertical_spacing=0.3 / rows,
+        horizontal_spacing=0.2 / columns,
     )
     named: set[str] = set()
     for place, panel in enumerate(panels):
@@ -82,11 +102,16 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
             line = {"start": 0.5, "end": 0.5, "size": 1, "coloring": "heatmap"}
             colours = [[0.0, SAFE], [1.0, HAZARDOUS]]
             figure.add_trace(
-                go.Contour(x=x, y=y, z=z, contours=line, colorscale=colours, zmin=0.0, zmax=1.0, showscale=False,
+                go.Contour(x=x, y=y, z=z, contours=line, colorscale=colours, zmin=0.0, zmax=1.0,
+                    showscale=False,
                            line={"color": INK, "width": 2}, hoverinfo="skip"), **at
             )  # fmt: skip
         for it in panel.marks:
-            shown = {"name": it.name, "legendgroup": it.name, "showlegend": bool(it.name) and it.name not in named}
+            shown = {
+                "name": it.name,
+                "legendgroup": it.name,
+                "showlegend": bool(it.name) and it.name not in named,
+            }
             named.add(it.name)
             if it.bars:
                 bars = go.Bar(x=it.x, y=it.y, marker={"color": it.colour}, opacity=0.55, **shown)
@@ -94,19 +119,26 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
                 continue
             dash, symbol = (_ON_PAGES.get(style, style) for style in (it.line, it.marker))
             figure.add_scatter(
-                x=it.x, y=it.y, mode="lines" if it.line else "markers", text=it.words, **shown, **at,
-                line={"color": it.colour, "dash": dash or None}, marker={"color": it.colour, "symbol": symbol or None},
+                x=it.x, y=it.y, mode="lines" if it.line else "markers", text=it.words, **shown,
+                **at,
+                line={"color": it.colour, "dash": dash or None},
+                marker={"color": it.colour, "symbol": symbol or None},
                 error_x=None if it.spread is None else {"type": "data", "array": it.spread},
             )  # fmt: skip
         for x in panel.verticals:
             figure.add_vline(x=x, line={"dash": "dot", "width": 1}, **at)
-        figure.update_xaxes(title_text=panel.x, range=panel.range_, **at).update_yaxes(title_text=panel.y, **at)
+        figure.update_xaxes(title_text=panel.x, range=panel.range_, **at).update_yaxes(
+            title_text=panel.y, **at
+        )
     figure.update_annotations(font_size=12)
     return figure.update_layout(height=height, bargap=0.0)
 
 
 def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
-    """A panel by matplotlib. named: what the legend has already."""
+    """A panel by matplotlib.
+
+    named: what the legend has already.
+    """
     if panel.chance is not None:
         ax.contourf(*panel.chance, levels=[-np.inf, 0.5, np.inf], colors=[SAFE, HAZARDOUS])
         edge_of(ax, panel.chance, 0.5, INK, "-")
@@ -115,7 +147,17 @@ def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
         style |= {"zorder": 1 + (it.colour != FAINT), "clip_on": not (it.marker and np.size(it.x))}
         label = "" if it.name in named else it.name
         named.add(it.name)
-        ax.errorbar(it.x, it.y, None, it.spread, color=it.colour, ls=it.line, marker=it.marker, label=label, **style)
+        ax.errorbar(
+            it.x,
+            it.y,
+            None,
+            it.spread,
+            color=it.colour,
+            ls=it.line,
+            marker=it.marker,
+            label=label,
+            **style,
+        )
     for x in panel.verticals:
         ax.axvline(x, color=FAINT, linewidth=3.0, zorder=0)
     ax.set(xlabel=panel.x, ylabel=panel.y, title=panel.title, xlim=panel.range_)

@@ -1,1 +1,4 @@
-"""The paper: its equations as functions, arrays in and values out. No files, no plots, no simulator."""
+"""The paper: its equations as functions, arrays in and values out.
+
+No files, no plots, no simulator.
+"""

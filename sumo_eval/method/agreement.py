@@ -1,4 +1,6 @@
-"""Do people agree with the scores, and with each other: rank correlation and Kendall's coefficient of concordance."""
+"""Do people agree with the scores, and with each other: rank correlation and Kendall's coefficient
+of concordance.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,17 @@ from scipy import stats
 from sumo_eval.errors import must_be
 
 EXACT = 8
-"""Pairs up to which all orders are counted: 8! = 40,320. The t distribution gives p = 0 for four that agree."""
+"""Pairs up to which all orders are counted: 8! = 40,320.
+
+The t distribution gives p = 0 for four that agree.
+"""
 
 
 class Agreement(NamedTuple):
-    """A coefficient and the probability of one as large without any agreement; n: what it was computed from."""
+    """A coefficient and the probability of one as large without any agreement;
+
+    n: what it was computed from.
+    """
 
     value: float
     p_value: float
@@ -25,15 +33,20 @@ class Agreement(NamedTuple):
 
 
 def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
-    """Spearman's rho of n scores and n opinions, -1..1; nan where either is constant. Raises InputError under 3
-    pairs.
+    """Spearman's rho of n scores and n opinions, -1..1; nan where either is constant.
 
-    p: of up to 8 pairs the share of all n! orders with as large a |rho|, ties included; of more by Student's t.
+    Raises InputError under 3 pairs.
+
+    p: of up to 8 pairs the share of all n! orders with as large a |rho|, ties included; of more by
+        Student's t.
     """
     first, second = np.asarray(scores, dtype=np.float64), np.asarray(opinions, dtype=np.float64)
     if first.shape != second.shape or first.ndim != 1 or first.size < 3:
         raise must_be(
-            "The lists", "a rank correlation", "equally long, at least 3", f"{first.shape} and {second.shape}"
+            "The lists",
+            "a rank correlation",
+            "equally long, at least 3",
+            f"{first.shape} and {second.shape}",
         )
     if np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
         return Agreement(float("nan"), float("nan"), first.size)
@@ -43,7 +56,9 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
         ranks, others = stats.rankdata(first), stats.rankdata(second)
         orders = np.array(list(itertools.permutations(others - others.mean())))
         sums = np.abs(orders @ (ranks - ranks.mean()))
-        p_value = float(np.mean(sums >= abs((ranks - ranks.mean()) @ (others - others.mean())) - 1e-9))
+        p_value = float(
+            np.mean(sums >= abs((ranks - ranks.mean()) @ (others - others.mean())) - 1e-9)
+        )
     return Agreement(float(found.statistic), p_value, first.size)
 
 
@@ -62,21 +77,28 @@ def rank_interval(rho: float, n: int, level: float = 0.95) -> tuple[float, float
 
 
 def concordance(ratings: ArrayLike) -> Agreement:
-    """Kendall's W of m raters (rows) who each rated the same n items (columns), 0..1, with the correction for ties:
+    """Kendall's W of m raters (rows) who each rated the same n items (columns), 0..1, with the
+    correction for ties:
 
-        W = 12 S / (m^2 (n^3 - n) - m sum(t^3 - t)),   S = sum((R_i - mean R)^2),   chi^2 = m (n - 1) W
+    W = 12 S / (m^2 (n^3 - n) - m sum(t^3 - t)),   S = sum((R_i - mean R)^2),   chi^2 = m (n - 1) W
 
-    (Kendall, Babington Smith, Ann. Math. Stat. 10, 275 (1939)). nan where every rater gave one score to all.
+    (Kendall, Babington Smith, Ann. Math. Stat. 10, 275 (1939)). nan where every rater gave one
+    score to all.
+
     Raises InputError for fewer than 2 raters or items, or a rating that is missing.
     """
     table = np.asarray(ratings, dtype=np.float64)
     if table.ndim != 2 or min(table.shape) < 2 or not np.all(np.isfinite(table)):
-        raise must_be("`ratings`", "Kendall's W", "a full table of at least 2 raters and 2 items", table.shape)
+        raise must_be(
+            "`ratings`", "Kendall's W", "a full table of at least 2 raters and 2 items", table.shape
+        )
     m, n = table.shape
     ranks = stats.rankdata(table, axis=1)
     totals = ranks.sum(axis=0)
     ties = sum(
-        float(np.sum(counts**3 - counts)) for row in ranks for counts in (np.unique(row, return_counts=True)[1],)
+        float(np.sum(counts**3 - counts))
+        for row in ranks
+        for counts in (np.unique(row, return_counts=True)[1],)
     )
     spread = m**2 * (n**3 - n) - m * ties
     if spread == 0.0:

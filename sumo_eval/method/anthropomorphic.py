@@ -1,18 +1,24 @@
-"""Anthropomorphic index D, Eqs. 11-13: how closely an ADS drives as skilled humans do in the same concrete scenario.
+"""Anthropomorphic index D, Eqs. 11-13: how closely an ADS drives as skilled humans do in the same
+concrete scenario.
 
 Readings of the paper (docs/method.md) that this file is built on:
 - A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
-- What lies beyond the road's end belongs to no trajectory: each is read up to its first sample at or past the end.
-- A length ends where the vehicle stopped, else at the road's end, also for who was still driving when the time was up
-  or the recording ended; who left the road has the length driven. Slices end where the vehicle was last seen, or where
-  the drivers were on average: beyond there is nobody to compare with. A recording whose next sample would lie past the
-  road's end has reached it.
-- A driver who did not get as far as a slice has no centre there. Where fewer than two got there, the others stand in
+- What lies beyond the road's end belongs to no trajectory: each is read up to its first sample at
+  or past the end.
+- A length ends where the vehicle stopped, else at the road's end, also for who was still driving
+  when the time was up
+  or the recording ended; who left the road has the length driven. Slices end where the vehicle was
+  last seen, or where the drivers were on average: beyond there is nobody to compare with. A
+  recording whose next sample would lie past the road's end has reached it.
+- A driver who did not get as far as a slice has no centre there. Where fewer than two got there,
+  the others stand in
   with their last lateral position, as a deviation needs two.
-- In mixture mode (`settings.mode`) the drivers are those who made the ADS's manoeuvre (`method.manoeuvres`), and the
+- In mixture mode (`settings.mode`) the drivers are those who made the ADS's manoeuvre
+  (`method.manoeuvres`), and the
   similarity is multiplied by how usual that manoeuvre is.
 - What an operation is stands in `method.operations`.
-- Beside D_i stands the human-likeness of a case (`Likeness`), whose similarity is that of mixture mode in any mode.
+- Beside D_i stands the human-likeness of a case (`Likeness`), whose similarity is that of mixture
+  mode in any mode.
 """
 
 from __future__ import annotations
@@ -64,8 +70,10 @@ NoteKind = Literal[
 
 @dataclass(frozen=True, slots=True)
 class IndexNote:
-    """Where a reading or a floor had to step in for a D_i: what, at how many of how many slices, points, trajectories
-    or drivers; manoeuvre: the ADS's, of the first two kinds.
+    """Where a reading or a floor had to step in for a D_i: what, at how many of how many slices,
+    points, trajectories or drivers;
+
+    manoeuvre: the ADS's, of the first two kinds.
     """
 
     kind: NoteKind
@@ -76,9 +84,12 @@ class IndexNote:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """What a safe case without a collision brings to the human-likeness H, besides its plausibility, 0..1 each.
+    """What a safe case without a collision brings to the human-likeness H, besides its
+    plausibility, 0..1 each.
 
-    length_factor: f_L over all drivers. operation_tolerance: f_n+ (`operation_tolerance`). similarity: in mixture mode.
+    length_factor: f_L over all drivers.
+    operation_tolerance: f_n+ (`operation_tolerance`).
+    similarity: in mixture mode.
     """
 
     length_factor: float
@@ -93,10 +104,11 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class Ingredients:
-    """What the factors of a D_i were made of, for whoever explains them. Lengths m; means over all `drivers`.
+    """What the factors of a D_i were made of, for whoever explains them. Lengths m; means over all
+    `drivers`.
 
-    centre_similarity, field_similarity: as in `AnthropomorphicIndex`. lowest: the smallest similarity of the `slices`
-    slices, and lowest_at: where that one is, m.
+    centre_similarity, field_similarity: as in `AnthropomorphicIndex`.
+    lowest: the smallest similarity of the `slices` slices, and lowest_at: where that one is, m.
     """
 
     drivers: int
@@ -115,13 +127,17 @@ class Ingredients:
 class AnthropomorphicIndex:
     """D_i of one ADS in one concrete scenario, and everything it was made of.
 
-    value: D_i = length_factor * operation_factor * similarity, 0..1. similarity: the mean over all sample points of
-    centre term times field term; centre_similarity and field_similarity: the mean of each alone. slices: x of the m
-    slices, m; slice_similarity: the mean over each slice's points, (m,). Lengths m. notes: where a reading or a
-    floor had to step in.
+    value: D_i = length_factor * operation_factor * similarity, 0..1.
+    similarity: the mean over all sample points of centre term times field term;
+    centre_similarity and field_similarity: the mean of each alone.
+    slices: x of the m slices, m;
+    slice_similarity: the mean over each slice's points, (m,). Lengths m.
+    notes: where a reading or a floor had to step in.
 
-    In mixture mode similarity is multiplied by `usual`: how usual the ADS's manoeuvre is among the drivers, over the
-    most usual one; share: of the drivers who made it. Both are 1, and the manoeuvre is empty, in gaussian mode.
+    In mixture mode similarity is multiplied by `usual`: how usual the ADS's manoeuvre is among the
+    drivers, over the most usual one;
+
+    share: of the drivers who made it. Both are 1, and the manoeuvre is empty, in gaussian mode.
     likeness: None where it was not asked for.
     """
 
@@ -157,7 +173,8 @@ class AnthropomorphicIndex:
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """Who is judged against whom, as places in a list of trajectories; slices lie `spacing` apart, m.
+    """Who is judged against whom, as places in a list of trajectories; slices lie `spacing` apart,
+    m.
 
     likeness: whether the terms of the human-likeness are wanted beside D_i.
     """
@@ -174,12 +191,16 @@ def anthropomorphic_index(
     road: Road,
     settings: AnthropomorphicSettings = DEFAULTS,
 ) -> AnthropomorphicIndex:
-    """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)), one ADS in one concrete scenario.
+    """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)), one ADS in one
+    concrete scenario.
 
-    f_L = min(1, L / mean human L); f_n = min(1, mean human n / n); the mean is over all points of all slices between
-    the ADS's start and min(L, mean human L). ads: in road coordinates. drivers: at least two, in the same concrete
-    scenario. road: its end ends the slices, its edges narrow them. Raises InputError for fewer drivers and for an ADS
-    that starts past the road's end.
+    f_L = min(1, L / mean human L); f_n = min(1, mean human n / n); the mean is over all points of
+    all slices between the ADS's start and min(L, mean human L).
+
+    ads: in road coordinates.
+    drivers: at least two, in the same concrete scenario.
+    road: its end ends the slices, its edges narrow them.
+    Raises InputError for fewer drivers and for an ADS that starts past the road's end.
     """
     pairing = Pairing(0, tuple(range(1, 1 + len(drivers))), settings.slice_spacing, likeness=True)
     ((index,),) = indexes_by_group([ads, *drivers], [[pairing]], road, settings)
@@ -192,24 +213,38 @@ def indexes_by_group(
     road: Road,
     settings: AnthropomorphicSettings = DEFAULTS,
 ) -> list[list[AnthropomorphicIndex]]:
-    """`anthropomorphic_index` of each pairing among the trajectories of one concrete scenario, by group.
+    """`anthropomorphic_index` of each pairing among the trajectories of one concrete scenario, by
+    group.
 
-    What all pairings have in common is computed once: what is known of a trajectory and what its far samples add to
-    fields; and in a group the lateral positions at slices, and the drivers' fields, at the points of all its pairings
-    together. A group's indexes are the same to the last bit whatever other groups there are, provided that these name
-    no driver that it does not.
+    What all pairings have in common is computed once: what is known of a trajectory and what its
+    far samples add to fields; and in a group the lateral positions at slices, and the drivers'
+    fields, at the points of all its pairings together. A group's indexes are the same to the last
+    bit whatever other groups there are, provided that these name no driver that it does not.
     """
     pairings = [pairing for group in groups for pairing in group]
     for pairing in pairings:
         if len(pairing.drivers) < 2:
-            raise must_be("The number of drivers", "the anthropomorphic index", "at least 2", len(pairing.drivers))
+            raise must_be(
+                "The number of drivers",
+                "the anthropomorphic index",
+                "at least 2",
+                len(pairing.drivers),
+            )
         start = float(trajectories[pairing.ads].x[0])
         if start >= road.length:
-            raise must_be("The ADS's start", f"road `{road.name}`", f"before its end at x = {road.length:g} m", start)
+            raise must_be(
+                "The ADS's start",
+                f"road `{road.name}`",
+                f"before its end at x = {road.length:g} m",
+                start,
+            )
     if not pairings:
         return [[] for _ in groups]
     drives = [_drive(trajectory, road, settings) for trajectory in trajectories]
-    drivers = [drives[place] for place in sorted({place for pairing in pairings for place in pairing.drivers})]
+    drivers = [
+        drives[place]
+        for place in sorted({place for pairing in pairings for place in pairing.drivers})
+    ]
     stretch = Stretch(
         west=min(float(driver.whole.x[0]) for driver in drivers),
         east=max(float(driver.whole.x[0]) + driver.reach for driver in drivers),
@@ -248,10 +283,15 @@ def _indexes(
     everywhere = np.concatenate(list(slices.values()))
     ends = np.cumsum([len(x) for x in slices.values()])[:-1]
     needed = sorted({place for pairing in pairings for place in (pairing.ads, *pairing.drivers)})
-    lateral = {place: np.split(lateral_position(drives[place].judged, everywhere), ends) for place in needed}
+    lateral = {
+        place: np.split(lateral_position(drives[place].judged, everywhere), ends)
+        for place in needed
+    }
     number = {where: order for order, where in enumerate(slices)}
     sets = {
-        one.points: slice_points(slices[one.where], lateral[one.pairing.ads][number[one.where]], road, settings)
+        one.points: slice_points(
+            slices[one.where], lateral[one.pairing.ads][number[one.where]], road, settings
+        )
         for one in comparisons
     }
     fields = _fields(comparisons, sets, shared)
@@ -283,6 +323,7 @@ def _index(
     """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)) of one comparison.
 
     f_L = min(1, L / mean of the drivers' L); f_n = min(1, mean of the drivers' n / n).
+
     x: slices, (m,), m.
     y: centres at the slices, the ADS's first, (1 + k, m), m.
     fields: Eq. 9 at the points of the slices.
@@ -291,8 +332,12 @@ def _index(
     choice = one.choice
 
     ends = np.array([driver.whole.x[0] + driver.reach for driver in drivers])
-    centre_term, centre_notes = _centre_term(x, y, x <= ends[:, None] + SAME_PLACE, road, settings, choice)
-    field_term, field_notes = _field_term(fields.own, fields.of(one.pairing.drivers), settings, choice)
+    centre_term, centre_notes = _centre_term(
+        x, y, x <= ends[:, None] + SAME_PLACE, road, settings, choice
+    )
+    field_term, field_notes = _field_term(
+        fields.own, fields.of(one.pairing.drivers), settings, choice
+    )
     terms = centre_term[:, None] * field_term
 
     similarity = (1.0 if choice is None else choice.usual) * float(terms.mean())
@@ -337,14 +382,18 @@ def _likeness(drives: Sequence[_Drive], pairing: Pairing, similarity: float) -> 
 def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
     """Eq. 13: D = sum(p_i D_i) / sum(p_i) over the concrete scenarios of the safe zone.
 
-    values: D_i, (n,). exposure: p_i, naturalistic probability of each, (n,), at least 0 and not all 0.
+    values: D_i, (n,).
+    exposure: p_i, naturalistic probability of each, (n,), at least 0 and not all 0.
     Raises InputError for arguments outside these meanings.
     """
     indices, weights = np.asarray(values, dtype=np.float64), np.asarray(exposure, dtype=np.float64)
     owner = "the exposure-weighted index"
     if indices.ndim != 1 or indices.shape != weights.shape:
         raise must_be(
-            "`values` and `exposure`", owner, "one list each, equally long", f"{indices.shape} and {weights.shape}"
+            "`values` and `exposure`",
+            owner,
+            "one list each, equally long",
+            f"{indices.shape} and {weights.shape}",
         )
     if not np.all(np.isfinite(indices)):
         raise must_be("`values`", owner, "finite", float(indices[~np.isfinite(indices)][0]))
@@ -356,14 +405,17 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
     return float(score_terms.exposure_mean(indices, weights, score_terms.once(len(indices)))[0])
 
 
-# --- lengths and operations -------------------------------------------------------------------------------------------
+# --- lengths and operations -----------------------------------------------------------------------
 
 
-def driven_length(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings = DEFAULTS) -> float:
-    """Eq. 12: L, m, from the start to where the vehicle stopped, else to the road's end; never further.
+def driven_length(
+    trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings = DEFAULTS
+) -> float:
+    """Eq. 12: L, m, from the start to where the vehicle stopped, else to the road's end; never
+    further.
 
-    Who is still driving when the time is up has not stopped, so L goes to the road's end. A vehicle that left the road
-    for its side has the length it drove.
+    Who is still driving when the time is up has not stopped, so L goes to the road's end. A vehicle
+    that left the road for its side has the length it drove.
     """
     ended = _has_stopped(trajectory, settings) or _left_the_road(trajectory, road)
     if ended and not _reached_the_end(trajectory, road):
@@ -380,25 +432,33 @@ def _reach(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings
 
 
 def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
-    """f_n+ of the human-likeness: 1 up to the drivers' mean number, above it min(1, exp(2 - z^2 / 2)).
+    """f_n+ of the human-likeness: 1 up to the drivers' mean number, above it min(1, exp(2 - z^2 /
+    2)).
 
-    z = (n - mean) / max(deviation, 0.5), the sample deviation over the drivers: the tolerance that Eq. 11 gives to
-    everything else. operations: `most_operations` of the ADS. of_drivers: of each driver, at least two.
+    z = (n - mean) / max(deviation, 0.5), the sample deviation over the drivers: the tolerance that
+    Eq. 11 gives to everything else.
+
+    operations: `most_operations` of the ADS.
+    of_drivers: of each driver, at least two.
     """
     drivers = np.asarray(of_drivers, dtype=np.float64)
     deviation = max(float(drivers.std(ddof=1)), OPERATION_DEVIATION_FLOOR)
     return float(gaussian_similarity(max(operations, drivers.mean()), drivers.mean(), deviation))
 
 
-# --- what is computed once --------------------------------------------------------------------------------------------
+# --- what is computed once ------------------------------------------------------------------------
 
 
-_Points = tuple[int, tuple[float, float, float]]  # whose slices; where they begin, how far they go, how close they lie
+# whose slices; where they begin, how far they go, how close they lie
+_Points = tuple[int, tuple[float, float, float]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drive:
-    """What is known of one trajectory: as a whole, and as far as it is judged. reach: how far it was seen, m."""
+    """What is known of one trajectory: as a whole, and as far as it is judged.
+
+    reach: how far it was seen, m.
+    """
 
     whole: Trajectory
     judged: Trajectory
@@ -413,7 +473,10 @@ class _Drive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Comparison:
-    """A pairing and what follows from lengths and manoeuvres. compared: which of its drivers count, (k,)."""
+    """A pairing and what follows from lengths and manoeuvres.
+
+    compared: which of its drivers count, (k,).
+    """
 
     pairing: Pairing
     choice: Choice | None
@@ -429,7 +492,9 @@ class _Comparison:
 
 def _drive(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> _Drive:
     judged = _up_to_the_end(trajectory, road)
-    ends_on_its_way = not _reached_the_end(trajectory, road) and not _has_stopped(trajectory, settings)
+    ends_on_its_way = not _reached_the_end(trajectory, road) and not _has_stopped(
+        trajectory, settings
+    )
     left = _left_the_road(trajectory, road)
     return _Drive(
         whole=trajectory,
@@ -458,8 +523,10 @@ def _comparison(drives: Sequence[_Drive], pairing: Pairing, mode: Mode) -> _Comp
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fields:
-    """Eq. 9 at a set of m points a slice. drivers: of everyone who is a driver in some pairing, in the order of their
-    places, (k, m, 7). own: of the set's owner, (m, 7).
+    """Eq. 9 at a set of m points a slice.
+
+    drivers: of everyone who is a driver in some pairing, in the order of their places, (k, m, 7).
+    own: of the set's owner, (m, 7).
     """
 
     places: tuple[int, ...]
@@ -468,7 +535,11 @@ class _Fields:
 
     def of(self, places: tuple[int, ...]) -> FloatArray:
         """Those of some of the drivers."""
-        return self.drivers if places == self.places else self.drivers[[self.places.index(place) for place in places]]
+        return (
+            self.drivers
+            if places == self.places
+            else self.drivers[[self.places.index(place) for place in places]]
+        )
 
 
 def _fields(
@@ -492,25 +563,33 @@ def _fields(
     }
 
 
-# --- slices -----------------------------------------------------------------------------------------------------------
+# --- slices ---------------------------------------------------------------------------------------
 
 
 def slice_positions(start: float, length: float, spacing: float) -> FloatArray:
-    """Eq. 11: x of the slices, (m,), m: every `spacing` from `start`, and the end itself if the last one is shorter."""
+    """Eq. 11: x of the slices, (m,), m: every `spacing` from `start`, and the end itself if the
+    last one is shorter.
+    """
     whole = int(length / spacing)
     positions: FloatArray = start + spacing * np.arange(whole + 1, dtype=np.float64)
-    return np.append(positions, start + length) if length - whole * spacing > SAME_PLACE else positions
+    return (
+        np.append(positions, start + length) if length - whole * spacing > SAME_PLACE else positions
+    )
 
 
 def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray:
-    """y where the vehicle first gets to each x of `positions`, (m,), m; its first y before that, its last y beyond."""
+    """y where the vehicle first gets to each x of `positions`, (m,), m; its first y before that,
+    its last y beyond.
+    """
     x, y = trajectory.x, trajectory.y
     wanted = np.asarray(positions, dtype=np.float64)
     after = np.searchsorted(np.maximum.accumulate(x), wanted)
     crossed = (after > 0) & (after < x.size)
     right = np.where(crossed, after, 0)
     left = np.where(crossed, after - 1, 0)
-    share = np.divide(wanted - x[left], x[right] - x[left], out=np.zeros(wanted.shape), where=crossed)
+    share = np.divide(
+        wanted - x[left], x[right] - x[left], out=np.zeros(wanted.shape), where=crossed
+    )
     lateral = y[left] + share * (y[right] - y[left])
     return np.where(after == x.size, y[-1], lateral)
 
@@ -530,22 +609,29 @@ def slice_points(
 ) -> FloatArray:
     """Eq. 11: the ADS's centre and three points on each side of it, 0.5 m apart, (m, 7, 2), m.
 
-    Where a side would leave the road, its points split the distance to the road's edge into equal parts; a centre
-    that is off the road itself has all points of that side on it. slices: x, (m,), m. centre: y, (m,), m.
+    Where a side would leave the road, its points split the distance to the road's edge into equal
+    parts; a centre that is off the road itself has all points of that side on it.
+
+    slices: x, (m,), m.
+    centre: y, (m,), m.
     """
     right = np.clip(centre - _right_edge(road, slices), 0.0, settings.side_width)
     left = np.clip(_left_edge(road, slices) - centre, 0.0, settings.side_width)
     parts = np.arange(1, settings.points_per_side + 1) / settings.points_per_side
-    offsets = np.column_stack((-right[:, None] * parts[::-1], np.zeros(len(centre)), left[:, None] * parts))
+    offsets = np.column_stack(
+        (-right[:, None] * parts[::-1], np.zeros(len(centre)), left[:, None] * parts)
+    )
     y = centre[:, None] + offsets
     return np.stack((np.broadcast_to(slices[:, None], y.shape), y), axis=-1)
 
 
-# --- terms ------------------------------------------------------------------------------------------------------------
+# --- terms ----------------------------------------------------------------------------------------
 
 
 def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike) -> FloatArray:
-    """Eq. 11: min(1, p(value) / p(mean + 2 deviations)) = min(1, exp(2 - z^2 / 2)), p the Gaussian; they broadcast."""
+    """Eq. 11: min(1, p(value) / p(mean + 2 deviations)) = min(1, exp(2 - z^2 / 2)), p the Gaussian;
+    they broadcast.
+    """
     z = (np.asarray(value) - np.asarray(mean)) / np.asarray(deviation)
     similarity: FloatArray = np.exp(np.minimum(2.0 - z * z / 2.0, 0.0))
     return similarity
@@ -559,8 +645,11 @@ def _centre_term(
     settings: AnthropomorphicSettings,
     choice: Choice | None,
 ) -> tuple[FloatArray, list[IndexNote]]:
-    """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes. slices: x, (m,), m. centres: y of the ADS
-    and of the k drivers, (1 + k, m), m. got_there: which drivers got as far as which slice, (k, m).
+    """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes.
+
+    slices: x, (m,), m.
+    centres: y of the ADS and of the k drivers, (1 + k, m), m.
+    got_there: which drivers got as far as which slice, (k, m).
     """
     ads, humans = centres[0], centres[1:]
     fewest = 2
@@ -581,7 +670,8 @@ def _centre_term(
     floor = settings.centre_deviation_floor
     term = gaussian_similarity(ads, mean, np.maximum(deviation, floor))
 
-    # A gap between neighbours counts when enough drivers stand on each side of it; nan (did not get there) sorts last.
+    # A gap between neighbours counts when enough drivers stand on each side of it; nan (did not get
+    # there) sorts last.
     ordered = np.sort(np.where(counted, humans, np.nan), axis=0)
     below = np.arange(1, len(humans))[:, None]
     groups = (below >= SPLIT_MEMBERS) & (number - below >= SPLIT_MEMBERS)
@@ -599,8 +689,10 @@ def _centre_term(
 def _field_term(
     own: FloatArray, humans: FloatArray, settings: AnthropomorphicSettings, choice: Choice | None
 ) -> tuple[FloatArray, list[IndexNote]]:
-    """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes. own: the ADS's field there, (m, 7). humans: the
-    k drivers', (k, m, 7).
+    """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes.
+
+    own: the ADS's field there, (m, 7).
+    humans: the k drivers', (k, m, 7).
     """
     if choice is None:
         mean, deviation = humans.mean(axis=0), humans.std(axis=0, ddof=1)
@@ -623,7 +715,7 @@ def _choice_notes(choice: Choice | None) -> list[IndexNote]:
     return [IndexNote("manoeuvre_made_by", number, choice.members.size, choice.manoeuvre)]
 
 
-# --- what is known of a trajectory ------------------------------------------------------------------------------------
+# --- what is known of a trajectory ----------------------------------------------------------------
 
 
 def _up_to_the_end(trajectory: Trajectory, road: Road) -> Trajectory:
@@ -651,7 +743,9 @@ def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
     return bool(not _right_edge(road, x) <= y <= _left_edge(road, x))
 
 
-def _trajectory_notes(ads: _Drive, drivers: Sequence[_Drive], settings: AnthropomorphicSettings) -> list[IndexNote]:
+def _trajectory_notes(
+    ads: _Drive, drivers: Sequence[_Drive], settings: AnthropomorphicSettings
+) -> list[IndexNote]:
     """Where a reading had to step in for a trajectory as a whole."""
     late = [driver.whole.x[0] > ads.whole.x[0] + settings.slice_spacing for driver in drivers]
     beyond = [drive.judged is not drive.whole for drive in (ads, *drivers)]

@@ -1,4 +1,6 @@
-"""How well an ADS avoids or softens collisions, Eqs. 14-17: severity, loss, weight and the index C."""
+"""How well an ADS avoids or softens collisions, Eqs. 14-17: severity, loss, weight and the index
+C.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.method import score_terms
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-if TYPE_CHECKING:  # zones come with scenarios and their files, which a loss or a severity does not need
+# zones come with scenarios and their files, which a loss or a severity does not need
+if TYPE_CHECKING:
     from sumo_eval.method.zone_partition import IntArray, ZonePartition
 
 SMALLEST_OVERLAP = 0.5  # w of Eq. 15 lies in [0.5, 1]
@@ -28,35 +31,48 @@ SAME_POINT = 1e-12  # unit-box lengths
 def collision_loss(u: ArrayLike) -> FloatArray:
     """Eq. 14: L = 1 if U > 15, 0.7 if 8 < U <= 15, 0.4 if 0 < U <= 8, 0.1 otherwise.
 
-    u: U, severity of a collision, m/s, any shape. Raises InputError for values that are negative or not finite.
+    u: U, severity of a collision, m/s, any shape.
+    Raises InputError for values that are negative or not finite.
     """
     severity = _not_negative("u", u)
     above = [severity > limit for limit, _ in LOSS_CLASSES]
     return np.select(above, [loss for _, loss in LOSS_CLASSES], LEAST_LOSS)[()]
 
 
-def impact_severity(ego_velocity: ArrayLike, obstacle_velocity: ArrayLike, overlap: ArrayLike) -> FloatArray:
+def impact_severity(
+    ego_velocity: ArrayLike, obstacle_velocity: ArrayLike, overlap: ArrayLike
+) -> FloatArray:
     """Eq. 15: U = |v_ego - v_obstacle| / w at first contact, m/s.
 
-    ego_velocity, obstacle_velocity: (..., 2) m/s in one frame. overlap: w, share of the ego's bumper width that faces
-    the obstacle, (...), 0..1. The paper has w in [0.5, 1]: a smaller share counts as 0.5, so that a graze is at most
-    twice as severe as a full hit, never without limit.
+    ego_velocity, obstacle_velocity: (..., 2) m/s in one frame.
+    overlap: w, share of the ego's bumper width that faces the obstacle, (...), 0..1. The paper has
+        w in [0.5, 1]: a smaller share counts as 0.5, so that a graze is at most twice as severe as
+        a full hit, never without limit.
     Raises InputError for velocities that are not finite pairs and for an overlap outside 0..1.
     """
-    ego, obstacle = _velocity("ego_velocity", ego_velocity), _velocity("obstacle_velocity", obstacle_velocity)
+    ego, obstacle = (
+        _velocity("ego_velocity", ego_velocity),
+        _velocity("obstacle_velocity", obstacle_velocity),
+    )
     share = _not_negative("overlap", overlap)
     if np.any(share > 1.0):
         raise must_be("`overlap`", "a collision", "within 0..1", float(share[share > 1.0].flat[0]))
-    return np.asarray(np.linalg.norm(ego - obstacle, axis=-1) / np.maximum(share, SMALLEST_OVERLAP))[()]
+    return np.asarray(
+        np.linalg.norm(ego - obstacle, axis=-1) / np.maximum(share, SMALLEST_OVERLAP)
+    )[()]
 
 
-def collision_weight(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> FloatArray:
-    """Eq. 16: r_i = |x_i - x*| / |b - x*| in the unit box: how far from the most dangerous point it happened.
+def collision_weight(
+    point: Mapping[str, float] | ArrayLike, partition: ZonePartition
+) -> FloatArray:
+    """Eq. 16: r_i = |x_i - x*| / |b - x*| in the unit box: how far from the most dangerous point it
+    happened.
 
-    point: x_i by name, or a row (k,) or rows (n, k) in the order of the space; a float or (n,) comes back.
-    x*: most dangerous point of the zone nearest to x_i. b: the first point of the ray from x* through x_i that leaves
-    the zone: into the safe zone, over a constraint, or over the edge of the box. So r is 0 at x*, 1 at that exit, and
-    above 1 beyond it, as for every collision in the safe zone. Without a hazardous zone r = 1.
+    point: x_i by name, or a row (k,) or rows (n, k) in the order of the space; a float or (n,)
+        comes back. x*: most dangerous point of the zone nearest to x_i. b: the first point of the
+        ray from x* through x_i that leaves the zone: into the safe zone, over a constraint, or over
+        the edge of the box. So r is 0 at x*, 1 at that exit, and above 1 beyond it, as for every
+        collision in the safe zone. Without a hazardous zone r = 1.
     Raises InputError for points outside the box and for missing or unknown names.
     """
     rows = _rows(point, partition)
@@ -75,15 +91,22 @@ def collision_weight(point: Mapping[str, float] | ArrayLike, partition: ZonePart
 
 
 def collision_avoidance_index(
-    u: ArrayLike, u_ideal: ArrayLike, weights: ArrayLike, loss: Literal["severity", "class"] = "severity"
+    u: ArrayLike,
+    u_ideal: ArrayLike,
+    weights: ArrayLike,
+    loss: Literal["severity", "class"] = "severity",
 ) -> float:
     """Eq. 17: C = sum(r_i Ug_i / U_i) / sum(r_i) over the collisions; 1 if there are none.
 
-    u: U_i of the ADS, (n,) m/s. u_ideal: Ug_i of the ideal vehicle in the same concrete scenarios, 0 where it avoids.
-    weights: r_i. loss: "severity" compares U as printed, "class" the loss L of Eq. 14 of both.
-    An ADS that hits no harder than the ideal vehicle, at 0 m/s included, counts 1. If all weights
-    are 0, every collision weighs the same. With "class" an ideal vehicle that avoids still has L = 0.1 (Eq. 14).
-    Raises InputError for arrays of different lengths and for values that are negative or not finite.
+    u: U_i of the ADS, (n,) m/s.
+    u_ideal: Ug_i of the ideal vehicle in the same concrete scenarios, 0 where it avoids.
+    weights: r_i.
+    loss: "severity" compares U as printed, "class" the loss L of Eq. 14 of both. An ADS that hits
+        no harder than the ideal vehicle, at 0 m/s included, counts 1. If all weights are 0, every
+        collision weighs the same. With "class" an ideal vehicle that avoids still has L = 0.1 (Eq.
+        14).
+    Raises InputError for arrays of different lengths and for values that are negative or not
+    finite.
     """
     if loss not in ("severity", "class"):
         raise must_be("`loss`", "`collision_avoidance_index`", "'severity' or 'class'", loss)
@@ -101,7 +124,8 @@ def collision_avoidance_index(
 
 
 def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArray) -> FloatArray:
-    """Smallest t > 0, (n,), at which start + t direction (n, k) leaves the zone; unit-box coordinates.
+    """Smallest t > 0, (n,), at which start + t direction (n, k) leaves the zone; unit-box
+    coordinates.
 
     Marched in steps of MARCH (a gap in the zone narrower than that can be missed), then bisected.
     """
@@ -118,13 +142,15 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     low: FloatArray = np.zeros(len(start))
     high: FloatArray = to_box.copy()
     marching = np.arange(len(start))
-    steps = math.ceil(math.sqrt(start.shape[1]) / MARCH)  # as many for every ray: r is that of the point alone
+    # as many for every ray: r is that of the point alone
+    steps = math.ceil(math.sqrt(start.shape[1]) / MARCH)
     for first in range(1, steps + 1, AT_ONCE):
         shares = np.arange(first, min(first + AT_ONCE, steps + 1)) / steps
         t = np.column_stack([low[marching], to_box[marching, None] * shares])
         samples = np.repeat(marching, len(shares)), t[:, 1:].ravel()
         stays = inside(*samples).reshape(-1, len(shares))
-        stayed = np.argmin(np.column_stack([stays, np.zeros(len(t), dtype=bool)]), axis=1)  # steps before the first out
+        # steps before the first out
+        stayed = np.argmin(np.column_stack([stays, np.zeros(len(t), dtype=bool)]), axis=1)
         rows, leaves = np.arange(len(t)), stayed < len(shares)
         low[marching] = t[rows, stayed]
         high[marching[leaves]] = t[rows[leaves], stayed[leaves] + 1]
@@ -144,7 +170,9 @@ def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> F
     if not isinstance(point, Mapping):
         array = np.asarray(point, dtype=np.float64)
         if array.ndim == 0:
-            raise must_be("`point`", f"scenario `{logical.name}`", "values by name, a row or rows", point)
+            raise must_be(
+                "`point`", f"scenario `{logical.name}`", "values by name, a row or rows", point
+            )
         return array
     for name in point:
         if name not in logical.names:
@@ -155,11 +183,19 @@ def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> F
     return logical.row(point)
 
 
-def _collisions(u: ArrayLike, u_ideal: ArrayLike, weights: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-    arrays = _not_negative("u", u), _not_negative("u_ideal", u_ideal), _not_negative("weights", weights)
+def _collisions(
+    u: ArrayLike, u_ideal: ArrayLike, weights: ArrayLike
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    arrays = (
+        _not_negative("u", u),
+        _not_negative("u_ideal", u_ideal),
+        _not_negative("weights", weights),
+    )
     shapes = [array.shape for array in arrays]
     if len(set(shapes)) != 1 or len(shapes[0]) != 1:
-        raise must_be("`u`, `u_ideal` and `weights`", "the collisions", "of one length (n,)", shapes)
+        raise must_be(
+            "`u`, `u_ideal` and `weights`", "the collisions", "of one length (n,)", shapes
+        )
     return arrays
 
 
@@ -174,5 +210,7 @@ def _not_negative(name: str, values: ArrayLike) -> FloatArray:
     array = np.asarray(values, dtype=np.float64)
     wrong = ~(np.isfinite(array) & (array >= 0.0))
     if np.any(wrong):
-        raise must_be(f"`{name}`", "a collision", "finite and at least 0", float(array[wrong].flat[0]))
+        raise must_be(
+            f"`{name}`", "a collision", "finite and at least 0", float(array[wrong].flat[0])
+        )
     return array

@@ -1,9 +1,11 @@
-"""Conflicts of two ways, as where one road leads into another or crosses it: their area, the time to it, PET.
+"""Conflicts of two ways, as where one road leads into another or crosses it: their area, the time
+to it, PET.
 
-A way is a function of the place along the road; on it the ego has a speed. The time to collision on conflicting ways is
-the time after which the bodies would touch if the ego kept its speed on its way while the other does what its script
-does (Hayward 1972: on a collision course, whatever the angle). Bodies are upright rectangles, as wide and long as the
-turned bodies reach along and across the road.
+A way is a function of the place along the road; on it the ego has a speed. The time to collision on
+conflicting ways is the time after which the bodies would touch if the ego kept its speed on its way
+while the other does what its script does (Hayward 1972: on a collision course, whatever the angle).
+Bodies are upright rectangles, as wide and long as the turned bodies reach along and across the
+road.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from sumo_eval.scenario.undisturbed import Tracks, tracks
 from sumo_eval.settings import VehicleSettings, ZoneSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-STEP = 0.1  # s between two looks; contact between two is found on the straight line from one to the other
+# s between two looks; contact between two is found on the straight line from one to the other
+STEP = 0.1
 HORIZON = 6.0  # s ahead in which a collision course counts, ITTC 0.17 1/s
 _LONGEST = 60.0  # s that are looked at, at most
 
@@ -30,12 +33,15 @@ _WAY = np.dtype([(name, "f8") for name in ("y", "offset", "begin", "length")])
 
 
 class Conflict(NamedTuple):
-    """How two undisturbed ways conflict. begin, end: of the stretch of the ego's way over which the other passes, x, m.
+    """How two undisturbed ways conflict.
 
-    enters, leaves: when the other's body is in the ego's strip, s; it leaves at inf where their ways join. time_to:
-    until the ego's front is at `begin` at its speed, s. pet: from the one's leaving the area, or `begin` where ways
-    join, until the other's entering, s; 0 where both are there at once. All nan where the other never comes into the
-    ego's strip.
+    begin, end: of the stretch of the ego's way over which the other passes, x, m.
+
+    enters, leaves: when the other's body is in the ego's strip, s; it leaves at inf where their
+        ways join.
+    time_to: until the ego's front is at `begin` at its speed, s.
+    pet: from the one's leaving the area, or `begin` where ways join, until the other's entering, s;
+        0 where both are there at once. All nan where the other never comes into the ego's strip.
     """
 
     begin: float
@@ -46,8 +52,13 @@ class Conflict(NamedTuple):
     pet: float
 
 
-def crossing_conflict(concrete: ConcreteScenario, other: int, size: tuple[float, float]) -> Conflict:
-    """The conflict with number `other` that crosses the ego's way, nobody reacting. size: the ego's body, m."""
+def crossing_conflict(
+    concrete: ConcreteScenario, other: int, size: tuple[float, float]
+) -> Conflict:
+    """The conflict with number `other` that crosses the ego's way, nobody reacting.
+
+    size: the ego's body, m.
+    """
     ego = concrete.ego
     until = min((concrete.road.length - ego.x) / max(ego.speed, 1.0), _LONGEST)
     found = tracks([concrete], [size], STEP, until)
@@ -59,7 +70,11 @@ def crossing_conflict(concrete: ConcreteScenario, other: int, size: tuple[float,
     if not inside.size:
         return Conflict(*(math.nan,) * 6)
     first, last = int(inside[0]), int(inside[-1])
-    enters = float(times[first]) if first == 0 else _zero(times[first - 1 : first + 1], apart[first - 1 : first + 1])
+    enters = (
+        float(times[first])
+        if first == 0
+        else _zero(times[first - 1 : first + 1], apart[first - 1 : first + 1])
+    )
     leaves = math.inf
     if last + 1 < len(times):
         leaves = _zero(times[last : last + 2], apart[last : last + 2])
@@ -70,9 +85,13 @@ def crossing_conflict(concrete: ConcreteScenario, other: int, size: tuple[float,
         for place in (begin - 0.5 * size[0], end + 0.5 * size[0])
     )
     there, gone = enters, leaves
-    if math.isinf(leaves) and math.cos(track[0, last, 2]) > math.cos(0.25 * math.pi):  # one behind the other from there
+    # one behind the other from there
+    if math.isinf(leaves) and math.cos(track[0, last, 2]) > math.cos(0.25 * math.pi):
         there = float(np.interp(begin, x + long[0], times, left=-math.inf))
-        gone, clears = enters, (begin + 0.5 * size[0] - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+        gone, clears = (
+            enters,
+            (begin + 0.5 * size[0] - ego.x) / ego.speed if ego.speed > 0.0 else math.inf,
+        )
     return Conflict(begin, end, enters, leaves, arrives, max(arrives - gone, there - clears, 0.0))
 
 
@@ -80,17 +99,21 @@ _ACROSS = 0.5  # sine of the angle to the road from which on somebody crosses it
 
 
 def conflicting(logical: LogicalScenario, concrete: ConcreteScenario) -> int | None:
-    """The number of the one whose way conflicts with the ego's: the obstacle of zones of conflicts, or of others where
-    it crosses the road; None without one.
+    """The number of the one whose way conflicts with the ego's: the obstacle of zones of conflicts,
+    or of others where it crosses the road; None without one.
     """
     search = logical.search
-    if search is None or not (search.conflict or abs(math.sin(concrete.actors[search.obstacle].heading)) > _ACROSS):
+    if search is None or not (
+        search.conflict or abs(math.sin(concrete.actors[search.obstacle].heading)) > _ACROSS
+    ):
         return None
     return search.obstacle
 
 
 def conflict_at(logical: LogicalScenario, values: Mapping[str, float]) -> Conflict | None:
-    """The conflict of a concrete scenario in which nobody reacts, None where no way conflicts with the ego's."""
+    """The conflict of a concrete scenario in which nobody reacts, None where no way conflicts with
+    the ego's.
+    """
     concrete = logical.placed(values)
     other = conflicting(logical, concrete)
     return None if other is None else crossing_conflict(concrete, other, ego_size(logical))
@@ -108,14 +131,17 @@ def _zero(times: FloatArray, values: FloatArray) -> float:
 
 
 def conflict_criticality(
-    placed: Sequence[ConcreteScenario], other: int, delays: Sequence[float], size: tuple[float, float],
+    placed: Sequence[ConcreteScenario], other: int, delays: Sequence[float],
+    size: tuple[float, float],
     settings: ZoneSettings,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Max ITTC, 1/s, impact speed, m/s, and the smallest distance of the bodies, m, of cases with one scenario.
+    """Max ITTC, 1/s, impact speed, m/s, and the smallest distance of the bodies, m, of cases with
+    one scenario.
 
-    The ego keeps its way and brakes ideally to a standstill from the first move of number `other` plus its delay on, or
-    keeps its speed where that leads into nobody: 0 then. Max ITTC is the largest inverse time to collision on the
-    conflicting ways, with any of the others but those who react and come from behind; inf where ideal braking hits.
+    The ego keeps its way and brakes ideally to a standstill from the first move of number `other`
+    plus its delay on, or keeps its speed where that leads into nobody: 0 then. Max ITTC is the
+    largest inverse time to collision on the conflicting ways, with any of the others but those who
+    react and come from behind; inf where ideal braking hits.
     """
     strength = settings.deceleration
     speeds = np.array([concrete.ego.speed for concrete in placed])
@@ -129,24 +155,34 @@ def conflict_criticality(
     if at.size:
         hit = Tracks(found.egos[at], found.others[at], found.begins[at])
         inverse[at], impact[at], nearest[at] = _with_all(
-            [placed[i] for i in at.tolist()], hit, size, from_then[at], strength, round(HORIZON / STEP)
+            [placed[i] for i in at.tolist()],
+            hit,
+            size,
+            from_then[at],
+            strength,
+            round(HORIZON / STEP),
         )
     return inverse, impact, nearest
 
 
 def _with_all(
-    placed: Sequence[ConcreteScenario], found: Tracks, size: tuple[float, float], begins: FloatArray, strength: float,
+    placed: Sequence[ConcreteScenario], found: Tracks, size: tuple[float, float],
+    begins: FloatArray, strength: float,
     horizon: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Max ITTC, impact speed and smallest distance of the bodies, of the others the most critical. begins: when each
-    ego begins to brake, s. horizon: looks ahead.
+    """Max ITTC, impact speed and smallest distance of the bodies, of the others the most critical.
+
+    begins: when each ego begins to brake, s.
+    horizon: looks ahead.
     """
     x, v = np.array([[concrete.ego.x, concrete.ego.speed] for concrete in placed]).T[:, :, None]
     time, wait = np.arange(found.others.shape[2]) * STEP, begins[:, None]
     braking = np.clip(time - wait, 0.0, v / strength)
     speed = v - strength * braking
     egos = np.stack([x + v * np.minimum(time, wait) + braking * (v + speed) / 2.0, speed], axis=2)
-    of_each = [_with(placed, found, egos, number, size, horizon) for number in range(found.others.shape[1])]
+    of_each = [
+        _with(placed, found, egos, number, size, horizon) for number in range(found.others.shape[1])
+    ]
     inverse, impact, nearest = (np.array(part) for part in zip(*of_each, strict=True))
     lets = _let_the_ego_in(placed)
     inverse, impact, nearest = (
@@ -158,8 +194,8 @@ def _with_all(
 
 
 def _let_the_ego_in(placed: Sequence[ConcreteScenario]) -> BoolArray:
-    """Who reacts and comes from behind the ego, (others, n): no braking of the ego averts what such a one does, and
-    SUMO alone knows what that is.
+    """Who reacts and comes from behind the ego, (others, n): no braking of the ego averts what such
+    a one does, and SUMO alone knows what that is.
     """
     react = [[actor.model is not None for actor in concrete.actors] for concrete in placed]
     behind = [[actor.start.x < concrete.ego.x for actor in concrete.actors] for concrete in placed]
@@ -168,17 +204,27 @@ def _let_the_ego_in(placed: Sequence[ConcreteScenario]) -> BoolArray:
 
 
 def _with(
-    placed: Sequence[ConcreteScenario], found: Tracks, egos: FloatArray, other: int, size: tuple[float, float],
+    placed: Sequence[ConcreteScenario], found: Tracks, egos: FloatArray, other: int,
+    size: tuple[float, float],
     horizon: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Max ITTC, impact speed and smallest distance of the bodies with number `other`. egos: x and speed, (n, T, 2)."""
+    """Max ITTC, impact speed and smallest distance of the bodies with number `other`.
+
+    egos: x and speed, (n, T, 2).
+    """
     track, long, wide = _extents(found.others[:, other], placed[0], other)
     ways = np.zeros(len(placed), _WAY)
     for i, concrete in enumerate(placed):
         way = concrete.ego.way
-        own = (0.0, 0.0, 1.0) if way is None else (way.offset, way.begin, way.length(concrete.ego.speed))
+        own = (
+            (0.0, 0.0, 1.0)
+            if way is None
+            else (way.offset, way.begin, way.length(concrete.ego.speed))
+        )
         ways[i] = (concrete.ego.y, *own)
-    told = np.stack([track[:, :, 0], track[:, :, 1], long + 0.5 * size[0], wide + 0.5 * size[1]], axis=2)
+    told = np.stack(
+        [track[:, :, 0], track[:, :, 1], long + 0.5 * size[0], wide + 0.5 * size[1]], axis=2
+    )
     result = np.zeros((len(placed), 3))
     _search_rows(ways, egos, told, STEP, horizon, result)
     hit = np.flatnonzero(result[:, 1] >= 0.0)
@@ -188,24 +234,40 @@ def _with(
     along = speed * np.cos(heading) - across * np.sin(heading)
     sideways = speed * np.sin(heading) + across * np.cos(heading)
     impact[hit] = np.hypot(egos[hit, at, 1] - along, sideways)
-    return np.where(result[:, 1] >= 0.0, np.inf, result[:, 0]), impact, np.maximum(result[:, 2], 0.0)
+    return (
+        np.where(result[:, 1] >= 0.0, np.inf, result[:, 0]),
+        impact,
+        np.maximum(result[:, 2], 0.0),
+    )
 
 
 def _begins(placed: Sequence[ConcreteScenario], other: int) -> FloatArray:
-    """When the first move of number `other` begins at the latest, s, as far as its script says that."""
+    """When the first move of number `other` begins at the latest, s, as far as its script says
+    that.
+    """
     found = []
     for concrete in placed:
         script, ego = concrete.actors[other].acts, concrete.ego
         on_the_road = (concrete.road.length - ego.x) / max(ego.speed, 1.0)
-        found.append(min((on_the_road if act.program else act.begin for act in script), default=0.0))
+        found.append(
+            min((on_the_road if act.program else act.begin for act in script), default=0.0)
+        )
     return np.array(found)
 
 
-def _extents(track: FloatArray, concrete: ConcreteScenario, other: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Tracks (n, T, 5) of a body, and half of what it reaches along and across the road, (n, T), m."""
+def _extents(
+    track: FloatArray, concrete: ConcreteScenario, other: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Tracks (n, T, 5) of a body, and half of what it reaches along and across the road, (n, T),
+    m.
+    """
     actor = concrete.actors[other]
     c, s = np.abs(np.cos(track[:, :, 2])), np.abs(np.sin(track[:, :, 2]))
-    return track, 0.5 * (actor.length * c + actor.width * s), 0.5 * (actor.length * s + actor.width * c)
+    return (
+        track,
+        0.5 * (actor.length * c + actor.width * s),
+        0.5 * (actor.length * s + actor.width * c),
+    )
 
 
 @kernel
@@ -227,9 +289,17 @@ def _share(before: float, after: float) -> float:
 
 @rows
 def _search_rows(
-    ways: NDArray[Any], egos: FloatArray, others: FloatArray, step: float, horizon: int, result: FloatArray
+    ways: NDArray[Any],
+    egos: FloatArray,
+    others: FloatArray,
+    step: float,
+    horizon: int,
+    result: FloatArray,
 ) -> None:
-    """Largest inverse TTC, the step at which both touch (-1: never), the smallest distance. egos: x and speed."""
+    """Largest inverse TTC, the step at which both touch (-1: never), the smallest distance.
+
+    egos: x and speed.
+    """
     for i in range(len(ways)):
         way = ways[i]
         inverse, nearest, touch = 0.0, math.inf, -1.0

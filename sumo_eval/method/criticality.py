@@ -1,8 +1,9 @@
 """Criticality of an approach to a slower vehicle under ideal braking, Eqs. 1-6.
 
-One ego drives at `ego_speed` towards a vehicle `gap` ahead of it (bumper to bumper) that keeps `lead_speed`. It keeps
-its speed for `delay`, then brakes until it is as fast as the lead. Everything has a closed form, except where the
-vehicle ahead brakes or comes in from the side: `searched_criticality` looks along the time axis. Arrays broadcast.
+One ego drives at `ego_speed` towards a vehicle `gap` ahead of it (bumper to bumper) that keeps
+`lead_speed`. It keeps its speed for `delay`, then brakes until it is as fast as the lead.
+Everything has a closed form, except where the vehicle ahead brakes or comes in from the side:
+`searched_criticality` looks along the time axis. Arrays broadcast.
 """
 
 from __future__ import annotations
@@ -20,20 +21,29 @@ from sumo_eval.trajectory import FloatArray
 def time_to_collision(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLike) -> FloatArray:
     """Eq. 1: TTC = d / (v2 - v1), s; 0 where they touch, inf where they are not closing.
 
-    ego_speed: v2, m/s. lead_speed: v1, m/s. gap: d, bumper to bumper, m; 0 or less is contact.
+    ego_speed: v2, m/s.
+    lead_speed: v1, m/s.
+    gap: d, bumper to bumper, m; 0 or less is contact.
     Raises InputError for numbers that are not finite and for negative speeds.
     """
     inverse = inverse_ttc(ego_speed, lead_speed, gap)
-    return np.asarray(np.divide(1.0, inverse, out=np.full(np.shape(inverse), np.inf), where=inverse > 0.0))[()]
+    return np.asarray(
+        np.divide(1.0, inverse, out=np.full(np.shape(inverse), np.inf), where=inverse > 0.0)
+    )[()]
 
 
 def inverse_ttc(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLike) -> FloatArray:
-    """Eq. 2: ITTC = (v2 - v1) / d, 1/s; inf where they touch while closing, 0 where they are not closing.
+    """Eq. 2: ITTC = (v2 - v1) / d, 1/s; inf where they touch while closing, 0 where they are not
+    closing.
 
-    ego_speed: v2, m/s. lead_speed: v1, m/s. gap: d, bumper to bumper, m; 0 or less is contact.
+    ego_speed: v2, m/s.
+    lead_speed: v1, m/s.
+    gap: d, bumper to bumper, m; 0 or less is contact.
     Raises InputError for numbers that are not finite and for negative speeds.
     """
-    closing, distance = np.broadcast_arrays(_closing_speed(ego_speed, lead_speed), _finite("gap", gap))
+    closing, distance = np.broadcast_arrays(
+        _closing_speed(ego_speed, lead_speed), _finite("gap", gap)
+    )
     apart = np.divide(closing, distance, out=np.full(closing.shape, np.inf), where=distance > 0.0)
     return np.where(closing > 0.0, apart, 0.0)[()]
 
@@ -46,14 +56,23 @@ def ideal_braking_speed(
     deceleration: ArrayLike = 5.0,
     delay: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Eq. 3: v2 = v0 - a (t - delay), m/s, until it is the lead's speed; an ego that is not closing keeps its own.
+    """Eq. 3: v2 = v0 - a (t - delay), m/s, until it is the lead's speed; an ego that is not closing
+    keeps its own.
 
-    ego_speed: v0, m/s. lead_speed: v1, m/s. time: t >= 0, s. deceleration: a, m/s2. delay: s before braking.
+    ego_speed: v0, m/s.
+    lead_speed: v1, m/s.
+    time: t >= 0, s.
+    deceleration: a, m/s2.
+    delay: s before braking.
     Raises InputError for numbers outside these meanings.
     """
     closing = _closing_speed(ego_speed, lead_speed)
-    braked = _not_negative("deceleration", deceleration, above_zero=True) * _braking_time(time, delay)
-    return np.asarray(np.asarray(ego_speed, dtype=np.float64) - np.clip(braked, 0.0, np.maximum(closing, 0.0)))[()]
+    braked = _not_negative("deceleration", deceleration, above_zero=True) * _braking_time(
+        time, delay
+    )
+    return np.asarray(
+        np.asarray(ego_speed, dtype=np.float64) - np.clip(braked, 0.0, np.maximum(closing, 0.0))
+    )[()]
 
 
 def ideal_braking_gap(
@@ -65,10 +84,16 @@ def ideal_braking_gap(
     deceleration: ArrayLike = 5.0,
     delay: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Eq. 4: d = d0 + v1 t - t (v0 + v2) / 2, m, from the end of the delay on; negative once the ego has hit.
+    """Eq. 4: d = d0 + v1 t - t (v0 + v2) / 2, m, from the end of the delay on; negative once the
+    ego has hit.
 
-    ego_speed: v0, m/s. lead_speed: v1, m/s. gap: d0, m. time: t >= 0, s. deceleration: a, m/s2. delay: s.
-    Once the ego is as fast as the lead the gap stays. Raises InputError for numbers outside these meanings.
+    ego_speed: v0, m/s.
+    lead_speed: v1, m/s.
+    gap: d0, m.
+    time: t >= 0, s.
+    deceleration: a, m/s2.
+    delay: s. Once the ego is as fast as the lead the gap stays.
+    Raises InputError for numbers outside these meanings.
     """
     closing = _closing_speed(ego_speed, lead_speed)
     strength = _not_negative("deceleration", deceleration, above_zero=True)
@@ -76,7 +101,9 @@ def ideal_braking_gap(
     before = np.asarray(time, dtype=np.float64) - braking
     lasting = np.where(closing > 0.0, np.minimum(braking, closing / strength), braking)
     slower = np.where(closing > 0.0, strength * lasting, 0.0)
-    return np.asarray(_finite("gap", gap) - closing * before - lasting * (closing - slower / 2.0))[()]
+    return np.asarray(_finite("gap", gap) - closing * before - lasting * (closing - slower / 2.0))[
+        ()
+    ]
 
 
 def max_inverse_ttc(
@@ -87,13 +114,21 @@ def max_inverse_ttc(
     deceleration: ArrayLike = 5.0,
     delay: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Eqs. 5-6: largest ITTC on the way to equal speeds, 1/s; inf where ideal braking hits, 0 where not closing.
+    """Eqs. 5-6: largest ITTC on the way to equal speeds, 1/s; inf where ideal braking hits, 0 where
+    not closing.
 
-    ego_speed: v0, m/s. lead_speed: v1, m/s. gap: d0, m; 0 or less is contact. deceleration: a, m/s2. delay: s.
+    ego_speed: v0, m/s.
+    lead_speed: v1, m/s.
+    gap: d0, m; 0 or less is contact.
+    deceleration: a, m/s2.
+    delay: s.
 
     Relative speed u while braking leaves the gap c + u^2/(2a), c = d0 - rel delay - rel^2/(2a). So
-    ITTC(u) = u / (c + u^2/(2a)), with its peak sqrt(a/(2c)) at u = sqrt(2ac), or at u = rel if that comes first.
-    Raises InputError for numbers that are not finite, negative speeds or delays, and a deceleration not above 0.
+    ITTC(u) = u / (c + u^2/(2a)), with its peak sqrt(a/(2c)) at u = sqrt(2ac), or at u = rel if that
+    comes first.
+
+    Raises InputError for numbers that are not finite, negative speeds or delays, and a deceleration
+    not above 0.
     """
     strength = _not_negative("deceleration", deceleration, above_zero=True)
     rel = _closing_speed(ego_speed, lead_speed)
@@ -116,10 +151,15 @@ def critical_gap(
 ) -> FloatArray:
     """Eq. 6 solved for the gap: where max ITTC = k, m. At this gap and below a point is hazardous.
 
-    closing_speed: D = v0 - v1, m/s. deceleration: a, m/s2. critical_inverse_ttc: k, 1/s. delay: s.
+    closing_speed: D = v0 - v1, m/s.
+    deceleration: a, m/s2.
+    critical_inverse_ttc: k, 1/s.
+    delay: s.
 
-    D/k + D delay while D <= a/k (the peak is where braking begins), else D^2/(2a) + a/(2k^2) + D delay; 0 where not
-    closing. Raises InputError for numbers that are not finite, a or k not above 0, and a negative delay.
+    D/k + D delay while D <= a/k (the peak is where braking begins), else D^2/(2a) + a/(2k^2) + D
+    delay; 0 where not closing.
+
+    Raises InputError for numbers that are not finite, a or k not above 0, and a negative delay.
     """
     closing = np.maximum(_finite("closing_speed", closing_speed), 0.0)
     strength = _not_negative("deceleration", deceleration, above_zero=True)
@@ -131,15 +171,23 @@ def critical_gap(
 
 
 def required_gap(
-    closing_speed: ArrayLike, *, deceleration: ArrayLike, delay: ArrayLike = 0.0, build_up: ArrayLike = 0.0
+    closing_speed: ArrayLike,
+    *,
+    deceleration: ArrayLike,
+    delay: ArrayLike = 0.0,
+    build_up: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Smallest gap behind a constant-speed vehicle that braking can still use without contact, m; 0 if not closing.
+    """Smallest gap behind a constant-speed vehicle that braking can still use without contact, m; 0
+    if not closing.
 
-    closing_speed: D, m/s. deceleration: am, the plateau, m/s2. delay: td, s at constant speed. build_up: Tr, s of
-    linear rise 0 -> am.
+    closing_speed: D, m/s.
+    deceleration: am, the plateau, m/s2.
+    delay: td, s at constant speed.
+    build_up: Tr, s of linear rise 0 -> am.
 
-    D (td + Tr) - am Tr^2/6 + (D - am Tr/2)^2 / (2 am) if D >= am Tr/2, else D td + 2/3 D t*, t* = sqrt(2 D Tr/am),
-    because the ego then is as slow as the lead before the ramp ends.
+    D (td + Tr) - am Tr^2/6 + (D - am Tr/2)^2 / (2 am) if D >= am Tr/2, else D td + 2/3 D t*, t* =
+    sqrt(2 D Tr/am), because the ego then is as slow as the lead before the ramp ends.
+
     Raises InputError for numbers that are not finite, am not above 0, and negative times.
     """
     closing = np.maximum(_finite("closing_speed", closing_speed), 0.0)
@@ -160,20 +208,29 @@ def ideal_impact_speed(
     delay: ArrayLike = 0.0,
     build_up: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Relative speed at contact under ideal braking, m/s; 0 where it is avoided. Times its 1/w this is Ug of Eq. 17.
+    """Relative speed at contact under ideal braking, m/s; 0 where it is avoided. Times its 1/w this
+    is Ug of Eq. 17.
 
-    ego_speed: v0, m/s. lead_speed: v1, m/s. gap: d0, m; 0 or less is contact. deceleration: am, m/s2. delay: td, s.
+    ego_speed: v0, m/s.
+    lead_speed: v1, m/s.
+    gap: d0, m; 0 or less is contact.
+    deceleration: am, m/s2.
+    delay: td, s.
     build_up: Tr, s of linear rise 0 -> am.
 
-    With D = v0 - v1 and d = d0 - D td left when braking begins: D if d <= 0. On the ramp (jerk j = am/Tr) the gap
-    D t - j t^3/6 = d is a cubic with the root t = 2 t* sin(q), sin(3q) = d / (2/3 D t*), t* = sqrt(2 D/j), so the
-    speed left is D (1 - 4 sin(q)^2). On the plateau sqrt((D - am Tr/2)^2 - 2 am (d - D Tr + am Tr^2/6)).
+    With D = v0 - v1 and d = d0 - D td left when braking begins: D if d <= 0. On the ramp (jerk j =
+    am/Tr) the gap D t - j t^3/6 = d is a cubic with the root t = 2 t* sin(q), sin(3q) = d / (2/3 D
+    t*), t* = sqrt(2 D/j), so the speed left is D (1 - 4 sin(q)^2). On the plateau sqrt((D - am
+    Tr/2)^2 - 2 am (d - D Tr + am Tr^2/6)).
+
     Raises InputError for numbers that are not finite, negative speeds or times, and am not above 0.
     """
     strength = _not_negative("deceleration", deceleration, above_zero=True)
     rel = _closing_speed(ego_speed, lead_speed)
     left = _finite("gap", gap) - rel * _not_negative("delay", delay)
-    rel, left, strength, ramp = np.broadcast_arrays(rel, left, strength, _not_negative("build_up", build_up))
+    rel, left, strength, ramp = np.broadcast_arrays(
+        rel, left, strength, _not_negative("build_up", build_up)
+    )
     closing = np.maximum(rel, 0.0)
 
     after_ramp = closing - strength * ramp / 2.0
@@ -209,20 +266,28 @@ def searched_criticality(
     conflict_begin: ArrayLike = 0.0,
     passing_length: float = math.inf,
 ) -> tuple[FloatArray, FloatArray]:
-    """Max ITTC, 1/s, and impact speed, m/s, of ideal braking behind a vehicle of any motion, by search over time.
+    """Max ITTC, 1/s, and impact speed, m/s, of ideal braking behind a vehicle of any motion, by
+    search over time.
 
-    ego_speed: v0 (n,), m/s. gap: d0 (n,), m. lead_speed, lead_distance: the vehicle ahead at times (n, m).
-    deceleration, delay: of the ego, which after the delay brakes to a standstill. conflict_begin: s before which the
-    other is not in the way, so that neither ITTC nor contact counts. passing_length: m, both bodies: with a gap below
-    -passing_length at the conflict's begin the ego has passed, and nothing counts any more; with one between that and 0
-    the other moves into its side. Returns max ITTC (inf where it hits, 0 where it never closes) and the relative speed
-    at contact (0 where avoided), as `max_inverse_ttc` and `ideal_impact_speed` do.
+    ego_speed: v0 (n,), m/s.
+    gap: d0 (n,), m.
+    lead_speed, lead_distance: the vehicle ahead at times (n, m).
+    deceleration, delay: of the ego, which after the delay brakes to a standstill.
+    conflict_begin: s before which the other is not in the way, so that neither ITTC nor contact
+        counts.
+    passing_length: m, both bodies: with a gap below -passing_length at the conflict's begin the ego
+        has passed, and nothing counts any more; with one between that and 0 the other moves into
+        its side. Returns max ITTC (inf where it hits, 0 where it never closes) and the relative
+        speed at contact (0 where avoided), as `max_inverse_ttc` and `ideal_impact_speed` do.
 
-    Agrees with those two to 1e-3 (relative) where both apply. Raises InputError for numbers outside these meanings.
+    Agrees with those two to 1e-3 (relative) where both apply.
+
+    Raises InputError for numbers outside these meanings.
     """
     strength = _not_negative("deceleration", deceleration, above_zero=True)
     v0, d0, strength, wait, begin = np.broadcast_arrays(
-        _not_negative("ego_speed", ego_speed), _finite("gap", gap), strength, _not_negative("delay", delay),
+        _not_negative("ego_speed", ego_speed), _finite("gap", gap), strength,
+        _not_negative("delay", delay),
         _not_negative("conflict_begin", conflict_begin),
     )  # fmt: skip
 
@@ -230,7 +295,9 @@ def searched_criticality(
         """Closing speed and gap at times (n, m)."""
         braking = np.clip(time - wait[:, None], 0.0, (v0 / strength)[:, None])
         speed = v0[:, None] - strength[:, None] * braking
-        driven = v0[:, None] * np.minimum(time, wait[:, None]) + braking * (v0[:, None] + speed) / 2.0
+        driven = (
+            v0[:, None] * np.minimum(time, wait[:, None]) + braking * (v0[:, None] + speed) / 2.0
+        )
         return speed - lead_speed(time), d0[:, None] + lead_distance(time) - driven
 
     stands = wait + v0 / strength
@@ -254,7 +321,10 @@ def searched_criticality(
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where((closing > 0.0) & ~touching, closing / distance, 0.0)
         peak = np.argmax(inverse, axis=1)
-        low, high = times[rows, np.maximum(peak - 1, 0)], times[rows, np.minimum(peak + 1, _SHARES - 1)]
+        low, high = (
+            times[rows, np.maximum(peak - 1, 0)],
+            times[rows, np.minimum(peak + 1, _SHARES - 1)],
+        )
         near = low[:, None] + np.linspace(0.0, 1.0, _ZOOM) * (high - low)[:, None]
         closing, distance = relative(near)
         closer = np.where((closing > 0.0) & (distance > 0.0), closing / distance, 0.0).max(axis=1)
@@ -263,8 +333,13 @@ def searched_criticality(
 
 
 def _closing_speed(ego_speed: ArrayLike, lead_speed: ArrayLike) -> FloatArray:
-    """rel = v0 - v1. An oncoming vehicle is refused: braking cannot bring the relative speed to 0."""
-    return np.asarray(_not_negative("ego_speed", ego_speed) - _not_negative("lead_speed", lead_speed))
+    """rel = v0 - v1.
+
+    An oncoming vehicle is refused: braking cannot bring the relative speed to 0.
+    """
+    return np.asarray(
+        _not_negative("ego_speed", ego_speed) - _not_negative("lead_speed", lead_speed)
+    )
 
 
 def _braking_time(time: ArrayLike, delay: ArrayLike) -> FloatArray:
@@ -274,7 +349,9 @@ def _braking_time(time: ArrayLike, delay: ArrayLike) -> FloatArray:
 def _finite(name: str, values: ArrayLike) -> FloatArray:
     array = np.asarray(values, dtype=np.float64)
     if not np.all(np.isfinite(array)):
-        raise must_be(f"`{name}`", "an approach", "finite", float(array[~np.isfinite(array)].flat[0]))
+        raise must_be(
+            f"`{name}`", "an approach", "finite", float(array[~np.isfinite(array)].flat[0])
+        )
     return array
 
 

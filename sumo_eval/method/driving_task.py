@@ -1,4 +1,5 @@
-"""The driving task of a case: departure from the road, and t_i, how much of the asked way was driven in time.
+"""The driving task of a case: departure from the road, and t_i, how much of the asked way was
+driven in time.
 
 All of it is found in recorded facts, so a run recorded earlier has it as well.
 """
@@ -19,19 +20,23 @@ PLACE_SPACING = 1.0
 SHORT_OF_THE_END = 5.0
 """m before the nearest end of a reference at which the asked way ends."""
 EXCUSE_AHEAD, EXCUSE_BESIDE, EXCUSE_SPEED = 10.0, 3.5, 1.0
-"""m, m between bodies and m/s along the road: a road user within these excuses an ego that stands."""
+"""m, m between bodies and m/s along the road: a road user within these excuses an ego that
+stands."""
 
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """The first recorded sample at which a corner of the body is off the road: time s, speed m/s."""
+    """The first recorded sample at which a corner of the body is off the road: time s, speed
+    m/s.
+    """
 
     time: float
     speed: float
 
 
 def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | None:
-    """Departure: the first sample with a corner more than `margin` m beyond the drivable area; None without one.
+    """Departure: the first sample with a corner more than `margin` m beyond the drivable area; None
+    without one.
 
     ego: the drive, in road coordinates.
     road: its edges; a road that crosses it is drivable.
@@ -42,7 +47,11 @@ def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | N
         for aside in (0.5, -0.5):
             away |= _off_road(*_corner(ego, along * ego.length, aside * ego.width), road, margin)
     places = np.flatnonzero(away)
-    return None if not len(places) else Departure(float(ego.time[places[0]]), float(ego.speed[places[0]]))
+    return (
+        None
+        if not len(places)
+        else Departure(float(ego.time[places[0]]), float(ego.speed[places[0]]))
+    )
 
 
 def _corner(ego: Trajectory, along: float, aside: float) -> tuple[FloatArray, FloatArray]:
@@ -52,7 +61,9 @@ def _corner(ego: Trajectory, along: float, aside: float) -> tuple[FloatArray, Fl
 
 
 def _off_road(x: FloatArray, y: FloatArray, road: Road, margin: float) -> BoolArray:
-    """Whether places (n,) are more than `margin` m beyond the road and every road that crosses it."""
+    """Whether places (n,) are more than `margin` m beyond the road and every road that crosses
+    it.
+    """
     beyond = (y < road.right_edge_at(x) - margin) | (y > road.left_edge_at(x) + margin)
     for crossing in road.crossings:
         inside = np.abs(x - crossing.at) <= 0.5 * crossing.width + margin
@@ -66,13 +77,17 @@ def roadside_contact(departure: Departure, overlap: float) -> Collision:
     overlap: `roadside_overlap` w, share of the bumper's width; U = |v| / w.
     """
     pose = (0.0, 0.0, 0.0)
-    return Collision(departure.time, "roadside", (departure.speed, 0.0), (0.0, 0.0), overlap, "front", pose, pose)
+    return Collision(
+        departure.time, "roadside", (departure.speed, 0.0), (0.0, 0.0), overlap, "front", pose, pose
+    )
 
 
 def is_excused(ego: Trajectory, actors: Mapping[str, Trajectory]) -> bool:
-    """Whether an ego that stands at its end has a road user close ahead that hardly moves along the road.
+    """Whether an ego that stands at its end has a road user close ahead that hardly moves along the
+    road.
 
-    Since it last moved: between bodies at most 10 m ahead and 3.5 m beside, at most 1 m/s along the road.
+    Since it last moved: between bodies at most 10 m ahead and 3.5 m beside, at most 1 m/s along the
+    road.
     """
     if ego.speed[-1] >= STANDING:
         return False
@@ -106,7 +121,9 @@ def _excuses(actor: Trajectory, since: float, front: float, left: float, right: 
 
 
 def times_at(drive: Trajectory, places: FloatArray) -> FloatArray:
-    """When a drive first reached places x (n,), m, ascending: s since its start, inf where it never did."""
+    """When a drive first reached places x (n,), m, ascending: s since its start, inf where it never
+    did.
+    """
     furthest = np.maximum.accumulate(drive.x)
     later = np.append(True, furthest[1:] > furthest[:-1])
     found = np.interp(places, furthest[later], drive.time[later] - drive.time[0], right=np.inf)
@@ -115,7 +132,11 @@ def times_at(drive: Trajectory, places: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AskedWay:
-    """The way that a point asks for. places: x (n,), m. slowest: s until the slowest reference was there, (n,)."""
+    """The way that a point asks for.
+
+    places: x (n,), m.
+    slowest: s until the slowest reference was there, (n,).
+    """
 
     places: FloatArray
     slowest: FloatArray
@@ -124,7 +145,8 @@ class AskedWay:
 def asked_way(begin: float, references: Sequence[Trajectory]) -> AskedWay | None:
     """The asked way of a point: from the ego's start to 5 m before the nearest end of a reference.
 
-    begin: x of the ego's start, m. references: drives without an incident; None where there is none.
+    begin: x of the ego's start, m.
+    references: drives without an incident; None where there is none.
     """
     if not references:
         return None
@@ -133,10 +155,13 @@ def asked_way(begin: float, references: Sequence[Trajectory]) -> AskedWay | None
     return AskedWay(places, np.max([times_at(drive, places) for drive in references], axis=0))
 
 
-def task_share(ego: Trajectory, asked: AskedWay, way: Way | None, *, incident: bool, excused: bool) -> float:
+def task_share(
+    ego: Trajectory, asked: AskedWay, way: Way | None, *, incident: bool, excused: bool
+) -> float:
     """t_i: mean over the asked way of min(1, time of the slowest reference there / own time there).
 
     0 at places never reached, and behind a lane change that was asked for and missed.
+
     way: that lane change; None without one.
     incident: any contact, departure or giving up: t_i = 0.
     excused: the way ends where the ego stands.

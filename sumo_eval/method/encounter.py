@@ -1,9 +1,11 @@
-"""Criticality of an encounter with somebody who moves in two dimensions, under ideal braking: Eqs. 2 and 5-6 searched.
+"""Criticality of an encounter with somebody who moves in two dimensions, under ideal braking: Eqs.
+2 and 5-6 searched.
 
-The ego keeps its path and brakes ideally to a standstill from the obstacle's first move plus the scenario's delay on;
-the obstacle does what its script then does. While both overlap across the road and the obstacle is ahead, its inverse
-TTC counts; where the bodies touch it is infinite. Whoever reacts is taken to keep its speed. Where ways conflict
-(`conflict = true`) the time until both would touch on them counts instead (`method.conflict`).
+The ego keeps its path and brakes ideally to a standstill from the obstacle's first move plus the
+scenario's delay on; the obstacle does what its script then does. While both overlap across the road
+and the obstacle is ahead, its inverse TTC counts; where the bodies touch it is infinite. Whoever
+reacts is taken to keep its speed. Where ways conflict (`conflict = true`) the time until both would
+touch on them counts instead (`method.conflict`).
 """
 
 from __future__ import annotations
@@ -27,10 +29,12 @@ _LONGEST = 60.0  # s that are looked at, at most
 def encounter(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Max ITTC, 1/s, impact speed, m/s, and the smallest gap while the obstacle is in the way, m, at points (n, k).
+    """Max ITTC, 1/s, impact speed, m/s, and the smallest gap while the obstacle is in the way, m,
+    at points (n, k).
 
-    Max ITTC is inf where ideal braking hits, 0 where the obstacle is never closed upon in the ego's way; the gap is inf
-    where it is never in the way. Sampled every 0.02 s, so an ITTC below its peak by the motion of half a step.
+    Max ITTC is inf where ideal braking hits, 0 where the obstacle is never closed upon in the ego's
+    way; the gap is inf where it is never in the way. Sampled every 0.02 s, so an ITTC below its
+    peak by the motion of half a step.
     """
     n = len(points)
     inverse, impact, nearest = np.zeros(n), np.zeros(n), np.full(n, np.inf)
@@ -53,13 +57,21 @@ def _of(
         return conflict_criticality(placed, search.obstacle, delays, size, settings)
     fastest = max(concrete.ego.speed for concrete in placed)
     slowest_begin = logical.time_limit or _LONGEST
-    until = min(slowest_begin, _LONGEST, max(delays) + fastest / settings.deceleration + _waits(logical, placed))
-    met = meetings(placed, [size] * len(placed), STEP, until, settings.deceleration, search.obstacle, delays)
+    until = min(
+        slowest_begin,
+        _LONGEST,
+        max(delays) + fastest / settings.deceleration + _waits(logical, placed),
+    )
+    met = meetings(
+        placed, [size] * len(placed), STEP, until, settings.deceleration, search.obstacle, delays
+    )
     return met[:, 0], met[:, 1], met[:, 2]
 
 
 def _waits(logical: LogicalScenario, placed: Sequence[ConcreteScenario]) -> float:
-    """How long the obstacle may take to begin, s: until the ego has come to the end of the road at its speed."""
+    """How long the obstacle may take to begin, s: until the ego has come to the end of the road at
+    its speed.
+    """
     slowest = min(max(concrete.ego.speed, 1.0) for concrete in placed)
     longest = max((logical.road.length - concrete.ego.x) / slowest for concrete in placed)
     return min(longest, _LONGEST) if math.isfinite(longest) else _LONGEST

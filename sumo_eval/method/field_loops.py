@@ -1,8 +1,9 @@
-"""The compiled loops of the trajectory field: the direct sum of Eq. 9, and far samples interpolated over boxes.
+"""The compiled loops of the trajectory field: the direct sum of Eq. 9, and far samples interpolated
+over boxes.
 
-Importing this file imports numba, which takes a while: `trajectory_field` and `shared_fields` do so at first use.
-Contraction rounds a * b + c once instead of twice; nothing that reorders a sum is allowed, so each run gives the same
-bytes on the same machine.
+Importing this file imports numba, which takes a while: `trajectory_field` and `shared_fields` do so
+at first use. Contraction rounds a * b + c once instead of twice; nothing that reorders a sum is
+allowed, so each run gives the same bytes on the same machine.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ POINTS_AT_ONCE = 256  # a block of points stays in the first-level cache
 LANES = 16  # a block is filled up to a multiple of what vector instructions take at once
 
 QUICK_EXPONENT = 0.2  # the quick terms' exponential is good for this much
-# exp(f) where |f| <= QUICK_EXPONENT, from 1 to f^8: the polynomial through its values at the Chebyshev points; 6e-15.
+# exp(f) where |f| <= QUICK_EXPONENT, from 1 to f^8: the polynomial through its values at the
+# Chebyshev points; 6e-15.
 EXP0, EXP1, EXP2, EXP3, EXP4, EXP5, EXP6, EXP7, EXP8 = (
     np.polynomial.Chebyshev.interpolate(np.exp, 8, [-QUICK_EXPONENT, QUICK_EXPONENT])
     .convert(kind=np.polynomial.Polynomial)
@@ -42,12 +44,19 @@ def compiled(loops: Loops) -> Loops:
 
 @compiled
 def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:
-    """Eq. 9 as loops. points: (n, 2). samples: rows of x, y, k2 vx, k2 vy, k2 v, weight, (k, 6). Returns (n,).
+    """Eq. 9 as loops.
 
-    Every inner loop is over points and becomes vector instructions. Points that lie together are quickest, because a
-    sample more than 1 m away from all points of a block needs no decisions: with u = 1/sqrt(r) its field is u exp(f),
-    f = (k2 v r) u^2 for k1 = 0.5. u comes from single precision and one Newton step in double; what is held is u over
-    the root of two, for which the step costs one multiplication less. While one sample's polynomial is summed the next
+    points: (n, 2).
+    samples: rows of x, y, k2 vx, k2 vy, k2 v, weight, (k, 6). Returns (n,).
+
+    Every inner loop is over points and becomes vector instructions. Points that lie together are
+    quickest, because a
+    sample more than 1 m away from all points of a block needs no decisions: with u = 1/sqrt(r) its
+    field is u exp(f),
+    f = (k2 v r) u^2 for k1 = 0.5. u comes from single precision and one Newton step in double; what
+    is held is u over
+    the root of two, for which the step costs one multiplication less. While one sample's polynomial
+    is summed the next
     one's roots are found: the processor does both at a time.
     """
     field = np.empty(points.shape[0])
@@ -67,7 +76,12 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
         for j in range(samples.shape[0]):
             x, y, ahead = samples[j, 0], samples[j, 1], samples[j, 4]
             apart = max(max(west - x, x - east), max(south - y, y - north))
-            if k1 == 0.5 and abs(ahead) <= QUICK_EXPONENT and 1.0 < apart < QUICK_DISTANCE and not wide:
+            if (
+                k1 == 0.5
+                and abs(ahead) <= QUICK_EXPONENT
+                and 1.0 < apart < QUICK_DISTANCE
+                and not wide
+            ):
                 quick[count] = j
                 count += 1
             else:
@@ -84,7 +98,13 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
                 x, y, weight = samples[now, 0], samples[now, 1], samples[now, 5] * ROOT_OF_TWO
                 along_x, along_y = 2.0 * samples[now, 2], 2.0 * samples[now, 3]
                 e0, e1, e2, e3 = weight * EXP0, weight * EXP1, weight * EXP2, weight * EXP3
-                e4, e5, e6, e7, e8 = weight * EXP4, weight * EXP5, weight * EXP6, weight * EXP7, weight * EXP8
+                e4, e5, e6, e7, e8 = (
+                    weight * EXP4,
+                    weight * EXP5,
+                    weight * EXP6,
+                    weight * EXP7,
+                    weight * EXP8,
+                )
                 following = quick[min(j + 1, count - 1)]
                 next_x, next_y = samples[following, 0], samples[following, 1]
                 for i in range(filled):
@@ -107,12 +127,18 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
 
 @compiled
 def _add_terms(
-    px: FloatArray, py: FloatArray, samples: FloatArray, j: int, k1: float, total: FloatArray, filled: int
+    px: FloatArray,
+    py: FloatArray,
+    samples: FloatArray,
+    j: int,
+    k1: float,
+    total: FloatArray,
+    filled: int,
 ) -> None:
     """Add one sample's field at the points of a block.
 
-    exp(f) is its Taylor polynomial to f^12 on |f| <= 0.35 (remainder 2e-16) after halving f often enough, squared as
-    often; at k2 = 0.005 s/m that is never up to 70 m/s.
+    exp(f) is its Taylor polynomial to f^12 on |f| <= 0.35 (remainder 2e-16) after halving f often
+    enough, squared as often; at k2 = 0.005 s/m that is never up to 70 m/s.
     """
     growth, nearness = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
     x, y, along_x, along_y = samples[j, 0], samples[j, 1], samples[j, 2], samples[j, 3]
@@ -166,16 +192,22 @@ def far_values(
     near: np.ndarray,
     k1: float,
 ) -> FloatArray:
-    """The field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes along x, as Chebyshev
+    """The field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes along
+    x, as Chebyshev
     series of q terms across.
 
-    samples: as in `magnitude_sum`, by x. bounds: of all boxes together, x. nodes: p Chebyshev points on -1..1, the x of
-    a box. halves: (2, p, p), values at the nodes of a box to values at those of its halves. counts: how many nodes each
-    level has across, (levels + 1,), at most q. across: their y, (levels + 1, q). finer: (levels + 2, q, q), values at
-    the nodes across of one level to those of the next; last, to the series. near: the first and last (exclusive) of the
-    samples that are near each box, level after level, (2**(levels + 1) - 1, 2); all others are far from it.
-    Each box takes over what its parent knows of the samples that are far from the parent, and adds those that are far
-    from itself alone.
+    samples: as in `magnitude_sum`, by x.
+    bounds: of all boxes together, x.
+    nodes: p Chebyshev points on -1..1, the x of a box.
+    halves: (2, p, p), values at the nodes of a box to values at those of its halves.
+    counts: how many nodes each level has across, (levels + 1,), at most q.
+    across: their y, (levels + 1, q).
+    finer: (levels + 2, q, q), values at the nodes across of one level to those of the next; last,
+        to the series.
+    near: the first and last (exclusive) of the samples that are near each box, level after level,
+        (2**(levels + 1) - 1, 2); all others are far from it. Each box takes over what its parent
+        knows of the samples that are far from the parent, and adds those that are far from itself
+        alone.
     """
     levels, p, q = counts.shape[0] - 1, nodes.shape[0], across.shape[1]
     places = np.empty((p * q, 2))
@@ -211,7 +243,10 @@ def far_values(
 
 @compiled
 def _across(values: FloatArray, count: int, finer: FloatArray, n: int) -> FloatArray:
-    """Values at `count` nodes across to those at n others. values: (boxes, p, q)."""
+    """Values at `count` nodes across to those at n others.
+
+    values: (boxes, p, q).
+    """
     found = np.zeros(values.shape)
     for box in range(values.shape[0]):
         for a in range(values.shape[1]):
@@ -234,12 +269,18 @@ def put_field(
     k1: float,
     field: FloatArray,
 ) -> None:
-    """Put the field at rows of points across into `field`, (s, k): near samples summed, far ones interpolated.
+    """Put the field at rows of points across into `field`, (s, k): near samples summed, far ones
+    interpolated.
 
-    points: (s, k, 2), the rows, box after box. order: which row of `field` each is. starts: the first row of each box,
-    and s. far: from `far_values`. samples: as there; near: of the smallest boxes. shares: of the values at the nodes of
-    its box in those at a row, (p, s). across: y of the points on -1..1, the strip, (k, s).
-    Every inner loop is over the rows of a box and becomes vector instructions.
+    points: (s, k, 2), the rows, box after box.
+    order: which row of `field` each is.
+    starts: the first row of each box, and s.
+    far: from `far_values`.
+    samples: as there;
+    near: of the smallest boxes.
+    shares: of the values at the nodes of its box in those at a row, (p, s).
+    across: y of the points on -1..1, the strip, (k, s). Every inner loop is over the rows of a box
+        and becomes vector instructions.
     """
     k, p, q = across.shape[0], far.shape[1], far.shape[2]
     for box in range(near.shape[0]):
@@ -247,7 +288,9 @@ def put_field(
         n = last - first
         if n == 0:
             continue
-        sums = magnitude_sum(points[first:last].reshape(n * k, 2), samples[near[box, 0] : near[box, 1]], k1)
+        sums = magnitude_sum(
+            points[first:last].reshape(n * k, 2), samples[near[box, 0] : near[box, 1]], k1
+        )
         series = np.zeros((q, n))
         for b in range(q):
             into = series[b]

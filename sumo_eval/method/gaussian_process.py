@@ -1,9 +1,11 @@
-"""The covariance of the zones' Gaussian process, and the search for its hyperparameters by marginal likelihood.
+"""The covariance of the zones' Gaussian process, and the search for its hyperparameters by marginal
+likelihood.
 
-A smooth part with a length scale for each coordinate and a common noise: K = sf^2 exp(-|(x - x')/sl|^2 / 2) + sn^2 I,
-and a variance of its own for each training value beside that. The likelihood is Rasmussen & Williams (2006), Alg. 2.1
-and Eq. 5.9. scikit-learn's regressor has the same (the tests compare), in four times the time: it inverts K by solving
-for a unit matrix and sums over whole gradients.
+A smooth part with a length scale for each coordinate and a common noise: K = sf^2 exp(-|(x -
+x')/sl|^2 / 2) + sn^2 I, and a variance of its own for each training value beside that. The
+likelihood is Rasmussen & Williams (2006), Alg. 2.1 and Eq. 5.9. scikit-learn's regressor has the
+same (the tests compare), in four times the time: it inverts K by solving for a unit matrix and sums
+over whole gradients.
 """
 
 from __future__ import annotations
@@ -20,7 +22,10 @@ from sumo_eval.trajectory import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Hyperparameters:
-    """signal: sf^2. length_scales: sl, one a coordinate. noise: sn^2."""
+    """signal: sf^2.
+    length_scales: sl, one a coordinate.
+    noise: sn^2.
+    """
 
     signal: float
     length_scales: tuple[float, ...]
@@ -50,12 +55,14 @@ def covariance(points: FloatArray, parameters: Hyperparameters) -> FloatArray:
 
 
 class MarginalLikelihood:
-    """-log p(y | x, theta) of targets y (n,) with variances (n,) of their own at points x (n, k)."""
+    """-log p(y | x, theta) of targets y (n,) with variances (n,) of their own at points x (n,
+    k).
+    """
 
     def __init__(self, points: FloatArray, target: FloatArray, variances: FloatArray) -> None:
         self._points, self._target, self._variances = points, target, variances
-        # Squared distances along each coordinate, (k, n n), twice above the diagonal and 0 below: LAPACK's inverse of a
-        # symmetric matrix has one triangle.
+        # Squared distances along each coordinate, (k, n n), twice above the diagonal and 0 below:
+        # LAPACK's inverse of a symmetric matrix has one triangle.
         apart = (points.T[:, :, None] - points.T[:, None, :]) ** 2
         self._squares = 2.0 * np.triu(apart).reshape(points.shape[1], -1)
 
@@ -72,7 +79,11 @@ class MarginalLikelihood:
         if failed:
             return np.inf, np.zeros(len(theta))
         weights, _ = lapack.dpotrs(factor, y, lower=1)
-        value = 0.5 * float(y @ weights) + float(np.log(factor.diagonal()).sum()) + 0.5 * n * np.log(2.0 * np.pi)
+        value = (
+            0.5 * float(y @ weights)
+            + float(np.log(factor.diagonal()).sum())
+            + 0.5 * n * np.log(2.0 * np.pi)
+        )
         inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
         # Eq. 5.9: dp/dtheta = tr((weights weights^T - K^-1) dK/dtheta) / 2
         inner = np.outer(weights, weights)
@@ -94,15 +105,18 @@ def most_likely(
     restarts: int,
     seed: int,
 ) -> tuple[FloatArray, list[str]]:
-    """The logarithms of the likeliest hyperparameters, and what the searches that stopped early said.
+    """The logarithms of the likeliest hyperparameters, and what the searches that stopped early
+    said.
 
-    bounds: of each logarithm, (k + 2, 2). The first search begins at `start`, the others anywhere within the bounds, at
-    scikit-learn's places.
+    bounds: of each logarithm, (k + 2, 2). The first search begins at `start`, the others anywhere
+        within the bounds, at scikit-learn's places.
     """
     low, high = bounds.T
     stream = np.random.RandomState(seed)
     found = []
     for start_at in (start.logarithms, *(stream.uniform(low, high) for _ in range(restarts))):
-        found.append(minimize(likelihood, start_at, method="L-BFGS-B", jac=True, bounds=Bounds(low, high)))
+        found.append(
+            minimize(likelihood, start_at, method="L-BFGS-B", jac=True, bounds=Bounds(low, high))
+        )
     failures = [str(result.message) for result in found if not result.success]
     return np.asarray(min(found, key=lambda result: float(result.fun)).x), failures

@@ -1,4 +1,6 @@
-"""How human the humans are: each driver's D_i against the others, the yardstick beside every D_i of an ADS."""
+"""How human the humans are: each driver's D_i against the others, the yardstick beside every D_i of
+an ADS.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,8 @@ from sumo_eval.settings import AnthropomorphicSettings
 class HumanBand:
     """What the drivers of one concrete scenario score among themselves.
 
-    values: D_i of each driver against all others, in the order of the drivers; similarities: its third factor alone.
-    low, mean, high: least, mean and largest of the values.
+    values: D_i of each driver against all others, in the order of the drivers;
+    similarities: its third factor alone. low, mean, high: least, mean and largest of the values.
     """
 
     values: tuple[float, ...]
@@ -46,20 +48,29 @@ def coarse_spacing(settings: AnthropomorphicSettings) -> float:
 def band_pairings(drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:
     """Each driver against all the others."""
     spacing = coarse_spacing(settings)
-    return [Pairing(one, tuple(place for place in drivers if place != one), spacing) for one in drivers]
+    return [
+        Pairing(one, tuple(place for place in drivers if place != one), spacing) for one in drivers
+    ]
 
 
 def band_of(indexes: Sequence[AnthropomorphicIndex]) -> HumanBand:
     """The band of the indexes of `band_pairings`."""
-    return HumanBand(tuple(index.value for index in indexes), tuple(index.similarity for index in indexes))
+    return HumanBand(
+        tuple(index.value for index in indexes), tuple(index.similarity for index in indexes)
+    )
 
 
 def left_out_pairings(
-    ads: int, drivers: Sequence[int], exchanges: Sequence[tuple[int, int]], settings: AnthropomorphicSettings
+    ads: int,
+    drivers: Sequence[int],
+    exchanges: Sequence[tuple[int, int]],
+    settings: AnthropomorphicSettings,
 ) -> list[Pairing]:
-    """An ADS against all drivers, and, if that leaves two, against all but one, for each, and then with one counted
-    twice in the place of another, for each exchange: what the choice of drivers does to its D_i and to its
-    human-likeness. exchanges: places among `drivers` of who is left out and of who counts twice.
+    """An ADS against all drivers, and, if that leaves two, against all but one, for each, and then
+    with one counted twice in the place of another, for each exchange: what the choice of drivers
+    does to its D_i and to its human-likeness.
+
+    exchanges: places among `drivers` of who is left out and of who counts twice.
     """
     spacing, sets = coarse_spacing(settings), [tuple(drivers)]
     if len(drivers) > 2:

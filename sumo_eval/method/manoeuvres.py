@@ -1,11 +1,14 @@
-"""Which manoeuvre a driver chose, so that those who overtake and those who follow are not averaged into one.
+"""Which manoeuvre a driver chose, so that those who overtake and those who follow are not averaged
+into one.
 
-The paper puts one Gaussian over all drivers. Where some overtake and some follow, that Gaussian is so wide that a car
-which drives straight on through the slower one counts as human (docs/method.md). A manoeuvre is the lane in
-which a vehicle begins and the first one to which it changes, if it does; a lane counts once it is kept for
-`manoeuvre_time`. What comes after (back to the right, or to the left again for the next vehicle) makes no manoeuvre of
-its own: it depends on how long somebody is watched. Everything known of a trajectory counts, also what lies past the
-end of the road that is judged: there it shows what a driver was about to do.
+The paper puts one Gaussian over all drivers. Where some overtake and some follow, that Gaussian is
+so wide that a car which drives straight on through the slower one counts as human (docs/method.md).
+A manoeuvre is the lane in
+which a vehicle begins and the first one to which it changes, if it does; a lane counts once it is
+kept for `manoeuvre_time`. What comes after (back to the right, or to the left again for the next
+vehicle) makes no manoeuvre of its own: it depends on how long somebody is watched. Everything known
+of a trajectory counts, also what lies past the end of the road that is judged: there it shows what
+a driver was about to do.
 """
 
 from __future__ import annotations
@@ -27,8 +30,10 @@ Manoeuvre = tuple[int, ...]
 class Choice:
     """The manoeuvre of an ADS among those of the drivers.
 
-    members: which drivers made the same one, (k,); all where none did. groups: every driver's manoeuvre as a number,
-    (k,). share: of the drivers who made it; usual: share over that of the most usual manoeuvre, 0..1.
+    members: which drivers made the same one, (k,); all where none did.
+    groups: every driver's manoeuvre as a number, (k,).
+    share: of the drivers who made it;
+    usual: share over that of the most usual manoeuvre, 0..1.
     """
 
     manoeuvre: Manoeuvre
@@ -39,19 +44,23 @@ class Choice:
 
 
 def manoeuvre_of(trajectory: Trajectory, road: Road, keeping_time: float) -> Manoeuvre:
-    """The lane in which a vehicle begins and the first to which it changes; visits shorter than `keeping_time` (s) do
-    not count.
+    """The lane in which a vehicle begins and the first to which it changes; visits shorter than
+    `keeping_time` (s) do not count.
     """
     lane = np.round(trajectory.y / road.lane_width).astype(np.int64)
     starts = np.flatnonzero(np.append(True, np.diff(lane) != 0))
     ends = np.append(starts[1:], lane.size - 1)
     kept = trajectory.time[ends] - trajectory.time[starts] >= keeping_time
-    visited = [int(lane[start]) for start, long in zip(starts, kept, strict=True) if long] or [int(lane[0])]
+    visited = [int(lane[start]) for start, long in zip(starts, kept, strict=True) if long] or [
+        int(lane[0])
+    ]
     return (visited[0], *[lane for lane in visited if lane != visited[0]][:1])
 
 
 def chosen(mine: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
-    """Which drivers an ADS is compared with, from the manoeuvres of both sides that `manoeuvre_of` found."""
+    """Which drivers an ADS is compared with, from the manoeuvres of both sides that `manoeuvre_of`
+    found.
+    """
     counts = Counter(theirs)
     numbers = {manoeuvre: number for number, manoeuvre in enumerate(sorted(counts))}
     groups = np.array([numbers[manoeuvre] for manoeuvre in theirs])
@@ -65,8 +74,10 @@ def pooled_deviation(
 ) -> tuple[FloatArray, FloatArray]:
     """Mean and deviation of the members' values, (...), from all drivers' values, (k, ...).
 
-    The members' own variance is completed by the variance within manoeuvres, pooled over all of them, which counts as
-    much as `pooled_drivers` drivers: one or two members alone say little of how much such drivers differ.
+    The members' own variance is completed by the variance within manoeuvres, pooled over all of
+    them, which counts as much as `pooled_drivers` drivers: one or two members alone say little of
+    how much such drivers differ.
+
     counted: which values are there, (k, ...).
     """
     squares, freedom = np.zeros(values.shape[1:]), np.zeros(values.shape[1:])
@@ -83,9 +94,14 @@ def pooled_deviation(
     if choice.usual == 0.0:  # nobody made this manoeuvre: all drivers are the members
         number = counted.sum(axis=0)
         mean = np.sum(values, axis=0, where=counted) / np.maximum(number, 1)
-        own, own_freedom = np.sum((values - mean) ** 2, axis=0, where=counted), np.maximum(number - 1, 0)
+        own, own_freedom = (
+            np.sum((values - mean) ** 2, axis=0, where=counted),
+            np.maximum(number - 1, 0),
+        )
     pooled = squares / np.maximum(freedom, 1)
-    return mean, np.sqrt((own + pooled_drivers * pooled) / np.maximum(own_freedom + pooled_drivers, 1e-9))
+    return mean, np.sqrt(
+        (own + pooled_drivers * pooled) / np.maximum(own_freedom + pooled_drivers, 1e-9)
+    )
 
 
 def words(manoeuvre: Manoeuvre) -> str:

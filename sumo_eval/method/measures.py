@@ -1,8 +1,10 @@
-"""Criticality measures of one recorded case, in the terms that traffic safety and type approval use.
+"""Criticality measures of one recorded case, in the terms that traffic safety and type approval
+use.
 
-Everything is measured along the road, x, at the ego's samples. A vehicle is in the ego's path where the two bodies
-overlap across the road, |y_other - y_ego| < (w_ego + w_other)/2, and ahead where its centre is in front of the ego's.
-Of the vehicles ahead in the path the nearest counts, sample by sample. nan: not defined in this case. inf: unbounded.
+Everything is measured along the road, x, at the ego's samples. A vehicle is in the ego's path where
+the two bodies overlap across the road, |y_other - y_ego| < (w_ego + w_other)/2, and ahead where its
+centre is in front of the ego's. Of the vehicles ahead in the path the nearest counts, sample by
+sample. nan: not defined in this case. inf: unbounded.
 """
 
 from __future__ import annotations
@@ -15,14 +17,16 @@ import numpy as np
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory
 
 TOUCH = 1e-3
-"""Bodies nearer than this touch, m: the last sample before a contact is not the place to divide by a gap."""
+"""Bodies nearer than this touch, m: the last sample before a contact is not the place to divide by
+a gap."""
 CLOCK = 0.1
 """Samples of `smooth_motion` lie this far apart, s, whatever the recording's own rate."""
 SLOPE_SAMPLES = 11
-"""Samples of the straight line that is a derivative in `smooth_motion`: 1 s, so that a tracker's noise of a few
-centimetres adds less than 0.1 m/s and 0.2 m/s2."""
+"""Samples of the straight line that is a derivative in `smooth_motion`: 1 s, so that a tracker's
+noise of a few centimetres adds less than 0.1 m/s and 0.2 m/s2."""
 UNREST_SAMPLES, UNREST_CHANGES = 7, 20
-"""Unrest: slopes over 7 samples (0.6 s), and their 20 changes in 2 s; noise of 0.05 m/s adds less than 2 m/s2."""
+"""Unrest: slopes over 7 samples (0.6 s), and their 20 changes in 2 s; noise of 0.05 m/s adds less
+than 2 m/s2."""
 STANDING = 0.1
 """Below this speed, m/s, a vehicle stands."""
 
@@ -31,12 +35,13 @@ STANDING = 0.1
 class CriticalityMeasures:
     """How close a case came to a collision, and how hard the ego acted.
 
-    min_ttc s; max_ittc 1/s; min_thw s; min_gap m; max_drac m/s2; pet s; max_deceleration m/s2, 0 if the ego never
-    braked; max_jerk m/s3; delta_v m/s; max_lateral_speed m/s and max_lateral_acceleration m/s2 across the road, to
-    either side (`smooth_motion`), nan in a case that is too short for the derivative. A frontal contact has min_ttc,
-    min_thw, min_gap and pet 0, max_ittc and max_drac inf if the ego was closing. An ego that never closes on the
-    vehicle ahead has min_ttc inf, the other two 0. Without a vehicle ahead in the path all of these are nan; delta_v is
-    nan without a collision.
+    min_ttc s; max_ittc 1/s; min_thw s; min_gap m; max_drac m/s2; pet s; max_deceleration m/s2, 0 if
+    the ego never braked; max_jerk m/s3; delta_v m/s; max_lateral_speed m/s and
+    max_lateral_acceleration m/s2 across the road, to either side (`smooth_motion`), nan in a case
+    that is too short for the derivative. A frontal contact has min_ttc, min_thw, min_gap and pet 0,
+    max_ittc and max_drac inf if the ego was closing. An ego that never closes on the vehicle ahead
+    has min_ttc inf, the other two 0. Without a vehicle ahead in the path all of these are nan;
+    delta_v is nan without a collision.
     """
 
     min_ttc: float
@@ -54,10 +59,13 @@ class CriticalityMeasures:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothMotion:
-    """Derivatives of a recorded or simulated drive that noise does not reach: m/s2, m/s3, m/s and m/s2, (n,) each.
+    """Derivatives of a recorded or simulated drive that noise does not reach: m/s2, m/s3, m/s and
+    m/s2, (n,) each.
 
-    acceleration and jerk belong to the speed, lateral_speed and lateral_acceleration to y, the road's left positive.
-    A drive too short for a derivative has it empty. unrest: how much acceleration changes up and down within 2 s, m/s2.
+    acceleration and jerk belong to the speed, lateral_speed and lateral_acceleration to y, the
+    road's left positive. A drive too short for a derivative has it empty.
+
+    unrest: how much acceleration changes up and down within 2 s, m/s2.
     """
 
     acceleration: FloatArray
@@ -69,8 +77,9 @@ class SmoothMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """What the measures and the extremes of one drive are both made of: gap m, closing m/s, ttc s and thw s to the
-    nearest vehicle ahead at the ego's samples, (n,) each, and the drive's derivatives.
+    """What the measures and the extremes of one drive are both made of: gap m, closing m/s, ttc s
+    and thw s to the nearest vehicle ahead at the ego's samples, (n,) each, and the drive's
+    derivatives.
     """
 
     gap: FloatArray
@@ -80,17 +89,25 @@ class Course:
     motion: SmoothMotion
 
 
-def course_of(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None) -> Course:
-    """The course of a drive: the ego, the other vehicles by name, and the ego's first contact if any."""
+def course_of(
+    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
+) -> Course:
+    """The course of a drive: the ego, the other vehicles by name, and the ego's first contact if
+    any.
+    """
     gap, closing = vehicle_ahead(ego, actors, collision)
     headway = time_headway(gap, ego.speed * np.cos(ego.heading))
     return Course(gap, closing, time_to_collision(gap, closing), headway, smooth_motion(ego))
 
 
 def measures(
-    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None, course: Course | None = None
+    ego: Trajectory,
+    actors: Mapping[str, Trajectory],
+    collision: Collision | None,
+    course: Course | None = None,
 ) -> CriticalityMeasures:
-    """The criticality measures of a case: the ego, the other vehicles by name, and the ego's first contact if any.
+    """The criticality measures of a case: the ego, the other vehicles by name, and the ego's first
+    contact if any.
 
     course: the drive's `course_of`, where it is known already.
     """
@@ -116,10 +133,14 @@ IN_THE_MIDDLE = 0.15
 
 @dataclass(frozen=True, slots=True)
 class LaneKeeping:
-    """How an ego kept the lane in which it began. largest_offset: m from the lane's middle, to either side. overshoot:
-    m beyond the middle, on the other side than the first offset beyond 0.15 m; 0 if it never left the middle by more.
-    over_line_time: s during which its body reached over a line of the lane. settling_time: s after which it stayed
-    within 0.15 m of the middle; inf where it did not come to that.
+    """How an ego kept the lane in which it began.
+
+    largest_offset: m from the lane's middle, to either side.
+    overshoot: m beyond the middle, on the other side than the first offset beyond 0.15 m; 0 if it
+        never left the middle by more.
+    over_line_time: s during which its body reached over a line of the lane.
+    settling_time: s after which it stayed within 0.15 m of the middle; inf where it did not come to
+        that.
     """
 
     largest_offset: float
@@ -129,9 +150,14 @@ class LaneKeeping:
 
 
 def lane_keeping(ego: Trajectory, lane_width: float) -> LaneKeeping:
-    """How the ego kept the lane whose middle is nearest at its start, by its samples; lane_width: m."""
+    """How the ego kept the lane whose middle is nearest at its start, by its samples;
+
+    lane_width: m.
+    """
     offset = ego.y - lane_width * np.round(ego.y[0] / lane_width)
-    reach = np.abs(offset) + 0.5 * (ego.width * np.abs(np.cos(ego.heading)) + ego.length * np.abs(np.sin(ego.heading)))
+    reach = np.abs(offset) + 0.5 * (
+        ego.width * np.abs(np.cos(ego.heading)) + ego.length * np.abs(np.sin(ego.heading))
+    )
     steps = np.diff(ego.time, append=ego.time[-1])
     away = np.flatnonzero(np.abs(offset) > IN_THE_MIDDLE)
     overshoot, settling = 0.0, 0.0
@@ -139,15 +165,22 @@ def lane_keeping(ego: Trajectory, lane_width: float) -> LaneKeeping:
         first = away[0]
         overshoot = max(0.0, float(np.max(-np.sign(offset[first]) * offset[first:])))
         settling = float(ego.time[away[-1] + 1]) if away[-1] + 1 < len(offset) else np.inf
-    return LaneKeeping(float(np.abs(offset).max()), overshoot, float(steps[reach > 0.5 * lane_width].sum()), settling)
+    return LaneKeeping(
+        float(np.abs(offset).max()),
+        overshoot,
+        float(steps[reach > 0.5 * lane_width].sum()),
+        settling,
+    )
 
 
 def smooth_motion(drive: Trajectory) -> SmoothMotion:
-    """A drive's derivatives, made alike for recorded people, whose positions are noisy, and for simulated vehicles.
+    """A drive's derivatives, made alike for recorded people, whose positions are noisy, and for
+    simulated vehicles.
 
-    Speed and y are read every 0.1 s from the start on. A derivative is the slope of the least-squares line through 11
-    samples (1 s), where all of them exist; a second derivative is the slope of such slopes (2 s). Windows in which the
-    vehicle stands are left out of acceleration and jerk: letting go of the brake at a standstill is a jump in any car.
+    Speed and y are read every 0.1 s from the start on. A derivative is the slope of the
+    least-squares line through 11 samples (1 s), where all of them exist; a second derivative is the
+    slope of such slopes (2 s). Windows in which the vehicle stands are left out of acceleration and
+    jerk: letting go of the brake at a standstill is a jump in any car.
     """
     clock = drive.time[0] + CLOCK * np.arange(int(drive.duration / CLOCK + 1e-6) + 1)
     speed, y = (np.interp(clock, drive.time, channel) for channel in (drive.speed, drive.y))
@@ -156,14 +189,20 @@ def smooth_motion(drive: Trajectory) -> SmoothMotion:
     unrest = _unrest(speed)
     stood = np.concatenate([[0], np.cumsum(speed < STANDING)])
     moves, moves_long, moves_on = (
-        stood[clock.size - values.size + 1 :] == stood[: values.size] if values.size else np.zeros(0, dtype=np.bool_)
+        stood[clock.size - values.size + 1 :] == stood[: values.size]
+        if values.size
+        else np.zeros(0, dtype=np.bool_)
         for values in (acceleration, jerk, unrest)
     )
-    return SmoothMotion(acceleration[moves], jerk[moves_long], lateral_speed, lateral_acceleration, unrest[moves_on])
+    return SmoothMotion(
+        acceleration[moves], jerk[moves_long], lateral_speed, lateral_acceleration, unrest[moves_on]
+    )
 
 
 def _unrest(speed: FloatArray) -> FloatArray:
-    """Change of acceleration, up and down alike, within 2 s, m/s2: an oscillation that 1 s slopes nearly cancel."""
+    """Change of acceleration, up and down alike, within 2 s, m/s2: an oscillation that 1 s slopes
+    nearly cancel.
+    """
     changes = np.abs(np.diff(_slopes(speed, UNREST_SAMPLES)))
     if changes.size < UNREST_CHANGES:
         return np.zeros(0)
@@ -171,7 +210,9 @@ def _unrest(speed: FloatArray) -> FloatArray:
 
 
 def _slopes(values: FloatArray, samples: int = SLOPE_SAMPLES) -> FloatArray:
-    """Slope of the least-squares line through every `samples` neighbours CLOCK apart, (n - samples + 1,), 1/s."""
+    """Slope of the least-squares line through every `samples` neighbours CLOCK apart, (n - samples
+    + 1,), 1/s.
+    """
     if values.size < samples:
         return np.zeros(0)
     places = np.arange(samples) - samples // 2
@@ -181,10 +222,12 @@ def _slopes(values: FloatArray, samples: int = SLOPE_SAMPLES) -> FloatArray:
 def vehicle_ahead(
     ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Gap d, m, and closing speed, m/s, to the nearest vehicle ahead in the ego's path: (n,) each, nan without one.
+    """Gap d, m, and closing speed, m/s, to the nearest vehicle ahead in the ego's path: (n,) each,
+    nan without one.
 
-    d = x_other - x_ego - (l_ego + l_other)/2, bumper to bumper, at least 0. Closing speed = v_ego - v_other along the
-    road. A frontal contact is a gap of 0 at its time, because bodies at an angle touch a little before the gap closes.
+    d = x_other - x_ego - (l_ego + l_other)/2, bumper to bumper, at least 0. Closing speed = v_ego -
+    v_other along the road. A frontal contact is a gap of 0 at its time, because bodies at an angle
+    touch a little before the gap closes.
     """
     gap, closing = np.full(len(ego), np.inf), np.full(len(ego), np.nan)
     own_speed = ego.speed * np.cos(ego.heading)
@@ -204,25 +247,32 @@ def vehicle_ahead(
 def time_to_collision(gap: FloatArray, closing: FloatArray) -> FloatArray:
     """TTC = d / (v_ego - v_other), s: time to contact if both keep their speeds (Hayward 1972).
 
-    gap: d, m. closing: v_ego - v_other, m/s. inf where the ego is not closing, 0 where it touches, nan without a gap.
+    gap: d, m.
+    closing: v_ego - v_other, m/s. inf where the ego is not closing, 0 where it touches, nan without
+        a gap.
     """
     apart = np.divide(gap, closing, out=np.full(gap.shape, np.inf), where=closing > 0.0)
     return np.where(np.isnan(gap), np.nan, np.where((gap < TOUCH) & (closing > 0.0), 0.0, apart))
 
 
 def time_headway(gap: FloatArray, ego_speed: FloatArray) -> FloatArray:
-    """THW = d / v_ego, s: how long the ego takes to where the rear of the vehicle ahead is now (ISO 15622, time gap).
+    """THW = d / v_ego, s: how long the ego takes to where the rear of the vehicle ahead is now (ISO
+    15622, time gap).
 
-    gap: d, m. ego_speed: along the road, m/s. inf where the ego does not move forward, nan without a gap.
+    gap: d, m.
+    ego_speed: along the road, m/s. inf where the ego does not move forward, nan without a gap.
     """
     headway = np.divide(gap, ego_speed, out=np.full(gap.shape, np.inf), where=ego_speed > 0.0)
     return np.where(np.isnan(gap), np.nan, headway)
 
 
 def deceleration_to_avoid(gap: FloatArray, closing: FloatArray) -> FloatArray:
-    """DRAC = (v_ego - v_other)^2 / (2 d), m/s2: constant braking that just avoids contact (Almqvist et al. 1991).
+    """DRAC = (v_ego - v_other)^2 / (2 d), m/s2: constant braking that just avoids contact (Almqvist
+    et al. 1991).
 
-    gap: d, m. closing: v_ego - v_other, m/s. 0 where the ego is not closing, inf where it touches, nan without a gap.
+    gap: d, m.
+    closing: v_ego - v_other, m/s. 0 where the ego is not closing, inf where it touches, nan without
+        a gap.
     """
     open_gap = gap >= TOUCH
     needed = np.divide(closing**2, 2.0 * gap, out=np.full(gap.shape, np.inf), where=open_gap)
@@ -232,11 +282,13 @@ def deceleration_to_avoid(gap: FloatArray, closing: FloatArray) -> FloatArray:
 def post_encroachment_time(
     ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
 ) -> float:
-    """PET, s: least time from another's rear leaving a place of the road to the ego's front reaching it (Allen 1978).
+    """PET, s: least time from another's rear leaving a place of the road to the ego's front
+    reaching it (Allen 1978).
 
-    The places are where the ego's front bumper is at its samples. A place counts where the other's rear bumper passed
-    it before, within the recording, and the body then overlapped across the road with the ego's now. nan: there is no
-    such place, as behind a vehicle that never moves. 0: frontal contact.
+    The places are where the ego's front bumper is at its samples. A place counts where the other's
+    rear bumper passed it before, within the recording, and the body then overlapped across the road
+    with the ego's now. nan: there is no such place, as behind a vehicle that never moves. 0:
+    frontal contact.
     """
     if collision is not None and collision.side == "front":
         return 0.0
@@ -264,10 +316,12 @@ _FINER = 0.005  # s, to which a PET is found between the samples
 
 
 def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None = None) -> float:
-    """PET of conflicting ways, s: least time between the ego's body and the other's being at one place (Allen 1978).
+    """PET of conflicting ways, s: least time between the ego's body and the other's being at one
+    place (Allen 1978).
 
-    Whoever of both comes first, at whatever angle. 0: contact with it; nan: they passed over no common place. Bodies
-    are rectangles. The samples are looked at in pairs, then 0.005 s around the closest pair, where places are linear.
+    Whoever of both comes first, at whatever angle. 0: contact with it; nan: they passed over no
+    common place. Bodies are rectangles. The samples are looked at in pairs, then 0.005 s around the
+    closest pair, where places are linear.
     """
     if collision is not None:
         return 0.0
@@ -289,12 +343,16 @@ def _around(time: FloatArray, at: int) -> FloatArray:
 
 def _poses(one: Trajectory, times: FloatArray) -> FloatArray:
     """x, y and heading at times within its recording, (n, 3)."""
-    return np.stack([np.interp(times, one.time, channel) for channel in (one.x, one.y, one.heading)], axis=1)
+    return np.stack(
+        [np.interp(times, one.time, channel) for channel in (one.x, one.y, one.heading)], axis=1
+    )
 
 
-def _separation(first: FloatArray, second: FloatArray, one: Trajectory, other: Trajectory) -> FloatArray:
-    """How far rectangles at poses (n, 3) and (m, 3) are apart along the one of their sides' directions along which they
-    are furthest, m, (n, m); negative where they overlap.
+def _separation(
+    first: FloatArray, second: FloatArray, one: Trajectory, other: Trajectory
+) -> FloatArray:
+    """How far rectangles at poses (n, 3) and (m, 3) are apart along the one of their sides'
+    directions along which they are furthest, m, (n, m); negative where they overlap.
     """
     dx, dy = (second[None, :, k] - first[:, None, k] for k in (0, 1))
     turned = second[None, :, 2] - first[:, None, 2]
@@ -302,16 +360,22 @@ def _separation(first: FloatArray, second: FloatArray, one: Trajectory, other: T
     apart = np.full(turned.shape, -np.inf)
     for heading, mine, its in ((first[:, None, 2], one, other), (second[None, :, 2], other, one)):
         ahead, aside = np.cos(heading), np.sin(heading)
-        along = np.abs(dx * ahead + dy * aside) - 0.5 * (mine.length + its.length * c + its.width * s)
-        across = np.abs(dy * ahead - dx * aside) - 0.5 * (mine.width + its.length * s + its.width * c)
+        along = np.abs(dx * ahead + dy * aside) - 0.5 * (
+            mine.length + its.length * c + its.width * s
+        )
+        across = np.abs(dy * ahead - dx * aside) - 0.5 * (
+            mine.width + its.length * s + its.width * c
+        )
         apart = np.maximum(apart, np.maximum(along, across))
     return apart
 
 
 def velocity_change(collision: Collision) -> float:
-    """Delta-v of the ego, m/s: (v_other - v_ego)/2 along the ego's heading, both of one mass, no rebound.
+    """Delta-v of the ego, m/s: (v_other - v_ego)/2 along the ego's heading, both of one mass, no
+    rebound.
 
-    Negative where the contact slows the ego down, positive where it is pushed on, 0 at equal velocities.
+    Negative where the contact slows the ego down, positive where it is pushed on, 0 at equal
+    velocities.
     """
     heading = collision.ego_pose[2]
     ahead = (float(np.cos(heading)), float(np.sin(heading)))
@@ -320,11 +384,15 @@ def velocity_change(collision: Collision) -> float:
 
 
 def _at(time: FloatArray, actor: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """x, y and the speed along the road of another vehicle at given times, nan outside its recording."""
+    """x, y and the speed along the road of another vehicle at given times, nan outside its
+    recording.
+    """
     channels = (actor.x, actor.y, actor.speed * np.cos(actor.heading))
     if np.array_equal(time, actor.time):
         return channels
-    x, y, speed = (np.interp(time, actor.time, channel, left=np.nan, right=np.nan) for channel in channels)
+    x, y, speed = (
+        np.interp(time, actor.time, channel, left=np.nan, right=np.nan) for channel in channels
+    )
     return x, y, speed
 
 

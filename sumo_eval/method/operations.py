@@ -1,11 +1,15 @@
-"""Operations of an ADS and of drivers, the n of Eq. 12: how often somebody turned the wheel or moved the pedals.
+"""Operations of an ADS and of drivers, the n of Eq. 12: how often somebody turned the wheel or
+moved the pedals.
 
 Readings of the paper:
-- The signal of an operation is neutral at or below its threshold. Neutral time runs from the first neutral sample to
+- The signal of an operation is neutral at or below its threshold. Neutral time runs from the first
+  neutral sample to
   the next sample above the threshold. Steering wheel angles that are not known (nan) are left out.
-- One rule counts the steering operations of both sides. By default an operation is a lateral manoeuvre: a move to one
-  side at more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at least 1 m. At motorway speed a lane change
-  turns the wheel by 1 to 7 degrees, so the paper's 10 degrees would count none there.
+- One rule counts the steering operations of both sides. By default an operation is a lateral
+  manoeuvre: a move to one
+  side at more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at least 1 m. At motorway
+  speed a lane change turns the wheel by 1 to 7 degrees, so the paper's 10 degrees would count none
+  there.
 """
 
 from __future__ import annotations
@@ -25,34 +29,47 @@ RELEASED = 0.8  # of a level: pedals were moved back
 SAME_PEAK = 1.0 - 1e-9  # of a level: rounding makes no peaks of its own
 MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
 MANOEUVRE_SHIFT = 1.0  # m; and less far
-MANOEUVRE_WINDOW = 1.0  # s; lateral speed is a mean over this time, because recorded positions are noisy
+# s; lateral speed is a mean over this time, because recorded positions are noisy
+MANOEUVRE_WINDOW = 1.0
 
 
 def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
     """Eq. 12: n, operations of steering and of the pedals, counted separately and added.
 
-    An operation of the pedals is |acceleration| > 0.5 m/s2 until the signal has stayed neutral for 0.5 s, so drive and
-    then brake is one; one that still runs at the end counts. One of steering is a lateral manoeuvre, or, with
-    `steering_rule = "wheel"`, |steering wheel angle| > 10 deg (or what gives a lateral acceleration) likewise.
-    Raises InputError for that rule where a trajectory has no steering wheel angle: both sides are counted alike or not
-    at all.
+    An operation of the pedals is |acceleration| > 0.5 m/s2 until the signal has stayed neutral for
+    0.5 s, so drive and then brake is one; one that still runs at the end counts. One of steering is
+    a lateral manoeuvre, or, with `steering_rule = "wheel"`, |steering wheel angle| > 10 deg (or
+    what gives a lateral acceleration) likewise.
+
+    Raises InputError for that rule where a trajectory has no steering wheel angle: both sides are
+    counted alike or not at all.
     """
     used = np.abs(trajectory.acceleration) > settings.acceleration_threshold
-    return len(_operations(used, trajectory.time, settings)) + _steering_operations(trajectory, settings)
+    return len(_operations(used, trajectory.time, settings)) + _steering_operations(
+        trajectory, settings
+    )
 
 
 def most_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
-    """f_n+ of H: n of Eq. 12 at that level of |acceleration|, from 0.5 m/s2 on, at which it is largest.
+    """f_n+ of H: n of Eq. 12 at that level of |acceleration|, from 0.5 m/s2 on, at which it is
+    largest.
 
-    Eq. 12 takes an oscillation without neutral time for one operation, so that a stronger one may have fewer. Here it
-    never has: levels are the signal's peaks, and grow with it. Between two operations at a level the signal also falls
-    to 0.8 of it, which the rounding of a constant acceleration does not.
+    Eq. 12 takes an oscillation without neutral time for one operation, so that a stronger one may
+    have fewer. Here it never has: levels are the signal's peaks, and grow with it. Between two
+    operations at a level the signal also falls to 0.8 of it, which the rounding of a constant
+    acceleration does not.
     """
     used = np.abs(trajectory.acceleration)
     beside = np.concatenate(([-np.inf], used, [-np.inf]))
-    peaks = used[(used >= beside[:-2]) & (used >= beside[2:]) & (used > settings.acceleration_threshold)]
+    peaks = used[
+        (used >= beside[:-2]) & (used >= beside[2:]) & (used > settings.acceleration_threshold)
+    ]
     counts = [
-        len(_operations(used > SAME_PEAK * level, trajectory.time, settings, used <= RELEASED * level))
+        len(
+            _operations(
+                used > SAME_PEAK * level, trajectory.time, settings, used <= RELEASED * level
+            )
+        )
         for level in np.unique(peaks)
     ]
     return max(counts, default=0) + _steering_operations(trajectory, settings)
@@ -63,11 +80,14 @@ def _steering_operations(trajectory: Trajectory, settings: AnthropomorphicSettin
         return _lateral_manoeuvres(trajectory, settings)
     if not _steering_is_known(trajectory):
         raise InputError(
-            '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel angle of the ADS and of '
+            '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel '
+            "angle of the ADS and of "
             'all drivers, and a trajectory has none; "manoeuvre" counts both alike without it.'
         )
     known = np.isfinite(trajectory.steering_wheel_angle)
-    turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(trajectory.speed[known], settings)
+    turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(
+        trajectory.speed[known], settings
+    )
     return len(_operations(turned, trajectory.time[known], settings))
 
 
@@ -81,9 +101,13 @@ def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> Fl
 
 
 def _operations(
-    active: BoolArray, time: FloatArray, settings: AnthropomorphicSettings, released: BoolArray | None = None
+    active: BoolArray,
+    time: FloatArray,
+    settings: AnthropomorphicSettings,
+    released: BoolArray | None = None,
 ) -> list[tuple[int, int]]:
-    """First and last active sample of each operation: active samples without `neutral_time` of neutral between them.
+    """First and last active sample of each operation: active samples without `neutral_time` of
+    neutral between them.
 
     released: samples of which one must lie between two operations.
     """
@@ -91,7 +115,9 @@ def _operations(
     if samples.size == 0:
         return []
     neutral_from = time[samples[:-1] + 1]
-    ended = (np.diff(samples) > 1) & (time[samples[1:]] - neutral_from >= settings.neutral_time - SAME_TIME)
+    ended = (np.diff(samples) > 1) & (
+        time[samples[1:]] - neutral_from >= settings.neutral_time - SAME_TIME
+    )
     if released is not None:
         ended &= np.diff(np.cumsum(released)[samples]) > 0
     first = samples[np.append(True, ended)]

@@ -1,13 +1,14 @@
 """Plausibility of a case, a factor of H: are its extremes within what recorded people do?
 
-Fields and lateral positions say where a vehicle was and how fast, not how close to others nor how abruptly. Seven
-extremes of a drive do: the least time to collision and time headway, the strongest braking, the largest jerk and
-unrest, lateral speed and lateral acceleration. Each is put beside that of recorded drives, measured by one set of rules
-on both sides (`method.measures`): distances at the recorded samples, derivatives of speed and y by `smooth_motion`.
+Fields and lateral positions say where a vehicle was and how fast, not how close to others nor how
+abruptly. Seven extremes of a drive do: the least time to collision and time headway, the strongest
+braking, the largest jerk and unrest, lateral speed and lateral acceleration. Each is put beside
+that of recorded drives, measured by one set of rules on both sides (`method.measures`): distances
+at the recorded samples, derivatives of speed and y by `smooth_motion`.
 
-A drive is one vehicle in one encounter with another (it comes up to a slower one, one cuts in before it, one before it
-leaves its lane), 10 to 32 s long, as most cases of the motorway scenarios are; a longer drive has more chances of an
-extreme.
+A drive is one vehicle in one encounter with another (it comes up to a slower one, one cuts in
+before it, one before it leaves its lane), 10 to 32 s long, as most cases of the motorway scenarios
+are; a longer drive has more chances of an extreme.
 """
 
 from __future__ import annotations
@@ -39,16 +40,19 @@ EXTREMES: Final[Mapping[str, int]] = {
 }
 """Which extremes count; 1 where more is more extreme, -1 where less is."""
 LEVELS: Final = (0.01, 0.02, 0.03, 0.04, 0.05, 0.1, 0.25, 0.5)
-"""Shares of people at which a table holds values, after the share of the single most extreme one."""
+"""Shares of people at which a table holds values, after the share of the single most extreme
+one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quantiles:
-    """How extreme people get: `values[name][k]` is reached by the share `shares[name][k]` of them, most extreme first.
+    """How extreme people get: `values[name][k]` is reached by the share `shares[name][k]` of them,
+    most extreme first.
 
-    Shares ascend. The first value is the most extreme that anybody reached. people: how many
-    persons, drives: how many drives of theirs (each person weighs 1). source: whose drives, in words. s, m/s, m/s2,
-    m/s3 as in `extremes_of`.
+    Shares ascend. The first value is the most extreme that anybody reached.
+
+    people: how many persons, drives: how many drives of theirs (each person weighs 1).
+    source: whose drives, in words. s, m/s, m/s2, m/s3 as in `extremes_of`.
     """
 
     values: Mapping[str, tuple[float, ...]]
@@ -63,18 +67,28 @@ class Quantiles:
                 raise unknown("extreme of a drive", name, EXTREMES)
             shares = self.shares.get(name, ())
             if len(values) < 2 or len(values) != len(shares):
-                raise must_be(f"`{name}`", "a table of people", "at least two values, a share each", values)
+                raise must_be(
+                    f"`{name}`", "a table of people", "at least two values, a share each", values
+                )
             if np.any(np.diff(shares) <= 0.0) or not 0.0 < shares[0] <= shares[-1] <= 1.0:
-                raise must_be(f"The shares of `{name}`", "a table of people", "ascending within 0..1", shares)
+                raise must_be(
+                    f"The shares of `{name}`", "a table of people", "ascending within 0..1", shares
+                )
             if np.any(np.diff(values) * EXTREMES[name] > 0.0) or not np.all(np.isfinite(values)):
-                raise must_be(f"`{name}`", "a table of people", "finite values, the most extreme first", values)
+                raise must_be(
+                    f"`{name}`",
+                    "a table of people",
+                    "finite values, the most extreme first",
+                    values,
+                )
 
     def share(self, name: str, value: float) -> float:
         """Share of people at least as extreme as `value`, 0..1, linear between the table's values.
 
-        1 where the table does not know the extreme, where the value is nan (a drive without it, as without a vehicle
-        ahead) and where it is milder than the table's last. Beyond the most extreme person the share falls to 0 over
-        as far as it is from the table's second value to that person: one more person could have gone there.
+        1 where the table does not know the extreme, where the value is nan (a drive without it, as
+        without a vehicle ahead) and where it is milder than the table's last. Beyond the most
+        extreme person the share falls to 0 over as far as it is from the table's second value to
+        that person: one more person could have gone there.
         """
         if name not in self.values or math.isnan(value):
             return 1.0
@@ -108,19 +122,26 @@ MOTORWAY_PEOPLE: Final = Quantiles(
     drives=674,
     source="DLR Highway Traffic v1.1.0, motorway near Braunschweig, 2024-10-07",
 )
-"""213 people on a free-flowing motorway of two lanes, 674 encounters, from `tools/motorway_people.py`; 1 drive is left
-out as a ghost of the tracker (3.5 m/s across the road). Not for towns: nobody here stops, turns or meets pedestrians.
-"""
+"""213 people on a free-flowing motorway of two lanes, 674 encounters, from
+`tools/motorway_people.py`; 1 drive is left out as a ghost of the tracker (3.5 m/s across the road).
+Not for towns: nobody here stops, turns or meets pedestrians. """
 
 
 def extremes_of(
-    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None, course: Course | None = None
+    ego: Trajectory,
+    actors: Mapping[str, Trajectory],
+    collision: Collision | None = None,
+    course: Course | None = None,
 ) -> dict[str, float]:
-    """The seven extremes of a drive: the ego, the other vehicles by name, and the ego's first contact if any. course:
-    the drive's `course_of`, where it is known already.
+    """The seven extremes of a drive: the ego, the other vehicles by name, and the ego's first
+    contact if any.
 
-    min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_unrest m/s2; max_lateral_speed
-    m/s; max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes. nan: there is no such thing in this
+    course: the drive's `course_of`, where it is known already.
+
+    min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_unrest m/s2;
+    max_lateral_speed
+    m/s; max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes. nan: there is no
+    such thing in this
     drive, as without a vehicle ahead, or in one too short for a derivative.
     """
     seen = course_of(ego, actors, collision) if course is None else course
@@ -137,35 +158,51 @@ def extremes_of(
 
 
 def plausibility(extremes: Mapping[str, float], people: Quantiles) -> float:
-    """Plausibility = min over the extremes of min(1, share of people at least as extreme / 5 %), 0..1.
+    """Plausibility = min over the extremes of min(1, share of people at least as extreme / 5 %),
+    0..1.
 
-    extremes: those of one drive (`extremes_of`). people: the table to compare with.
+    extremes: those of one drive (`extremes_of`).
+    people: the table to compare with.
     """
-    return min(1.0, *(people.share(name, value) / USUAL_SHARE for name, value in _known(extremes).items()))
+    return min(
+        1.0, *(people.share(name, value) / USUAL_SHARE for name, value in _known(extremes).items())
+    )
 
 
 def least_plausible(extremes: Mapping[str, float], people: Quantiles) -> tuple[str, float]:
-    """The extreme that decides the plausibility, and the share of people at least as extreme; the first of equals."""
+    """The extreme that decides the plausibility, and the share of people at least as extreme; the
+    first of equals.
+    """
     shares = {name: people.share(name, value) for name, value in _known(extremes).items()}
     name = min(shares, key=lambda one: shares[one])
     return name, shares[name]
 
 
 def quantiles_of(
-    drives: Sequence[Mapping[str, float]], people: Sequence[str] | None = None, *, source: str = "recorded drivers"
+    drives: Sequence[Mapping[str, float]],
+    people: Sequence[str] | None = None,
+    *,
+    source: str = "recorded drivers",
 ) -> Quantiles:
-    """The table of some people's drives. people: who drove each; every drive is another person's where not given.
+    """The table of some people's drives.
 
-    Every person weighs 1, shared by that person's drives. An extreme that a drive does not have (nan) leaves the drive
-    out of that extreme; one that fewer than 20 people have is not in the table, and counts for nobody.
+    people: who drove each; every drive is another person's where not given.
+
+    Every person weighs 1, shared by that person's drives. An extreme that a drive does not have
+    (nan) leaves the drive out of that extreme; one that fewer than 20 people have is not in the
+    table, and counts for nobody.
+
     Raises InputError for fewer than 20 people, who cannot show a share of 5 %.
     """
     names = [str(number) for number in range(len(drives))] if people is None else list(people)
     if len(names) != len(drives):
-        raise must_be("`people`", "the recorded drives", f"one name a drive ({len(drives)})", len(names))
+        raise must_be(
+            "`people`", "the recorded drives", f"one name a drive ({len(drives)})", len(names)
+        )
     if len(set(names)) < LEAST_PEOPLE:
         raise InputError(
-            f"The recorded drives must be of at least {LEAST_PEOPLE} people, because fewer cannot show a share of 5 %, "
+            f"The recorded drives must be of at least {LEAST_PEOPLE} people, because fewer cannot "
+            "show a share of 5 %, "
             f"got {len(set(names))}."
         )
     values: dict[str, tuple[float, ...]] = {}
@@ -183,11 +220,16 @@ def quantiles_of(
     return Quantiles(values, shares, len(set(names)), len(drives), source)
 
 
-def _table(extreme: FloatArray, weights: FloatArray) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-    """Shares and the values that they reach, of extremes (n,) of which more is more extreme; weights add up to 1."""
+def _table(
+    extreme: FloatArray, weights: FloatArray
+) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """Shares and the values that they reach, of extremes (n,) of which more is more extreme;
+    weights add up to 1.
+    """
     order = np.argsort(-extreme, kind="stable")
     reached, share = extreme[order], np.cumsum(weights[order])
-    last = np.append(reached[1:] < reached[:-1], True)  # of equal ones: whoever is as extreme is counted
+    # of equal ones: whoever is as extreme is counted
+    last = np.append(reached[1:] < reached[:-1], True)
     reached, share = reached[last & np.isfinite(reached)], share[last & np.isfinite(reached)]
     if reached.size < 2:
         return None
@@ -200,7 +242,9 @@ def _known(extremes: Mapping[str, float]) -> Mapping[str, float]:
         if name not in EXTREMES:
             raise unknown("extreme of a drive", name, EXTREMES)
     if not extremes:
-        raise InputError(f"The extremes of a drive must hold at least one of {', '.join(EXTREMES)}, got none.")
+        raise InputError(
+            f"The extremes of a drive must hold at least one of {', '.join(EXTREMES)}, got none."
+        )
     return extremes
 
 

@@ -20,7 +20,8 @@ ROUNDING = 1e-9  # what a mean of shares may be off by
 class Score:
     """S and what it is made of.
 
-    total: S, points, None where neither index was computed. c, d: the indexes C and D, None where not computed.
+    total: S, points, None where neither index was computed.
+    c, d: the indexes C and D, None where not computed.
     c_points, d_points: what each adds to S, 0 where it was not computed.
     """
 
@@ -32,14 +33,23 @@ class Score:
 
 
 def combined_score(
-    c: float | None, d: float | None, *, a: float = 50.0, b: float = 50.0, k5: float = 1.0, k6: float = 1.0
+    c: float | None,
+    d: float | None,
+    *,
+    a: float = 50.0,
+    b: float = 50.0,
+    k5: float = 1.0,
+    k6: float = 1.0,
 ) -> Score:
     """Eq. 18: S = a k5 C + b k6 D.
 
-    c: C, 0..1, or None: no case could be evaluated. d: D, 0..1, or None: after a collision in the safe zone there is
-    no D. The term of what was not computed counts 0.
-    a, b: points for either, not negative, together 100. k5, k6: scales, above 0 (1, or see `population_scale`: with
-    other scales S can pass 100, and is not cut). Raises InputError for anything else.
+    c: C, 0..1, or None: no case could be evaluated.
+    d: D, 0..1, or None: after a collision in the safe zone there is no D. The term of what was not
+        computed counts 0.
+    a, b: points for either, not negative, together 100.
+    k5, k6: scales, above 0 (1, or see `population_scale`: with other scales S can pass 100, and is
+        not cut).
+    Raises InputError for anything else.
     """
     for index, value in (("c", c), ("d", d)):
         if value is not None:
@@ -63,13 +73,17 @@ def score_of(c: float | None, d: float | None, points: ScoreSettings) -> Score:
 
 @dataclass(frozen=True, slots=True)
 class PlusPoints:
-    """The two terms of S+, points: T A' a, for driving the task without harm, and T A' b H; 0 where not computed."""
+    """The two terms of S+, points: T A' a, for driving the task without harm, and T A' b H; 0 where
+    not computed.
+    """
 
     a_points: float
     h_points: float
 
 
-def plus_of(task: float | None, grade: float | None, human_likeness: float | None, points: ScoreSettings) -> PlusPoints:
+def plus_of(
+    task: float | None, grade: float | None, human_likeness: float | None, points: ScoreSettings
+) -> PlusPoints:
     """The terms of S+ = T max(A', 0) (a + b H). None: not computed."""
     done = (task or 0.0) * max(grade or 0.0, 0.0)
     return PlusPoints(points.a * done, points.b * done * (human_likeness or 0.0))
@@ -78,10 +92,13 @@ def plus_of(task: float | None, grade: float | None, human_likeness: float | Non
 def population_scale(
     values: Sequence[float], share: float = 0.5, *, centre: Literal["median", "mean"] = "median"
 ) -> float:
-    """k5 or k6 of Eq. 18 for a population of ADSs: share / median(C), so that the median ADS scores share * a points.
+    """k5 or k6 of Eq. 18 for a population of ADSs: share / median(C), so that the median ADS scores
+    share * a points.
 
-    values: C (or the computed D) of every ADS, 0..1. share: 0.5 by the paper, within (0, 1]. centre: which ADS stands
-    for the population. Raises InputError if there are no values, or if their centre is 0 (no scale can lift it).
+    values: C (or the computed D) of every ADS, 0..1.
+    share: 0.5 by the paper, within (0, 1].
+    centre: which ADS stands for the population.
+    Raises InputError if there are no values, or if their centre is 0 (no scale can lift it).
     """
     if len(values) == 0:
         raise must_be("`values`", "`population_scale`", "at least one index", values)

@@ -1,9 +1,11 @@
-"""The arithmetic of every score, Eqs. 13, 17 and 18 and those that order ADSs, over one sample of cases or over many.
+"""The arithmetic of every score, Eqs. 13, 17 and 18 and those that order ADSs, over one sample of
+cases or over many.
 
-Every function takes what each case brings, arrays (n,), nan where a case has no part in it, and `counts`, (m, n): how
-often each case stands in each of m samples. A row of ones is the evaluation itself; a bootstrap draws the other rows.
-(m,) values come back, nan where a sample holds nothing to compute the value from. No function looks at anything but
-its arguments, so a score, its interval and a difference between two scores are one arithmetic.
+Every function takes what each case brings, arrays (n,), nan where a case has no part in it, and
+`counts`, (m, n): how often each case stands in each of m samples. A row of ones is the evaluation
+itself; a bootstrap draws the other rows. (m,) values come back, nan where a sample holds nothing to
+compute the value from. No function looks at anything but its arguments, so a score, its interval
+and a difference between two scores are one arithmetic.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 
 class Counts(Protocol):
-    """How often each of n cases stands in each of m samples, (m, n): an array, or what sums terms as one does."""
+    """How often each of n cases stands in each of m samples, (m, n): an array, or what sums terms
+    as one does.
+    """
 
     def __matmul__(self, terms: FloatArray, /) -> FloatArray:
         """Sums of terms (n,) over every sample, (m,)."""
@@ -33,11 +37,13 @@ def once(n: int) -> FloatArray:
 
 
 class AskedTerms:
-    """In the place of counts: keeps the terms that sums are asked of, in their order, and answers with one 0 each.
+    """In the place of counts: keeps the terms that sums are asked of, in their order, and answers
+    with one 0 each.
 
-    Every score is a function of sums over cases, and which sums it asks for hangs on no case. So the terms of some of
-    the cases can be made and summed, in however many samples, those of the next ones added, and the score be made of
-    the sums (`KnownSums`): what is in memory does not grow with the cases.
+    Every score is a function of sums over cases, and which sums it asks for hangs on no case. So
+    the terms of some of the cases can be made and summed, in however many samples, those of the
+    next ones added, and the score be made of the sums (`KnownSums`): what is in memory does not
+    grow with the cases.
     """
 
     def __init__(self) -> None:
@@ -49,7 +55,9 @@ class AskedTerms:
 
 
 class KnownSums:
-    """In the place of counts: answers with sums that are known, (k, m) for k terms, in the order of `AskedTerms`."""
+    """In the place of counts: answers with sums that are known, (k, m) for k terms, in the order of
+    `AskedTerms`.
+    """
 
     def __init__(self, sums: FloatArray) -> None:
         self._left = iter(sums)
@@ -61,22 +69,30 @@ class KnownSums:
 def weighted_mean(values: ArrayLike, weights: ArrayLike, counts: Counts) -> FloatArray:
     """sum(w_i v_i) / sum(w_i) in every sample, (m,); nan where the weights add up to 0.
 
-    values: (n,), a case whose value is nan has no part. weights: (n,), at least 0. counts: (m, n).
+    values: (n,), a case whose value is nan has no part.
+    weights: (n,), at least 0.
+    counts: (m, n).
     """
     found, weight = np.asarray(values, dtype=np.float64), np.asarray(weights, dtype=np.float64)
     known = np.isfinite(found)
     weight = np.where(known, weight, 0.0)
     total = counts @ weight
-    return _ratio(counts @ (weight * np.where(known, found, 0.0)), total, np.full(total.shape, np.nan))
+    return _ratio(
+        counts @ (weight * np.where(known, found, 0.0)), total, np.full(total.shape, np.nan)
+    )
 
 
 def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
-    """Eq. 17: Ug_i / U_i of each collision, 1 where the ADS hit no harder than the ideal vehicle; nan where one is nan.
+    """Eq. 17: Ug_i / U_i of each collision, 1 where the ADS hit no harder than the ideal vehicle;
+    nan where one is nan.
 
-    severity: U_i, or the loss in its place. ideal: Ug_i, or its loss. Any one shape.
+    severity: U_i, or the loss in its place.
+    ideal: Ug_i, or its loss. Any one shape.
     """
     hit, best = np.asarray(severity, dtype=np.float64), np.asarray(ideal, dtype=np.float64)
-    return np.asarray(np.divide(best, hit, out=np.where(np.isnan(hit + best), np.nan, 1.0), where=hit > best))
+    return np.asarray(
+        np.divide(best, hit, out=np.where(np.isnan(hit + best), np.nan, 1.0), where=hit > best)
+    )
 
 
 def collision_avoidance(
@@ -84,10 +100,11 @@ def collision_avoidance(
 ) -> FloatArray:
     """Eq. 17: C = sum(r_i Ug_i / U_i) / sum(r_i) over the collisions of every sample, (m,).
 
-    ratio: Ug_i / U_i (`ideal_ratio`), (n,), nan without a collision and where Ug_i is not known. weight: r_i, (n,), nan
-    likewise. collided, evaluated: flags (n,). A sample whose collisions all have r = 0 has their plain mean. A sample
-    without a collision has 1 if a case of it was evaluated; without an evaluated case, or with collisions none of
-    which can be compared, it has nan.
+    ratio: Ug_i / U_i (`ideal_ratio`), (n,), nan without a collision and where Ug_i is not known.
+    weight: r_i, (n,), nan likewise.
+    collided, evaluated: flags (n,). A sample whose collisions all have r = 0 has their plain mean.
+        A sample without a collision has 1 if a case of it was evaluated; without an evaluated case,
+        or with collisions none of which can be compared, it has nan.
     """
     r = np.asarray(weight, dtype=np.float64)
     share = np.where(np.isfinite(r), np.asarray(ratio, dtype=np.float64), np.nan)
@@ -99,19 +116,29 @@ def collision_avoidance(
 
 
 def exposure_mean(values: ArrayLike, exposure: ArrayLike, counts: Counts) -> FloatArray:
-    """Eq. 13: D = sum(p_i D_i) / sum(p_i) in every sample, (m,); H likewise. nan where no case with exposure has one.
+    """Eq. 13: D = sum(p_i D_i) / sum(p_i) in every sample, (m,); H likewise. nan where no case with
+    exposure has one.
 
-    values: D_i (or the human-likeness of a case), (n,), nan where there is none. exposure: p_i, (n,), at least 0.
+    values: D_i (or the human-likeness of a case), (n,), nan where there is none.
+    exposure: p_i, (n,), at least 0.
     """
     return weighted_mean(values, exposure, counts)
 
 
 def combined(
-    first: ArrayLike, second: ArrayLike, a: float, b: float, first_scale: float = 1.0, second_scale: float = 1.0
+    first: ArrayLike,
+    second: ArrayLike,
+    a: float,
+    b: float,
+    first_scale: float = 1.0,
+    second_scale: float = 1.0,
 ) -> FloatArray:
-    """Eq. 18: S = a k5 C + b k6 D, points, (m,). What is nan was not computed and counts 0; S is nan where both are.
+    """Eq. 18: S = a k5 C + b k6 D, points, (m,). What is nan was not computed and counts 0; S is
+    nan where both are.
 
-    first, second: C and D, (m,). a, b: points for either. first_scale, second_scale: k5 and k6.
+    first, second: C and D, (m,).
+    a, b: points for either.
+    first_scale, second_scale: k5 and k6.
     """
     c, d = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     total = a * first_scale * np.nan_to_num(c) + b * second_scale * np.nan_to_num(d)
@@ -132,17 +159,23 @@ def worth(points: ScoreSettings) -> Worth:
 
 
 def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray:
-    """Eq. 18: S = a k5 C + b k6 D, points, (m,), with the settings' a, b, k5 and k6; see `combined`."""
+    """Eq. 18: S = a k5 C + b k6 D, points, (m,), with the settings' a, b, k5 and k6; see
+    `combined`.
+    """
     return combined(c, d, points.a, points.b, points.k5, points.k6)
 
 
-def ordering_score(task: ArrayLike, grade: ArrayLike, human_likeness: ArrayLike, points: ScoreSettings) -> FloatArray:
+def ordering_score(
+    task: ArrayLike, grade: ArrayLike, human_likeness: ArrayLike, points: ScoreSettings
+) -> FloatArray:
     """S+ = T max(A', 0) (a + b H), points, (m,), with the settings' a and b; see `score_plus`."""
     return score_plus(task, grade, human_likeness, points.a, points.b)
 
 
 def mean_shares(weights: ArrayLike) -> FloatArray:
-    """Eqs. 13 and 17: w_i / sum(w_i), what each case weighs in a mean, (n,); 1/n each where all weights are 0."""
+    """Eqs. 13 and 17: w_i / sum(w_i), what each case weighs in a mean, (n,); 1/n each where all
+    weights are 0.
+    """
     weight = np.asarray(weights, dtype=np.float64)
     if not weight.any():
         weight = np.ones(weight.shape)
@@ -150,9 +183,11 @@ def mean_shares(weights: ArrayLike) -> FloatArray:
 
 
 def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
-    """max(0, U_i - Ug_i), m/s, (n,): how much harder than the ideal vehicle; nan where one of both is not known.
+    """max(0, U_i - Ug_i), m/s, (n,): how much harder than the ideal vehicle; nan where one of both
+    is not known.
 
-    severity: U_i, m/s, 0 without contact. ideal: Ug_i, m/s, 0 where the ideal vehicle avoids.
+    severity: U_i, m/s, 0 without contact.
+    ideal: Ug_i, m/s, 0 where the ideal vehicle avoids.
     """
     beyond = np.asarray(severity, dtype=np.float64) - np.asarray(ideal, dtype=np.float64)
     return np.asarray(np.maximum(beyond, 0.0))  # which is nan where one of both is
@@ -161,18 +196,22 @@ def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
 def avoided_share(
     severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike, counts: Counts
 ) -> FloatArray:
-    """A = 1 - sum(w_i max(0, U_i - Ug_i)) / sum(w_i max(0, U0_i - Ug_i)) over all evaluated points of samples, (m,).
+    """A = 1 - sum(w_i max(0, U_i - Ug_i)) / sum(w_i max(0, U0_i - Ug_i)) over all evaluated points
+    of samples, (m,).
 
-    severity: U_i of the ADS, m/s, (n,), 0 without contact, nan where it could not be evaluated. ideal: Ug_i of the
-    ideal vehicle and unreacting: U0_i of `no_reaction` in the same concrete scenarios, likewise. weights: w_i, (n,).
-    1: as the ideal vehicle; 0: as doing nothing; below 0: worse than that. A numerator of 0 gives 1; a denominator of
-    0 under another numerator gives 0. Where the weights of all points of a sample are 0, every point weighs the same.
-    nan where no point of a sample is known. Whoever is no worse in any case and better in one never has a lower A.
+    severity: U_i of the ADS, m/s, (n,), 0 without contact, nan where it could not be evaluated.
+    ideal: Ug_i of the ideal vehicle and unreacting: U0_i of `no_reaction` in the same concrete
+        scenarios, likewise.
+    weights: w_i, (n,). 1: as the ideal vehicle; 0: as doing nothing; below 0: worse than that. A
+        numerator of 0 gives 1; a denominator of 0 under another numerator gives 0. Where the
+        weights of all points of a sample are 0, every point weighs the same. nan where no point of
+        a sample is known. Whoever is no worse in any case and better in one never has a lower A.
     """
     lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
     known = np.isfinite(lost) & np.isfinite(at_stake)
     numerator, denominator = (
-        _weighted_sum(np.where(known, part, np.nan), weights, known, counts) for part in (lost, at_stake)
+        _weighted_sum(np.where(known, part, np.nan), weights, known, counts)
+        for part in (lost, at_stake)
     )
     share = 1.0 - _ratio(numerator, denominator, np.ones(numerator.shape))
     share = np.where(numerator > 0.0, share, 1.0)
@@ -182,10 +221,11 @@ def avoided_share(
 def avoided_share_losses(
     severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike
 ) -> FloatArray:
-    """What each point takes from A: w_i max(0, U_i - Ug_i) / sum(w_i max(0, U0_i - Ug_i)), (n,); together 1 - A.
+    """What each point takes from A: w_i max(0, U_i - Ug_i) / sum(w_i max(0, U0_i - Ug_i)), (n,);
+    together 1 - A.
 
-    The arguments are those of `avoided_share`. nan where a point is not known. Where nothing was at stake but
-    something was lost, A is 0 and the points share the 1 by what each lost.
+    The arguments are those of `avoided_share`. nan where a point is not known. Where nothing was at
+    stake but something was lost, A is 0 and the points share the 1 by what each lost.
     """
     lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
     known = np.isfinite(lost) & np.isfinite(at_stake)
@@ -198,11 +238,13 @@ def avoided_share_losses(
 
 
 def product_losses(factors: FloatArray) -> FloatArray:
-    """What each factor takes from a product of factors, (n, k) of (n, k); a row adds up to 1 minus its product.
+    """What each factor takes from a product of factors, (n, k) of (n, k); a row adds up to 1 minus
+    its product.
 
-    This is the Shapley value. Setting a factor to 1 gains something, and how much depends on which others have been
-    set to 1 before it. The value is the mean gain over all such orders: (1 - v_j) times the mean of the products over
-    the sets of other factors, each size of a set weighing the same.
+    This is the Shapley value. Setting a factor to 1 gains something, and how much depends on which
+    others have been set to 1 before it. The value is the mean gain over all such orders: (1 - v_j)
+    times the mean of the products over the sets of other factors, each size of a set weighing the
+    same.
     """
     k = factors.shape[1]
     losses = np.empty(factors.shape)
@@ -220,8 +262,8 @@ def product_losses(factors: FloatArray) -> FloatArray:
 def regret(severity: ArrayLike, ideal: ArrayLike, weights: ArrayLike, counts: Counts) -> FloatArray:
     """sum(w_i max(0, U_i - Ug_i)) / sum(w_i) over all evaluated points of every sample, m/s, (m,).
 
-    The arguments are those of `avoided_share`. Where all weights of a sample are 0, every point weighs the same; nan
-    where no point of it is known.
+    The arguments are those of `avoided_share`. Where all weights of a sample are 0, every point
+    weighs the same; nan where no point of it is known.
     """
     lost = excess(severity, ideal)
     mean = weighted_mean(lost, weights, counts)
@@ -229,32 +271,49 @@ def regret(severity: ArrayLike, ideal: ArrayLike, weights: ArrayLike, counts: Co
 
 
 def avoidance_grade(avoided: ArrayLike, sharpness: float) -> FloatArray:
-    """A' = 1 - ln(1 + x/x0) / ln(1 + 1/x0), x = 1 - A, any shape: 1 as the ideal vehicle, 0 as doing nothing.
+    """A' = 1 - ln(1 + x/x0) / ln(1 + 1/x0), x = 1 - A, any shape: 1 as the ideal vehicle, 0 as
+    doing nothing.
 
-    avoided: A, at most 1; nan stays nan. sharpness: x0, above 0: harm below it hardly counts.
+    avoided: A, at most 1; nan stays nan.
+    sharpness: x0, above 0: harm below it hardly counts.
     """
     x = 1.0 - np.asarray(avoided, dtype=np.float64)
     return np.asarray(1.0 - np.log1p(x / sharpness) / np.log1p(1.0 / sharpness))
 
 
 def grade_slope(avoided: float, sharpness: float) -> float:
-    """dA'/dA = 1 / ((x0 + x) ln(1 + 1/x0)), x = 1 - A; 0 where A' counts 0. Arguments as in `avoidance_grade`."""
-    return 0.0 if avoided < 0.0 else 1.0 / ((sharpness + 1.0 - avoided) * math.log1p(1.0 / sharpness))
+    """dA'/dA = 1 / ((x0 + x) ln(1 + 1/x0)), x = 1 - A; 0 where A' counts 0.
+
+    Arguments as in `avoidance_grade`.
+    """
+    return (
+        0.0 if avoided < 0.0 else 1.0 / ((sharpness + 1.0 - avoided) * math.log1p(1.0 / sharpness))
+    )
 
 
-def score_plus(task: ArrayLike, grade: ArrayLike, human_likeness: ArrayLike, a: float, b: float) -> FloatArray:
-    """S+ = T max(A', 0) (a + b H), points, (m,). An H that was not computed counts 0; nan without T or A'.
+def score_plus(
+    task: ArrayLike, grade: ArrayLike, human_likeness: ArrayLike, a: float, b: float
+) -> FloatArray:
+    """S+ = T max(A', 0) (a + b H), points, (m,). An H that was not computed counts 0; nan without T
+    or A'.
 
-    task: T, (m,), 0..1. grade: A', (m,), at most 1. human_likeness: H, (m,), 0..1.
-    a, b: points for driving the task without harm, and for doing it as human drivers do, together 100.
+    task: T, (m,), 0..1.
+    grade: A', (m,), at most 1.
+    human_likeness: H, (m,), 0..1.
+    a, b: points for driving the task without harm, and for doing it as human drivers do, together
+        100.
     """
     likeness = np.nan_to_num(np.asarray(human_likeness, dtype=np.float64))
     safely = np.maximum(np.asarray(grade, dtype=np.float64), 0.0)
     return np.asarray(np.asarray(task, dtype=np.float64) * safely * (a + b * likeness))
 
 
-def _weighted_sum(values: FloatArray, weights: ArrayLike, known: BoolArray, counts: Counts) -> FloatArray:
-    """sum(w_i v_i) over the known cases of every sample, (m,); of v_i alone where all their weights are 0."""
+def _weighted_sum(
+    values: FloatArray, weights: ArrayLike, known: BoolArray, counts: Counts
+) -> FloatArray:
+    """sum(w_i v_i) over the known cases of every sample, (m,); of v_i alone where all their weights
+    are 0.
+    """
     weight = np.where(known, np.asarray(weights, dtype=np.float64), 0.0)
     found = np.where(known, values, 0.0)
     weighs = counts @ weight > 0.0

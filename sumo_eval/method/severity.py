@@ -1,16 +1,20 @@
-"""How bad a contact is: the number that stands in the place of U of Eqs. 15-17, and in the avoided share A.
+"""How bad a contact is: the number that stands in the place of U of Eqs. 15-17, and in the avoided
+share A.
 
 `method.collision.severity` chooses it:
 
 - `severity`: U of Eq. 15, m/s, as the paper prints it;
 - `eq14`: its class L of Eq. 14; without a contact L is 0.1, the equation's "otherwise";
-- `injury:car_driver`, `injury:pedestrian`, `injury:cyclist`: the probability of a serious or fatal injury (MAIS3+ or
-  death) of the person whom, or whose car, the front of a car hits, by closing speed and age (Lubbe, Wu, Jeppsson 2022);
-- `package.module:function` or `file.py:function`: a function of one `Contact` that returns a loss within 0..1.
+- `injury:car_driver`, `injury:pedestrian`, `injury:cyclist`: the probability of a serious or fatal
+  injury (MAIS3+ or
+  death) of the person whom, or whose car, the front of a car hits, by closing speed and age (Lubbe,
+  Wu, Jeppsson 2022);
+- `package.module:function` or `file.py:function`: a function of one `Contact` that returns a loss
+  within 0..1.
 
-Where U stands in an equation stands V, the chosen number: Ug_i, the ideal vehicle's, and U0_i, that of `no_reaction`,
-are V of their own contacts. Without a contact V is `without_contact`: 0, or 0.1 of Eq. 14. So C = sum(r V_g/V)/sum(r),
-and A = 1 - sum w max(0, V - V_g) / sum w max(0, V_0 - V_g).
+Where U stands in an equation stands V, the chosen number: Ug_i, the ideal vehicle's, and U0_i, that
+of `no_reaction`, are V of their own contacts. Without a contact V is `without_contact`: 0, or 0.1
+of Eq. 14. So C = sum(r V_g/V)/sum(r), and A = 1 - sum w max(0, V - V_g) / sum w max(0, V_0 - V_g).
 """
 
 from __future__ import annotations
@@ -38,11 +42,15 @@ KMH = 3.6
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A first contact as a severity sees it; vectors are in the ego's own frame, x ahead and y to its left.
+    """A first contact as a severity sees it; vectors are in the ego's own frame, x ahead and y to
+    its left.
 
-    ego_velocity, other_velocity: m/s. ego_mass, other_mass: kg (`method.collision`). overlap: share of the ego's bumper
-    width that faces the other, 0..1. side: where on the ego it was hit. angle: the other's heading less the ego's, rad
-    within -pi..pi, 0 for a rear-end contact in line. other: the other's name in the scenario.
+    ego_velocity, other_velocity: m/s.
+    ego_mass, other_mass: kg (`method.collision`).
+    overlap: share of the ego's bumper width that faces the other, 0..1.
+    side: where on the ego it was hit.
+    angle: the other's heading less the ego's, rad within -pi..pi, 0 for a rear-end contact in line.
+    other: the other's name in the scenario.
     """
 
     ego_velocity: tuple[float, float]
@@ -84,8 +92,9 @@ def contact_of(collision: Collision, settings: CollisionSettings) -> Contact:
 class InjuryCurve(NamedTuple):
     """logit P = intercept + speed * v + age * years, v the closing speed in km/h.
 
-    usual_age: years at which the curve passes through the published 10 %; taken where `method.collision.age` is not
-    set. fastest: km/h up to which it is used without a remark.
+    usual_age: years at which the curve passes through the published 10 %; taken where
+        `method.collision.age` is not set.
+    fastest: km/h up to which it is used without a remark.
     """
 
     intercept: float
@@ -100,25 +109,36 @@ INJURY_CURVES: Final[Mapping[str, InjuryCurve]] = {
     "pedestrian": InjuryCurve(-6.190, 0.078, 0.038, 46.0, 100.0),
     "cyclist": InjuryCurve(-7.467, 0.079, 0.047, 38.0, 100.0),
 }
-"""MAIS3+ or death: N. Lubbe, Y. Wu, H. Jeppsson, "Safe speeds: fatality and injury risks of pedestrians, cyclists,
-motorcyclists, and car drivers impacting the front of another passenger car as a function of closing speed and age",
-Traffic Safety Research 2, 000006 (2022), on German in-depth accident data (GIDAS)."""
+"""MAIS3+ or death: N.
+
+Lubbe, Y. Wu, H. Jeppsson, "Safe speeds: fatality and injury risks of pedestrians, cyclists,
+motorcyclists, and car drivers impacting the front of another passenger car as a function of closing
+speed and age", Traffic Safety Research 2, 000006 (2022), on German in-depth accident data (GIDAS).
+"""
 INJURY_AGES: Final = (15.0, 95.0)
-"""Years within which the curves are used without a remark. This and `fastest` are bounds of this project: the source's
-abstract states none."""
+"""Years within which the curves are used without a remark.
+
+This and `fastest` are bounds of this project: the source's abstract states none.
+"""
 _INJURY = "injury:"
 
 
 def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) -> FloatArray:
-    """P(MAIS3+ or death) = 1 / (1 + exp(-(b0 + b1 v + b2 age))), any shape, 0..1 (Lubbe et al. 2022).
+    """P(MAIS3+ or death) = 1 / (1 + exp(-(b0 + b1 v + b2 age))), any shape, 0..1 (Lubbe et al.
+    2022).
 
-    who: `car_driver`, `pedestrian` or `cyclist`. closing_speed: m/s, any shape. age: years; None: the curve's own.
+    who: `car_driver`, `pedestrian` or `cyclist`.
+    closing_speed: m/s, any shape.
+    age: years; None: the curve's own.
     Raises InputError for another name, and for speeds and ages that are negative or not finite.
     """
     if who not in INJURY_CURVES:
         raise unknown("injury-risk curve", who, INJURY_CURVES)
     curve = INJURY_CURVES[who]
-    speed, years = np.asarray(closing_speed, dtype=np.float64), curve.usual_age if age is None else age
+    speed, years = (
+        np.asarray(closing_speed, dtype=np.float64),
+        curve.usual_age if age is None else age,
+    )
     for name, value in (("`closing_speed`", speed), ("`age`", np.asarray(years))):
         if not (np.isfinite(value) & (value >= 0.0)).all():
             raise must_be(name, f"injury-risk curve `{who}`", "finite and at least 0", value)
@@ -128,11 +148,17 @@ def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) ->
 
 @dataclass(frozen=True, slots=True)
 class Severity:
-    """The chosen number V of a contact. name: as in the settings. unit: of V. without_contact: V where there is none.
+    """The chosen number V of a contact.
 
-    value: V of a collision. checked: whether that is a user's function, whose answers are looked at. beyond: why a
-    collision is outside the range that V is known for, in words; empty inside. sha256: of the file that holds a user's
-    function, so that scores tell which one they were made with; empty for those that ship.
+    name: as in the settings.
+    unit: of V.
+    without_contact: V where there is none.
+
+    value: V of a collision.
+    checked: whether that is a user's function, whose answers are looked at.
+    beyond: why a collision is outside the range that V is known for, in words; empty inside.
+    sha256: of the file that holds a user's function, so that scores tell which one they were made
+        with; empty for those that ship.
     """
 
     name: str
@@ -144,9 +170,12 @@ class Severity:
     sha256: str = ""
 
     def of(self, collision: Collision, case: str) -> float:
-        """V of a collision. case: what to call it in a sentence.
+        """V of a collision.
 
-        Raises InputError where a user's function fails, returns anything but a finite number within 0..1, or returns
+        case: what to call it in a sentence.
+
+        Raises InputError where a user's function fails, returns anything but a finite number within
+        0..1, or returns
         two different numbers for one contact.
         """
         if not self.checked:
@@ -154,7 +183,8 @@ class Severity:
         first, second = self._asked(collision, case), self._asked(collision, case)
         if first != second:
             raise InputError(
-                f"The severity `{self.name}` must return one number for one contact, got {first!r} and then "
+                f"The severity `{self.name}` must return one number for one contact, got "
+                f"{first!r} and then "
                 f"{second!r} for {case}."
             )
         return first
@@ -163,38 +193,61 @@ class Severity:
         try:
             answer: object = self.value(collision)
         except Exception as error:
-            raise InputError(f"The severity `{self.name}` failed for {case}: {said(error)}.") from error
-        number = isinstance(answer, int | float | np.integer | np.floating) and not isinstance(answer, bool)
+            raise InputError(
+                f"The severity `{self.name}` failed for {case}: {said(error)}."
+            ) from error
+        number = isinstance(answer, int | float | np.integer | np.floating) and not isinstance(
+            answer, bool
+        )
         if not number or not 0.0 <= float(answer) <= 1.0:  # type: ignore[arg-type]
             raise InputError(
-                f"The severity `{self.name}` must return a finite number within 0..1, got {answer!r} for {case}."
+                f"The severity `{self.name}` must return a finite number within 0..1, got "
+                f"{answer!r} for {case}."
             )
         return float(answer)  # type: ignore[arg-type]
 
 
 def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
-    """What stands in the place of U in every row. The classes of Eq. 14 are taken of U with the scores."""
-    return severity_of(replace(settings, severity="severity") if settings.severity == "eq14" else settings, source)
+    """What stands in the place of U in every row.
+
+    The classes of Eq. 14 are taken of U with the scores.
+    """
+    return severity_of(
+        replace(settings, severity="severity") if settings.severity == "eq14" else settings, source
+    )
 
 
 def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Severity:
-    """The severity that the settings choose. folder: where a locator's relative path starts.
+    """The severity that the settings choose.
 
-    A user's function is called once on an example contact, so that a wrong one is known before the first case.
-    Raises InputError for an unknown choice, for a locator that leads nowhere, and for a function that answers wrongly.
+    folder: where a locator's relative path starts.
+
+    A user's function is called once on an example contact, so that a wrong one is known before the
+    first case.
+
+    Raises InputError for an unknown choice, for a locator that leads nowhere, and for a function
+    that answers wrongly.
     """
     chosen = settings.severity
     if chosen == "severity":
         return Severity(chosen, "m/s", 0.0, _impact_severity, _never)
     if chosen == "eq14":
-        return Severity(chosen, "loss", LEAST_LOSS, lambda hit: float(collision_loss(_impact_severity(hit))), _never)
+        return Severity(
+            chosen,
+            "loss",
+            LEAST_LOSS,
+            lambda hit: float(collision_loss(_impact_severity(hit))),
+            _never,
+        )
     if chosen.startswith(_INJURY):
         return _injury(chosen, settings)
     if ":" not in chosen:
         raise unknown("severity", chosen, [*CHOICES, "package.module:function"])
     function = load_object(chosen, folder, "Severity")
     if not callable(function):
-        raise must_be(f"Severity `{chosen}`", "`CollisionSettings`", "a function of a Contact", function)
+        raise must_be(
+            f"Severity `{chosen}`", "`CollisionSettings`", "a function of a Contact", function
+        )
     severity = Severity(
         chosen,
         "loss",
@@ -210,7 +263,9 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
 
 CHOICES: Final = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))
 """The severities that ship."""
-EXAMPLE: Final = Collision(0.0, "example", (20.0, 0.0), (0.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0))
+EXAMPLE: Final = Collision(
+    0.0, "example", (20.0, 0.0), (0.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0)
+)
 
 
 def _hash_of(function: object) -> str:

@@ -1,15 +1,19 @@
-"""Fields of many trajectories at many points of one road, Eq. 9, without summing every sample at every point.
+"""Fields of many trajectories at many points of one road, Eq. 9, without summing every sample at
+every point.
 
-Away from a sample the field is a smooth function of the place. So the road is divided into boxes, halved again and
-again. What lies further than its own length from a box is summed at that box's nodes only, and a polynomial through
-the nodes gives it at every point of the box; what is near is summed at the points themselves.
+Away from a sample the field is a smooth function of the place. So the road is divided into boxes,
+halved again and again. What lies further than its own length from a box is summed at that box's
+nodes only, and a polynomial through the nodes gives it at every point of the box; what is near is
+summed at the points themselves.
 
-The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. The summand's singularities are the
-sample itself (along x) and the places above and below it in the complex plane of y. From a box of length L
+The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. The summand's
+singularities are the sample itself (along x) and the places above and below it in the complex plane
+of y. From a box of length L
 whose far samples begin
-one length away they lie on Bernstein ellipses of 3 + sqrt(8) = 5.8 along x and L/h + sqrt((L/h)^2 + 1) >= 6.5 across a
-strip of half-width h <= L/3.2: 16 nodes along x and at most 14 across leave 6.5e-12 of each sample's field, about;
-found is 2.6e-12 (k1 = 0.5) to 6e-12 (k1 = 1). Where that does not hold (large constants, vectors, points off it),
+one length away they lie on Bernstein ellipses of 3 + sqrt(8) = 5.8 along x and L/h + sqrt((L/h)^2 +
+1) >= 6.5 across a strip of half-width h <= L/3.2: 16 nodes along x and at most 14 across leave
+6.5e-12 of each sample's field, about; found is 2.6e-12 (k1 = 0.5) to 6e-12 (k1 = 1). Where that
+does not hold (large constants, vectors, points off it),
 or does not pay, the plain sum is taken.
 """
 
@@ -29,7 +33,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 NODES = 16  # in a box, along x
 REACH = 1.0  # lengths of a box from which on a sample is far from it
-SLENDER = 3.2  # a box is at least this much longer than half as wide; shorter ones cost more than they save
+# a box is at least this much longer than half as wide; shorter ones cost more than they save
+SLENDER = 3.2
 LEFT = 6.5e-12  # of a sample's field, about, is what the nodes across leave
 LARGEST_K1 = 1.0  # a field that decays faster is summed plainly
 LARGEST_EXPONENT = 0.5  # and so is one that grows faster with speed ahead: k2 v
@@ -66,26 +71,40 @@ class Stretch:
         return int(np.log2(max(self.length / self.half / SLENDER, 1.0)))
 
     def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Whether it holds all points of each row across. x: (s,), m. y: (s, k), m."""
-        inside: BoolArray = np.all((y >= self.south) & (y <= self.north), axis=1) & (x >= self.west) & (x <= self.east)
+        """Whether it holds all points of each row across.
+
+        x: (s,), m.
+        y: (s, k), m.
+        """
+        inside: BoolArray = (
+            np.all((y >= self.south) & (y <= self.north), axis=1)
+            & (x >= self.west)
+            & (x <= self.east)
+        )
         return inside
 
 
 def prepare() -> None:
-    """Have the compiled loops there before they are needed: loaded, and on a machine's first time compiled, for 4 s."""
+    """Have the compiled loops there before they are needed: loaded, and on a machine's first time
+    compiled, for 4 s.
+    """
     time = np.arange(0.0, 20.0, 0.1)
     drive = Trajectory(time, 20.0 * time, np.zeros_like(time), speed=np.full_like(time, 20.0))
     rows, across = np.arange(0.0, 400.0, 0.5), np.linspace(-1.5, 1.5, 7)
-    fields = SharedFields([drive], Stretch(0.0, 400.0, -2.0, 2.0), FieldSettings(), len(rows) * len(across))
+    fields = SharedFields(
+        [drive], Stretch(0.0, 400.0, -2.0, 2.0), FieldSettings(), len(rows) * len(across)
+    )
     fields.at(rows, np.broadcast_to(across, (len(rows), len(across))), [0])
 
 
 class SharedFields:
     """The fields of some trajectories on a stretch of road, to be asked for again and again.
 
-    What far samples add is summed once for a trajectory. It depends on the trajectory and the stretch alone, not on the
-    points asked for. points: how many a question is expected to have, by which boxes are taken or not for every
-    question alike, so that no answer depends on what else was asked.
+    What far samples add is summed once for a trajectory. It depends on the trajectory and the
+    stretch alone, not on the points asked for.
+
+    points: how many a question is expected to have, by which boxes are taken or not for every
+        question alike, so that no answer depends on what else was asked.
     """
 
     def __init__(
@@ -101,14 +120,18 @@ class SharedFields:
         self._far: dict[int, tuple[NDArray[np.int64], FloatArray]] = {}
 
     def at(self, x: FloatArray, y: FloatArray, places: Sequence[int]) -> FloatArray:
-        """Eq. 9 for m of the trajectories at s rows of k points across the road, (m, s, k). x: of the rows, (s,), m.
+        """Eq. 9 for m of the trajectories at s rows of k points across the road, (m, s, k).
+
+        x: of the rows, (s,), m.
         y: (s, k), m.
 
         Errors as in `trajectory_fields`.
         """
         constants = self._constants
         samples = [self._samples_of(place) for place in places]
-        smooth = constants.k1 <= LARGEST_K1 and all(np.abs(one[:, 4]).max() <= LARGEST_EXPONENT for one in samples)
+        smooth = constants.k1 <= LARGEST_K1 and all(
+            np.abs(one[:, 4]).max() <= LARGEST_EXPONENT for one in samples
+        )
         inside = self._stretch.holds(x, y)
         if not self._boxes_pay or not smooth or constants.superposition != "magnitude":
             return self._plain(x, y, places)
@@ -121,16 +144,24 @@ class SharedFields:
     def _samples_of(self, place: int) -> FloatArray:
         """Of one trajectory, by x."""
         if place not in self._samples:
-            samples = samples_of(self._trajectories[place], self._constants.k2, self._constants.sample_interval)
+            samples = samples_of(
+                self._trajectories[place], self._constants.k2, self._constants.sample_interval
+            )
             self._samples[place] = samples[np.argsort(samples[:, 0], kind="stable")]
         return self._samples[place]
 
     def _far_of(self, place: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Which samples of one trajectory are near the smallest boxes, and what the others add there."""
+        """Which samples of one trajectory are near the smallest boxes, and what the others add
+        there.
+        """
         from sumo_eval.method.field_loops import far_values
 
         if place not in self._far:
-            samples, boxes, k1 = self._samples_of(place), _boxes(self._stretch), float(self._constants.k1)
+            samples, boxes, k1 = (
+                self._samples_of(place),
+                _boxes(self._stretch),
+                float(self._constants.k1),
+            )
             near = np.column_stack(
                 (
                     np.searchsorted(samples[:, 0], boxes.west),
@@ -138,7 +169,17 @@ class SharedFields:
                 )
             )
             nodes, halves, _ = _nodes()
-            far = far_values(samples, boxes.bounds, nodes, halves, boxes.counts, boxes.across, boxes.finer, near, k1)
+            far = far_values(
+                samples,
+                boxes.bounds,
+                nodes,
+                halves,
+                boxes.counts,
+                boxes.across,
+                boxes.finer,
+                near,
+                k1,
+            )
             self._far[place] = near[-(2**self._stretch.levels) :], far
         return self._far[place]
 
@@ -154,7 +195,12 @@ class SharedFields:
         ).reshape(len(places), *y.shape)
 
     def _by_boxes(
-        self, x: FloatArray, y: FloatArray, rows: NDArray[np.int64], places: Sequence[int], fields: FloatArray
+        self,
+        x: FloatArray,
+        y: FloatArray,
+        rows: NDArray[np.int64],
+        places: Sequence[int],
+        fields: FloatArray,
     ) -> None:
         """Put the fields at some of the rows, all inside the stretch, into `fields`."""
         from sumo_eval.method.field_loops import put_field
@@ -165,8 +211,13 @@ class SharedFields:
         boxes = (x - stretch.west) / (stretch.length / number)
         box = np.minimum(boxes.astype(np.int64), number - 1)
         starts = np.searchsorted(box, np.arange(number + 1))
-        along = np.polynomial.chebyshev.chebvander(2.0 * (boxes - box) - 1.0, NODES - 1) @ _nodes()[2]
-        shares, across = np.ascontiguousarray(along.T), np.ascontiguousarray((y.T - stretch.middle) / stretch.half)
+        along = (
+            np.polynomial.chebyshev.chebvander(2.0 * (boxes - box) - 1.0, NODES - 1) @ _nodes()[2]
+        )
+        shares, across = (
+            np.ascontiguousarray(along.T),
+            np.ascontiguousarray((y.T - stretch.middle) / stretch.half),
+        )
         points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
         for place, field in zip(places, fields, strict=True):
             near, far = self._far_of(place)
@@ -179,15 +230,17 @@ def _pays(points: int, stretch: Stretch) -> bool:
     levels = stretch.levels
     if levels == 0:
         return False
-    reached = 1.0 + 2.0 * REACH  # what is summed for a box, in its lengths: at its nodes or at its points
+    # what is summed for a box, in its lengths: at its nodes or at its points
+    reached = 1.0 + 2.0 * REACH
     nodes = NODES * sum(_boxes(stretch).counts.tolist())
     return bool(reached * (nodes + points / 2**levels) < points)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Boxes:
-    """The boxes of a stretch, as `far_values` takes them. west, east: between which x a sample is near each box, level
-    after level.
+    """The boxes of a stretch, as `far_values` takes them.
+
+    west, east: between which x a sample is near each box, level after level.
     """
 
     bounds: FloatArray
@@ -201,8 +254,16 @@ class _Boxes:
 @functools.lru_cache(maxsize=1)
 def _boxes(stretch: Stretch) -> _Boxes:
     bounds = np.array([stretch.west, stretch.east])
-    counts, places, finer = _across([stretch.length / 2**level / stretch.half for level in range(stretch.levels + 1)])
-    return _Boxes(bounds, *_near(bounds, stretch.levels), counts, stretch.middle + stretch.half * places, finer)
+    counts, places, finer = _across(
+        [stretch.length / 2**level / stretch.half for level in range(stretch.levels + 1)]
+    )
+    return _Boxes(
+        bounds,
+        *_near(bounds, stretch.levels),
+        counts,
+        stretch.middle + stretch.half * places,
+        finer,
+    )
 
 
 def _near(bounds: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
@@ -218,21 +279,27 @@ def _near(bounds: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
 
 @functools.cache
 def _nodes() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Chebyshev points; values there to values at those of the left and the right half, (2, p, p); and to the
-    coefficients of a Chebyshev series, (p, p).
+    """Chebyshev points; values there to values at those of the left and the right half, (2, p, p);
+    and to the coefficients of a Chebyshev series, (p, p).
     """
     nodes: FloatArray = np.polynomial.chebyshev.chebpts1(NODES)
-    series = np.array(np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, NODES - 1)), dtype=np.float64)
+    series = np.array(
+        np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, NODES - 1)), dtype=np.float64
+    )
     halves: FloatArray = np.array(
-        [np.polynomial.chebyshev.chebvander(0.5 * (nodes + side), NODES - 1) @ series for side in (-1, 1)]
+        [
+            np.polynomial.chebyshev.chebvander(0.5 * (nodes + side), NODES - 1) @ series
+            for side in (-1, 1)
+        ]
     )
     return nodes, halves, series
 
 
 def _across(slender: Sequence[float]) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Nodes across for each level of boxes: how many, where on -1..1, and what makes values there values at the nodes
-    of the next level, or last a Chebyshev series; as `far_values` takes them. slender: length over half-width of the
-    boxes of each level.
+    """Nodes across for each level of boxes: how many, where on -1..1, and what makes values there
+    values at the nodes of the next level, or last a Chebyshev series; as `far_values` takes them.
+
+    slender: length over half-width of the boxes of each level.
     """
     counts = _counts(slender)
     most = counts.max()
@@ -241,12 +308,16 @@ def _across(slender: Sequence[float]) -> tuple[NDArray[np.int64], FloatArray, Fl
         places[level, :count] = np.polynomial.chebyshev.chebpts1(count)
         if level > 0:
             before = counts[level - 1]
-            series = np.linalg.inv(np.polynomial.chebyshev.chebvander(places[level - 1, :before], before - 1))
+            series = np.linalg.inv(
+                np.polynomial.chebyshev.chebvander(places[level - 1, :before], before - 1)
+            )
             finer[level, :before, :count] = (
                 np.polynomial.chebyshev.chebvander(places[level, :count], before - 1) @ series
             ).T
     last = counts[-1]
-    finer[-1, :last, :last] = np.linalg.inv(np.polynomial.chebyshev.chebvander(places[-1, :last], last - 1)).T
+    finer[-1, :last, :last] = np.linalg.inv(
+        np.polynomial.chebyshev.chebvander(places[-1, :last], last - 1)
+    ).T
     return counts, places, finer
 
 

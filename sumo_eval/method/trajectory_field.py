@@ -1,12 +1,16 @@
-"""Trajectory field of a vehicle, Eqs. 9-10: how strongly a driven trajectory is felt at points of the road.
+"""Trajectory field of a vehicle, Eqs. 9-10: how strongly a driven trajectory is felt at points of
+the road.
 
 Readings of the paper (docs/method.md) that this file is built on:
-- Magnitudes are summed. The printed unit vector would cancel on the path itself, where the paper draws the peak.
+- Magnitudes are summed. The printed unit vector would cancel on the path itself, where the paper
+  draws the peak.
 - Nearer than 1 m the distance counts as 1 m; the angle stays what it is.
-- A point on the vehicle itself lies dead ahead of it (cos theta = 1), so the field never rises on the way out.
+- A point on the vehicle itself lies dead ahead of it (cos theta = 1), so the field never rises on
+  the way out.
 - The velocity points along the heading.
 
-The sum of magnitudes is compiled by numba, which is imported at first use, because that takes a while.
+The sum of magnitudes is compiled by numba, which is imported at first use, because that takes a
+while.
 """
 
 from __future__ import annotations
@@ -23,7 +27,8 @@ from sumo_eval.trajectory import FloatArray, Trajectory
 
 Superposition = Literal["magnitude", "vector"]
 
-COINCIDENT = 1e-9  # m; nearer than this a direction is only the rounding of the coordinates, as in `field_loops`
+# m; nearer than this a direction is only the rounding of the coordinates, as in `field_loops`
+COINCIDENT = 1e-9
 SAME_TIME = 1e-6  # s; sample times this close to the wanted ones are the wanted ones
 LARGEST_EXPONENT = 700.0  # exp(710) is beyond float64
 
@@ -39,13 +44,22 @@ def trajectory_field(
 ) -> FloatArray:
     """Eq. 9: S(p) = sum over the trajectory's samples of s(p), Eq. 10; (n,) for n points.
 
-    points: p, (n, 2), m. trajectory: sampled every `sample_interval` s from its first time on; one that already is
-    sampled so is used as it is. k1: decay with distance. k2: growth with speed ahead, s/m. superposition: "magnitude"
-    sums |s|; "vector" gives |sum of s r/|r||, where a sample on the point itself has no direction and adds nothing.
+    points: p, (n, 2), m.
+    trajectory: sampled every `sample_interval` s from its first time on; one that already is
+        sampled so is used as it is.
+    k1: decay with distance.
+    k2: growth with speed ahead, s/m.
+    superposition: "magnitude" sums |s|; "vector" gives |sum of s r/|r||, where a sample on the
+        point itself has no direction and adds nothing.
     Raises InputError for arguments outside these meanings.
     """
     field: FloatArray = trajectory_fields(
-        points, [trajectory], k1=k1, k2=k2, sample_interval=sample_interval, superposition=superposition
+        points,
+        [trajectory],
+        k1=k1,
+        k2=k2,
+        sample_interval=sample_interval,
+        superposition=superposition,
     )[0]
     return field
 
@@ -59,38 +73,50 @@ def trajectory_fields(
     sample_interval: float = 0.1,
     superposition: Superposition = "magnitude",
 ) -> FloatArray:
-    """Eq. 9 for m trajectories on the same n points, (m, n); arguments and errors as in `trajectory_field`."""
+    """Eq. 9 for m trajectories on the same n points, (m, n); arguments and errors as in
+    `trajectory_field`.
+    """
     places = _checked_points(points)
     _check_constants(k1, k2)
     if not (math.isfinite(sample_interval) and sample_interval > 0.0):
-        raise must_be("`sample_interval`", "the trajectory field", "greater than 0 s", sample_interval)
+        raise must_be(
+            "`sample_interval`", "the trajectory field", "greater than 0 s", sample_interval
+        )
     if superposition == "magnitude":
         from sumo_eval.method.field_loops import magnitude_sum as field
     elif superposition == "vector":
         field = _vector_sum
     else:
-        raise must_be("`superposition`", "the trajectory field", "'magnitude' or 'vector'", superposition)
+        raise must_be(
+            "`superposition`", "the trajectory field", "'magnitude' or 'vector'", superposition
+        )
     fields = np.empty((len(trajectories), len(places)))
     for row, trajectory in enumerate(trajectories):
         fields[row] = field(places, samples_of(trajectory, k2, sample_interval), float(k1))
     return fields
 
 
-# --- samples ----------------------------------------------------------------------------------------------------------
+# --- samples --------------------------------------------------------------------------------------
 
 
 def samples_of(trajectory: Trajectory, k2: float, interval: float) -> FloatArray:
-    """What the kernels sum: rows of x, y, k2 vx, k2 vy, k2 v, weight; a standing vehicle is one row with a weight."""
+    """What the kernels sum: rows of x, y, k2 vx, k2 vy, k2 v, weight; a standing vehicle is one row
+    with a weight.
+    """
     motion = _resampled(trajectory, interval)
     begins = np.flatnonzero(np.append(True, np.any(motion[1:] != motion[:-1], axis=1)))
     weight = np.diff(np.append(begins, len(motion)))
     x, y, heading, speed = motion[begins].T
     exponent = _checked_exponent(k2 * speed)
-    return np.column_stack((x, y, exponent * np.cos(heading), exponent * np.sin(heading), exponent, weight))
+    return np.column_stack(
+        (x, y, exponent * np.cos(heading), exponent * np.sin(heading), exponent, weight)
+    )
 
 
 def _resampled(trajectory: Trajectory, interval: float) -> FloatArray:
-    """x, y, heading, speed at exactly `interval` steps from the first time, (k, 4); heading without jumps of 2 pi."""
+    """x, y, heading, speed at exactly `interval` steps from the first time, (k, 4); heading without
+    jumps of 2 pi.
+    """
     motion = np.column_stack((trajectory.x, trajectory.y, trajectory.heading, trajectory.speed))
     count = math.floor((trajectory.duration + SAME_TIME) / interval) + 1
     times = trajectory.time[0] + interval * np.arange(count)
@@ -100,7 +126,7 @@ def _resampled(trajectory: Trajectory, interval: float) -> FloatArray:
     return np.column_stack([np.interp(times, trajectory.time, channel) for channel in motion.T])
 
 
-# --- kernels: points (n, 2), samples (k, 6), k1 -> (n,) ---------------------------------------------------------------
+# --- kernels: points (n, 2), samples (k, 6), k1 -> (n,) -------------------------------------------
 
 
 def _vector_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:
@@ -108,12 +134,19 @@ def _vector_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArra
     field = np.empty(len(points))
     for block in _blocks(points, samples):
         magnitude, unit_x, unit_y = _terms(points[block], samples, k1)
-        field[block] = np.hypot((magnitude * unit_x) @ samples[:, 5], (magnitude * unit_y) @ samples[:, 5])
+        field[block] = np.hypot(
+            (magnitude * unit_x) @ samples[:, 5], (magnitude * unit_y) @ samples[:, 5]
+        )
     return field
 
 
-def _terms(points: FloatArray, samples: FloatArray, k1: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """|s| of every sample at every point and the unit vector from sample to point (0 where they coincide), (n, k)."""
+def _terms(
+    points: FloatArray, samples: FloatArray, k1: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """|s| of every sample at every point and the unit vector from sample to point, (n, k).
+
+    The vector is 0 where they coincide.
+    """
     x, y, along_x, along_y, ahead, _ = samples.T
     unit_x = points[:, :1] - x
     unit_y = points[:, 1:] - y
@@ -133,27 +166,38 @@ def _blocks(points: FloatArray, samples: FloatArray) -> list[slice]:
     return [slice(first, first + size) for first in range(0, len(points), size)]
 
 
-# --- checks -----------------------------------------------------------------------------------------------------------
+# --- checks ---------------------------------------------------------------------------------------
 
 
 def _checked_points(points: ArrayLike) -> FloatArray:
     # A fresh array, because numba compiles once more for a read-only one.
     places = np.array(points, dtype=np.float64, order="C")
     if places.ndim != 2 or places.shape[1] != 2:
-        raise must_be("`points`", "the trajectory field", "an (n, 2) array of x, y in m", f"shape {places.shape}")
+        raise must_be(
+            "`points`",
+            "the trajectory field",
+            "an (n, 2) array of x, y in m",
+            f"shape {places.shape}",
+        )
     if not np.all(np.isfinite(places)):
-        raise must_be("`points`", "the trajectory field", "finite", float(places[~np.isfinite(places)][0]))
+        raise must_be(
+            "`points`", "the trajectory field", "finite", float(places[~np.isfinite(places)][0])
+        )
     return places
 
 
 def _check_constants(k1: float, k2: float) -> None:
     for name, value in (("k1", k1), ("k2", k2)):
         if not (math.isfinite(value) and value >= 0.0):
-            raise must_be(f"`{name}`", "the trajectory field", "a finite number of at least 0", value)
+            raise must_be(
+                f"`{name}`", "the trajectory field", "a finite number of at least 0", value
+            )
 
 
 def _checked_exponent(exponent: FloatArray) -> FloatArray:
     largest = float(np.max(np.abs(exponent)))
     if largest > LARGEST_EXPONENT:
-        raise must_be("`k2` times the speed", "the trajectory field", f"at most {LARGEST_EXPONENT:g}", largest)
+        raise must_be(
+            "`k2` times the speed", "the trajectory field", f"at most {LARGEST_EXPONENT:g}", largest
+        )
     return exponent

@@ -1,15 +1,17 @@
 """Safe and hazardous zones of a parameter space, Eqs. 7-8.
 
-A Gaussian process learns from the training points how much time ideal braking leaves; a point is hazardous where the
-learnt y <= 0. Zones are the connected hazardous regions of the points that exist (box and constraints). Distances are
-taken in the unit box, because metres and metres per second have no common length. A scenario may name coordinates in
-which its criticality is smoother than in its parameters; the GP then sees those, scaled alike.
+A Gaussian process learns from the training points how much time ideal braking leaves; a point is
+hazardous where the learnt y <= 0. Zones are the connected hazardous regions of the points that
+exist (box and constraints). Distances are taken in the unit box, because metres and metres per
+second have no common length. A scenario may name coordinates in which its criticality is smoother
+than in its parameters; the GP then sees those, scaled alike.
 
-Not on the page, and stated here: the GP may miss each training value by about 10 % of it (`TARGET_TOLERANCE`) and by a
-common noise that the likelihood finds like its other constants. The target has plateaus and kinks away from the zone
-boundary. A surface that must pass through all of them takes length scales so short that it falls back to 0 between
-the points; this one is exact where it matters, near y = 0. For the same reason no length scale may be below half the
-spacing of the training points.
+Not on the page, and stated here: the GP may miss each training value by about 10 % of it
+(`TARGET_TOLERANCE`) and by a common noise that the likelihood finds like its other constants. The
+target has plateaus and kinks away from the zone boundary. A surface that must pass through all of
+them takes length scales so short that it falls back to 0 between the points; this one is exact
+where it matters, near y = 0. For the same reason no length scale may be below half the spacing of
+the training points.
 """
 
 from __future__ import annotations
@@ -26,7 +28,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.method.criticality import Profile, ideal_impact_speed, max_inverse_ttc, searched_criticality
+from sumo_eval.method.criticality import (
+    Profile,
+    ideal_impact_speed,
+    max_inverse_ttc,
+    searched_criticality,
+)
 from sumo_eval.method.encounter import encounter
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter
 from sumo_eval.scenario.concrete import braked_distance, braked_speed
@@ -37,18 +44,23 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 IntArray = NDArray[np.intp]
 DEFAULT_SETTINGS = ZoneSettings()
 
-SEED = 20220  # restarts of the search and its sample of training points; a constant, so that zones never vary
-SEARCH_POINTS = 350  # the hyperparameters are searched on at most so many training points, the GP uses all of them
+# restarts of the search and its sample of training points; a constant, so that zones never vary
+SEED = 20220
+# the hyperparameters are searched on at most so many training points, the GP uses all of them
+SEARCH_POINTS = 350
 OWN_GRID_POINTS = 1_500  # larger grids of own steps are thinned: a GP's cost grows with the cube
 MOST_POINTS = 5_000  # training points a user may bring
-SEARCHED_GRID = 8_000  # points of the dense grid where every one of them is a search of its own, at most
+# points of the dense grid where every one of them is a search of its own, at most
+SEARCHED_GRID = 8_000
 PASSING_SCALE = 10.0  # m, about two cars: how fast "has passed" becomes "is safe"
 TARGET_TOLERANCE = 0.1  # share of a training value by which the GP may miss it
-LONGEST_SCALE = 10.0  # unit-box lengths; a longer length scale is indistinguishable from "does not matter"
+# unit-box lengths; a longer length scale is indistinguishable from "does not matter"
+LONGEST_SCALE = 10.0
 SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)  # variances of a target within -1..1
 SEARCHED_AT_ONCE = 4_000  # points whose criticality is searched over time in one go
 ADDED_AT_ONCE = 500  # training points added in one refinement, at most
-SEARCHED_WINDOW = 1e-3  # of the box, where the search for a most dangerous point ends if criticality is searched
+# of the box, where the search for a most dangerous point ends if criticality is searched
+SEARCHED_WINDOW = 1e-3
 FEW_POINTS = 8  # asked for at once, whose distances are taken without scipy
 NUDGE = 1e-6  # unit-box lengths, for derivatives of a scenario's own coordinates
 EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
@@ -56,7 +68,10 @@ ERROR_WORTH_A_NOTE = 0.01  # share of the space
 
 
 class Nearest:
-    """Finds the nearest of points (n, k). Its tree is made when it is first asked, for scipy takes time to import."""
+    """Finds the nearest of points (n, k).
+
+    Its tree is made when it is first asked, for scipy takes time to import.
+    """
 
     def __init__(self, data: FloatArray) -> None:
         self.data = data
@@ -78,12 +93,18 @@ def _as_they_are(unit_points: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """Eqs. 7-8: the GP's posterior mean y(x) = sf^2 sum_i exp(-|(x - x_i)/sl|^2 / 2) weight_i, x in a unit box.
+    """Eqs. 7-8: the GP's posterior mean y(x) = sf^2 sum_i exp(-|(x - x_i)/sl|^2 / 2) weight_i, x in
+    a unit box.
 
-    points: x_i (n, m). weights: (K + sn^2 I + diag(0.1 y_i)^2)^-1 y, (n,). length_scales: sl (m,).
-    signal_deviation: sf. noise_deviation: sn. level: 0, or the constant +1 (safe) or -1 (hazardous) with n = 0 where
-    every training point agrees. coordinates: points (n, k) of the parameters' unit box -> x, the same unless the
-    scenario names better ones.
+    points: x_i (n, m).
+    weights: (K + sn^2 I + diag(0.1 y_i)^2)^-1 y, (n,).
+    length_scales: sl (m,).
+    signal_deviation: sf.
+    noise_deviation: sn.
+    level: 0, or the constant +1 (safe) or -1 (hazardous) with n = 0 where every training point
+        agrees.
+    coordinates: points (n, k) of the parameters' unit box -> x, the same unless the scenario names
+        better ones.
     """
 
     points: FloatArray
@@ -108,13 +129,22 @@ class Surface:
         slope = np.zeros(x.shape)
         for rows in self._blocks(len(x)):
             pull = self._covariance(x[rows]) * self.weights
-            slope[rows] = (pull @ self.points - pull.sum(axis=1)[:, None] * x[rows]) / self.length_scales**2
+            slope[rows] = (
+                pull @ self.points - pull.sum(axis=1)[:, None] * x[rows]
+            ) / self.length_scales**2
         if self.coordinates is _as_they_are:
             return slope
         nudges = NUDGE * np.eye(unit_points.shape[1])
         return np.stack(
             [
-                np.sum(slope * (self.coordinates(unit_points + nudge) - self.coordinates(unit_points - nudge)), axis=1)
+                np.sum(
+                    slope
+                    * (
+                        self.coordinates(unit_points + nudge)
+                        - self.coordinates(unit_points - nudge)
+                    ),
+                    axis=1,
+                )
                 / (2.0 * NUDGE)
                 for nudge in nudges
             ],
@@ -123,7 +153,8 @@ class Surface:
 
     def _covariance(self, x: FloatArray) -> FloatArray:
         exponent = _squared_distances(x / self.length_scales, self.points / self.length_scales)
-        exponent *= -0.5  # in place, as the next line: new blocks of this size cost more than the arithmetic
+        # in place, as the next line: new blocks of this size cost more than the arithmetic
+        exponent *= -0.5
         np.exp(exponent, out=exponent)
         exponent *= self.signal_deviation**2
         return exponent
@@ -136,14 +167,20 @@ class Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZonePartition:
-    """The zones of one logical scenario. Points are rows (..., k) in the order and units of `logical.parameters`.
+    """The zones of one logical scenario. Points are rows (..., k) in the order and units of
+    `logical.parameters`.
 
-    training_points: (n, k), sorted. training_inverse_ttc: Eq. 6, (n,) 1/s. training_target: what the GP learnt, (n,).
-    surface: the GP, in the unit box. most_dangerous: one point a zone, name -> value, the largest zone first.
-    zone_shares: share of the space that each zone takes. notes: sentences about whatever limits the trust in it.
-    zone_tree, zone_index: the zones' points on the dense grid, unit box, and the zone of each; boundary_tree: where the
-    grid's edges cross the zone boundary. The trees are empty without zones, the last one also without a safe zone.
-    Every method refuses points outside the box: the GP knows nothing there.
+    training_points: (n, k), sorted.
+    training_inverse_ttc: Eq. 6, (n,) 1/s.
+    training_target: what the GP learnt, (n,).
+    surface: the GP, in the unit box.
+    most_dangerous: one point a zone, name -> value, the largest zone first.
+    zone_shares: share of the space that each zone takes.
+    notes: sentences about whatever limits the trust in it.
+    zone_tree, zone_index: the zones' points on the dense grid, unit box, and the zone of each;
+    boundary_tree: where the grid's edges cross the zone boundary. The trees are empty without
+        zones, the last one also without a safe zone. Every method refuses points outside the box:
+        the GP knows nothing there.
     """
 
     logical: LogicalScenario
@@ -166,11 +203,16 @@ class ZonePartition:
 
     @property
     def length_scales(self) -> FloatArray:
-        """Length scale of each coordinate, in unit-box lengths; inf where the outcome is constant."""
+        """Length scale of each coordinate, in unit-box lengths; inf where the outcome is
+        constant.
+        """
         return self.surface.length_scales
 
     def predicted(self, points: ArrayLike) -> FloatArray:
-        """Eq. 8: the GP's y; above 0 is safe. Exactly +1 or -1 everywhere if all training points agree."""
+        """Eq. 8: the GP's y; above 0 is safe.
+
+        Exactly +1 or -1 everywhere if all training points agree.
+        """
         unit = _checked_unit(self.logical, points)
         return self.surface.value(unit.reshape(-1, unit.shape[-1])).reshape(unit.shape[:-1])
 
@@ -181,7 +223,8 @@ class ZonePartition:
     def exactly_hazardous(self, points: ArrayLike) -> BoolArray:
         """Where max ITTC itself, in closed form or searched over time, reaches its threshold.
 
-        This decides the zone of every case that is driven: the GP may put a point of certain contact on the safe side.
+        This decides the zone of every case that is driven: the GP may put a point of certain
+        contact on the safe side.
         """
         rows = np.asarray(points, dtype=np.float64)
         _checked_unit(self.logical, rows)
@@ -189,23 +232,30 @@ class ZonePartition:
         return flat.reshape(rows.shape[:-1])
 
     def nearest_zone(self, points: ArrayLike) -> IntArray:
-        """Number of the zone nearest in the unit box, -1 if there is none; judged on the dense grid of the zones."""
+        """Number of the zone nearest in the unit box, -1 if there is none; judged on the dense grid
+        of the zones.
+        """
         unit = _checked_unit(self.logical, points)
         if not self.zones:
             return np.full(unit.shape[:-1], -1, dtype=np.intp)
         return self.zone_index[self.zone_tree.query(unit)[1]]
 
     def exists(self, points: ArrayLike) -> BoolArray:
-        """Which points belong to the space. Its edges do, and also what rounding puts 1e-9 of the box beyond one."""
+        """Which points belong to the space.
+
+        Its edges do, and also what rounding puts 1e-9 of the box beyond one.
+        """
         unit = _checked_unit(self.logical, points)
         return _exists(self.logical, unit.reshape(-1, unit.shape[-1])).reshape(unit.shape[:-1])
 
     def boundary_distance(self, points: ArrayLike) -> FloatArray:
-        """Distance to the zone boundary y = 0 in the unit box: positive in the safe zone, negative in a hazardous one.
+        """Distance to the zone boundary y = 0 in the unit box: positive in the safe zone, negative
+        in a hazardous one.
 
-        inf where there is no hazardous zone, -inf where there is no safe one. Edges of the space are no boundary. The
-        sign is exact; the distance is exact to 1e-6 where the nearest boundary point is off the edges of the space;
-        otherwise it is too long, by less than the diagonal of a cell of the dense grid (0.05 for three parameters).
+        inf where there is no hazardous zone, -inf where there is no safe one. Edges of the space
+        are no boundary. The sign is exact; the distance is exact to 1e-6 where the nearest boundary
+        point is off the edges of the space; otherwise it is too long, by less than the diagonal of
+        a cell of the dense grid (0.05 for three parameters).
         """
         unit = _checked_unit(self.logical, points)
         rows = unit.reshape(-1, unit.shape[-1])
@@ -215,13 +265,19 @@ class ZonePartition:
         distance, nearest = self.boundary_tree.query(rows)
         polished = self._closest_on_boundary(rows, self.boundary_tree.data[nearest])
         closer = np.linalg.norm(polished - rows, axis=1)
-        found = (np.abs(self.surface.value(polished)) < EDGE) & (closer <= distance) & _exists(self.logical, polished)
+        found = (
+            (np.abs(self.surface.value(polished)) < EDGE)
+            & (closer <= distance)
+            & _exists(self.logical, polished)
+        )
         return (sign * np.where(found, closer, distance)).reshape(unit.shape[:-1])
 
     def _closest_on_boundary(self, unit: FloatArray, start: FloatArray) -> FloatArray:
-        """Project onto the surface's tangent plane again and again; it settles where the connection is normal to it.
+        """Project onto the surface's tangent plane again and again; it settles where the connection
+        is normal to it.
 
-        Half steps, because whole ones diverge where the boundary is more curved than the distance is short.
+        Half steps, because whole ones diverge where the boundary is more curved than the distance
+        is short.
         """
         foot = start
         for _ in range(60):
@@ -234,14 +290,19 @@ class ZonePartition:
 
 
 def partition(
-    logical: LogicalScenario, settings: ZoneSettings = DEFAULT_SETTINGS, *, points: ArrayLike | None = None
+    logical: LogicalScenario,
+    settings: ZoneSettings = DEFAULT_SETTINGS,
+    *,
+    points: ArrayLike | None = None,
 ) -> ZonePartition:
     """Eqs. 7-8: split the space of a logical scenario into a safe zone and hazardous zones.
 
-    points: training points (n, k) in the parameters' units; by default the grid of the parameters' own steps over the
-    whole box. Points that violate a constraint train the GP too (criticality is defined there), but belong to no zone.
-    If all training points agree there is nothing to learn: that outcome then holds everywhere, and no GP is fitted.
-    The order of the points, and repeated ones, change nothing. Raises InputError for points outside the box.
+    points: training points (n, k) in the parameters' units; by default the grid of the parameters'
+        own steps over the whole box. Points that violate a constraint train the GP too (criticality
+        is defined there), but belong to no zone. If all training points agree there is nothing to
+        learn: that outcome then holds everywhere, and no GP is fitted. The order of the points, and
+        repeated ones, change nothing.
+    Raises InputError for points outside the box.
     """
     from scipy.ndimage import generate_binary_structure, label
 
@@ -251,7 +312,9 @@ def partition(
 
     refined, grid, feasible = _dense_grid(logical, axes, settings)
     unit = logical.to_unit(grid)
-    learnt = _learn(logical, training, grid, feasible, settings, settings.refinements if points is None else 0)
+    learnt = _learn(
+        logical, training, grid, feasible, settings, settings.refinements if points is None else 0
+    )
     training, surface, y = learnt.training, learnt.surface, learnt.y
     notes += learnt.notes
 
@@ -271,7 +334,9 @@ def partition(
         boundary = Nearest(_crossings(logical, surface, unit.reshape(*shape, -1), y.reshape(shape)))
         cell = max(1.0 / (len(axis) - 1) for axis in refined)
         search = _DangerSearch(logical, settings, surface, tree, zone[in_zone], cell)
-        most_dangerous = tuple(search.most_dangerous(index, grid[zone == index], training) for index in range(count))
+        most_dangerous = tuple(
+            search.most_dangerous(index, grid[zone == index], training) for index in range(count)
+        )
     return ZonePartition(
         logical=logical,
         settings=settings,
@@ -289,8 +354,11 @@ def partition(
     )
 
 
-def refuse_impossible_zones(logical: LogicalScenario, settings: ZoneSettings = DEFAULT_SETTINGS) -> None:
-    """Raise what `partition` raises: what it asks of the scenario is asked, and nothing is learnt from it.
+def refuse_impossible_zones(
+    logical: LogicalScenario, settings: ZoneSettings = DEFAULT_SETTINGS
+) -> None:
+    """Raise what `partition` raises: what it asks of the scenario is asked, and nothing is learnt
+    from it.
 
     Of a dense grid whose points are searches of their own (`asks_some`), one in eight is asked.
     """
@@ -314,20 +382,26 @@ def _dense_grid(
     logical: LogicalScenario, axes: list[FloatArray], settings: ZoneSettings
 ) -> tuple[list[FloatArray], FloatArray, BoolArray]:
     """The axes of the dense grid, its points (n, k), and which of them can be."""
-    most = settings.grid_points if logical.search is None else min(settings.grid_points, SEARCHED_GRID)
+    most = (
+        settings.grid_points if logical.search is None else min(settings.grid_points, SEARCHED_GRID)
+    )
     refined = _refine(axes, most)
     grid = _mesh(refined)
     feasible = logical.feasible(grid)
     if not feasible.any():
         raise InputError(
-            f"Scenario `{logical.name}` must have points that satisfy its constraints: none of {len(grid)} do."
+            f"Scenario `{logical.name}` must have points that satisfy its constraints: none of "
+            f"{len(grid)} do."
         )
     return refined, grid, feasible
 
 
 def _squared_distances(x: FloatArray, points: FloatArray) -> FloatArray:
-    """Of each of x (n, m) from each of the points (k, m), (n, k), summed in the order of the coordinates."""
-    if len(x) <= FEW_POINTS:  # the sum that scipy takes, to the bit, without the half second of its import
+    """Of each of x (n, m) from each of the points (k, m), (n, k), summed in the order of the
+    coordinates.
+    """
+    # the sum that scipy takes, to the bit, without the half second of its import
+    if len(x) <= FEW_POINTS:
         squares: FloatArray = np.zeros((len(x), len(points)))
         for a, b in zip(x.T, points.T, strict=True):
             squares += np.subtract.outer(a, b) ** 2
@@ -342,7 +416,9 @@ _TRAINING = ("training_points", "training_inverse_ttc", "training_target")
 
 @dataclass(frozen=True, slots=True)
 class PartitionParts:
-    """A partition as arrays by name and what else cannot be had from its scenario and its settings without fitting."""
+    """A partition as arrays by name and what else cannot be had from its scenario and its settings
+    without fitting.
+    """
 
     arrays: dict[str, FloatArray]
     numbers: tuple[float, float, float]
@@ -366,10 +442,16 @@ def parts_of(zones: ZonePartition) -> PartitionParts:
     )
 
 
-def from_parts(logical: LogicalScenario, settings: ZoneSettings, parts: PartitionParts) -> ZonePartition:
-    """The partition of a scenario under some settings, from the parts that were taken of it under these."""
+def from_parts(
+    logical: LogicalScenario, settings: ZoneSettings, parts: PartitionParts
+) -> ZonePartition:
+    """The partition of a scenario under some settings, from the parts that were taken of it under
+    these.
+    """
     arrays = parts.arrays
-    seen = _coordinates(logical, arrays["training_points"]) if len(arrays["points"]) else _as_they_are
+    seen = (
+        _coordinates(logical, arrays["training_points"]) if len(arrays["points"]) else _as_they_are
+    )
     return ZonePartition(
         logical,
         settings,
@@ -391,18 +473,26 @@ def squared_time_target(
 ) -> FloatArray:
     """What the GP learns: y = tanh((T^2 - T*^2) / scale), T = 1 / max ITTC, T* = 1 / ITTC*.
 
-    inverse_ttc: max ITTC, 1/s. impact_speed: u, m/s, under the zones' braking a. Where it hits, T^2 := -(u/a)^2, which
-    continues T^2 smoothly through contact: both are 2c/a, c the gap left over. Not closing: T = inf, y = 1.
+    inverse_ttc: max ITTC, 1/s.
+    impact_speed: u, m/s, under the zones' braking a. Where it hits, T^2 := -(u/a)^2, which
+        continues T^2 smoothly through contact: both are 2c/a, c the gap left over. Not closing: T =
+        inf, y = 1.
     """
-    inverse, u = np.broadcast_arrays(np.asarray(inverse_ttc, float), np.asarray(impact_speed, float))
+    inverse, u = np.broadcast_arrays(
+        np.asarray(inverse_ttc, float), np.asarray(impact_speed, float)
+    )
     squared = np.divide(1.0, inverse**2, out=np.full(inverse.shape, np.inf), where=inverse > 0.0)
     squared = np.where(np.isinf(inverse), -((u / settings.deceleration) ** 2), squared)
-    return np.asarray(np.tanh((squared - settings.critical_inverse_ttc**-2) / settings.target_scale))
+    return np.asarray(
+        np.tanh((squared - settings.critical_inverse_ttc**-2) / settings.target_scale)
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class BoundaryError:
-    """Share of misclassified points: over the whole box, and over the points that satisfy the constraints."""
+    """Share of misclassified points: over the whole box, and over the points that satisfy the
+    constraints.
+    """
 
     box: float
     feasible: float
@@ -410,7 +500,8 @@ class BoundaryError:
 
 @lru_cache(maxsize=64)  # for each evaluation of a process that has this partition
 def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
-    """Compare a partition with the criterion itself (max ITTC >= ITTC*) at n evenly spread points of the box.
+    """Compare a partition with the criterion itself (max ITTC >= ITTC*) at n evenly spread points
+    of the box.
 
     n: 50,000 where nobody says; 2,000 where every point is a search of its own.
 
@@ -426,15 +517,19 @@ def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
     points = zones.logical.from_unit(steadily(len(zones.logical.parameters), n))
     wrong = zones.hazardous(points) != exactly_hazardous(zones.logical, points, zones.settings)
     feasible = zones.logical.feasible(points)
-    return BoundaryError(float(wrong.mean()), float(wrong[feasible].mean()) if feasible.any() else math.nan)
+    return BoundaryError(
+        float(wrong.mean()), float(wrong[feasible].mean()) if feasible.any() else math.nan
+    )
 
 
-# --- training ---------------------------------------------------------------------------------------------------------
+# --- training -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Learnt:
-    """A surface and what it was learnt from: training points (n, k), max ITTC and target (n,); y on the dense grid."""
+    """A surface and what it was learnt from: training points (n, k), max ITTC and target (n,); y on
+    the dense grid.
+    """
 
     training: FloatArray
     inverse: FloatArray
@@ -453,8 +548,8 @@ def _learn(
     settings: ZoneSettings,
     refinements: int,
 ) -> _Learnt:
-    """Fit the GP; while it has too much of the dense grid on the wrong side, add some of that and fit again. The best
-    of the rounds counts.
+    """Fit the GP; while it has too much of the dense grid on the wrong side, add some of that and
+    fit again. The best of the rounds counts.
     """
     exact = np.zeros(len(grid), dtype=bool)
     exact[feasible] = exactly_hazardous(logical, grid[feasible], settings)
@@ -468,7 +563,10 @@ def _learn(
         wrong = feasible & ((y <= 0.0) != exact)
         if best is None or wrong.sum() < best.wrong.sum():
             if len(training) > own:
-                notes.append(f"{len(training) - own} training points were added where the GP was on the wrong side.")
+                notes.append(
+                    f"{len(training) - own} training points were added where the GP was on the "
+                    "wrong side."
+                )
             best = _Learnt(training, inverse, target, surface, y, wrong, tuple(notes))
         if wrong.sum() <= ERROR_WORTH_A_NOTE * possible:
             break
@@ -485,9 +583,11 @@ def _learn(
 class Criticality(NamedTuple):
     """How points end under the zones' ideal braking after the scenario's delay, (n,) each.
 
-    inverse: Eq. 6, max ITTC, 1/s, inf where it hits. impact: speed, m/s. gap: m; where the other comes into the ego's
-    way later, the one left when it does, of either sign. target: y on the scale that the GP learns, hazardous where
-    <= 0.
+    inverse: Eq. 6, max ITTC, 1/s, inf where it hits.
+    impact: speed, m/s.
+    gap: m; where the other comes into the ego's way later, the one left when it does, of either
+        sign.
+    target: y on the scale that the GP learns, hazardous where <= 0.
     """
 
     inverse: FloatArray
@@ -496,15 +596,20 @@ class Criticality(NamedTuple):
     target: FloatArray
 
 
-def criticality(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> Criticality:
-    """Criticality of points (n, k) itself, in closed form or searched over time; without an approach all are safe.
+def criticality(
+    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
+) -> Criticality:
+    """Criticality of points (n, k) itself, in closed form or searched over time; without an
+    approach all are safe.
 
-    Where the other comes into the ego's way later, an ego that has passed by then is safe: y = tanh(p / 10 m), p the
-    free road between them, and before that y is the larger of this and of the squared-time target. Without p the target
-    would jump from the hardest hit to perfectly safe, and no smooth surface follows a jump.
+    Where the other comes into the ego's way later, an ego that has passed by then is safe: y =
+    tanh(p / 10 m), p the free road between them, and before that y is the larger of this and of the
+    squared-time target. Without p the target would jump from the hardest hit to perfectly safe, and
+    no smooth surface follows a jump.
     """
     n = len(points)
-    if logical.margin is not None:  # hazardous where nothing is to spare, worst where most lacks: m for an impact speed
+    # hazardous where nothing is to spare, worst where most lacks: m for an impact speed
+    if logical.margin is not None:
         margin = np.asarray(logical.margin(logical.columns(points)))
         lacks = margin <= 0.0
         y = np.tanh(margin / PASSING_SCALE)
@@ -516,7 +621,8 @@ def criticality(logical: LogicalScenario, points: FloatArray, settings: ZoneSett
         inverse, impact, gap = np.zeros(n), np.zeros(n), np.full(n, np.inf)
     elif not approach.has_closed_form:
         inverse, impact = _searched(approach, n, settings)
-        # Of two equally hard hits the one at the closer meeting counts, and not the one that the ego has nearly passed.
+        # Of two equally hard hits the one at the closer meeting counts, and not the one that the
+        # ego has nearly passed.
         gap = np.broadcast_to(np.abs(_gap_at_conflict(approach, settings)), n)
     else:
         scene = approach.ego_speed, approach.obstacle_speed, approach.gap
@@ -524,7 +630,9 @@ def criticality(logical: LogicalScenario, points: FloatArray, settings: ZoneSett
             np.broadcast_to(values, n)
             for values in (
                 max_inverse_ttc(*scene, deceleration=settings.deceleration, delay=approach.delay),
-                ideal_impact_speed(*scene, deceleration=settings.deceleration, delay=approach.delay),
+                ideal_impact_speed(
+                    *scene, deceleration=settings.deceleration, delay=approach.delay
+                ),
                 approach.gap,
             )
         )
@@ -537,16 +645,24 @@ def criticality(logical: LogicalScenario, points: FloatArray, settings: ZoneSett
 
 
 def _gap_at_conflict(approach: Approach, settings: ZoneSettings) -> FloatArray:
-    """The gap when the obstacle comes into the ego's way, m; negative: the ego's front is past the obstacle's rear."""
+    """The gap when the obstacle comes into the ego's way, m; negative: the ego's front is past the
+    obstacle's rear.
+    """
     begin = approach.conflict_begin
-    _, distance = _braking(np.asarray(approach.obstacle_speed), np.asarray(approach.obstacle_deceleration))
+    _, distance = _braking(
+        np.asarray(approach.obstacle_speed), np.asarray(approach.obstacle_deceleration)
+    )
     waits = np.minimum(begin, approach.delay)
-    ego = approach.ego_speed * waits + braked_distance(approach.ego_speed, settings.deceleration, begin - waits)
+    ego = approach.ego_speed * waits + braked_distance(
+        approach.ego_speed, settings.deceleration, begin - waits
+    )
     return np.asarray(approach.gap + distance(np.asarray(begin)) - ego)
 
 
 def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[FloatArray, FloatArray]:
-    """Max ITTC and impact speed of `n` points without a closed form, in blocks that stay within 50 MB."""
+    """Max ITTC and impact speed of `n` points without a closed form, in blocks that stay within 50
+    MB.
+    """
     inverse, impact = np.empty(n), np.empty(n)
     ego, other, gap, delay, slowing, begin = (
         np.broadcast_to(np.asarray(values, dtype=np.float64), n)
@@ -578,7 +694,9 @@ def _steady(speed: FloatArray) -> tuple[Profile, Profile]:
 
 
 def _braking(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
-    """Speed and distance at times of others, of whom those that decelerate brake from the start on, (n, 1)."""
+    """Speed and distance at times of others, of whom those that decelerate brake from the start on,
+    (n, 1).
+    """
     brakes = slowing > 0.0
     strength = np.where(brakes, slowing, 1.0)
     return (
@@ -587,21 +705,33 @@ def _braking(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
     )
 
 
-def exact_target(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
-    """The criticality of points (n, k) itself, on the scale that the GP learns it: hazardous where <= 0, (n,)."""
+def exact_target(
+    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
+) -> FloatArray:
+    """The criticality of points (n, k) itself, on the scale that the GP learns it: hazardous where
+    <= 0, (n,).
+    """
     return criticality(logical, points, settings).target
 
 
 def danger(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
-    """(1 - y) / 2 of the criticality y that the zones are learnt from (Eqs. 5-7): 0.5 on the zone boundary, 1 where
-    ideal braking hits hard, 0 where nothing comes near. points: (n, k); returns (n,).
+    """(1 - y) / 2 of the criticality y that the zones are learnt from (Eqs. 5-7): 0.5 on the zone
+    boundary, 1 where ideal braking hits hard, 0 where nothing comes near.
+
+    points: (n, k); returns (n,).
     """
     return np.asarray((1.0 - exact_target(logical, points, settings)) / 2.0)
 
 
-def exactly_hazardous(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> BoolArray:
-    """Where max ITTC itself reaches its threshold, at points (n, k) of the box, (n,): without any partition."""
-    return np.asarray(criticality(logical, points, settings).inverse >= settings.critical_inverse_ttc)
+def exactly_hazardous(
+    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
+) -> BoolArray:
+    """Where max ITTC itself reaches its threshold, at points (n, k) of the box, (n,): without any
+    partition.
+    """
+    return np.asarray(
+        criticality(logical, points, settings).inverse >= settings.critical_inverse_ttc
+    )
 
 
 def _training_target(
@@ -613,8 +743,12 @@ def _training_target(
     return found.inverse, found.target
 
 
-def _coordinates(logical: LogicalScenario, training: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """From the parameters' unit box to what the GP sees, scaled so that the training points fill a unit box."""
+def _coordinates(
+    logical: LogicalScenario, training: FloatArray
+) -> Callable[[FloatArray], FloatArray]:
+    """From the parameters' unit box to what the GP sees, scaled so that the training points fill a
+    unit box.
+    """
     better = logical.zone_coordinates
     if better is None:
         return _as_they_are
@@ -627,12 +761,21 @@ def _coordinates(logical: LogicalScenario, training: FloatArray) -> Callable[[Fl
 
 
 def _fit(
-    logical: LogicalScenario, training: FloatArray, target: FloatArray, settings: ZoneSettings, notes: list[str]
+    logical: LogicalScenario,
+    training: FloatArray,
+    target: FloatArray,
+    settings: ZoneSettings,
+    notes: list[str],
 ) -> Surface:
     from scipy.linalg import cho_solve, cholesky
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-    from sumo_eval.method.gaussian_process import Hyperparameters, MarginalLikelihood, covariance, most_likely
+    from sumo_eval.method.gaussian_process import (
+        Hyperparameters,
+        MarginalLikelihood,
+        covariance,
+        most_likely,
+    )
 
     coordinates = _coordinates(logical, training)
     unit = coordinates(logical.to_unit(training))
@@ -640,31 +783,48 @@ def _fit(
     hazardous = target <= 0.0
     if hazardous.all() or not hazardous.any():
         notes.append(
-            f"All {n} training points are {'hazardous' if hazardous[0] else 'safe'}: no GP is fitted, and the whole "
+            f"All {n} training points are {'hazardous' if hazardous[0] else 'safe'}: no GP is "
+            "fitted, and the whole "
             "space counts as such."
         )
         nothing = np.empty(0)
-        return Surface(nothing.reshape(0, k), nothing, np.full(k, np.inf), 0.0, 0.0, -1.0 if hazardous[0] else 1.0)
+        return Surface(
+            nothing.reshape(0, k),
+            nothing,
+            np.full(k, np.inf),
+            0.0,
+            0.0,
+            -1.0 if hazardous[0] else 1.0,
+        )
 
     spacing = np.array([np.diff(np.unique([0.0, *column, 1.0])).max() for column in unit.T])
     spacing = np.maximum(spacing, n ** (-1.0 / k))
-    bounds = np.log([SIGNAL_BOUNDS, *((0.5 * step, LONGEST_SCALE) for step in spacing), NOISE_BOUNDS])
+    bounds = np.log(
+        [SIGNAL_BOUNDS, *((0.5 * step, LONGEST_SCALE) for step in spacing), NOISE_BOUNDS]
+    )
     start = Hyperparameters(1.0, tuple(np.maximum(0.5, 2.0 * spacing).tolist()), 1e-3)
     tolerance = (TARGET_TOLERANCE * target) ** 2
     sample = np.random.default_rng(SEED).permutation(n)[:SEARCH_POINTS]
-    # One thread: matrices this small gain nothing from more, and several waited 20 s for each other on a busy machine.
+    # One thread: matrices this small gain nothing from more, and several waited 20 s for each other
+    # on a busy machine.
     with threadpool_limits(1):
         likelihood = MarginalLikelihood(unit[sample], target[sample], tolerance[sample])
-        theta, failures = most_likely(likelihood, start, bounds, restarts=settings.restarts, seed=SEED)
-        # Three digits are more than the likelihood can tell apart; zones stay free of the last digits of the search.
-        rounded = Hyperparameters.of_logarithms(np.log([float(f"{value:.3g}") for value in np.exp(theta)]))
+        theta, failures = most_likely(
+            likelihood, start, bounds, restarts=settings.restarts, seed=SEED
+        )
+        # Three digits are more than the likelihood can tell apart; zones stay free of the last
+        # digits of the search.
+        rounded = Hyperparameters.of_logarithms(
+            np.log([float(f"{value:.3g}") for value in np.exp(theta)])
+        )
         k_training = covariance(unit, rounded)
         k_training[np.diag_indices_from(k_training)] += tolerance
         factor = cholesky(k_training, lower=True, check_finite=False)
         weights = cho_solve((factor, True), target, check_finite=False)
     if failures:
         notes.append(
-            f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters stopped early: "
+            f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters "
+            "stopped early: "
             f"{failures[0]}."
         )
     notes.extend(_bound_notes(logical, theta, bounds))
@@ -684,7 +844,10 @@ def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray
     names = ["signal deviation", *(f"length scale of `{name}`" for name in seen), "noise deviation"]
     meaning = {
         ("length", "upper"): "the zones hardly depend on it",
-        ("length", "lower"): "the zones change faster than the training points can tell; add points",
+        (
+            "length",
+            "lower",
+        ): "the zones change faster than the training points can tell; add points",
         ("noise", "lower"): "the surface follows the training points as closely as it may",
         ("noise", "upper"): "the surface hardly follows the training points; add points",
         ("signal", "lower"): "the training points are almost alike",
@@ -694,34 +857,46 @@ def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray
     for name, value, (low, high) in zip(names, theta, bounds, strict=True):
         reached = "lower" if value <= low + 1e-6 else "upper" if value >= high - 1e-6 else None
         if reached:
-            notes.append(f"The GP's {name} reached its {reached} bound: {meaning[name.split()[0], reached]}.")
+            notes.append(
+                f"The GP's {name} reached its {reached} bound: {meaning[name.split()[0], reached]}."
+            )
     return notes
 
 
-# --- points -----------------------------------------------------------------------------------------------------------
+# --- points ---------------------------------------------------------------------------------------
 
 
 def _own_axes(logical: LogicalScenario) -> tuple[list[FloatArray], tuple[str, ...]]:
-    """The values of each parameter's own steps, thinned where they are too many for a GP, and a sentence about that."""
+    """The values of each parameter's own steps, thinned where they are too many for a GP, and a
+    sentence about that.
+    """
     counts = [_own_count(parameter) for parameter in logical.parameters]
     own = math.prod(counts)
     while math.prod(counts) > OWN_GRID_POINTS:
         counts[counts.index(max(counts))] = min(max(counts) - 1, OWN_GRID_POINTS)
-    axes = [_axis(parameter, count) for parameter, count in zip(logical.parameters, counts, strict=True)]
+    axes = [
+        _axis(parameter, count) for parameter, count in zip(logical.parameters, counts, strict=True)
+    ]
     if math.prod(counts) == own:
         return axes, ()
     return axes, (
-        f"The zones were learnt from a grid of {math.prod(counts)} points, coarser than the scenario's own of {own}.",
+        f"The zones were learnt from a grid of {math.prod(counts)} points, coarser than the "
+        f"scenario's own of {own}.",
     )
 
 
 def _own_count(parameter: Parameter) -> int:
     """Number of values from low in steps, and high."""
-    return math.ceil((_decimal(parameter.high) - _decimal(parameter.low)) / _decimal(parameter.step)) + 1
+    return (
+        math.ceil((_decimal(parameter.high) - _decimal(parameter.low)) / _decimal(parameter.step))
+        + 1
+    )
 
 
 def _axis(parameter: Parameter, count: int) -> FloatArray:
-    """Low, low + step, ... as exact decimals, and high; evenly spaced values if `count` is less than that takes."""
+    """Low, low + step, ... as exact decimals, and high; evenly spaced values if `count` is less
+    than that takes.
+    """
     low, high, step = _decimal(parameter.low), _decimal(parameter.high), _decimal(parameter.step)
     if count < _own_count(parameter):
         step = (high - low) / (count - 1)
@@ -734,9 +909,11 @@ def _decimal(value: float) -> Decimal:
 
 
 def _refine(axes: list[FloatArray], most: int) -> list[FloatArray]:
-    """Split every interval in the same number of parts, as many as `most` points allow: old points stay on the grid.
+    """Split every interval in the same number of parts, as many as `most` points allow: old points
+    stay on the grid.
 
-    Decimals again: two parameters that meet in a constraint must get equal numbers where they are equal.
+    Decimals again: two parameters that meet in a constraint must get equal numbers where they are
+    equal.
     """
     parts = 1
     while math.prod((len(axis) - 1) * (parts + 1) + 1 for axis in axes) <= most:
@@ -744,7 +921,11 @@ def _refine(axes: list[FloatArray], most: int) -> list[FloatArray]:
     refined = []
     for axis in axes:
         exact = [_decimal(value) for value in axis]
-        inner = [a + (b - a) * part / parts for a, b in itertools.pairwise(exact) for part in range(parts)]
+        inner = [
+            a + (b - a) * part / parts
+            for a, b in itertools.pairwise(exact)
+            for part in range(parts)
+        ]
         refined.append(np.array([float(value) for value in (*inner, exact[-1])]))
     return refined
 
@@ -757,7 +938,11 @@ def _mesh(axes: list[FloatArray]) -> FloatArray:
 def _user_points(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
     array = np.asarray(points, dtype=np.float64)
     owner = f"scenario `{logical.name}`"
-    if array.ndim != 2 or array.shape[1] != len(logical.parameters) or not 1 <= len(array) <= MOST_POINTS:
+    if (
+        array.ndim != 2
+        or array.shape[1] != len(logical.parameters)
+        or not 1 <= len(array) <= MOST_POINTS
+    ):
         wanted = f"an (n, {len(logical.parameters)}) array with n in 1..{MOST_POINTS}"
         raise must_be("The training points", owner, wanted, array.shape)
     _checked_unit(logical, array)
@@ -774,12 +959,16 @@ def _checked_unit(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
         if np.any(outside):
             allowed = f"within {parameter.low:g}..{parameter.high:g}{parameter.behind}"
             owner = f"scenario `{logical.name}`"
-            raise must_be(f"`{parameter.name}`", owner, allowed, float(np.ravel(values)[np.ravel(outside)][0]))
+            raise must_be(
+                f"`{parameter.name}`", owner, allowed, float(np.ravel(values)[np.ravel(outside)][0])
+            )
     return np.clip(logical.to_unit(points), 0.0, 1.0)
 
 
 def _exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
-    """Constraints with their edges: a point also exists if a nudge of `EDGE` to some side makes it feasible."""
+    """Constraints with their edges: a point also exists if a nudge of `EDGE` to some side makes it
+    feasible.
+    """
     holds = logical.feasible(logical.from_unit(unit))
     if not holds.all():
         nudges = EDGE * _mesh([np.array([-1.0, 0.0, 1.0])] * unit.shape[1])
@@ -788,11 +977,15 @@ def _exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
     return holds
 
 
-# --- zones ------------------------------------------------------------------------------------------------------------
+# --- zones ----------------------------------------------------------------------------------------
 
 
-def _crossings(logical: LogicalScenario, surface: Surface, unit: FloatArray, y: FloatArray) -> FloatArray:
-    """Where the grid's edges cross y = 0 within the space, (m, k): unit (..., k) and y (...) on the grid."""
+def _crossings(
+    logical: LogicalScenario, surface: Surface, unit: FloatArray, y: FloatArray
+) -> FloatArray:
+    """Where the grid's edges cross y = 0 within the space, (m, k): unit (..., k) and y (...) on the
+    grid.
+    """
     found = []
     for axis in range(y.ndim):
         before = tuple(slice(None, -1) if other == axis else slice(None) for other in range(y.ndim))
@@ -800,7 +993,8 @@ def _crossings(logical: LogicalScenario, surface: Surface, unit: FloatArray, y: 
         changes = (y[before] <= 0.0) != (y[after] <= 0.0)
         y0, y1 = y[before][changes], y[after][changes]
         x0, x1 = unit[before][changes], unit[after][changes]
-        for _ in range(5):  # regula falsi: a distance to the crossings must never come out too short
+        # regula falsi: a distance to the crossings must never come out too short
+        for _ in range(5):
             crossing = x0 + (y0 / (y0 - y1))[:, None] * (x1 - x0)
             value = surface.value(crossing)
             first = (value <= 0.0) == (y0 <= 0.0)
@@ -813,7 +1007,9 @@ def _crossings(logical: LogicalScenario, surface: Surface, unit: FloatArray, y: 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _DangerSearch:
-    """Finds the most dangerous point of a zone: impact speed, then max ITTC, then smaller gap, then the smaller row."""
+    """Finds the most dangerous point of a zone: impact speed, then max ITTC, then smaller gap, then
+    the smaller row.
+    """
 
     logical: LogicalScenario
     settings: ZoneSettings
@@ -822,16 +1018,22 @@ class _DangerSearch:
     zone_index: IntArray
     cell: float
 
-    def most_dangerous(self, zone: int, members: FloatArray, others: FloatArray) -> dict[str, float]:
-        """Take the worst of the zone's known members and of those others that belong to it, rows (n, k); then look
-        around it in ever smaller windows; then round it, if the rounded point belongs to the zone.
+    def most_dangerous(
+        self, zone: int, members: FloatArray, others: FloatArray
+    ) -> dict[str, float]:
+        """Take the worst of the zone's known members and of those others that belong to it, rows
+        (n, k); then look around it in ever smaller windows; then round it, if the rounded point
+        belongs to the zone.
 
-        The windows are what finds a corner between a constraint and the box, where no grid point lies.
+        The windows are what finds a corner between a constraint and the box, where no grid point
+        lies.
         """
         best = self._worst(np.concatenate([members, self._members(zone, others)]))
         k = len(self.logical.parameters)
         searched = self.logical.search is not None
-        offsets = _mesh([np.linspace(-1.0, 1.0, 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3))] * k)
+        offsets = _mesh(
+            [np.linspace(-1.0, 1.0, 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3))] * k
+        )
         width = self.cell
         for _ in range(200):
             centre = self.logical.to_unit(best)
@@ -870,8 +1072,8 @@ class _DangerSearch:
         return np.lexsort((*points.T[::-1], *keys))
 
     def _rounded(self, zone: int, best: FloatArray) -> FloatArray:
-        """The most dangerous point, to 1e-7 of the box (`SEARCHED_WINDOW` where it is searched), in the fewest digits
-        that still lie within the zone.
+        """The most dangerous point, to 1e-7 of the box (`SEARCHED_WINDOW` where it is searched), in
+        the fewest digits that still lie within the zone.
         """
         close = SEARCHED_WINDOW if self.logical.search is not None else 1e-7
         for digits in range(10):

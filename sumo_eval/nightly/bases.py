@@ -24,8 +24,11 @@ NIGHT = "night.json"
 class Bases:
     """What a night is compared with.
 
-    good, accepted: the last good night and the accepted one. comparison: with the former. pinned: with the latter, None
-    where both are one night. notes: on nights that could not be used. unusable: there are good nights, none of use.
+    good, accepted: the last good night and the accepted one.
+    comparison: with the former.
+    pinned: with the latter, None where both are one night.
+    notes: on nights that could not be used.
+    unusable: there are good nights, none of use.
     """
 
     good: Night | None
@@ -42,7 +45,9 @@ class Bases:
 
 
 def find_bases(history: Path, lines: History, done: Evaluation, settings: GateSettings) -> Bases:
-    """Compare with the newest good night, in the order of adding, and with the accepted one, whatever else differs."""
+    """Compare with the newest good night, in the order of adding, and with the accepted one,
+    whatever else differs.
+    """
     nights = lines.nights()
     notes: list[str] = []
     accepted = {pin.night for pin in in_force(lines.accepted())}
@@ -50,15 +55,23 @@ def find_bases(history: Path, lines: History, done: Evaluation, settings: GateSe
     last, comparison = _first_usable(history, good[::-1], done, settings, notes)
 
     pin = pin_of(lines)
-    pinned_night = next((night for night in nights if pin is not None and night.night == pin.night), None)
+    pinned_night = next(
+        (night for night in nights if pin is not None and night.night == pin.night), None
+    )
     pinned = None
     if pinned_night is not None and pinned_night != last:
         pinned_night, pinned = _first_usable(history, [pinned_night], done, settings, notes)
-    return Bases(last, pinned_night, comparison, pinned, tuple(notes), unusable=bool(good) and last is None)
+    return Bases(
+        last, pinned_night, comparison, pinned, tuple(notes), unusable=bool(good) and last is None
+    )
 
 
 def _first_usable(
-    history: Path, nights: Sequence[Night], done: Evaluation, settings: GateSettings, notes: list[str]
+    history: Path,
+    nights: Sequence[Night],
+    done: Evaluation,
+    settings: GateSettings,
+    notes: list[str],
 ) -> tuple[Night | None, Comparison | None]:
     for night in nights:
         try:
@@ -69,7 +82,10 @@ def _first_usable(
 
 
 def in_force(accepted: Sequence[Accepted], today: str = "") -> list[Accepted]:
-    """Acceptances that have not expired, the oldest first. today: `2026-11-25`."""
+    """Acceptances that have not expired, the oldest first.
+
+    today: `2026-11-25`.
+    """
     day = today or datetime.now(UTC).date().isoformat()
     return [pin for pin in accepted if pin.until is None or pin.until >= day]
 
@@ -79,22 +95,32 @@ def pin_of(lines: History) -> Accepted | None:
     return next(iter(reversed(in_force(lines.accepted()))), None)
 
 
-def accept(history: Path, night: str | None, reason: str, until: str | None) -> tuple[Night, list[str]]:
-    """Accept a night as a base, by default the newest: the night, and the failures and cases that are accepted.
+def accept(
+    history: Path, night: str | None, reason: str, until: str | None
+) -> tuple[Night, list[str]]:
+    """Accept a night as a base, by default the newest: the night, and the failures and cases that
+    are accepted.
 
-    until: the last day on which that counts. Raises InputError.
+    until: the last day on which that counts.
+    Raises InputError.
     """
     if not reason.strip():
         raise InputError("--reason must say why the night is accepted, got an empty text.")
-    with open_history(history, create=is_begun(history)) as lines:  # refuses a folder without a history
+    # refuses a folder without a history
+    with open_history(history, create=is_begun(history)) as lines:
         nights = {one.night: one for one in lines.nights()}
         if not nights:
-            raise InputError(f"The history in {history} has no night yet; accept one after it has run.")
+            raise InputError(
+                f"The history in {history} has no night yet; accept one after it has run."
+            )
         name = next(reversed(nights)) if night is None else Path(night).name
         if name not in nights:
             raise unknown("night", name, nights)
         if not (history / nights[name].folder).is_dir():
-            raise InputError(f"The folder of night {name} is gone; only a night whose folder is kept can be a base.")
+            raise InputError(
+                f"The folder of night {name} is gone; only a night whose folder is kept can be a "
+                "base."
+            )
         lines.accept(Accepted(name, _now(), reason, until, itself=False))
         failed = [gate for gate in lines.gates() if gate.night == name and gate.passed is False]
     sentences = [f"{gate.ads} in {gate.scenario}: {gate.sentence}" for gate in failed]
@@ -102,12 +128,16 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
 
 
 def _named(told: Path) -> list[str]:
-    """The worst cases of a night's failed limits, as its `night.json` has them; none without that file."""
+    """The worst cases of a night's failed limits, as its `night.json` has them; none without that
+    file.
+    """
     if not told.is_file():
         return []
     limits = json.loads(told.read_text(encoding="utf-8"))["failed"]
     names = ("case", "point", "before", "after")
-    changes = [CaseChange(*(case[name] for name in names)) for limit in limits for case in limit["cases"]]
+    changes = [
+        CaseChange(*(case[name] for name in names)) for limit in limits for case in limit["cases"]
+    ]
     return [f"{one.case}: {one.words}" for one in changes]
 
 
@@ -118,7 +148,9 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
     """Whether the last finished night began within a time such as `26h`, and a sentence on it."""
     number, unit = age[:-1], age[-1:]
     if unit not in UNITS or not number.isdecimal() or not int(number) or len(number) > MOST_DIGITS:
-        raise InputError(f"--newer-than must be a number of minutes, hours or days such as 26h, got {age!r}.")
+        raise InputError(
+            f"--newer-than must be a number of minutes, hours or days such as 26h, got {age!r}."
+        )
     with open_history(history) as lines:
         night = next((one for one in reversed(lines.nights()) if not one.imported), None)
     if night is None:
@@ -129,12 +161,15 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
     hours = f"{passed.total_seconds() / 3600.0:z.1f} h"
     return (
         recent,
-        f"The last finished night {night.night} began {hours} ago, {'within' if recent else 'more than'} {age}.",
+        f"The last finished night {night.night} began {hours} ago, "
+        f"{'within' if recent else 'more than'} {age}.",
     )
 
 
 def pinned_by_itself(night: str, reason: str, pin: Accepted | None) -> Accepted:
-    """A night that becomes the base without a user, no longer than the one that it follows counts."""
+    """A night that becomes the base without a user, no longer than the one that it follows
+    counts.
+    """
     return Accepted(night, _now(), reason, None if pin is None else pin.until, itself=True)
 
 

@@ -1,4 +1,6 @@
-"""The history of nights: one SQLite file to which lines are added and in which none is ever changed or removed."""
+"""The history of nights: one SQLite file to which lines are added and in which none is ever changed
+or removed.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ GOOD = (DONE, NOT_EVALUATED)
 """Exit statuses of a night in which no limit failed."""
 
 _KEPT = (
-    "collision_probability", "collisions", "avoidable_collisions", "unavoidable_collisions", "caused_collisions",
+    "collision_probability", "collisions", "avoidable_collisions", "unavoidable_collisions",
+    "caused_collisions",
     "departures", "gave_up", "not_evaluated",
 )  # fmt: skip
 _TABLES = ("nights", "quantities", "gates", "begun", "accepted", "shaky", "builds")
@@ -37,17 +40,22 @@ CREATE TABLE IF NOT EXISTS nights (
     verdict TEXT NOT NULL, sumo_eval TEXT NOT NULL, libsumo TEXT NOT NULL, imported INTEGER NOT NULL
 );
 CREATE TABLE IF NOT EXISTS quantities (
-    night TEXT NOT NULL REFERENCES nights, ads TEXT NOT NULL, scenario TEXT NOT NULL, quantity TEXT NOT NULL,
+    night TEXT NOT NULL REFERENCES nights, ads TEXT NOT NULL, scenario TEXT NOT NULL,
+    quantity TEXT NOT NULL,
     value REAL, PRIMARY KEY (night, ads, scenario, quantity)
 );
 CREATE TABLE IF NOT EXISTS gates (
-    night TEXT NOT NULL REFERENCES nights, ads TEXT NOT NULL, scenario TEXT NOT NULL, quantity TEXT NOT NULL,
+    night TEXT NOT NULL REFERENCES nights, ads TEXT NOT NULL, scenario TEXT NOT NULL,
+    quantity TEXT NOT NULL,
     passed INTEGER, threshold REAL, sentence TEXT NOT NULL
 );
 CREATE TABLE IF NOT EXISTS accepted (
-    night TEXT NOT NULL REFERENCES nights, at TEXT NOT NULL, reason TEXT NOT NULL, until TEXT, itself INTEGER NOT NULL
+    night TEXT NOT NULL REFERENCES nights, at TEXT NOT NULL, reason TEXT NOT NULL, until TEXT,
+    itself INTEGER NOT NULL
 );
-CREATE TABLE IF NOT EXISTS shaky (night TEXT NOT NULL, ads TEXT NOT NULL, scenario TEXT NOT NULL, point TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS shaky (
+    night TEXT NOT NULL, ads TEXT NOT NULL, scenario TEXT NOT NULL, point TEXT NOT NULL
+);
 CREATE TABLE IF NOT EXISTS builds (night TEXT NOT NULL, ads TEXT NOT NULL, build TEXT NOT NULL);
 """ + "".join(
     f"CREATE TRIGGER IF NOT EXISTS {table}_{what.lower()} BEFORE {what} ON {table} "
@@ -62,7 +70,11 @@ _MEND = "Put a copy of it back, or begin a history in another folder. No night w
 
 @dataclass(frozen=True, slots=True)
 class Night:
-    """One line of the history. night: when it began, UTC, and its folder's name. base: the night compared with."""
+    """One line of the history.
+
+    night: when it began, UTC, and its folder's name.
+    base: the night compared with.
+    """
 
     night: str
     evaluation: str
@@ -77,7 +89,10 @@ class Night:
 
     @property
     def good(self) -> bool:
-        """No limit failed: later nights are compared with this one. Cases may have been not evaluated (3)."""
+        """No limit failed: later nights are compared with this one.
+
+        Cases may have been not evaluated (3).
+        """
         return self.exit_status in GOOD
 
 
@@ -97,7 +112,10 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class GateLine:
-    """One gate of one night; threshold: the value at which it would fail, where it has one."""
+    """One gate of one night;
+
+    threshold: the value at which it would fail, where it has one.
+    """
 
     night: str
     ads: str
@@ -110,7 +128,12 @@ class GateLine:
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """A night accepted as a base. at: when, UTC. until: the last day on which it counts. itself: by no user."""
+    """A night accepted as a base.
+
+    at: when, UTC.
+    until: the last day on which it counts.
+    itself: by no user.
+    """
 
     night: str
     at: str
@@ -161,12 +184,17 @@ class History:
         shaky: Collection[ShakyCase] = (),
         pin: Accepted | None = None,
     ) -> None:
-        """Add a night with everything it keeps, or nothing, in one transaction. Refuses a night that is there.
+        """Add a night with everything it keeps, or nothing, in one transaction.
+
+        Refuses a night that is there.
 
         pin: that the night is accepted at once.
         """
         if any(known.night == night.night for known in self.nights()):
-            raise InputError(f"The history {self._path} has a night {night.night} already; nothing in it is replaced.")
+            raise InputError(
+                f"The history {self._path} has a night {night.night} already; nothing in it is "
+                "replaced."
+            )
         name, builds = night.night, evaluation.manifest.get("builds", {})
         values = [
             (name, score.ads, score.scenario, quantity, value)
@@ -174,7 +202,16 @@ class History:
             for quantity, value in _quantities(evaluation, score).items()
         ]
         limits = [
-            (name, gate.ads, gate.scenario, gate.quantity, gate.passed, gate.threshold, gate.sentence) for gate in gates
+            (
+                name,
+                gate.ads,
+                gate.scenario,
+                gate.quantity,
+                gate.passed,
+                gate.threshold,
+                gate.sentence,
+            )
+            for gate in gates
         ]
         with self._connection:
             self._insert("nights", [astuple(night)])
@@ -191,7 +228,8 @@ class History:
 
     def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
         for row in rows:
-            self._connection.execute(f"INSERT INTO {table} VALUES ({','.join('?' * len(row))})", row)  # noqa: S608
+            places = ",".join("?" * len(row))
+            self._connection.execute(f"INSERT INTO {table} VALUES ({places})", row)  # noqa: S608
 
     def accepted(self) -> list[Accepted]:
         """Everything that was accepted, the oldest first."""
@@ -211,13 +249,24 @@ class History:
     def _read(self, table: str, kind: Callable[..., Line]) -> list[Line]:
         """The lines of a table, the oldest first; none where an older history has no such table."""
         columns = fields(kind)  # type: ignore[arg-type]
-        if not self._connection.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)).fetchone():
+        if not self._connection.execute(
+            "SELECT 1 FROM sqlite_master WHERE name = ?", (table,)
+        ).fetchone():
             return []
         names = ", ".join(column.name for column in columns)
-        flags = {place for place, column in enumerate(columns) if str(column.type).startswith("bool")}
+        flags = {
+            place for place, column in enumerate(columns) if str(column.type).startswith("bool")
+        }
         return [
-            kind(*(bool(it) if place in flags and it is not None else it for place, it in enumerate(row)))
-            for row in self._connection.execute(f"SELECT {names} FROM {table} ORDER BY rowid")  # noqa: S608
+            kind(
+                *(
+                    bool(it) if place in flags and it is not None else it
+                    for place, it in enumerate(row)
+                )
+            )
+            for row in self._connection.execute(
+                f"SELECT {names} FROM {table} ORDER BY rowid"  # noqa: S608
+            )
         ]
 
     def begin(self, night: str) -> None:
@@ -231,9 +280,12 @@ class History:
         return {night for (night,) in found}
 
     def stopped_last(self) -> list[str]:
-        """Those of them that began after the last one that has a line, in the order of their beginning."""
+        """Those of them that began after the last one that has a line, in the order of their
+        beginning.
+        """
         found = self._connection.execute(
-            "SELECT night FROM begun WHERE rowid > coalesce((SELECT max(b.rowid) FROM begun AS b JOIN nights USING "
+            "SELECT night FROM begun WHERE rowid > coalesce((SELECT max(b.rowid) FROM begun AS b "
+            "JOIN nights USING "
             "(night)), 0) ORDER BY rowid"
         )
         return [night for (night,) in found]
@@ -253,7 +305,10 @@ class History:
 
 @contextmanager
 def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
-    """The history file in a folder. Raises InputError where there is none, or one of another format."""
+    """The history file in a folder.
+
+    Raises InputError where there is none, or one of another format.
+    """
     path = folder / HISTORY
     if not path.is_file() and not create:
         raise InputError(f"There is no history in {folder}: it has no {HISTORY}.")
@@ -267,13 +322,17 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
         version = int(connection.execute("PRAGMA user_version").fetchone()[0])
         if version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             raise InputError(f"{path} is no history: it is a database of something else.")
-        if version in (0, FORMAT_VERSION) and create:  # a history without the table of begun nights gets one
-            connection.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+        # a history without the table of begun nights gets one
+        if version in (0, FORMAT_VERSION) and create:
+            connection.executescript(
+                f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;"
+            )
         elif version == 0:
             raise InputError(f"The history {path} is empty. {_MEND}")
         elif version != FORMAT_VERSION:
             raise InputError(
-                f"The history {path} has format version {version}; this sumo_eval reads version {FORMAT_VERSION}."
+                f"The history {path} has format version {version}; this sumo_eval reads version "
+                f"{FORMAT_VERSION}."
             )
         yield History(connection, path)
     except sqlite3.Error as error:
@@ -299,10 +358,14 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def near_misses(cases: CaseTable) -> int:
-    """Cases without contact that came nearer than the zone of interest of a measure of the rule, by its defaults."""
+    """Cases without contact that came nearer than the zone of interest of a measure of the rule, by
+    its defaults.
+    """
     measures = NearMissSettings().measure
     inside = [
-        getattr(cases, one.quantity) < one.zone if one.higher_is_better else getattr(cases, one.quantity) > one.zone
+        getattr(cases, one.quantity) < one.zone
+        if one.higher_is_better
+        else getattr(cases, one.quantity) > one.zone
         for one in measures
         if one.zone is not None
     ]

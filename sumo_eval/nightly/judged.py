@@ -1,4 +1,6 @@
-"""A night beside its bases: each limit once, with what is known of chance, and whether the night becomes a base."""
+"""A night beside its bases: each limit once, with what is known of chance, and whether the night
+becomes a base.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from sumo_eval.results import Evaluation
 
 @dataclass(frozen=True, slots=True)
 class Since:
-    """Since which night a limit has failed without a break, and for how many nights, tonight among them."""
+    """Since which night a limit has failed without a break, and for how many nights, tonight among
+    them.
+    """
 
     night: str
     nights: int
@@ -35,8 +39,13 @@ class Since:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A night beside its bases. gates: each limit once. noise: of tonight. shaky: cases bad in some drives only.
-    builds: of each ADS, where known. since: when each limit that failed tonight has failed, by its name.
+    """A night beside its bases.
+
+    gates: each limit once.
+    noise: of tonight.
+    shaky: cases bad in some drives only.
+    builds: of each ADS, where known.
+    since: when each limit that failed tonight has failed, by its name.
     """
 
     bases: Bases
@@ -47,20 +56,29 @@ class Judged:
     since: Mapping[tuple[str, str, str], Since] = field(default_factory=dict)
 
 
-def judge_night(history: Path, lines: History, done: Evaluation, gate: GateSettings, progress: Progress) -> Judged:
-    """Compare a night with its bases and judge it, each limit once: beside the accepted night only what else fails."""
+def judge_night(
+    history: Path, lines: History, done: Evaluation, gate: GateSettings, progress: Progress
+) -> Judged:
+    """Compare a night with its bases and judge it, each limit once: beside the accepted night only
+    what else fails.
+    """
     bases = find_bases(history, lines, done, gate)
     place = history / AGAIN
     noise = Noise(repeats_of(done, gate, place, progress) if bases.comparisons else {})
     noise = replace(
         noise,
         bad=bad_again(bases.comparisons, done, noise, gate, place),
-        shaky=keys_of(done, lines.shaky()) if any(one.noisy for one in noise.repeats.values()) else frozenset(),
+        shaky=keys_of(done, lines.shaky())
+        if any(one.noisy for one in noise.repeats.values())
+        else frozenset(),
     )
     accept = shlex.join(["sumo-eval", "accept", str(history), "--reason", "..."])
     gates = list(judge(done, bases.comparison, gate, noise))
     if bases.unusable:
-        missing = f"no earlier good night can be compared with, so nothing was judged. If this is meant: {accept}"
+        missing = (
+            "no earlier good night can be compared with, so nothing was judged. If this is "
+            f"meant: {accept}"
+        )
         gates.append(GateResult("pairs", "every ADS", EVERYWHERE, False, missing, 0.0, None))
     for comparison, against in ((bases.comparison, ""), (bases.pinned, "accepted")):
         if comparison is None:
@@ -68,7 +86,9 @@ def judge_night(history: Path, lines: History, done: Evaluation, gate: GateSetti
         found = judge_pairs(comparison, gate, accept)
         if against:
             name = Path(comparison.base_folder).name
-            found = [replace(one, against=name) for one in (*judge_rule(comparison, gate, noise), *found)]
+            found = [
+                replace(one, against=name) for one in (*judge_rule(comparison, gate, noise), *found)
+            ]
         known = {one.name for one in failed(gates)}
         gates += [one for one in failed(found) if one.name not in known]
     since = failing_since(lines, gates, done.folder.name)
@@ -76,10 +96,16 @@ def judge_night(history: Path, lines: History, done: Evaluation, gate: GateSetti
     return Judged(bases, tuple(new_first(gates, since)), noise, shaky, builds, since)
 
 
-def failing_since(lines: History, gates: Sequence[GateResult], tonight: str) -> dict[tuple[str, str, str], Since]:
+def failing_since(
+    lines: History, gates: Sequence[GateResult], tonight: str
+) -> dict[tuple[str, str, str], Since]:
     """Since when each limit that failed tonight has failed, by its name."""
     nights = [night.night for night in lines.nights() if not night.imported]
-    failing = {(line.night, line.ads, line.scenario, line.quantity) for line in lines.gates() if line.passed is False}
+    failing = {
+        (line.night, line.ads, line.scenario, line.quantity)
+        for line in lines.gates()
+        if line.passed is False
+    }
     found = {}
     for gate in failed(gates):
         row = [tonight]
@@ -91,7 +117,9 @@ def failing_since(lines: History, gates: Sequence[GateResult], tonight: str) -> 
     return found
 
 
-def new_first(gates: Sequence[GateResult], since: Mapping[tuple[str, str, str], Since]) -> list[GateResult]:
+def new_first(
+    gates: Sequence[GateResult], since: Mapping[tuple[str, str, str], Since]
+) -> list[GateResult]:
     """Limits that failed, new failures before old ones, and then all others."""
 
     def place(gate: GateResult) -> tuple[bool, int]:
@@ -102,7 +130,9 @@ def new_first(gates: Sequence[GateResult], since: Mapping[tuple[str, str, str], 
 
 
 def new_pin(line: Night, judged: Judged, lines: History, gate: GateSettings) -> Accepted | None:
-    """That a night accepts itself: the first good one, and one in which paired cases only improved."""
+    """That a night accepts itself: the first good one, and one in which paired cases only
+    improved.
+    """
     if not line.good:
         return None
     pin = pin_of(lines)

@@ -1,4 +1,6 @@
-"""What a night leaves for programs and for the morning: night.json, a Markdown summary, GitHub annotations."""
+"""What a night leaves for programs and for the morning: night.json, a Markdown summary, GitHub
+annotations.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,10 @@ MOST_IN_CHAT = 5  # failed limits
 
 @dataclass(frozen=True, slots=True)
 class NightResult:
-    """What became of a night. notes: sentences on what was cleared away, not compared, or left out."""
+    """What became of a night.
+
+    notes: sentences on what was cleared away, not compared, or left out.
+    """
 
     night: Night
     evaluation: Evaluation
@@ -38,8 +43,12 @@ class NightResult:
     trend: Path
 
 
-def write_night(history: Path, line: Night, word: str, judged: Judged, notes: Sequence[str]) -> None:
-    """Write `night.json` and `summary.md` into a night's folder, and `chat.json` beside the history."""
+def write_night(
+    history: Path, line: Night, word: str, judged: Judged, notes: Sequence[str]
+) -> None:
+    """Write `night.json` and `summary.md` into a night's folder, and `chat.json` beside the
+    history.
+    """
     comparison, bases, folder = judged.bases.comparison, judged.bases, history / line.folder
     told = {
         "night": line.night,
@@ -51,7 +60,9 @@ def write_night(history: Path, line: Night, word: str, judged: Judged, notes: Se
         "accepted": None if bases.accepted is None else bases.accepted.night,
         "since": min((one.night for one in judged.since.values()), default=None),
         "failed": [_plain(gate, judged.since[gate.name], folder) for gate in failed(judged.gates)],
-        "not_judged": [f"{gate.ads}: {gate.sentence}" for gate in judged.gates if gate.passed is None],
+        "not_judged": [
+            f"{gate.ads}: {gate.sentence}" for gate in judged.gates if gate.passed is None
+        ],
         "pairs": 0 if comparison is None else comparison.pairs,
         "differences": [asdict(one) for one in (comparison.differences if comparison else ())],
         "unpaired": [asdict(one) for one in (comparison.unpaired if comparison else ())],
@@ -59,10 +70,14 @@ def write_night(history: Path, line: Night, word: str, judged: Judged, notes: Se
         "builds": dict(judged.builds),
         "notes": list(notes),
     }
-    (folder / NIGHT).write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    (folder / NIGHT).write_text(
+        json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
     summary = "\n".join(markdown_lines(line, judged, folder))
     (folder / SUMMARY).write_text(summary + "\n", encoding="utf-8")
-    (history / CHAT).write_text(json.dumps({"text": chat_text(line, judged)}) + "\n", encoding="utf-8")
+    (history / CHAT).write_text(
+        json.dumps({"text": chat_text(line, judged)}) + "\n", encoding="utf-8"
+    )
 
 
 def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
@@ -82,7 +97,11 @@ def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
 def _places(case: str, folder: Path) -> dict[str, str]:
     """Where a case is seen again."""
     ways = ways_to(folder, case)
-    return {"replay": ways["again"], "run": ways["alone"], "link": f"{REPORT}#case:{quote(case, safe='')}"}
+    return {
+        "replay": ways["again"],
+        "run": ways["alone"],
+        "link": f"{REPORT}#case:{quote(case, safe='')}",
+    }
 
 
 def markdown_lines(line: Night, judged: Judged, folder: Path) -> Iterator[str]:
@@ -105,7 +124,10 @@ def chat_text(line: Night, judged: Judged) -> str:
     lines = [line.verdict]
     for gate in bad[:MOST_IN_CHAT]:
         worst = "".join(f"; {case.case}: {case.words}" for case in gate.worst[:1])
-        lines.append(f"{gate.ads} in {gate.scenario} ({judged.since[gate.name].words}): {gate.sentence}{worst}")
+        lines.append(
+            f"{gate.ads} in {gate.scenario} ({judged.since[gate.name].words}): "
+            f"{gate.sentence}{worst}"
+        )
     lines += [f"and {len(bad) - MOST_IN_CHAT} more"] if len(bad) > MOST_IN_CHAT else []
     return "\n".join(map(one_line, [*lines, *_besides(judged)]))
 
@@ -114,7 +136,10 @@ def _besides(judged: Judged) -> list[str]:
     """Builds, and what differs besides the ADS."""
     comparison = judged.bases.comparison
     differing = [one.words for one in comparison.differences] if comparison else []
-    return [*builds_besides(judged.builds, comparison), *(f"differs: {words}" for words in differing)]
+    return [
+        *builds_besides(judged.builds, comparison),
+        *(f"differs: {words}" for words in differing),
+    ]
 
 
 def github_annotations(gates: Sequence[GateResult]) -> list[str]:
@@ -127,13 +152,15 @@ def github_annotations(gates: Sequence[GateResult]) -> list[str]:
 
 
 def morning_lines(result: NightResult) -> list[str]:
-    """The first screen of a night: what differs besides the ADS, the verdict, new failures first."""
+    """The first screen of a night: what differs besides the ADS, the verdict, new failures
+    first.
+    """
     judged, comparison = result.judged, result.judged.bases.comparison
     lines = [f"{'DIFFERS' if one.decides else 'differs'}: {one_line(one.words)}"
              for one in (comparison.differences if comparison else ())]  # fmt: skip
     lines += [
-        f"no partner: {one_line(one.ads)} in {one.scenario}: {one.lost} of {one.of} cases lost, {one.added} added"
-        + (f" ({', '.join(one.examples)})" if one.examples else "")
+        f"no partner: {one_line(one.ads)} in {one.scenario}: {one.lost} of {one.of} cases lost, "
+        f"{one.added} added" + (f" ({', '.join(one.examples)})" if one.examples else "")
         for one in (comparison.unpaired if comparison else ())
     ]
     words = {name: since.words for name, since in judged.since.items()}
@@ -147,7 +174,11 @@ def tell_github(result: NightResult) -> list[str]:
     if summary:
         with Path(summary).open("a", encoding="utf-8") as file:
             file.write((result.report.parent / SUMMARY).read_text(encoding="utf-8"))
-    return github_annotations(result.judged.gates) if os.environ.get("GITHUB_ACTIONS") == "true" else []
+    return (
+        github_annotations(result.judged.gates)
+        if os.environ.get("GITHUB_ACTIONS") == "true"
+        else []
+    )
 
 
 def _escaped(text: str) -> str:

@@ -1,10 +1,12 @@
-"""One night: evaluate, compare with the last good night, write what people and machines read, add a line of history.
+"""One night: evaluate, compare with the last good night, write what people and machines read, add a
+line of history.
 
-DIR/nights/<time>/ is a night, DIR/history.sqlite the history. A night is there once the history has its line, which is
-written last and in one transaction, so nothing half done is ever compared. The history also notes which nights began:
-the folder of one that began and has no line is what a killed night left. The next start goes on with it where it is
-told to, and else removes the folder, unless its run is complete; it says so. Only what the history knows to be a night
-of its own is ever removed.
+DIR/nights/<time>/ is a night, DIR/history.sqlite the history. A night is there once the history has
+its line, which is written last and in one transaction, so nothing half done is ever compared. The
+history also notes which nights began: the folder of one that began and has no line is what a killed
+night left. The next start goes on with it where it is told to, and else removes the folder, unless
+its run is complete; it says so. Only what the history knows to be a night of its own is ever
+removed.
 """
 
 from __future__ import annotations
@@ -24,7 +26,16 @@ from pathlib import Path
 from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.evaluation import let_go, record_rounds, score
 from sumo_eval.nightly.bases import in_force
-from sumo_eval.nightly.history import DONE, GATE_FAILED, HISTORY, NOT_EVALUATED, History, Night, is_begun, open_history
+from sumo_eval.nightly.history import (
+    DONE,
+    GATE_FAILED,
+    HISTORY,
+    NOT_EVALUATED,
+    History,
+    Night,
+    is_begun,
+    open_history,
+)
 from sumo_eval.nightly.judged import judge_night, new_pin
 from sumo_eval.nightly.morning import NightResult, write_night
 from sumo_eval.nightly.trend import write_trend
@@ -61,13 +72,19 @@ def run_night(
     progress: Progress = quiet,
     stopping: Callable[[], AbstractContextManager[Stopping]] = lambda: nullcontext(never),
 ) -> NightResult:
-    """Run a night. keep: newest nights whose folders stay. resume: go on with the night that was stopped, if one was.
+    """Run a night.
+
+    keep: newest nights whose folders stay.
+    resume: go on with the night that was stopped, if one was.
     stopping: gives, while cases are driven, what says whether to stop.
     """
-    read_evaluation(evaluation)  # a mistake in the file is said before anything is locked, removed or simulated
+    # a mistake in the file is said before anything is locked, removed or simulated
+    read_evaluation(evaluation)
     _refuse_without_history(history)
     with _only_one(history), open_history(history, create=True) as lines:
-        taken = {night.night for night in lines.nights()} | {path.name for path in (history / NIGHTS).glob("*")}
+        taken = {night.night for night in lines.nights()} | {
+            path.name for path in (history / NIGHTS).glob("*")
+        }
         taken |= lines.stopped()
         stopped = _stopped(history, lines) if resume else None
         notes = _clear_away(history, lines, stopped)
@@ -81,12 +98,15 @@ def run_night(
         else:
             name = stopped
             notes.append(
-                f"Night {name} was stopped before its end and has gone on: what had been recorded was not driven "
+                f"Night {name} was stopped before its end and has gone on: what had been recorded "
+                "was not driven "
                 "again. How long the night took is not known."
             )
         folder = history / NIGHTS / name
         try:
-            done, again = _evaluated(evaluation, folder, workers, stopped is not None, progress, stopping)
+            done, again = _evaluated(
+                evaluation, folder, workers, stopped is not None, progress, stopping
+            )
             judged = judge_night(history, lines, done, gate, progress)
             notes += [*again, *judged.bases.notes]
             comparison, gates = judged.bases.comparison, judged.gates
@@ -94,20 +114,32 @@ def run_night(
             write_tables(done)
             suites = {**comparison_suites(comparison, gates), **run_suites(done)}
             write_junit(suites, folder / JUNIT, score_parts(done))
-            report = write_assessed_report(done, Beside(comparison, gates, told, tuple(notes)), progress=progress)
+            report = write_assessed_report(
+                done, Beside(comparison, gates, told, tuple(notes)), progress=progress
+            )
         except KeyboardInterrupt:
-            raise StoppedError(f"Stopped. The same command with --resume continues night {name}.") from None
+            raise StoppedError(
+                f"Stopped. The same command with --resume continues night {name}."
+            ) from None
         except (OSError, sqlite3.Error) as error:
             left = "The same command with --resume continues."
             if _full(error):
-                shutil.rmtree(folder, ignore_errors=True)  # what fills a full disk must not stay there until tomorrow
+                # what fills a full disk must not stay there until tomorrow
+                shutil.rmtree(folder, ignore_errors=True)
                 left = "What this one had recorded was removed."
             raise InputError(
-                f"The night could not be finished: {said(error)}. Earlier nights are as they were. {left}"
+                f"The night could not be finished: {said(error)}. Earlier nights are as they "
+                f"were. {left}"
             ) from error
         strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
         verdict_found = verdict(comparison, gates, done)
-        status = GATE_FAILED if failed(gates) or strict else NOT_EVALUATED if done.not_evaluated else DONE
+        status = (
+            GATE_FAILED
+            if failed(gates) or strict
+            else NOT_EVALUATED
+            if done.not_evaluated
+            else DONE
+        )
         line = _line(done, name, f"{NIGHTS}/{name}", status, verdict_found.sentence)
         base, took = judged.bases.good, None if stopped is not None else time.monotonic() - clock
         line = replace(line, base=None if base is None else base.night, wall_time=took)
@@ -123,7 +155,10 @@ def _clock_note(lines: History, name: str) -> list[str]:
     last = next((night.night for night in reversed(lines.nights()) if not night.imported), "")
     if name > last:
         return []
-    return [f"The clock went back: night {last} was added before, {name} now. Nights stand in the order of adding."]
+    return [
+        f"The clock went back: night {last} was added before, {name} now. Nights stand in the "
+        "order of adding."
+    ]
 
 
 def _evaluated(
@@ -134,16 +169,21 @@ def _evaluated(
     progress: Progress,
     stopping: Callable[[], AbstractContextManager[Stopping]],
 ) -> tuple[Evaluation, tuple[str, ...]]:
-    """The night's cases driven, those that are not recorded yet, and scored; sentences on cases driven again."""
+    """The night's cases driven, those that are not recorded yet, and scored; sentences on cases
+    driven again.
+    """
     try:
         settings, source = resolve(evaluation, folder, resume, workers=workers)
         with stopping() as asked:
-            recorded = record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=asked)
+            recorded = record_rounds(
+                settings, source, folder, resume=resume, progress=progress, stopping=asked
+            )
     except InputError as error:
         if not resume:
             raise
         raise InputError(
-            f"Night {folder.name} has not gone on: {error} It stays; without --resume it is removed and another "
+            f"Night {folder.name} has not gone on: {error} It stays; without --resume it is "
+            "removed and another "
             "one begins."
         ) from error
     done = score(folder, progress=progress)
@@ -152,13 +192,18 @@ def _evaluated(
 
 
 def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
-    """Add finished runs to a history as nights of the time they were recorded. None is a base: no gate judged them."""
+    """Add finished runs to a history as nights of the time they were recorded.
+
+    None is a base: no gate judged them.
+    """
     added = []
     with _only_one(history), open_history(history, create=True) as lines:
         for run in runs:
             done = score(run, progress=progress)
             created = datetime.fromisoformat(str(done.manifest["created"])).astimezone(UTC)
-            night = _line(done, _name(created), str(run.resolve()), IMPORTED, "Imported; no gate judged it.")
+            night = _line(
+                done, _name(created), str(run.resolve()), IMPORTED, "Imported; no gate judged it."
+            )
             lines.add(night, done, ())
             added.append(night)
     return added
@@ -176,12 +221,15 @@ def _only_one(history: Path) -> AbstractContextManager[None]:
 
 
 def _refuse_without_history(history: Path) -> None:
-    """A history that got lost is not begun anew beside its nights: each of them would look like nobody's."""
+    """A history that got lost is not begun anew beside its nights: each of them would look like
+    nobody's.
+    """
     nights = sorted((history / NIGHTS).glob("*"))
     if nights and not is_begun(history):
         count = f"{len(nights)} night{'s' if len(nights) > 1 else ''}"
         raise InputError(
-            f"The night was not begun: {history / NIGHTS} holds {count} and {history / HISTORY} is missing or empty. "
+            f"The night was not begun: {history / NIGHTS} holds {count} and {history / HISTORY} "
+            "is missing or empty. "
             "Put a copy of it back, begin in another folder, or make a new one of these nights: "
             f"sumo-eval trend {history} --import {nights[-1]}. Nothing was removed."
         )
@@ -201,8 +249,10 @@ def _stopped(history: Path, lines: History) -> str | None:
 
 
 def _clear_away(history: Path, lines: History, but: str | None = None) -> list[str]:
-    """Remove what killed nights left. Nobody knows what stopped them, so their cases are used where one is asked to go
-    on with the night (`but`) and nowhere else.
+    """Remove what killed nights left.
+
+    Nobody knows what stopped them, so their cases are used where one is asked to go on with the
+    night (`but`) and nowhere else.
 
     A folder that the history does not know, as a night or as one that began, stays, and is named.
     """
@@ -216,13 +266,18 @@ def _clear_away(history: Path, lines: History, but: str | None = None) -> list[s
             notes.append(f"{path} is not in the history; it was left as it is.")
         elif _is_complete(path):  # as when an old copy of the history was put back
             notes.append(
-                f"{path} is a complete run without a line in the history; it was left as it is. To add it: "
+                f"{path} is a complete run without a line in the history; it was left as it is. "
+                "To add it: "
                 f"sumo-eval trend {history} --import {path}."
             )
         elif _removed(path):
-            notes.append(f"Night {path.name} was stopped before its end; its unfinished folder was removed.")
+            notes.append(
+                f"Night {path.name} was stopped before its end; its unfinished folder was removed."
+            )
         else:
-            notes.append(f"Night {path.name} was stopped before its end; its folder could not be removed.")
+            notes.append(
+                f"Night {path.name} was stopped before its end; its folder could not be removed."
+            )
     return notes
 
 
@@ -245,7 +300,9 @@ def _removed(folder: Path) -> bool:
 
 
 def _names(moment: datetime) -> Iterator[str]:
-    """The name of a night that begins at a moment, then those of the seconds after, for nights that take less."""
+    """The name of a night that begins at a moment, then those of the seconds after, for nights that
+    take less.
+    """
     return (_name(moment + timedelta(seconds=later)) for later in itertools.count())
 
 
@@ -255,12 +312,19 @@ def _name(moment: datetime) -> str:
 
 def _line(done: Evaluation, name: str, folder: str, status: int, verdict: str) -> Night:
     """The history's line of a night that is compared with none."""
-    package, libsumo = (done.manifest.get("versions", {}).get(it, "not known") for it in ("sumo_eval", "libsumo"))
-    return Night(name, done.name, folder, None, status, None, verdict, package, libsumo, status == IMPORTED)
+    package, libsumo = (
+        done.manifest.get("versions", {}).get(it, "not known") for it in ("sumo_eval", "libsumo")
+    )
+    return Night(
+        name, done.name, folder, None, status, None, verdict, package, libsumo, status == IMPORTED
+    )
 
 
 def _room(history: Path, lines: History, stopped: str | None = None) -> None:
-    """Refuse to begin what would fill the disk. stopped: a night that goes on, whose files are there already."""
+    """Refuse to begin what would fill the disk.
+
+    stopped: a night that goes on, whose files are there already.
+    """
     finished = [history / night.folder for night in lines.nights() if not night.imported]
     last = next((folder for folder in reversed(finished) if folder.is_dir()), None)
     needed = FIRST_NIGHT_ROOM if last is None else int(SPARE * _size(last))
@@ -268,7 +332,8 @@ def _room(history: Path, lines: History, stopped: str | None = None) -> None:
     free = shutil.disk_usage(history).free
     if free < needed:
         raise InputError(
-            f"The night was not begun: it may need {needed / 1e6:z.0f} MB in {history}; {free / 1e6:z.0f} MB are free."
+            f"The night was not begun: it may need {needed / 1e6:z.0f} MB in {history}; "
+            f"{free / 1e6:z.0f} MB are free."
         )
 
 
@@ -277,24 +342,44 @@ def _size(folder: Path) -> int:
 
 
 def _prune(history: Path, lines: History, keep: int) -> list[str]:
-    """Remove folders of old nights: the newest `keep` stay, the newest good one and the accepted one at any age."""
+    """Remove folders of old nights: the newest `keep` stay, the newest good one and the accepted
+    one at any age.
+    """
     nights = [night for night in lines.nights() if not night.imported]
     kept = {night.night for night in nights[-keep:]}
     kept |= {night.night for night in [night for night in nights if night.good][-1:]}
     accepted = lines.accepted()
-    for counting in (in_force(accepted), [pin for pin in accepted if pin.until is None]):  # the second: after expiry
+    # the second: after expiry
+    for counting in (in_force(accepted), [pin for pin in accepted if pin.until is None]):
         kept |= {pin.night for pin in counting[-1:]}
-    old = [night for night in nights if night.night not in kept and (history / night.folder).is_dir()]
+    old = [
+        night for night in nights if night.night not in kept and (history / night.folder).is_dir()
+    ]
     own = [night for night in old if _is_own(history, night)]
     removed = [night for night in own if _removed(history / night.folder)]
-    notes = [f"{history / n.folder} is no folder of night {n.night}; it was left." for n in old if n not in own]
-    notes += [f"The folder of night {n.night} could not be removed." for n in own if n not in removed]
+    notes = [
+        f"{history / n.folder} is no folder of night {n.night}; it was left."
+        for n in old
+        if n not in own
+    ]
+    notes += [
+        f"The folder of night {n.night} could not be removed." for n in own if n not in removed
+    ]
     if removed:
-        notes.append(f"The folders of {len(removed)} old nights were removed; their lines stay in the history.")
+        notes.append(
+            f"The folders of {len(removed)} old nights were removed; their lines stay in the "
+            "history."
+        )
     return notes
 
 
 def _is_own(history: Path, night: Night) -> bool:
-    """Whether a line names the folder that its night was run in: no other place is removed, whatever a line says."""
+    """Whether a line names the folder that its night was run in: no other place is removed,
+    whatever a line says.
+    """
     folder = history / NIGHTS / night.night
-    return night.folder == f"{NIGHTS}/{night.night}" and folder.parent == history / NIGHTS and not folder.is_symlink()
+    return (
+        night.folder == f"{NIGHTS}/{night.night}"
+        and folder.parent == history / NIGHTS
+        and not folder.is_symlink()
+    )

@@ -1,4 +1,6 @@
-"""Whether an ADS drives a case twice in one way, how far two of its drives differ, and how often a case ends badly."""
+"""Whether an ADS drives a case twice in one way, how far two of its drives differ, and how often a
+case ends badly.
+"""
 
 from __future__ import annotations
 
@@ -37,8 +39,11 @@ from sumo_eval.settings.random_streams import random_stream
 AGAIN = "again"  # folder beside the nights in which cases are driven once more; gone afterwards
 
 
-def repeats_of(done: Evaluation, settings: GateSettings, place: Path, progress: Progress = quiet) -> dict[str, Repeats]:
-    """Drive a sample of each ADS's cases once more: which ADSs repeat, and the floors of those that do not.
+def repeats_of(
+    done: Evaluation, settings: GateSettings, place: Path, progress: Progress = quiet
+) -> dict[str, Repeats]:
+    """Drive a sample of each ADS's cases once more: which ADSs repeat, and the floors of those that
+    do not.
 
     place: a folder for drives that are scored; it is gone afterwards.
     """
@@ -48,7 +53,9 @@ def repeats_of(done: Evaluation, settings: GateSettings, place: Path, progress: 
     sample = _sample(done, plan, settings.noise.cases)
     alike: dict[str, list[bool]] = {ads.name: [] for ads in done.settings.ads}
     with open_store(done.folder / FACTS) as store:
-        for number, (case, difference) in enumerate(drive_again(sample, plan.setup, store), start=1):
+        for number, (case, difference) in enumerate(
+            drive_again(sample, plan.setup, store), start=1
+        ):
             alike[case.driver].append(not difference)
             progress("driving some cases twice", number, len(sample))
 
@@ -56,7 +63,9 @@ def repeats_of(done: Evaluation, settings: GateSettings, place: Path, progress: 
     keys = [case.key for case in sample if case.driver in noisy]
     rows = _driven_anew(done, keys, place) if keys else {}
     return {
-        ads: Repeats(len(equal), sum(equal), _floors(done, ads, rows, settings) if ads in noisy else {})
+        ads: Repeats(
+            len(equal), sum(equal), _floors(done, ads, rows, settings) if ads in noisy else {}
+        )
         for ads, equal in alike.items()
     }
 
@@ -64,7 +73,9 @@ def repeats_of(done: Evaluation, settings: GateSettings, place: Path, progress: 
 def _sample(done: Evaluation, plan: Planner, number: int) -> list[Case]:
     """The cases of all ADSs at so many points, drawn by the run's seed."""
     entries = enumerate(done.settings.scenario)
-    spaces = [space_of(entry, done.settings, plan.source, offset=offset) for offset, entry in entries]
+    spaces = [
+        space_of(entry, done.settings, plan.source, offset=offset) for offset, entry in entries
+    ]
     ends = np.cumsum([len(space.numbers) for space in spaces])
     drawn = random_stream(done.settings.seed, "driven twice").permutation(int(ends[-1]))[:number]
     cases: list[Case] = []
@@ -90,20 +101,30 @@ def _driven_anew(done: Evaluation, cases: Collection[str], place: Path) -> dict[
         shutil.rmtree(place, ignore_errors=True)
 
 
-def _floors(done: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings: GateSettings) -> dict[str, float]:
+def _floors(
+    done: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings: GateSettings
+) -> dict[str, float]:
     """1.5 q95(|d|) of every quantity that the rule looks at."""
     first = [row for row in done.cases if row.ads == ads and row.case in rows]
     second = [rows[row.case] for row in first]
     names = [measure.quantity for measure in (*settings.near_miss.measure, *settings.shift.measure)]
     once, twice = CaseTable.of(first), CaseTable.of(second)
-    floors = {name: floor_of(getattr(twice, name) - getattr(once, name), settings.noise) for name in names}
+    floors = {
+        name: floor_of(getattr(twice, name) - getattr(once, name), settings.noise) for name in names
+    }
     return floors | {"severity": severity_floor(Ends.of(once), Ends.of(twice), settings.noise)}
 
 
 def bad_again(
-    comparisons: Sequence[Comparison], done: Evaluation, noise: Noise, settings: GateSettings, place: Path
+    comparisons: Sequence[Comparison],
+    done: Evaluation,
+    noise: Noise,
+    settings: GateSettings,
+    place: Path,
 ) -> dict[str, int]:
-    """Cases of noisy ADSs that are newly bad, driven four times more: in how many of the five drives each is bad."""
+    """Cases of noisy ADSs that are newly bad, driven four times more: in how many of the five
+    drives each is bad.
+    """
     bases = dict(_newly_bad_rows(comparisons, noise, settings))
     bad = dict.fromkeys(bases, 1)
     for _ in range(settings.outcome.repeats if bases else 0):
@@ -136,4 +157,8 @@ def keys_of(done: Evaluation, shaky: Collection[ShakyCase]) -> frozenset[str]:
     """Tonight's keys of cases that were shaky before."""
     if not shaky:
         return frozenset()
-    return frozenset(row.case for row in done.cases if ShakyCase(row.ads, row.scenario, point(row.values)) in shaky)
+    return frozenset(
+        row.case
+        for row in done.cases
+        if ShakyCase(row.ads, row.scenario, point(row.values)) in shaky
+    )

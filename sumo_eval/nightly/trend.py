@@ -1,4 +1,6 @@
-"""The trend page: every quantity of every ADS over the nights, with the gates, as plain SVG in one offline file."""
+"""The trend page: every quantity of every ADS over the nights, with the gates, as plain SVG in one
+offline file.
+"""
 
 from __future__ import annotations
 
@@ -44,8 +46,8 @@ TICKS = 5
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One night on a chart, in the SVG's own units, what a person reads when pointing at it, and its row of the saved
-    table: night, series, value.
+    """One night on a chart, in the SVG's own units, what a person reads when pointing at it, and
+    its row of the saved table: night, series, value.
     """
 
     x: float
@@ -56,7 +58,10 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One ADS on a chart. parts: the points between nights in which the quantity was not computed."""
+    """One ADS on a chart.
+
+    parts: the points between nights in which the quantity was not computed.
+    """
 
     ads: str
     colour: str
@@ -85,12 +90,18 @@ def write_trend(folder: Path, history: History) -> Path:
     """Write `trend.html` beside the history and return its path."""
     nights, values, gates = history.nights(), history.values(), history.gates()
     scenarios = list(dict.fromkeys(value.scenario for value in values))
-    kept = {night.night for night in nights if not night.imported and (folder / night.folder / REPORT).is_file()}
+    kept = {
+        night.night
+        for night in nights
+        if not night.imported and (folder / night.folder / REPORT).is_file()
+    }
     page = template("trend.html.j2").render(
         failed=failed_nights(nights),
         nights=list(reversed(nights)),
         dates={night.night: _date(night.night) for night in nights},
-        reports={night.night: "" if night.imported else f"{night.folder}/{REPORT}" for night in nights},
+        reports={
+            night.night: "" if night.imported else f"{night.folder}/{REPORT}" for night in nights
+        },
         kept=kept,
         accepted={one.night: one.words for one in history.accepted()},
         builds=history.builds(),
@@ -114,13 +125,17 @@ def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:
     ]
 
 
-def charts(scenario: str, nights: Sequence[Night], values: Sequence[Value], gates: Sequence[GateLine]) -> list[Chart]:
+def charts(
+    scenario: str, nights: Sequence[Night], values: Sequence[Value], gates: Sequence[GateLine]
+) -> list[Chart]:
     """The charts of one logical scenario; a quantity that was never computed has none."""
     here = [value for value in values if value.scenario == scenario]
     names = list(dict.fromkeys(value.ads for value in here))
     found = []
     for quantity, title, unit in CHARTS:
-        series = {(value.night, value.ads): value.value for value in here if value.quantity == quantity}
+        series = {
+            (value.night, value.ads): value.value for value in here if value.quantity == quantity
+        }
         limits = [
             gate for gate in gates
             if (gate.scenario, gate.quantity) == (scenario, quantity) and gate.threshold is not None
@@ -164,16 +179,27 @@ def _chart(
         latest = series.get((nights[-1].night, ads))
         last = "not computed" if latest is None else f"{latest:z.4g}"
         runs = tuple(tuple(part) for part in parts if part)
-        lines.append(Line(ads, COLOURS[place % len(COLOURS)], DASHES[place % len(DASHES)], runs, last))
+        lines.append(
+            Line(ads, COLOURS[place % len(COLOURS)], DASHES[place % len(DASHES)], runs, last)
+        )
     strokes = tuple(
-        (point(gate.night, f"gate of {gate.ads}", gate.threshold), COLOURS[names.index(gate.ads) % len(COLOURS)])
+        (
+            point(gate.night, f"gate of {gate.ads}", gate.threshold),
+            COLOURS[names.index(gate.ads) % len(COLOURS)],
+        )
         for gate in limits
         if gate.threshold is not None and gate.ads in names
     )
     every = math.ceil(len(nights) / MOST_LABELS)
     days = [night.night[:10] for night in nights]
-    label = (lambda night: _date(night)[5:]) if len(set(days)) < len(days) else (lambda night: night[:10])
-    dates = tuple((round(at[night.night], 2), label(night.night)) for night in nights[::-1][::every])
+    label = (
+        (lambda night: _date(night)[5:])
+        if len(set(days)) < len(days)
+        else (lambda night: night[:10])
+    )
+    dates = tuple(
+        (round(at[night.night], 2), label(night.night)) for night in nights[::-1][::every]
+    )
     heights = tuple((height(tick), f"{tick:g}") for tick in ticks)
     return Chart(title, unit, tuple(lines), strokes, round(0.42 * step, 2), heights, dates)
 
@@ -187,7 +213,11 @@ def _ticks(low: float, high: float, least: float = 0.0) -> list[float]:
         low, high = low - pad, high + pad
     rough = (high - low) / (TICKS - 1)
     magnitude = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * magnitude for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * magnitude >= rough * 0.999)
+    step = next(
+        factor * magnitude
+        for factor in (1.0, 2.0, 2.5, 5.0, 10.0)
+        if factor * magnitude >= rough * 0.999
+    )
     step = max(step, least)
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return [round(float(value), 12) for value in np.arange(first, last + 1) * step]

@@ -1,4 +1,6 @@
-"""The contract of an ADS (see `cosim.contract`) checked where its code can harm nobody: in a child of its own."""
+"""The contract of an ADS (see `cosim.contract`) checked where its code can harm nobody: in a child
+of its own.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ def check_apart(
     step_timeout: float = _RUN.step_timeout,
     case_timeout: float = _RUN.case_timeout,
 ) -> tuple[list[Finding], str]:
-    """Every point of the contract, and what the ADS printed. Without cases: only that it can be loaded and made.
+    """Every point of the contract, and what the ADS printed.
+
+    Without cases: only that it can be loaded and made.
 
     Raises InputError with one sentence when it cannot.
     """
@@ -46,11 +50,15 @@ def check_apart(
     with Pool(1, limits) as pool:
         (ended,) = pool.each(Work(_checked, folder), [asked])
     if ended.how == "done":
-        return [Finding(*(clean(text, _LONGEST, lines=True) for text in row)) for row in ended.result], ended.log
+        return [
+            Finding(*(clean(text, _LONGEST, lines=True) for text in row)) for row in ended.result
+        ], ended.log
     said = what_happened(ended, limits, "The check", "drove it")
-    return [Finding("FAIL", said, "an ADS must not end, hang or write into the process that it is loaded in")], (
-        ended.log
-    )
+    return [
+        Finding(
+            "FAIL", said, "an ADS must not end, hang or write into the process that it is loaded in"
+        )
+    ], (ended.log)
 
 
 def _checked(asked: _Asked, folder: Path) -> list[tuple[str, str, str]]:

@@ -1,4 +1,6 @@
-"""Which build of each ADS drives: what its entry says, or the Git commit of the folder that the evaluation lies in."""
+"""Which build of each ADS drives: what its entry says, or the Git commit of the folder that the
+evaluation lies in.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +21,23 @@ def builds_of(settings: EvaluationSettings, source: Path) -> Mapping[str, str]:
 
 
 def commit_of(folder: Path) -> str:
-    """`3db9796abcde`, or `3db9796abcde-dirty` with changes that are not committed; "" where there is no commit."""
-    command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    """`3db9796abcde`, or `3db9796abcde-dirty` with changes that are not committed; "" where there
+    is no commit.
+    """
+    command = [
+        "git",
+        "-C",
+        str(folder),
+        "describe",
+        "--always",
+        "--dirty",
+        "--abbrev=12",
+        "--exclude=*",
+    ]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=_PATIENCE, check=False
+        )
     except (OSError, subprocess.SubprocessError):
         return ""
     return done.stdout.strip() if done.returncode == 0 else ""

@@ -16,7 +16,15 @@ from sumo_eval.trajectory import Alone, Recording
 
 Role = Literal["ads", "ideal", "no_reaction", "task_reference", "human"]
 Status = Literal[
-    "ok", "collision", "off_road", "timeout", "ads_error", "ads_timeout", "sim_error", "crashed", "rejected"
+    "ok",
+    "collision",
+    "off_road",
+    "timeout",
+    "ads_error",
+    "ads_timeout",
+    "sim_error",
+    "crashed",
+    "rejected",
 ]
 
 ALONE = "Simulated alone: "
@@ -28,9 +36,11 @@ IN_BLOCK = "in_block"
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """The cases that a policy over arrays drives together, whichever of them are wanted: its numbers may depend on it.
+    """The cases that a policy over arrays drives together, whichever of them are wanted: its
+    numbers may depend on it.
 
-    first: number of their first point; the others follow. name: stands for what they are.
+    first: number of their first point; the others follow.
+    name: stands for what they are.
     """
 
     first: int
@@ -45,9 +55,12 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run to do. `driver` is the ADS's name, the human's name, or that of the role; `controller` its locator.
+    """One run to do. `driver` is the ADS's name, the human's name, or that of the role;
+    `controller` its locator.
 
-    `fingerprint` stands for everything that the outcome depends on; two cases with the same one have the same facts.
+    `fingerprint` stands for everything that the outcome depends on; two cases with the same one
+    have the same facts.
+
     block: which cases its ADS drives it with in one call; None where company changes nothing.
     """
 
@@ -67,7 +80,8 @@ class Case:
     def key(self) -> str:
         """`front_vehicle_cut_out-0042-idm`: scenario, number of the point, driver.
 
-        The references and the drivers carry a `~` before their name, so that no ADS can be called like one of them.
+        The references and the drivers carry a `~` before their name, so that no ADS can be called
+        like one of them.
         """
         mark = "" if self.role == "ads" else "~"
         return f"{self.concrete.scenario}-{self.point:04d}-{mark}{self.driver}"
@@ -82,9 +96,11 @@ def on_its_own(cases: Sequence[Case]) -> bool:
 class Outcome:
     """What became of a case. `recording` is missing when the process that ran it was lost.
 
-    `log`: the traceback of an exception, and beginning and end of what the case printed. `error_place`: file, line and
-    function of the user's code that an exception came from. alone: why a case that was to be simulated together with
-    others was not. reads: name of what the process of an ADS of the user's had read by then.
+    `log`: the traceback of an exception, and beginning and end of what the case printed.
+        `error_place`: file, line and function of the user's code that an exception came from.
+
+    alone: why a case that was to be simulated together with others was not.
+    reads: name of what the process of an ADS of the user's had read by then.
     """
 
     case: Case
@@ -105,7 +121,10 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What every case of a run shares. `folder`: where relative paths in locators start. files: of ADSs, by locator."""
+    """What every case of a run shares. `folder`: where relative paths in locators start.
+
+    files: of ADSs, by locator.
+    """
 
     simulation: SimulationSettings
     run: RunSettings

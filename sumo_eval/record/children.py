@@ -1,13 +1,15 @@
-"""How child processes are made: warm ones with the simulator loaded, which cannot outlive the process that wants them.
+"""How child processes are made: warm ones with the simulator loaded, which cannot outlive the
+process that wants them.
 
-A child never runs the user's script again. One that only computes leads a process group of its own (a Ctrl-C at the
-terminal is not its business) and is killed by the kernel when its owner's end of the lifeline closes, whatever it is
-doing: a thread that watched could not run while C code holds the interpreter's lock. One that runs users' code has a
-supervisor, see `hygiene`.
+A child never runs the user's script again. One that only computes leads a process group of its own
+(a Ctrl-C at the terminal is not its business) and is killed by the kernel when its owner's end of
+the lifeline closes, whatever it is doing: a thread that watched could not run while C code holds
+the interpreter's lock. One that runs users' code has a supervisor, see `hygiene`.
 
-Insides of multiprocessing that this file borrows, tried with Python 3.11 (SUMO_EVAL_PLAIN=1 leaves them out): the
-daemon flag of the own process (without it no worker of Dask starts children), and the process id of the one that makes
-the children (without it a refused command leaves that loading for 2 s).
+Insides of multiprocessing that this file borrows, tried with Python 3.11 (SUMO_EVAL_PLAIN=1 leaves
+them out): the daemon flag of the own process (without it no worker of Dask starts children), and
+the process id of the one that makes the children (without it a refused command leaves that loading
+for 2 s).
 """
 
 from __future__ import annotations
@@ -31,20 +33,29 @@ from sumo_eval.errors import InputError, said
 from sumo_eval.kernels import PLAIN
 from sumo_eval.settings.locators import FOLDERS
 
-_KIND = "forkserver" if sys.platform == "linux" else "spawn"  # never forked from this one: it has threads and state
+# never forked from this one: it has threads and state
+_KIND = "forkserver" if sys.platform == "linux" else "spawn"
 _ordinary: Any = multiprocessing.get_context(_KIND)
 
-# Sets that iterate in the same order in every run, and no hidden threads, whose number would change sums by a bit.
-_ENVIRONMENT = {"PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+# Sets that iterate in the same order in every run, and no hidden threads, whose number would change
+# sums by a bit.
+_ENVIRONMENT = {
+    "PYTHONHASHSEED": "0",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+}
 
-_APART = {"PYTHONSAFEPATH": "sumo_eval"}  # of the process that makes the children, which takes it away again
+# of the process that makes the children, which takes it away again
+_APART = {"PYTHONSAFEPATH": "sumo_eval"}
 
 
 class Child(_ordinary.Process):  # type: ignore[misc]
     """A child process.
 
-    Children normally import the script that started everything, so a script without `if __name__ == "__main__":` would
-    run the evaluation again in each of them. Nothing a child needs lives in that script, so it is kept out of sight.
+    Children normally import the script that started everything, so a script without `if __name__ ==
+    "__main__":` would run the evaluation again in each of them. Nothing a child needs lives in that
+    script, so it is kept out of sight.
     """
 
     asked_for = False  # whether this process has asked for any
@@ -55,9 +66,12 @@ class Child(_ordinary.Process):  # type: ignore[misc]
             return _ordinary.Process._Popen(process_obj)
 
     def start(self) -> None:
-        """Start it, also from a daemonic process such as a Dask worker: the lifeline ends it, not the exit handlers."""
+        """Start it, also from a daemonic process such as a Dask worker: the lifeline ends it, not
+        the exit handlers.
+        """
         Child.asked_for = True
-        config: dict[str, Any] = multiprocessing.current_process()._config  # type: ignore[attr-defined]
+        process: Any = multiprocessing.current_process()
+        config: dict[str, Any] = process._config
         daemon = None if PLAIN else config.pop("daemon", None)
         try:
             super().start()
@@ -79,8 +93,12 @@ def child_context() -> BaseContext:
 
 
 def started(target: Callable[..., object], arguments: tuple[object, ...]) -> Any:
-    """A child process that has begun `target`. Raises InputError when the system gives none."""
-    process: Any = child_context().Process(target=target, args=arguments, name="sumo_eval child")  # type: ignore[attr-defined]
+    """A child process that has begun `target`.
+
+    Raises InputError when the system gives none.
+    """
+    context: Any = child_context()
+    process = context.Process(target=target, args=arguments, name="sumo_eval child")
     try:
         process.start()
     except (OSError, EOFError) as error:
@@ -89,7 +107,8 @@ def started(target: Callable[..., object], arguments: tuple[object, ...]) -> Any
 
 
 def warm_up() -> None:
-    """Let the process that makes the children begin to load the simulator, while this one loads what it needs itself.
+    """Let the process that makes the children begin to load the simulator, while this one loads
+    what it needs itself.
 
     Nothing waits for it, and where children are spawned there is no such process.
     """
@@ -99,15 +118,21 @@ def warm_up() -> None:
 
 
 def cool_down() -> None:
-    """End the process that makes the children where none was ever asked for: it would go on loading for seconds."""
-    pid = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # shown nowhere else
+    """End the process that makes the children where none was ever asked for: it would go on loading
+    for seconds.
+    """
+    # shown nowhere else
+    pid = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
     if pid is not None and not Child.asked_for and not PLAIN:
         with suppress(OSError):
             os.kill(pid, signal.SIGKILL)
 
 
 def tie_to_owner(lifeline: Connection) -> None:
-    """Called in a child: end with the owner. `lifeline`: reading end of a pipe whose writing end the owner holds."""
+    """Called in a child: end with the owner.
+
+    `lifeline`: reading end of a pipe whose writing end the owner holds.
+    """
     if sys.platform == "win32":
         threading.Thread(target=_leave_at_end_of, args=(lifeline,), daemon=True).start()
         return
@@ -134,7 +159,9 @@ def _leave_at_end_of(lifeline: Connection) -> None:
 
 @contextmanager
 def _users_code_out_of_sight() -> Iterator[None]:
-    """Hand on neither the script nor folders of users' files: a child imports the neighbours of its own ADS alone."""
+    """Hand on neither the script nor folders of users' files: a child imports the neighbours of its
+    own ADS alone.
+    """
     script, places = sys.modules["__main__"], sys.path[:]
     sys.modules["__main__"] = ModuleType("__main__")
     sys.path[:] = [place for place in places if place not in FOLDERS]
@@ -145,8 +172,11 @@ def _users_code_out_of_sight() -> Iterator[None]:
 
 
 def _begin_forkserver() -> None:
-    """Let it begin, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes here meanwhile is not lost."""
-    multiprocessing.resource_tracker.ensure_running()  # would come to its end with Ctrl-C let through again
+    """Let it begin, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes here
+    meanwhile is not lost.
+    """
+    # would come to its end with Ctrl-C let through again
+    multiprocessing.resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         multiprocessing.forkserver.ensure_running()
@@ -155,7 +185,9 @@ def _begin_forkserver() -> None:
 
 
 def _starts_beside_the_package() -> bool:
-    """Whether the working folder is the one that holds this package; one that is gone holds nothing."""
+    """Whether the working folder is the one that holds this package; one that is gone holds
+    nothing.
+    """
     try:
         return Path.cwd() == Path(__file__).parents[2]
     except OSError:
@@ -164,12 +196,15 @@ def _starts_beside_the_package() -> bool:
 
 @contextmanager
 def _children_environment() -> Iterator[None]:
-    """The environment in which the process that makes the children starts; what the user has set stays, but for one.
+    """The environment in which the process that makes the children starts; what the user has set
+    stays, but for one.
 
-    That process imports nothing from the working folder but this package: the folder may hold another copy of it, or a
-    user's files that are called as modules are.
+    That process imports nothing from the working folder but this package: the folder may hold
+    another copy of it, or a user's files that are called as modules are.
     """
-    wanted = _ENVIRONMENT if _KIND == "spawn" or _starts_beside_the_package() else _ENVIRONMENT | _APART
+    wanted = (
+        _ENVIRONMENT if _KIND == "spawn" or _starts_beside_the_package() else _ENVIRONMENT | _APART
+    )
     before = {name: os.environ.get(name) for name in wanted}
     for name, value in wanted.items():
         if before[name] is None or name == "PYTHONHASHSEED":

@@ -29,24 +29,35 @@ OURS = ""
 """The home of everything that runs no users' code."""
 
 Results = list[Outcome | Alone] | None
-"""Of the cases of a pack. `Alone`: why that case has to run alone. None: cases of this kind always have to."""
+"""Of the cases of a pack.
+
+`Alone`: why that case has to run alone. None: cases of this kind always have to.
+"""
 
 _RECORDS = {"Alone": Alone, "Clip": Clip, "Collision": Collision}
 
 
 def home(case: Case, setup: Setup) -> str:
-    """Which cases may share a process: those of one locator of a user's, and all of our own drivers."""
+    """Which cases may share a process: those of one locator of a user's, and all of our own
+    drivers.
+    """
     return home_of_ads(case.controller, setup) if case.role == "ads" else OURS
 
 
 def home_of_ads(locator: str, setup: Setup) -> str:
-    """The home of an ADS under test. A vehicle model of the user's drives with each, and makes ours the user's."""
+    """The home of an ADS under test.
+
+    A vehicle model of the user's drives with each, and makes ours the user's.
+    """
     ours = locator in SHIPPED or locator.startswith("sumo:")
     return OURS if ours and setup.simulation.plant is None else f"ADS `{locator}`"
 
 
 def as_plain(results: Results, read: Told | None) -> list[Any]:
-    """Results for a frame, without their cases. read: the files that their process has read meanwhile."""
+    """Results for a frame, without their cases.
+
+    read: the files that their process has read meanwhile.
+    """
     return [read, None if results is None else [plain(_row(one)) for one in results]]
 
 
@@ -62,7 +73,10 @@ def results_of(answer: Any, cases: Sequence[Case]) -> Results:
     reads = chained(read)
     if rows is None:
         return None
-    return [_result(case, record_of(row, _RECORDS), reads) for case, row in zip(cases, rows, strict=True)]
+    return [
+        _result(case, record_of(row, _RECORDS), reads)
+        for case, row in zip(cases, rows, strict=True)
+    ]
 
 
 def _result(case: Case, row: Any, reads: str | None) -> Outcome | Alone:

@@ -1,4 +1,6 @@
-"""Cases on an existing Dask cluster (extra `cluster`): batches of cases, the usual isolation on each worker."""
+"""Cases on an existing Dask cluster (extra `cluster`): batches of cases, the usual isolation on
+each worker.
+"""
 
 from __future__ import annotations
 
@@ -15,27 +17,38 @@ from sumo_eval.record.packs import Pack, Packs
 from sumo_eval.record.progress import Stopping
 from sumo_eval.record.reads import LINKS, LOST, Told, links
 
-BATCH = 100  # cases a task at most: each starts a child, and a lost worker costs this many cases again
-_BATCHES_PER_THREAD = 3  # under way for each thread of the cluster: enough that none waits, few enough to bound memory
+# cases a task at most: each starts a child, and a lost worker costs this many cases again
+BATCH = 100
+# under way for each thread of the cluster: enough that none waits, few enough to bound memory
+_BATCHES_PER_THREAD = 3
 _TIMES = 3  # that a batch is given to the cluster before its cases count as crashed
 _CONNECT_TIME = 10.0  # s
 _OWN_LOG = "distributed.client"
 
 
-def run_batch(cases: Pack, setup: Setup, harness: str) -> tuple[list[Outcome], dict[str, Told]] | str:
-    """On a worker: the outcomes of a batch and what their processes told of files, or a sentence when this worker would
-    not make the same facts.
+def run_batch(
+    cases: Pack, setup: Setup, harness: str
+) -> tuple[list[Outcome], dict[str, Told]] | str:
+    """On a worker: the outcomes of a batch and what their processes told of files, or a sentence
+    when this worker would not make the same facts.
     """
     if harness_identity() != harness:
-        return "has another version of sumo_eval or of libsumo than the process that collects the facts"
+        return (
+            "has another version of sumo_eval or of libsumo than the process that collects the "
+            "facts"
+        )
     done = [outcome for outcomes in run_in_children(cases, setup) for outcome in outcomes]
     return done, {name: LINKS[name] for outcome in done for name in links(outcome.reads or LOST)}
 
 
-def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[list[Outcome], None, None]:
-    """Outcomes of the cases from the cluster whose scheduler `setup.run.scheduler` names, as batches end.
+def run_on_cluster(
+    cases: Iterable[Case], setup: Setup, stopping: Stopping
+) -> Generator[list[Outcome], None, None]:
+    """Outcomes of the cases from the cluster whose scheduler `setup.run.scheduler` names, as
+    batches end.
 
-    A batch whose worker is lost goes to another one; an outcome that had not come back yet is made again.
+    A batch whose worker is lost goes to another one; an outcome that had not come back yet is made
+    again.
     """
     client = _connect(setup.run.scheduler)
     from distributed import as_completed
@@ -43,7 +56,8 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
 
     own_log = logging.getLogger(_OWN_LOG)
     level = own_log.level
-    own_log.setLevel(logging.CRITICAL)  # it writes a traceback of a lost scheduler, of which there is a sentence here
+    # it writes a traceback of a lost scheduler, of which there is a sentence here
+    own_log.setLevel(logging.CRITICAL)
     try:
         under_way: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
         batches: dict[str, tuple[Pack, int]] = {}
@@ -79,7 +93,10 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
             elif times < _TIMES:
                 submit(batch, times + 1)
             else:
-                yield [Outcome(case, "crashed", None, f"Its worker was lost {times} times: {fault}") for case in batch]
+                yield [
+                    Outcome(case, "crashed", None, f"Its worker was lost {times} times: {fault}")
+                    for case in batch
+                ]
             future.release()
             fill()
     except CommClosedError as error:
@@ -90,7 +107,10 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
 
 
 def _threads(client: Any, address: str) -> int:
-    """How many threads the cluster's workers have, at least 1. Raises InputError where the scheduler is gone."""
+    """How many threads the cluster's workers have, at least 1.
+
+    Raises InputError where the scheduler is gone.
+    """
     try:
         return max(sum(int(threads) for threads in client.nthreads().values()), 1)
     except OSError as error:
@@ -99,7 +119,8 @@ def _threads(client: Any, address: str) -> int:
 
 def _lost(address: str, error: OSError) -> InputError:
     return InputError(
-        f"The Dask scheduler at {address} does not answer any more: {said(error)}. What had ended is recorded; start a "
+        f"The Dask scheduler at {address} does not answer any more: {said(error)}. What had ended "
+        "is recorded; start a "
         f"scheduler again and go on with --resume."
     )
 
@@ -113,9 +134,13 @@ def _fault(future: Any) -> str | None:
 
 
 def refuse_without(address: str) -> None:
-    """Raise InputError where no scheduler is named or Dask is missing: before anything is compiled or simulated."""
+    """Raise InputError where no scheduler is named or Dask is missing: before anything is compiled
+    or simulated.
+    """
     if not address:
-        raise InputError("The engine `dask` needs the address of a scheduler: --scheduler tcp://HOST:8786.")
+        raise InputError(
+            "The engine `dask` needs the address of a scheduler: --scheduler tcp://HOST:8786."
+        )
     if find_spec("distributed") is None:
         raise needs_extra("The engine `dask`", "cluster")
 
@@ -125,7 +150,10 @@ def _connect(address: str) -> Any:
     from distributed import Client
 
     try:
-        return Client(address, timeout=_CONNECT_TIME, set_as_default=False)  # type: ignore[no-untyped-call]
-    except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:  # the last two: `tls://` without
+        return Client(  # type: ignore[no-untyped-call]
+            address, timeout=_CONNECT_TIME, set_as_default=False
+        )
+    # the last two: `tls://` without
+    except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
         # certificates, `tcp://` where encryption is required
         raise InputError(f"There is no Dask scheduler at {address}: {said(error)}.") from error

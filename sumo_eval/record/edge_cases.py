@@ -1,4 +1,6 @@
-"""Concrete scenarios at the edges of a space, where an ADS that works in the middle of it is most likely not to."""
+"""Concrete scenarios at the edges of a space, where an ADS that works in the middle of it is most
+likely not to.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,17 @@ _CORNERS = 10  # parameters at most whose corners are all looked at
 
 
 def edge_cases(logical: LogicalScenario, seed: int) -> list[ConcreteScenario]:
-    """The centre of a space, its most dangerous and its safest point, the fastest and the slowest egos, two corners.
+    """The centre of a space, its most dangerous and its safest point, the fastest and the slowest
+    egos, two corners.
 
-    Points are those of the space's own sample and the corners of its box that its constraints allow; of points that are
-    equally extreme the first. The two corners are drawn by the seed; no point is taken twice.
+    Points are those of the space's own sample and the corners of its box that its constraints
+    allow; of points that are equally extreme the first. The two corners are drawn by the seed; no
+    point is taken twice.
     """
     box = [(item.low, item.high) for item in logical.parameters]
-    corners = np.array(list(itertools.product(*box))) if len(box) <= _CORNERS else np.empty((0, len(box)))
+    corners = (
+        np.array(list(itertools.product(*box))) if len(box) <= _CORNERS else np.empty((0, len(box)))
+    )
     corners = corners[logical.feasible(corners)]
     points = np.unique(np.concatenate([sample(logical).points, corners]), axis=0)
     risk = np.round(danger(logical, points, ZoneSettings()), 12)  # rounded: equals must stay equal
@@ -31,7 +37,10 @@ def edge_cases(logical: LogicalScenario, seed: int) -> list[ConcreteScenario]:
     drawn = random_stream(seed, "check", logical.name).permutation(len(corners))[:2]
     chosen = [
         central_point(logical),
-        *(points[index] for index in (risk.argmax(), risk.argmin(), speed.argmax(), speed.argmin())),
+        *(
+            points[index]
+            for index in (risk.argmax(), risk.argmin(), speed.argmax(), speed.argmin())
+        ),
         *corners[np.sort(drawn)],
     ]
     return list(logical.concretes(list(dict.fromkeys(tuple(point.tolist()) for point in chosen))))

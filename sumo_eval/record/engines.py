@@ -1,4 +1,7 @@
-"""Engines: work off cases here, in child processes or on a cluster. Outcomes come as cases end, each exactly once."""
+"""Engines: work off cases here, in child processes or on a cluster.
+
+Outcomes come as cases end, each exactly once.
+"""
 
 from __future__ import annotations
 
@@ -24,24 +27,34 @@ from sumo_eval.text import clean
 from sumo_eval.trajectory import Alone, AloneReason
 
 LATE: AloneReason = "late"
-IDLE = 0.2  # of a case's wall time; beyond, another drive of a case that was too late may come in time
-_CLUSTER = "sumo_eval.record.cluster:run_on_cluster"  # a text, because its workers build on this module
+# of a case's wall time; beyond, another drive of a case that was too late may come in time
+IDLE = 0.2
+# a text, because its workers build on this module
+_CLUSTER = "sumo_eval.record.cluster:run_on_cluster"
 
 
 def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, None]:
-    """Outcomes of the cases as they end, in whatever order, from the engine that `setup.run` names."""
+    """Outcomes of the cases as they end, in whatever order, from the engine that `setup.run`
+    names.
+    """
     with closing(run_packs(cases, setup)) as packs:
         for outcomes in packs:
             yield from outcomes
 
 
-def run_packs(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Generator[list[Outcome], None, None]:
-    """Outcomes of the cases by packs, a list of those that ended together, from the engine that `setup.run` names."""
+def run_packs(
+    cases: Iterable[Case], setup: Setup, stopping: Stopping = never
+) -> Generator[list[Outcome], None, None]:
+    """Outcomes of the cases by packs, a list of those that ended together, from the engine that
+    `setup.run` names.
+    """
     refuse_engine(setup.run)
     if setup.run.engine == "serial":
         return _run_here(cases, setup, stopping)
     if setup.run.engine == "dask":
-        found: Generator[list[Outcome], None, None] = load_object(_CLUSTER, None, "Engine")(cases, setup, stopping)
+        found: Generator[list[Outcome], None, None] = load_object(_CLUSTER, None, "Engine")(
+            cases, setup, stopping
+        )
         return found
     return run_in_children(cases, setup, stopping, setup.run.workers)
 
@@ -50,16 +63,21 @@ def refuse_engine(run: RunSettings) -> None:
     """Refuse processes of our own on a system that cannot copy one: Windows."""
     if run.engine == "processes" and not hasattr(os, "fork"):
         raise InputError(
-            "The engine `processes` needs a system whose processes can fork, such as Linux; this one cannot. "
-            'Drive in this process: --engine serial, or [run] engine = "serial". A hanging ADS is not ended there.'
+            "The engine `processes` needs a system whose processes can fork, such as Linux; this "
+            "one cannot. "
+            'Drive in this process: --engine serial, or [run] engine = "serial". A hanging ADS is '
+            "not ended there."
         )
 
 
 def run_in_children(
     cases: Iterable[Case], setup: Setup, stopping: Stopping = never, workers: int = 1
 ) -> Generator[list[Outcome], None, None]:
-    """Every pack in one of `workers` child processes: what goes wrong in one is found in its cases, each run alone."""
-    listed = cases if isinstance(cases, Sequence) else ()  # who hands them over one by one has seen to it
+    """Every pack in one of `workers` child processes: what goes wrong in one is found in its cases,
+    each run alone.
+    """
+    # who hands them over one by one has seen to it
+    listed = cases if isinstance(cases, Sequence) else ()
     loops.ready(loops.of_cases(listed))  # a case's time is for driving
     packs = Packs(cases, workers, min(largest_pack(setup), setup.run.cases_per_child))
     work: Work[Pack] = Work(answer, setup, lambda pack: home(pack[0], setup), driven)
@@ -74,35 +92,46 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     """The identity of every ADS or other thing that a user named, as (kind, locator), by locator.
 
     Raises InputError for one that cannot be loaded.
-    Loading runs a user's file, so it happens in a child, a fresh one each: what one has imported is not another's.
-    Where no child can be had, the engine `serial` loads it here, where it drives it, too: one user's ADS alone.
+    Loading runs a user's file, so it happens in a child, a fresh one each: what one has imported is
+    not another's. Where no child can be had, the engine `serial` loads it here, where it drives it,
+    too: one user's ADS alone.
     """
     if setup.run.engine == "serial":
         refuse_to_share(home_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
         if not hasattr(os, "fork"):
-            return {locator: locator_identity((kind, locator), setup.folder) for kind, locator in named}
+            return {
+                locator: locator_identity((kind, locator), setup.folder) for kind, locator in named
+            }
     identities: dict[str, str] = {}
     with Pool(1, setup.run) as pool:
         for ended in pool.each(Work(locator_identity, setup.folder), named):
             kind, locator = ended.item
             if ended.how != "done":
                 happened = what_happened(ended, setup.run, "It", "loaded it")
-                raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}")
+                raise InputError(
+                    f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}"
+                )
             identities[locator] = ended.result
     return identities
 
 
 def refuse_to_share(homes: Iterable[str]) -> None:
-    """The rule of the engine `serial`: one process, so at most one user's locator. Raises InputError for a second."""
+    """The rule of the engine `serial`: one process, so at most one user's locator.
+
+    Raises InputError for a second.
+    """
     users = sorted(set(homes) - {OURS})
     if len(users) > 1:
         raise InputError(
-            f"The engine `serial` runs everything in one process, which can serve one ADS of yours, got {users[0]} and "
+            "The engine `serial` runs everything in one process, which can serve one ADS of "
+            f"yours, got {users[0]} and "
             f"{users[1]}. Run them one at a time, or with the engine `processes`."
         )
 
 
-def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[list[Outcome], None, None]:
+def _run_here(
+    cases: Iterable[Case], setup: Setup, stopping: Stopping
+) -> Generator[list[Outcome], None, None]:
     packs = Packs(cases, 1, largest_pack(setup))
     packs.look_ahead()
     served: set[str] = set()
@@ -131,7 +160,9 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
     if ended.how != "done":
         happened = what_happened(ended, setup.run, "It", "ran it")
         why = Alone("pack_lost" if pack[0].block is None else "block_lost", clean(happened))
-        packs.did_not_come_through(pack, [why] * len(pack), printed, too_slow=ended.how == "overdue")
+        packs.did_not_come_through(
+            pack, [why] * len(pack), printed, too_slow=ended.how == "overdue"
+        )
         return []
     results = results_of(ended.result, pack)
     if results is None:
@@ -154,27 +185,40 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
 
 
 def is_late_by_chance(outcome: Outcome, ended: Ended[Pack], setup: Setup) -> bool:
-    """Whether another drive may come in time: late in the first step, or while no processor worked on it."""
+    """Whether another drive may come in time: late in the first step, or while no processor worked
+    on it.
+    """
     recording = outcome.recording
     first = recording is not None and recording.simulated_time <= setup.simulation.step
     return outcome.status in ("timeout", "ads_timeout") and (first or ended.idle > IDLE)
 
 
 def _outcome(ended: Ended[Pack], alone: Alone | None, printed: str, setup: Setup) -> Outcome:
-    """What a case that ran alone brought. printed: by its pack, where it was in one before."""
+    """What a case that ran alone brought.
+
+    printed: by its pack, where it was in one before.
+    """
     (case,) = ended.item
     remark = printed if alone is None else f"{ALONE}{alone}\n{printed}"
     if ended.how != "done":
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
-        return Outcome(case, status, None, what_happened(ended, setup.run), remark + ended.log, alone=alone)
+        return Outcome(
+            case, status, None, what_happened(ended, setup.run), remark + ended.log, alone=alone
+        )
     results = results_of(ended.result, ended.item)
     outcome = results[0] if results else None
     assert isinstance(outcome, Outcome), "a case alone is driven in any case"
     return replace(outcome, log=remark + outcome.log + ended.log, alone=alone)
 
 
-def what_happened(ended: Ended[Any], limits: RunSettings, what: str = "The case", did: str = "ran the case") -> str:
-    """A sentence about an item that brought no result. what: it; did: what its process did for it."""
+def what_happened(
+    ended: Ended[Any], limits: RunSettings, what: str = "The case", did: str = "ran the case"
+) -> str:
+    """A sentence about an item that brought no result.
+
+    what: it;
+    did: what its process did for it.
+    """
     if ended.how == "overdue":
         return f"{what} took longer than {limits.case_timeout:g} s of wall time."
     if ended.how == "overfull":

@@ -37,7 +37,9 @@ class Run:
 
     @property
     def cases(self) -> pd.DataFrame:
-        """One row a case of an ADS, as scored last: parameters, zone, outcome, U, L, Ug, r, D_i, measures."""
+        """One row a case of an ADS, as scored last: parameters, zone, outcome, U, L, Ug, r, D_i,
+        measures.
+        """
         import pandas as pd
 
         return without_quotes(pd.read_csv(_scored(self.folder, CASES)))
@@ -60,11 +62,16 @@ class Run:
 
     @property
     def counts(self) -> pd.DataFrame:
-        """How many drives ended how, by scenario, role and ADS, without reading the drives themselves."""
+        """How many drives ended how, by scenario, role and ADS, without reading the drives
+        themselves.
+        """
         import pandas as pd
 
         with self._store() as store:
-            return pd.DataFrame(store.counts(), columns=["scenario", "role", "driver", "status", "drives", "exposure"])
+            return pd.DataFrame(
+                store.counts(),
+                columns=["scenario", "role", "driver", "status", "drives", "exposure"],
+            )
 
     def trajectories(self, case: str) -> dict[str, Trajectory]:
         """Every vehicle's trajectory of a case, the ego's under `ego`."""
@@ -75,11 +82,15 @@ class Run:
         return found
 
     def trajectory_table(self, case: str) -> pd.DataFrame:
-        """The trajectories of a case as one table: vehicle, time, x, y, heading, speed, acceleration, steering."""
+        """The trajectories of a case as one table: vehicle, time, x, y, heading, speed,
+        acceleration, steering.
+        """
         return _trajectory_table(case, self.trajectories(case))
 
     def digest(self) -> str:
-        """A hash of all recorded facts: equal for equal configurations, whatever the workers, order or machine."""
+        """A hash of all recorded facts: equal for equal configurations, whatever the workers, order
+        or machine.
+        """
         with self._store() as store:
             return store.digest()
 
@@ -93,7 +104,10 @@ class Run:
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:
-    """A run folder as pandas tables and trajectories. Raises InputError when it is none, or of a newer format."""
+    """A run folder as pandas tables and trajectories.
+
+    Raises InputError when it is none, or of a newer format.
+    """
     folder = Path(path)
     run_folder.read_settings(folder)
     run_folder.read_manifest(folder)
@@ -101,10 +115,14 @@ def open_run(path: str | os.PathLike[str]) -> Run:
         return Run(folder)
 
 
-def export(path: str | os.PathLike[str], out: str | os.PathLike[str], kind: str = "csv") -> list[Path]:
-    """Write `cases`, `drives` and `trajectories` of a run as files of a kind (`csv`, `parquet`) into a folder.
+def export(
+    path: str | os.PathLike[str], out: str | os.PathLike[str], kind: str = "csv"
+) -> list[Path]:
+    """Write `cases`, `drives` and `trajectories` of a run as files of a kind (`csv`, `parquet`)
+    into a folder.
 
-    One drive after the other, so a run of any size can be exported. Parquet needs the extra `parquet`.
+    One drive after the other, so a run of any size can be exported. Parquet needs the extra
+    `parquet`.
     """
     run, folder = open_run(path), Path(out)
     scored = _scored(run.folder, CASES)
@@ -115,24 +133,38 @@ def export(path: str | os.PathLike[str], out: str | os.PathLike[str], kind: str 
             return [folder / CASES, *_write_drives(run, folder, cells)]
         with tempfile.TemporaryDirectory(prefix="sumo_eval_", dir=folder) as scratch:
             plain = _unquoted(scored, Path(scratch) / CASES)
-            return _to_parquet([plain, *_write_drives(run, Path(scratch), lambda table: table)], folder)
+            return _to_parquet(
+                [plain, *_write_drives(run, Path(scratch), lambda table: table)], folder
+            )
 
 
 def _scored(folder: Path, name: str) -> Path:
     if not (folder / name).is_file():
-        raise InputError(f"Run {folder} has not been scored, {name} is missing; first: sumo-eval score {folder}.")
+        raise InputError(
+            f"Run {folder} has not been scored, {name} is missing; first: sumo-eval score {folder}."
+        )
     return folder / name
 
 
 def _unquoted(table: Path, out: Path) -> Path:
-    """A CSV file again without the `'` that keeps a spreadsheet from running a cell; a typed file needs none."""
-    with table.open(newline="", encoding="utf-8") as one, out.open("w", newline="", encoding="utf-8") as other:
+    """A CSV file again without the `'` that keeps a spreadsheet from running a cell; a typed file
+    needs none.
+    """
+    with (
+        table.open(newline="", encoding="utf-8") as one,
+        out.open("w", newline="", encoding="utf-8") as other,
+    ):
         csv.writer(other).writerows([from_cell(value) for value in row] for row in csv.reader(one))
     return out
 
 
-def _write_drives(run: Run, folder: Path, fit: Callable[[pd.DataFrame], pd.DataFrame]) -> list[Path]:
-    """`drives.csv` and `trajectories.csv`; fit: makes of a table what is written of it."""
+def _write_drives(
+    run: Run, folder: Path, fit: Callable[[pd.DataFrame], pd.DataFrame]
+) -> list[Path]:
+    """`drives.csv` and `trajectories.csv`;
+
+    fit: makes of a table what is written of it.
+    """
     import pandas as pd
 
     drives, trajectories = folder / "drives.csv", folder / "trajectories.csv"
@@ -163,10 +195,18 @@ def _write_drives(run: Run, folder: Path, fit: Callable[[pd.DataFrame], pd.DataF
 _ROWS_AT_ONCE = 1000
 _NAMES = [field.name for field in fields(Fact) if field.name not in ("log", "clips")]
 _CONTACT = {
-    "collision_time": "time", "collision_with": "other", "impact_speed": "relative_speed", "overlap": "overlap",
+    "collision_time": "time", "collision_with": "other", "impact_speed": "relative_speed",
+    "overlap": "overlap",
     "side": "side",
 }  # fmt: skip
-_TIMES = ("wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99", "latency_reference")
+_TIMES = (
+    "wall_time",
+    "latency_mean",
+    "latency_max",
+    "latency_median",
+    "latency_p99",
+    "latency_reference",
+)
 
 
 def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
@@ -184,7 +224,13 @@ def _trajectory_table(case: str, trajectories: dict[str, Trajectory]) -> pd.Data
     import pandas as pd
 
     tables = [
-        pd.DataFrame({"case": case, "vehicle": name, **{channel: getattr(one, channel) for channel in CHANNELS}})
+        pd.DataFrame(
+            {
+                "case": case,
+                "vehicle": name,
+                **{channel: getattr(one, channel) for channel in CHANNELS},
+            }
+        )
         for name, one in trajectories.items()
     ]
     return pd.concat(tables) if tables else pd.DataFrame(columns=["case", "vehicle", *CHANNELS])
@@ -201,7 +247,8 @@ def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
         for table in tables:
             target = folder / f"{table.stem}.parquet"
             quoted = str(target).replace("'", "''")
-            copy = f"COPY (SELECT * FROM read_csv(?, header = true, sample_size = -1)) TO '{quoted}' (FORMAT parquet)"  # noqa: S608
+            rows = "SELECT * FROM read_csv(?, header = true, sample_size = -1)"
+            copy = f"COPY ({rows}) TO '{quoted}' (FORMAT parquet)"
             database.execute(copy, [str(table)])
             written.append(target)
     return written

@@ -1,4 +1,6 @@
-"""The recording half of an evaluation: plan its cases, simulate them into a run folder, go on, merge, verify."""
+"""The recording half of an evaluation: plan its cases, simulate them into a run folder, go on,
+merge, verify.
+"""
 
 from __future__ import annotations
 
@@ -50,12 +52,17 @@ from sumo_eval.scenario.formats import expanded
 from sumo_eval.scenario.road.table import check_line
 from sumo_eval.scenario.sampling.adaptive import size_of_round
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
-from sumo_eval.settings.config import PAPER_EVALUATION, check_evaluation, read_evaluation, settings_from
+from sumo_eval.settings.config import (
+    PAPER_EVALUATION,
+    check_evaluation,
+    read_evaluation,
+    settings_from,
+)
 from sumo_eval.settings.random_streams import random_stream
 
 Evaluable = EvaluationSettings | Mapping[str, Any] | str | os.PathLike[str] | None
-"""Settings, what a file of them holds as a dict, the path of such a file or of a run, or None: the run's own when it is
-resumed, else the paper's.
+"""Settings, what a file of them holds as a dict, the path of such a file or of a run, or None: the
+run's own when it is resumed, else the paper's.
 """
 
 WHOLE = (1, 1)
@@ -70,7 +77,8 @@ _LOOKED_AT = 2_000  # points that an estimate looks at, of each scenario, at mos
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What a run folder holds now: drives by all, and those among them without an outcome that counts.
+    """What a run folder holds now: drives by all, and those among them without an outcome that
+    counts.
 
     notes: sentences on what was recorded before and had to be driven again.
     """
@@ -83,11 +91,14 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What an evaluation will take: drives of ADSs, humans and references, those recorded already, s of wall time.
+    """What an evaluation will take: drives of ADSs, humans and references, those recorded already,
+    s of wall time.
 
-    references: drives of the ideal vehicle, of `no_reaction` and of the reference car, one each at every point. loaded:
-    how many ADSs of how many. untimed: sorts of drives that take what the others took. broken_off: whether
-    a drive took longer than all that is to be timed.
+    references: drives of the ideal vehicle, of `no_reaction` and of the reference car, one each at
+        every point.
+    loaded: how many ADSs of how many.
+    untimed: sorts of drives that take what the others took.
+    broken_off: whether a drive took longer than all that is to be timed.
     """
 
     ads: int
@@ -107,8 +118,10 @@ class Estimate:
         time = f"{minutes} min {seconds} s" if minutes else f"{self.seconds:.1f} s"
         many, timed = "s" * (self.workers > 1), f"{self.timed} drive{'s' * (self.timed > 1)}"
         return (
-            f"{self.ads} drives of the ADSs, {self.humans} of human drivers and {self.references} of the "
-            f"references{done}.\nAbout {time} with {self.workers} worker{many}, estimated from {timed} timed now, for "
+            f"{self.ads} drives of the ADSs, {self.humans} of human drivers and {self.references} "
+            "of the "
+            f"references{done}.\nAbout {time} with {self.workers} worker{many}, estimated from "
+            f"{timed} timed now, for "
             f"{_TIMED_FOR:g} s at most; scoring takes additional time.{self._not_looked_at}"
         )
 
@@ -121,8 +134,12 @@ class Estimate:
             else ""
         )
         sorts = " and ".join(self.untimed)
-        others = f"\nDrives of the {sorts} were not timed: they count as the others." if sorts else ""
-        late = f"\nA drive was broken off after {_LONGEST_DRIVE:g} s: the run takes longer than that."
+        others = (
+            f"\nDrives of the {sorts} were not timed: they count as the others." if sorts else ""
+        )
+        late = (
+            f"\nA drive was broken off after {_LONGEST_DRIVE:g} s: the run takes longer than that."
+        )
         least = late if self.broken_off else ""
         return f"{ads}{others}{least}"
 
@@ -130,10 +147,11 @@ class Estimate:
 def resolve(
     evaluation: Evaluable, folder: Path, resume: bool, ads: Sequence[Any] = (), **changes: object
 ) -> tuple[EvaluationSettings, Path]:
-    """The settings, with those `changes` of `run` that are not None, and the folder where their paths start.
+    """The settings, with those `changes` of `run` that are not None, and the folder where their
+    paths start.
 
-    ads: locators, classes, functions or objects in place of the evaluation's ADSs; relative paths of locators start in
-    the current folder.
+    ads: locators, classes, functions or objects in place of the evaluation's ADSs; relative paths
+        of locators start in the current folder.
     """
     if isinstance(evaluation, EvaluationSettings):
         settings, source = evaluation, Path.cwd()
@@ -147,7 +165,8 @@ def resolve(
         path = PAPER_EVALUATION if evaluation is None else Path(evaluation)
         settings, source = read_evaluation(path, own_ads=not ads), path.parent.resolve()
     for locator in ads:
-        if isinstance(locator, str) and locator.startswith(("exec:", "traci:")):  # `env -C` exists, whatever it runs
+        # `env -C` exists, whatever it runs
+        if isinstance(locator, str) and locator.startswith(("exec:", "traci:")):
             find_controller(locator, Path.cwd())
     if ads:
         entries = tuple(_entry(one, folder, resume) for one in ads)
@@ -160,7 +179,9 @@ def resolve(
 
 
 def _run_of(evaluation: str | os.PathLike[str] | None, folder: Path, resume: bool) -> Path | None:
-    """The run whose own evaluation is meant: the one to go on with, or one that is named in place of a file."""
+    """The run whose own evaluation is meant: the one to go on with, or one that is named in place
+    of a file.
+    """
     named = Path(evaluation) if evaluation is not None else folder if resume else None
     return named if named is not None and run_folder.is_run(named) else None
 
@@ -173,7 +194,9 @@ def _entry(ads: Any, folder: Path, resume: bool) -> AdsSettings:
 
 
 def _with_locators(evaluation: Mapping[str, Any], folder: Path, resume: bool) -> dict[str, Any]:
-    """An evaluation as a dict with a locator in the place of each controller that is given as it is."""
+    """An evaluation as a dict with a locator in the place of each controller that is given as it
+    is.
+    """
     content = dict(evaluation)
     entries = content.get("ads", ())
     if isinstance(entries, list | tuple):
@@ -198,11 +221,14 @@ def record_facts(
     another_round: bool = False,
     meanwhile: Callable[[], object] | None = None,
 ) -> Recorded:
-    """Simulate an evaluation, or its share number i of n (`shard`), into a run folder, or what is missing there.
+    """Simulate an evaluation, or its share number i of n (`shard`), into a run folder, or what is
+    missing there.
 
-    another_round: whether this adds points to what the caller has recorded there just now. meanwhile: what a process of
-    its own does while cases are driven; driving ends where that fails, with what it then says in this one. Raises
-    StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
+    another_round: whether this adds points to what the caller has recorded there just now.
+    meanwhile: what a process of its own does while cases are driven; driving ends where that fails,
+        with what it then says in this one.
+    Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept,
+    and `resume` goes on.
     """
     if shard != WHOLE:
         _refuse_rounds_in_shards(evaluation)
@@ -212,7 +238,8 @@ def record_facts(
         read_qualification(evaluation.run.qualification, source)
     _check_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation), progress)
-    plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
+    # a misspelt controller must not be found out after an hour of simulation
+    plan = planner(evaluation, source)
     progress("controllers checked", len(plan.identities), len(plan.identities))
     spaces = _spaces(evaluation, source, shard, progress)
     if any(_middle(space).lively for space in spaces):
@@ -240,10 +267,17 @@ def record_facts(
 
 @contextmanager
 def _begun(
-    folder: Path, settings: EvaluationSettings, source: Path, spaces: Sequence[Space], *, another_round: bool = False
+    folder: Path,
+    settings: EvaluationSettings,
+    source: Path,
+    spaces: Sequence[Space],
+    *,
+    another_round: bool = False,
 ) -> Iterator[Store]:
     """The store of a run folder that is filled with all besides."""
-    run_folder.create(folder, settings, source, [_middle(space) for space in spaces], another_round=another_round)
+    run_folder.create(
+        folder, settings, source, [_middle(space) for space in spaces], another_round=another_round
+    )
     run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
     with open_store(folder / run_folder.FACTS, create=True) as store:
         yield store
@@ -257,7 +291,9 @@ def _record_beside(
     progress: Progress,
     stopping: Stopping,
 ) -> None:
-    """Record while a process of its own does something else. An hour of driving must not end in its mistake.
+    """Record while a process of its own does something else.
+
+    An hour of driving must not end in its mistake.
 
     The engine `serial` has no other process: there it is done first.
     """
@@ -274,23 +310,35 @@ def _record_beside(
                 raise
     if failed():
         meanwhile()
-        record(spaces, plan, store, progress, stopping)  # what is missing, where only the process was lost
+        # what is missing, where only the process was lost
+        record(spaces, plan, store, progress, stopping)
 
 
 def _check_scenarios(evaluation: EvaluationSettings, source: Path) -> None:
-    """Tell a misspelt scenario, and a bend too tight for the ego's steering, before anything is compiled or driven."""
+    """Tell a misspelt scenario, and a bend too tight for the ego's steering, before anything is
+    compiled or driven.
+    """
     for name, logical in Resolved.of(evaluation, source).scenarios.items():
         road = logical.road
-        check_line(road.line, road.lanes, road.lane_width, f"scenario `{name}`", evaluation.simulation.vehicle)
+        check_line(
+            road.line,
+            road.lanes,
+            road.lane_width,
+            f"scenario `{name}`",
+            evaluation.simulation.vehicle,
+        )
 
 
 def in_rounds(settings: EvaluationSettings, folder: Path | None) -> EvaluationSettings:
-    """The settings with how many points a round of each adaptive sample has, and the rounds that a run to go on with
-    has chosen already by the same rules.
+    """The settings with how many points a round of each adaptive sample has, and the rounds that a
+    run to go on with has chosen already by the same rules.
     """
     before = {}
     if folder is not None and run_folder.is_run(folder):
-        before = {entry.use: entry.sampling for entry in read_evaluation(folder / run_folder.EVALUATION).scenario}
+        before = {
+            entry.use: entry.sampling
+            for entry in read_evaluation(folder / run_folder.EVALUATION).scenario
+        }
 
     def filled(entry: ScenarioSettings) -> ScenarioSettings:
         mine, its = entry.sampling, before.get(entry.use)
@@ -298,7 +346,10 @@ def in_rounds(settings: EvaluationSettings, folder: Path | None) -> EvaluationSe
             return entry
         if its is not None and not mine.rounds:
             known = replace(mine, round=its.round, rounds=its.rounds)
-            if mine.round in (None, its.round) and replace(its, count=mine.count, until=mine.until) == known:
+            if (
+                mine.round in (None, its.round)
+                and replace(its, count=mine.count, until=mine.until) == known
+            ):
                 return replace(entry, sampling=known)
         size = size_of_round(mine.count, mine.round, f"the sampling of scenario `{entry.use}`")
         return replace(entry, sampling=replace(mine, round=size))
@@ -310,8 +361,10 @@ def _refuse_rounds_in_shards(settings: EvaluationSettings) -> None:
     for entry in settings.scenario:
         if entry.sampling.method == "adaptive":
             raise InputError(
-                f"Scenario `{entry.use}` is sampled in rounds (`adaptive`), each chosen by what all cases of those "
-                "before came to: it cannot be recorded in shards. More machines share its cases with `--engine dask`."
+                f"Scenario `{entry.use}` is sampled in rounds (`adaptive`), each chosen by what "
+                "all cases of those "
+                "before came to: it cannot be recorded in shards. More machines share its cases "
+                "with `--engine dask`."
             )
 
 
@@ -322,13 +375,21 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
     for folder in shards:
         other, its = run_folder.read_settings(folder), run_folder.read_manifest(folder)
         if replace(other, run=RunSettings()) != replace(settings, run=RunSettings()):
-            raise InputError(f"{folder} is of another evaluation than {shards[0]}; only shards of one can be merged.")
+            raise InputError(
+                f"{folder} is of another evaluation than {shards[0]}; only shards of one can be "
+                "merged."
+            )
         for name in ("sumo_eval", "libsumo"):
             if its["versions"][name] != manifest["versions"][name]:
-                raise InputError(f"{folder} was made with another version of {name} than {shards[0]}.")
+                raise InputError(
+                    f"{folder} was made with another version of {name} than {shards[0]}."
+                )
         with open_store(folder / run_folder.FACTS) as store:
             if not store.sealed:
-                raise InputError(f"Shard {folder} is not complete; go on with: sumo-eval run --out {folder} --resume.")
+                raise InputError(
+                    f"Shard {folder} is not complete; go on with: sumo-eval run --out {folder} "
+                    "--resume."
+                )
             shard = parse_shard(store.noted(run_folder.SHARD))
         if shard in found:
             raise InputError(f"{folder} and {found[shard]} are both shard {shard[0]}/{shard[1]}.")
@@ -336,7 +397,9 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
     count = max(n for _, n in found)
     missing = [f"{i}/{count}" for i in range(1, count + 1) if (i, count) not in found]
     if missing or len(found) != count:
-        raise InputError(f"To merge, every shard of {count} must be there; missing: {', '.join(missing)}.")
+        raise InputError(
+            f"To merge, every shard of {count} must be there; missing: {', '.join(missing)}."
+        )
     source = Path(manifest["source_folder"])
     with run_folder.only_writer(out, resume=False):
         spaces = _spaces(settings, source, WHOLE)
@@ -361,7 +424,9 @@ def parse_shard(text: str) -> tuple[int, int]:
 def verify(
     folder: Path, share: float, *, workers: int | None = None, progress: Progress = quiet
 ) -> tuple[int, list[str]]:
-    """Simulate a share of a run's drives again: how many, and a sentence for each that is not the same to the bit."""
+    """Simulate a share of a run's drives again: how many, and a sentence for each that is not the
+    same to the bit.
+    """
     settings, source = resolve(None, folder, resume=True, workers=workers, engine="processes")
     run_folder.read_settings(folder)
     plan = planner(settings, source)
@@ -371,7 +436,8 @@ def verify(
         chosen = _chosen(store, plan, _spaces(settings, source, shard), share, settings.seed)
         changed = [case.key for case in chosen if not store.holds(case)]
         differences = [
-            f"{key} depends on something that has changed since: the ADS, the simulator or this package."
+            f"{key} depends on something that has changed since: the ADS, the simulator or this "
+            "package."
             for key in changed
         ]
         same = [case for case in chosen if case.key not in set(changed)]
@@ -383,7 +449,9 @@ def verify(
 
 
 def drive_again(cases: Sequence[Case], setup: Setup, store: Store) -> Iterator[tuple[Case, str]]:
-    """Each case, simulated once more, and where that differs from what is recorded: empty where it is the same."""
+    """Each case, simulated once more, and where that differs from what is recorded: empty where it
+    is the same.
+    """
     with open_store(Path(":memory:"), create=True) as again:
         for outcome in run_cases(cases, setup):
             key, whole = outcome.case.key, not store.is_let_go(outcome.case.key)
@@ -393,8 +461,11 @@ def drive_again(cases: Sequence[Case], setup: Setup, store: Store) -> Iterator[t
             again.remove([key])
 
 
-def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]) -> Estimate:
-    """How many drives an evaluation takes, and how long: timed on points from all over each scenario.
+def estimate(
+    evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]
+) -> Estimate:
+    """How many drives an evaluation takes, and how long: timed on points from all over each
+    scenario.
 
     Of points chosen in rounds all that there may be count, as if one round had them.
     """
@@ -408,7 +479,8 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     refuse_engine(evaluation.run)
     _check_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation))
-    every = -(-len(evaluation.ads) // _KINDS) if folder is None else 1  # what is recorded is told by all of them
+    # what is recorded is told by all of them
+    every = -(-len(evaluation.ads) // _KINDS) if folder is None else 1
     some = replace(evaluation, ads=evaluation.ads[::every])
     plan = planner(some, source)
     spaces = _spaces(evaluation, source, shard, looked_at=_LOOKED_AT)
@@ -418,7 +490,12 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     if folder is not None and (folder / run_folder.FACTS).is_file():
         with open_store(folder / run_folder.FACTS) as store:
             find_stale(store, source)
-            recorded = sum(store.holds(case) for space in spaces for kind in stages(space, plan) for case in kind.cases)
+            recorded = sum(
+                store.holds(case)
+                for space in spaces
+                for kind in stages(space, plan)
+                for case in kind.cases
+            )
     drives, kinds = dict.fromkeys(_SORTS, 0), {sort: list[list[Case]]() for sort in _SORTS}
     for space in spaces:
         for kind in stages(space, replace(plan, settings=evaluation)):
@@ -442,7 +519,9 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
         timed=timed,
         workers=workers,
         loaded=(len(some.ads), len(evaluation.ads)),
-        untimed=tuple(_SORTS[sort] for sort, number in drives.items() if number and sort not in took),
+        untimed=tuple(
+            _SORTS[sort] for sort, number in drives.items() if number and sort not in took
+        ),
         broken_off=broken_off,
     )
 
@@ -463,19 +542,25 @@ def _some(space: Space) -> Space:
     )
 
 
-def _seconds_a_drive(kinds: Mapping[str, Sequence[Sequence[Case]]], setup: Setup) -> tuple[dict[str, float], int, bool]:
-    """Wall time of a drive of each sort that was reached, by how many drives, and whether one was broken off.
+def _seconds_a_drive(
+    kinds: Mapping[str, Sequence[Sequence[Case]]], setup: Setup
+) -> tuple[dict[str, float], int, bool]:
+    """Wall time of a drive of each sort that was reached, by how many drives, and whether one was
+    broken off.
 
     kinds: cases by sort, of which each gets its turn, for `_TIMED_FOR`.
     """
     until, timed, late = clock.perf_counter() + _TIMED_FOR, 0, False
     took: dict[str, list[float]] = {}
-    turns = zip_longest(*([(sort, cases) for cases in some if cases] for sort, some in kinds.items()))
+    turns = zip_longest(
+        *([(sort, cases) for cases in some if cases] for sort, some in kinds.items())
+    )
     for sort, cases in (kind for turn in turns for kind in turn if kind is not None):
         if timed and clock.perf_counter() >= until:
             break
         limit = replace(setup.run, case_timeout=min(setup.run.case_timeout, _LONGEST_DRIVE))
-        a_drive, in_time = _seconds_each(cases[:1], replace(setup, run=limit))  # with imports and compilation
+        # with imports and compilation
+        a_drive, in_time = _seconds_each(cases[:1], replace(setup, run=limit))
         number = _TIMED
         if home(cases[0], setup) != OURS:  # nothing ends a pack that has begun
             number = int(min(_A_KIND_FOR, until - clock.perf_counter()) / a_drive)
@@ -495,7 +580,9 @@ def _seconds_each(cases: Sequence[Case], setup: Setup) -> tuple[float, bool]:
     return (clock.perf_counter() - began) / len(cases), in_time
 
 
-def _chosen(store: Store, plan: Planner, spaces: Sequence[Space], share: float, seed: int) -> list[Case]:
+def _chosen(
+    store: Store, plan: Planner, spaces: Sequence[Space], share: float, seed: int
+) -> list[Case]:
     """A share of the recorded drives, at least one of each kind, drawn by the run's own seed."""
     stream = random_stream(seed, "verify")
     chosen: list[Case] = []
@@ -514,7 +601,9 @@ def _spaces(
     progress: Progress = quiet,
     looked_at: int | None = None,
 ) -> list[Space]:
-    """The points of every scenario, with their zones; a shard has every n-th point, with all its drives."""
+    """The points of every scenario, with their zones; a shard has every n-th point, with all its
+    drives.
+    """
     spaces: list[Space] = []
     for offset, entry in enumerate(settings.scenario):
         spaces.append(space_of(entry, settings, source, shard, offset, looked_at))
@@ -534,47 +623,66 @@ def space_of(
 ) -> Space:
     """The points of one scenario of an evaluation, with their zones.
 
-    looked_at: an estimate looks at about so many of the points only, and each stands for those that follow it.
+    looked_at: an estimate looks at about so many of the points only, and each stands for those that
+        follow it.
 
-    Raises InputError for whatever makes the scenario impossible to run, at any of its points; `check` and `run` ask it
-    alike. offset: the scenario's place in the evaluation, so that shards share the points of all evenly.
+    Raises InputError for whatever makes the scenario impossible to run, at any of its points;
+    `check` and `run` ask it alike.
+
+    offset: the scenario's place in the evaluation, so that shards share the points of all evenly.
     """
     logical = catalogue.find(entry.use, source)
     exposure = exposure_of(logical, entry.exposure, settings.drivers, source)
     points = choose_points(logical, entry, source, settings, exposure.density)
     every = 1 if looked_at is None else -(-len(points.points) // looked_at)
     check_points(logical, points.points[::every])
-    for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report
+    # misspelt ones must not be found out at the report
+    for name in settings.report.axes.get(logical.name, ()):
         logical.column(name)
     hazardous = exactly_hazardous(logical, points.points[::every], settings.method.zones)
     hazardous = np.repeat(hazardous, every)[: len(points.points)]
     index, count = shard
     numbers: Sequence[int] = range((index - 1 - offset) % count, len(points.points), count)
     numbers = points_only(numbers, settings.run.only, logical.name, len(points.points))
-    return Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points))
+    return Space(
+        logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points)
+    )
 
 
 def refuse_doubles(spaces: Sequence[Space]) -> None:
-    """Cases are named by their scenario's name: two files that give the same name cannot be told apart."""
+    """Cases are named by their scenario's name: two files that give the same name cannot be told
+    apart.
+    """
     names = [space.logical.name for space in spaces]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"Logical scenarios of one evaluation must differ in their names, got `{name}` twice.")
+            raise InputError(
+                f"Logical scenarios of one evaluation must differ in their names, got `{name}` "
+                "twice."
+            )
 
 
 def _middle(space: Space) -> ConcreteScenario:
-    """The concrete scenario in the middle of the sample, the example that the run folder keeps for sumo-gui."""
+    """The concrete scenario in the middle of the sample, the example that the run folder keeps for
+    sumo-gui.
+    """
     return space.concrete(len(space.points) // 2)
 
 
 def _check_shard(store: Store, shard: tuple[int, int], folder: Path) -> None:
     before = store.noted(run_folder.SHARD)
     if before and parse_shard(before) != shard:
-        raise InputError(f"Run {folder} is shard {before}; it cannot go on as shard {shard[0]}/{shard[1]}.")
+        raise InputError(
+            f"Run {folder} is shard {before}; it cannot go on as shard {shard[0]}/{shard[1]}."
+        )
 
 
 def _counted(store: Store, folder: Path) -> Recorded:
     counts = store.counts()
     drives = sum(number for *_, number, _ in counts)
-    failed = sum(number for _, role, _, status, number, _ in counts if role == "ads" and status not in EVALUATED)
+    failed = sum(
+        number
+        for _, role, _, status, number, _ in counts
+        if role == "ads" and status not in EVALUATED
+    )
     return Recorded(folder, drives, failed)

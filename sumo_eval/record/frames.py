@@ -1,7 +1,10 @@
-"""Frames: how a process that runs users' code hands a result up. Numbered, checked, and nothing that executes.
+"""Frames: how a process that runs users' code hands a result up.
 
-A frame is a header and plain values as `marshal` writes them. The header has the item's number, so that another item's
-result is not taken for it, and a checksum: only what was written whole is read. Reading is incremental.
+Numbered, checked, and nothing that executes.
+
+A frame is a header and plain values as `marshal` writes them. The header has the item's number, so
+that another item's result is not taken for it, and a checksum: only what was written whole is read.
+Reading is incremental.
 """
 
 from __future__ import annotations
@@ -16,7 +19,10 @@ _HEADER = struct.Struct("<4sQQI")  # magic, item number, length of the values, t
 
 
 class FrameError(Exception):
-    """What came is not the frame that was due. Its text goes on from "the process that ran the case ..."."""
+    """What came is not the frame that was due.
+
+    Its text goes on from "the process that ran the case ...".
+    """
 
 
 def frame(values: Any, number: int) -> bytes:
@@ -38,7 +44,10 @@ class FrameReader:
         return bool(self._came)
 
     def feed(self, data: bytes) -> Any:
-        """The values when the frame is complete, else None. Raises FrameError as soon as it cannot become one."""
+        """The values when the frame is complete, else None.
+
+        Raises FrameError as soon as it cannot become one.
+        """
         self._came += data
         if len(self._came) < _HEADER.size:
             return None

@@ -1,7 +1,8 @@
-"""ADSs that are given as they are, a class, a function or an object of a notebook cell, in place of a locator.
+"""ADSs that are given as they are, a class, a function or an object of a notebook cell, in place of
+a locator.
 
-What lies in a file of its own is named by it. What does not is written by value into the run folder, from where the
-children read it: downwards only, and by nobody but the user's own process.
+What lies in a file of its own is named by it. What does not is written by value into the run
+folder, from where the children read it: downwards only, and by nobody but the user's own process.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ from sumo_eval.settings import AdsSettings
 
 
 def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
-    """The `[[ads]]` entry of something that is given. run: the run folder that is to be."""
+    """The `[[ads]]` entry of something that is given.
+
+    run: the run folder that is to be.
+    """
     if isinstance(ads, AdsSettings):
         return ads
     own: Any = ads if inspect.isclass(ads) or inspect.isfunction(ads) else type(ads)
@@ -33,7 +37,8 @@ def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
         data: bytes = cloudpickle.dumps(ads)
     except Exception as error:
         raise InputError(
-            f"ADS `{name}` cannot be sent to the processes that drive: {said(error)}. Make what it holds in its "
+            f"ADS `{name}` cannot be sent to the processes that drive: {said(error)}. Make what "
+            "it holds in its "
             "constructor or in `reset`, or give its locator, `my_ads.py:Name`."
         ) from error
     refuse_foreign(run, resume)
@@ -45,7 +50,9 @@ def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
 
 
 def _place(ads: Any) -> str:
-    """`/path/my_ads.py:Name` of a class or a function at the top of a file that others can read; else ""."""
+    """`/path/my_ads.py:Name` of a class or a function at the top of a file that others can read;
+    else "".
+    """
     if not (inspect.isclass(ads) or inspect.isfunction(ads)) or ads.__module__ == "__main__":
         return ""
     home, name = ads.__module__, ads.__qualname__

@@ -1,11 +1,12 @@
-"""What the drivers of each concrete scenario tell: D_i of the ADSs, the drivers' own band, D_i with a driver left out.
+"""What the drivers of each concrete scenario tell: D_i of the ADSs, the drivers' own band, D_i with
+a driver left out.
 
-All three need the fields of the same drives, so a point is one piece of work. Points are read from the store and spread
-over processes.
+All three need the fields of the same drives, so a point is one piece of work. Points are read from
+the store and spread over processes.
 
-All three depend on the recorded drives and the settings alone, so a run's folder keeps what has been computed
-(`record.kept_results`): scoring, explaining or comparing a run again reads it there, and scoring that was stopped goes
-on where it was.
+All three depend on the recorded drives and the settings alone, so a run's folder keeps what has
+been computed (`record.kept_results`): scoring, explaining or comparing a run again reads it there,
+and scoring that was stopped goes on where it was.
 """
 
 from __future__ import annotations
@@ -46,9 +47,13 @@ _WORTH_PROCESSES = 160  # fewer drives of drivers than this are done sooner than
 
 @dataclass(frozen=True, slots=True)
 class PointJob:
-    """What is wanted at one point. drivers: their cases. ads: the cases that get a D_i. left_out: the ADSs' cases that
-    get one with each driver left out, and with each of the `exchanges`: places among the drivers of who is left out and
-    of who counts twice instead. band: whether the drivers are scored against each other.
+    """What is wanted at one point.
+
+    drivers: their cases.
+    ads: the cases that get a D_i.
+    left_out: the ADSs' cases that get one with each driver left out, and with each of the
+        `exchanges`: places among the drivers of who is left out and of who counts twice instead.
+    band: whether the drivers are scored against each other.
     """
 
     drivers: tuple[str, ...]
@@ -61,7 +66,9 @@ class PointJob:
 
 @dataclass(frozen=True, slots=True)
 class CaseIndex:
-    """D_i of a case and what it is the product of, as `method.anthropomorphic.AnthropomorphicIndex` has them."""
+    """D_i of a case and what it is the product of, as `method.anthropomorphic.AnthropomorphicIndex`
+    has them.
+    """
 
     value: float
     length_factor: float
@@ -77,18 +84,23 @@ class CaseIndex:
     def of(cls, index: AnthropomorphicIndex) -> CaseIndex:
         """Without its slices."""
         return cls(
-            float(index.value), float(index.length_factor), float(index.operation_factor), float(index.similarity),
-            index.notes, tuple(int(part) for part in index.manoeuvre), float(index.share), index.likeness,
+            float(index.value), float(index.length_factor), float(index.operation_factor),
+            float(index.similarity),
+            index.notes, tuple(int(part) for part in index.manoeuvre), float(index.share),
+            index.likeness,
             index.ingredients,
         )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """D_i of a case on coarse slices against all drivers, and without each of them in their order; `without` is empty
-    where only two drivers are there. exchanged: with one driver in the place of another, mean over the exchanges; that
-    of everyone where there are none. likeness, likeness_without, likeness_exchanged: likewise f_L * f_n+ * similarity
-    of its human-likeness, which leaves out its plausibility.
+    """D_i of a case on coarse slices against all drivers, and without each of them in their order;
+    `without` is empty where only two drivers are there.
+
+    exchanged: with one driver in the place of another, mean over the exchanges; that of everyone
+        where there are none.
+    likeness, likeness_without, likeness_exchanged: likewise f_L * f_n+ * similarity of its
+        human-likeness, which leaves out its plausibility.
     """
 
     everyone: float
@@ -102,7 +114,10 @@ class LeftOut:
     def of(cls, indexes: Sequence[AnthropomorphicIndex], exchanges: int) -> LeftOut:
         """From the indexes of `left_out_pairings`, of which the last are so many exchanges."""
         first = len(indexes) - exchanges
-        values, likenesses = [index.value for index in indexes], [_likeness(index) for index in indexes]
+        values, likenesses = (
+            [index.value for index in indexes],
+            [_likeness(index) for index in indexes],
+        )
         return cls(
             values[0], tuple(values[1:first]), fmean(values[first:] or values[:1]),
             likenesses[0], tuple(likenesses[1:first]), fmean(likenesses[first:] or likenesses[:1]),
@@ -118,12 +133,15 @@ class PointResult:
     band: HumanBand | None
 
 
-_RECORDS = {one.__name__: one for one in (CaseIndex, IndexNote, Ingredients, Likeness, LeftOut, HumanBand)}
+_RECORDS = {
+    one.__name__: one for one in (CaseIndex, IndexNote, Ingredients, Likeness, LeftOut, HumanBand)
+}
 
 
 @contextmanager
 def point_processes(store: Store, workers: int) -> Iterator[Spread]:
-    """Where `compute_points` may spread the points of a run: as many processes, if it has enough of them.
+    """Where `compute_points` may spread the points of a run: as many processes, if it has enough of
+    them.
 
     They begin with the first piece of work: where all is kept, none does.
     """
@@ -148,18 +166,24 @@ def compute_points(
     progress: Callable[[int], None],
     kept: KeptResults,
 ) -> list[PointResult]:
-    """The results of every job, in order. spread: `map` or that of `point_processes`. `progress` is told how many are
-    done. kept: where results are looked up, and put.
+    """The results of every job, in order.
+
+    spread: `map` or that of `point_processes`. `progress` is told how many are done.
+    kept: where results are looked up, and put.
     """
     keys = _keys(facts, jobs, settings)
     found = [_kept(known, kept) for known in keys]
     todo = [place for place, known in enumerate(keys) if len(found[place]) < len(known)]
     missing = [_missing(jobs[place], found[place]) for place in todo]
-    parts = [(facts, missing[first : first + _CHUNK], settings) for first in range(0, len(todo), _CHUNK)]
+    parts = [
+        (facts, missing[first : first + _CHUNK], settings) for first in range(0, len(todo), _CHUNK)
+    ]
     done, new = 0, list[KeptPart]()
     for part in spread(_compute_part, parts) if parts else ():
         for place, result in zip(todo[done : done + len(part)], part, strict=True):
-            new += [(name[0], keys[place][name], 0, encoded(record)) for name, record in result.items()]
+            new += [
+                (name[0], keys[place][name], 0, encoded(record)) for name, record in result.items()
+            ]
             found[place] |= result
         done += len(part)
         if len(new) >= _KEPT_AT_ONCE or done == len(todo):
@@ -168,24 +192,32 @@ def compute_points(
         progress(len(jobs) - len(todo) + done)
     if jobs and not todo:
         progress(len(jobs))
-    return [PointResult(_of(point, "index"), _of(point, "left_out"), _of(point, "band").get("")) for point in found]
+    return [
+        PointResult(_of(point, "index"), _of(point, "left_out"), _of(point, "band").get(""))
+        for point in found
+    ]
 
 
-# --- what is kept -----------------------------------------------------------------------------------------------------
+# --- what is kept ---------------------------------------------------------------------------------
 
 
 _Name = tuple[Kind, str]
-"""What was found: D_i (`index`) or D_i without drivers (`left_out`) of a case, or the `band` of a point, of no case."""
+"""What was found: D_i (`index`) or D_i without drivers (`left_out`) of a case, or the `band` of a
+point, of no case."""
 
 
-def _keys(facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings) -> list[dict[_Name, bytes]]:
+def _keys(
+    facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings
+) -> list[dict[_Name, bytes]]:
     with open_store(facts) as store:
         hash_of = cache(store.case_hash)
         found = []
         for job in jobs:
             drivers = [hash_of(case) for case in job.drivers]
             common = key_of(job.road, settings, drivers, method_sources())
-            keys: dict[_Name, bytes] = {("index", case): key_of(common, hash_of(case), "index") for case in job.ads}
+            keys: dict[_Name, bytes] = {
+                ("index", case): key_of(common, hash_of(case), "index") for case in job.ads
+            }
             for case in job.left_out:
                 keys["left_out", case] = key_of(common, hash_of(case), "left out", job.exchanges)
             if job.band:
@@ -217,10 +249,12 @@ def _of(point: Mapping[_Name, Any], kind: Kind) -> dict[str, Any]:
     return {case: record for (what, case), record in point.items() if what == kind}
 
 
-# --- computing --------------------------------------------------------------------------------------------------------
+# --- computing ------------------------------------------------------------------------------------
 
 
-def _compute_part(part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings]) -> list[dict[_Name, Any]]:
+def _compute_part(
+    part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings],
+) -> list[dict[_Name, Any]]:
     facts, jobs, settings = part
     with open_store(facts, checked=True) as store:
         return [_compute(job, store, settings) for job in jobs]
@@ -230,13 +264,21 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
     cases = list(dict.fromkeys((*job.drivers, *job.ads, *job.left_out)))
     place = {case: number for number, case in enumerate(cases)}
     drivers = [place[case] for case in job.drivers]
-    judged = [[Pairing(place[case], tuple(drivers), settings.slice_spacing, likeness=True)] for case in job.ads]
+    judged = [
+        [Pairing(place[case], tuple(drivers), settings.slice_spacing, likeness=True)]
+        for case in job.ads
+    ]
     among = band_pairings(drivers, settings) if job.band else []
     exchanges = job.exchanges if len(drivers) > 2 else ()
-    without = {case: left_out_pairings(place[case], drivers, exchanges, settings) for case in job.left_out}
+    without = {
+        case: left_out_pairings(place[case], drivers, exchanges, settings) for case in job.left_out
+    }
     trajectories = [store.trajectory(case) for case in cases]
-    # Each ADS apart, so that what is found of it is the same to the last bit whoever else is judged.
-    found = iter(indexes_by_group(trajectories, [*judged, among, *without.values()], job.road, settings))
+    # Each ADS apart, so that what is found of it is the same to the last bit whoever else is
+    # judged.
+    found = iter(
+        indexes_by_group(trajectories, [*judged, among, *without.values()], job.road, settings)
+    )
     results: dict[_Name, Any] = {
         ("index", case): CaseIndex.of(index) for case, (index,) in zip(job.ads, found, strict=False)
     }

@@ -1,8 +1,10 @@
-"""Process hygiene: a supervisor for every child that runs users' code, and a folder for what children leave on disk.
+"""Process hygiene: a supervisor for every child that runs users' code, and a folder for what
+children leave on disk.
 
-The supervisor is a process of ours that stands between the owner and the child, runs no users' code, and is the
-subreaper of everything that the child starts: what an ADS leaves behind, in a session of its own too, becomes its child
-and is ended by it. It looks at the memory of them all from outside, and ends them when their owner goes.
+The supervisor is a process of ours that stands between the owner and the child, runs no users'
+code, and is the subreaper of everything that the child starts: what an ADS leaves behind, in a
+session of its own too, becomes its child and is ended by it. It looks at the memory of them all
+from outside, and ends them when their owner goes.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ _PAGE = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
 
 
 class Report(NamedTuple):
-    """How a child ended: its exit code (the negative number of a signal), and the MB it was ended for holding, or 0."""
+    """How a child ended: its exit code (the negative number of a signal), and the MB it was ended
+    for holding, or 0.
+    """
 
     exitcode: int
     held: float
@@ -51,8 +55,9 @@ class Report(NamedTuple):
 def supervise(work: Callable[[], object], leash: int, report: int, memory_limit: float) -> None:
     """Fork a child that does `work`, wait for its end, end all that is left of it, report.
 
-    leash: a reading end; its end of file says that the owner has gone or wants no more. report: where the `Report`
-    goes. memory_limit: of the child and all that it has started, MB.
+    leash: a reading end; its end of file says that the owner has gone or wants no more.
+    report: where the `Report` goes.
+    memory_limit: of the child and all that it has started, MB.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C at the terminal is the owner's business
     os.setsid()
@@ -76,7 +81,9 @@ def supervise(work: Callable[[], object], leash: int, report: int, memory_limit:
 
 
 def _work_and_leave(work: Callable[[], object]) -> NoReturn:
-    """Nothing of the process that this one was forked from happens after its work, whatever that raises."""
+    """Nothing of the process that this one was forked from happens after its work, whatever that
+    raises.
+    """
     code = 1
     try:
         work()
@@ -94,7 +101,9 @@ def read_report(descriptor: int) -> Report | None:
 
 
 def _watch(child: int, leash: int, memory_limit: float) -> Report:
-    """Wait until the child has ended, the leash is let go, or they hold more memory than they may."""
+    """Wait until the child has ended, the leash is let go, or they hold more memory than they
+    may.
+    """
     poll = select.poll()
     poll.register(leash, select.POLLIN)
     if hasattr(os, "pidfd_open"):
@@ -114,7 +123,9 @@ def _watch(child: int, leash: int, memory_limit: float) -> Report:
 
 
 def _end_family() -> None:
-    """Kill everything below this process until nothing is left; what loses its parent comes to this process."""
+    """Kill everything below this process until nothing is left; what loses its parent comes to this
+    process.
+    """
     until = clock.monotonic() + _LEAVE_TIME
     while clock.monotonic() < until:
         for pid in family():
@@ -140,7 +151,9 @@ def family(pid: int | None = None) -> list[int]:
 
 
 def processor_time(pid: int) -> float:
-    """What all processes below one have used of the processors so far, s; 0 where the system does not tell."""
+    """What all processes below one have used of the processors so far, s; 0 where the system does
+    not tell.
+    """
     ticks = 0
     for one in family(pid):
         with suppress(OSError, IndexError):  # it has gone meanwhile
@@ -161,8 +174,8 @@ def _children(pid: int) -> list[int]:
 def _held(limit: float) -> float:
     """Memory that everything below this process holds, bytes, shared mappings included.
 
-    The sum of the resident sets counts what several share once for each: where that decides, every page is divided
-    among those who share it.
+    The sum of the resident sets counts what several share once for each: where that decides, every
+    page is divided among those who share it.
     """
     below = family()
     held = sum(map(_resident, below))
@@ -194,7 +207,10 @@ def _prctl(option: int, value: int) -> None:
     if sys.platform == "linux":
         call = ctypes.CDLL(None, use_errno=True).prctl
         if call(option, ctypes.c_ulong(value), 0, 0, 0):
-            raise OSError(ctypes.get_errno(), f"prctl {option}: {errno.errorcode.get(ctypes.get_errno(), '?')}")
+            raise OSError(
+                ctypes.get_errno(),
+                f"prctl {option}: {errno.errorcode.get(ctypes.get_errno(), '?')}",
+            )
 
 
 def keep_open(*kept: int) -> None:
@@ -207,25 +223,33 @@ def keep_open(*kept: int) -> None:
     os.closerange(last + 1, max(os.sysconf("SC_OPEN_MAX"), last + 1))
 
 
-# --- what children leave on disk --------------------------------------------------------------------------------------
+# --- what children leave on disk ------------------------------------------------------------------
 
 
 def scratch_folder() -> Path:
-    """A new folder for the files of one pool's children; folders whose owner has gone are removed first.
+    """A new folder for the files of one pool's children; folders whose owner has gone are removed
+    first.
 
-    The owner stands in the name: process id, start time, and the namespace in which the id means something.
+    The owner stands in the name: process id, start time, and the namespace in which the id means
+    something.
     """
     place = Path(tempfile.gettempdir())
     mine = _owner(os.getpid())
     for folder in place.glob(f"{SCRATCH_PREFIX}*"):
         owner = folder.name.removeprefix(SCRATCH_PREFIX).partition("_")[0]
-        if _is_gone(owner, mine) and not folder.is_symlink() and folder.lstat().st_uid == os.getuid():
+        if (
+            _is_gone(owner, mine)
+            and not folder.is_symlink()
+            and folder.lstat().st_uid == os.getuid()
+        ):
             shutil.rmtree(folder, ignore_errors=True)
     return Path(tempfile.mkdtemp(prefix=f"{SCRATCH_PREFIX}{mine}_", dir=place))
 
 
 def _owner(pid: int) -> str:
-    """`4711-88123-4026531836`; without /proc nothing but the process id, and then nothing is removed."""
+    """`4711-88123-4026531836`; without /proc nothing but the process id, and then nothing is
+    removed.
+    """
     try:
         begun = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
         return f"{pid}-{begun}-{os.stat('/proc/self/ns/pid').st_ino}"
@@ -236,6 +260,10 @@ def _owner(pid: int) -> str:
 def _is_gone(owner: str, mine: str) -> bool:
     """Whether an owner, as `_owner` writes it, has gone for certain."""
     pid, _, rest = owner.partition("-")
-    if not pid.isdecimal() or rest.count("-") != 1 or rest.rpartition("-")[2] != mine.rpartition("-")[2]:
+    if (
+        not pid.isdecimal()
+        or rest.count("-") != 1
+        or rest.rpartition("-")[2] != mine.rpartition("-")[2]
+    ):
         return False
     return _owner(int(pid)) != owner

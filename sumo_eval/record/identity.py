@@ -1,4 +1,6 @@
-"""What a case's facts depend on, as short texts that are equal exactly when the facts may be taken over."""
+"""What a case's facts depend on, as short texts that are equal exactly when the facts may be taken
+over.
+"""
 
 from __future__ import annotations
 
@@ -22,48 +24,71 @@ from sumo_eval.settings import AdsSettings, DriverSettings, SimulationSettings
 from sumo_eval.settings.locators import load_object
 
 _PACKAGE = Path(__file__).parent.parent
-_NOT_PYTHON = ("exec", "traci", "fmu", "onnx", "sumo", "given")  # locators of commands and files, not of Python objects
+# locators of commands and files, not of Python objects
+_NOT_PYTHON = ("exec", "traci", "fmu", "onnx", "sumo", "given")
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
 
 
 @cache
 def harness_identity() -> str:
-    """Versions of the simulator and of this package, and hashes of those files of it that change what a drive comes to.
+    """Versions of the simulator and of this package, and hashes of those files of it that change
+    what a drive comes to.
 
-    Asked for once: a process that lives long, such as a Dask worker, goes on with the code that it has loaded.
+    Asked for once: a process that lives long, such as a Dask worker, goes on with the code that it
+    has loaded.
     """
     return _text(
-        {"sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"), "sources": sources_of_facts(_PACKAGE)}
+        {
+            "sumo_eval": version("sumo_eval"),
+            "libsumo": version("libsumo"),
+            "sources": sources_of_facts(_PACKAGE),
+        }
     )
 
 
 def sources_of_facts(package: Path) -> dict[str, str]:
-    """Hashes of the files of this package that facts depend on, by path in it: code and the shipped scenarios."""
+    """Hashes of the files of this package that facts depend on, by path in it: code and the shipped
+    scenarios.
+    """
     rooms = [package / room for room in _ROOMS_THAT_MAKE_FACTS]
-    files = sorted(file for room in rooms for ending in ("*.py", "*.toml") for file in room.rglob(ending))
-    files += [package / "kernels.py", *(package / "record" / name for name in ("claims.py", "worker.py"))]
+    files = sorted(
+        file for room in rooms for ending in ("*.py", "*.toml") for file in room.rglob(ending)
+    )
+    files += [
+        package / "kernels.py",
+        *(package / "record" / name for name in ("claims.py", "worker.py")),
+    ]
     return {str(file.relative_to(package)): hash_of(file, "file") for file in files}
 
 
 def locator_identity(named: tuple[str, str], folder: Path) -> str:
-    """Locator, version and hashes of the source files of what a user named. Raises InputError when it is not there.
+    """Locator, version and hashes of the source files of what a user named.
+
+    Raises InputError when it is not there.
 
     named: what it is (`ADS`, or else e.g. `Human reference`), and its locator.
 
-    Runs in a fresh child process, because finding an ADS means running its file. Source files are the modules that
-    loading it brings in and that lie beside it or in its package; of a command, the files that its words name.
+    Runs in a fresh child process, because finding an ADS means running its file. Source files are
+    the modules that
+    loading it brings in and that lie beside it or in its package; of a command, the files that its
+    words name.
     """
     before = set(sys.modules)
     kind, locator = named
-    found = find_controller(locator, folder) if kind == "ADS" else load_object(locator, folder, kind)
+    found = (
+        find_controller(locator, folder) if kind == "ADS" else load_object(locator, folder, kind)
+    )
     in_words = locator.partition(":")[0] in _NOT_PYTHON
     module = None if in_words else sys.modules.get(getattr(found, "__module__", ""), None)
     files = _own_files(module, before) if module is not None else named_files(locator, folder)
-    files |= {Path(file) for file in getattr(getattr(found, "target", None), "files", ())}  # such as a model's table
+    # such as a model's table
+    files |= {Path(file) for file in getattr(getattr(found, "target", None), "files", ())}
     base = module.__name__.partition(".")[0] if module is not None else ""
     sources = {_place(file, folder): hash_of(file, "file") for file in sorted(files)}
     over_arrays = {"batch": True} if kind == "ADS" and takes_arrays(found) else {}
-    return _text({"locator": locator, "version": _version(base, module), "sources": sources, **over_arrays})
+    return _text(
+        {"locator": locator, "version": _version(base, module), "sources": sources, **over_arrays}
+    )
 
 
 def is_over_arrays(identity: str) -> bool:
@@ -72,7 +97,10 @@ def is_over_arrays(identity: str) -> bool:
 
 
 def files_identity(ads: AdsSettings, source: Path) -> str:
-    """Hashes of the files that an ADS says it depends on. Raises InputError for one that is not there."""
+    """Hashes of the files that an ADS says it depends on.
+
+    Raises InputError for one that is not there.
+    """
     for name in ads.files:
         if not (source / name).is_file():
             raise must_be("`files`", f"ADS `{ads.name}`", "files that are there", name)
@@ -85,12 +113,19 @@ def people_identity(settings: DriverSettings, source: Path) -> str:
     files = [source / name for name in settings.recordings]
     files += sorted(folder.rglob("*.csv")) if settings.cases else []
     return _text(
-        {"settings": repr(settings), "files": {str(file): hash_of(file, "file") for file in files if file.is_file()}}
+        {
+            "settings": repr(settings),
+            "files": {str(file): hash_of(file, "file") for file in files if file.is_file()},
+        }
     )
 
 
-def with_fingerprint(case: Case, simulation: SimulationSettings, identity: str, harness: str) -> Case:
-    """The case with the hash of everything that its facts depend on; limits of time and memory are not among it."""
+def with_fingerprint(
+    case: Case, simulation: SimulationSettings, identity: str, harness: str
+) -> Case:
+    """The case with the hash of everything that its facts depend on; limits of time and memory are
+    not among it.
+    """
     content = repr((replace(case, fingerprint=""), simulation, identity, harness))
     return replace(case, fingerprint=hashlib.sha256(content.encode()).hexdigest())
 
@@ -107,7 +142,9 @@ def _own_files(module: ModuleType, before: set[str]) -> set[Path]:
         file = None if name in before else _file(other)
         if file is None:
             continue
-        if name.partition(".")[0] == top or (file.is_relative_to(beside) and "site-packages" not in file.parts):
+        if name.partition(".")[0] == top or (
+            file.is_relative_to(beside) and "site-packages" not in file.parts
+        ):
             files.add(file)
     return files
 
@@ -119,7 +156,9 @@ def _file(module: Any) -> Path | None:
 
 
 def named_files(locator: str, folder: Path) -> set[Path]:
-    """Files that the words of a command name, and modules beside a Python program that it imports."""
+    """Files that the words of a command name, and modules beside a Python program that it
+    imports.
+    """
     try:
         words = shlex.split(locator.partition(":")[2].partition("?")[0])
     except ValueError:
@@ -130,7 +169,9 @@ def named_files(locator: str, folder: Path) -> set[Path]:
     while new:
         file = new.pop()
         files.add(file)
-        folders = [parent for parent in file.parents if any(parent.is_relative_to(home) for home in homes)]
+        folders = [
+            parent for parent in file.parents if any(parent.is_relative_to(home) for home in homes)
+        ]
         new |= {found for parent in folders for found in _imported(file, parent)} - files
     return files
 
@@ -159,7 +200,9 @@ def _version(package: str, module: ModuleType | None) -> str:
 
 
 def _place(file: Path, folder: Path) -> str:
-    """Relative to the evaluation where possible: the same run on another machine is the same run."""
+    """Relative to the evaluation where possible: the same run on another machine is the same
+    run.
+    """
     if file.is_relative_to(folder):
         return str(file.relative_to(folder))
     home = next((parent for parent in file.parents if str(parent) in sys.path), file.parent)

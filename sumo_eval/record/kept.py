@@ -1,4 +1,7 @@
-"""A recording as the store keeps it. Made where the case ran, so that the process that collects handles only bytes."""
+"""A recording as the store keeps it.
+
+Made where the case ran, so that the process that collects handles only bytes.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +13,29 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_eval.errors import InputError
-from sumo_eval.trajectory import CHANNELS, Clip, Collision, EndReason, Latency, Recording, Trajectory
+from sumo_eval.trajectory import (
+    CHANNELS,
+    Clip,
+    Collision,
+    EndReason,
+    Latency,
+    Recording,
+    Trajectory,
+)
 
 EGO = "ego"
 
-_DOUBLE = ("time", "x")  # the others lose nothing that matters in single precision: 1e-7 of a lane, a speed, an angle
+# the others lose nothing that matters in single precision: 1e-7 of a lane, a speed, an angle
+_DOUBLE = ("time", "x")
 _SINGLE = tuple(name for name in CHANNELS if name not in _DOUBLE)
 _SAMPLE_BYTES = 8 * len(_DOUBLE) + 4 * len(_SINGLE)
 _HEADER = struct.Struct("<Idd")
 
 
 class KeptRecording(NamedTuple):
-    """A `Recording` with the trajectories as `pack` makes them, by vehicle, the ego's under `ego`."""
+    """A `Recording` with the trajectories as `pack` makes them, by vehicle, the ego's under
+    `ego`.
+    """
 
     drives: Mapping[str, bytes]
     collision: Collision | None
@@ -51,14 +65,21 @@ def keep(recording: Recording) -> KeptRecording:
 
 
 def pack(trajectory: Trajectory) -> bytes:
-    """A trajectory as bytes: time and x in double, the rest in single precision, byte planes together, deflated."""
+    """A trajectory as bytes: time and x in double, the rest in single precision, byte planes
+    together, deflated.
+    """
     planes = [
-        np.ascontiguousarray(getattr(trajectory, name), dtype=kind).view(np.uint8).reshape(len(trajectory), -1).T
+        np.ascontiguousarray(getattr(trajectory, name), dtype=kind)
+        .view(np.uint8)
+        .reshape(len(trajectory), -1)
+        .T
         for names, kind in ((_DOUBLE, "<f8"), (_SINGLE, "<f4"))
         for name in names
     ]
     body = b"".join(plane.tobytes() for plane in planes)
-    return _HEADER.pack(len(trajectory), trajectory.length, trajectory.width) + zlib.compress(body, 6)
+    return _HEADER.pack(len(trajectory), trajectory.length, trajectory.width) + zlib.compress(
+        body, 6
+    )
 
 
 def unpack(data: bytes) -> Trajectory:
@@ -68,7 +89,9 @@ def unpack(data: bytes) -> Trajectory:
     inflating = zlib.decompressobj()
     body = np.frombuffer(inflating.decompress(data[_HEADER.size :], size + 1), dtype=np.uint8)
     if body.size != size or not inflating.eof or inflating.unused_data:
-        raise InputError(f"A recorded trajectory of {n} samples must be {size} bytes deflated, and is not.")
+        raise InputError(
+            f"A recorded trajectory of {n} samples must be {size} bytes deflated, and is not."
+        )
     block = np.empty((len(CHANNELS), n))
     row = offset = 0
     for names, kind, width_of_one in ((_DOUBLE, "<f8", 8), (_SINGLE, "<f4", 4)):

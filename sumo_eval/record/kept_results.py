@@ -1,8 +1,10 @@
-"""What was computed of a run, kept beside its facts: parts of bytes, each under a hash of all that it depends on.
+"""What was computed of a run, kept beside its facts: parts of bytes, each under a hash of all that
+it depends on.
 
-Scores are computed from recorded facts, so computing them again gives them again: whoever asks for a part with the hash
-of the facts, settings and sources that it depends on, and finds one, need not. The file may be deleted, which costs the
-time to compute it. Every part carries a hash of its own content: a damaged one is a sentence, never a number.
+Scores are computed from recorded facts, so computing them again gives them again: whoever asks for
+a part with the hash of the facts, settings and sources that it depends on, and finds one, need not.
+The file may be deleted, which costs the time to compute it. Every part carries a hash of its own
+content: a damaged one is a sentence, never a number.
 """
 
 from __future__ import annotations
@@ -18,7 +20,17 @@ from sumo_eval.errors import InputError
 
 KEPT = "kept.sqlite"
 Kind = Literal[
-    "evaluation", "rows", "zones", "weights", "index", "band", "left_out", "drive", "task", "checked", "report"
+    "evaluation",
+    "rows",
+    "zones",
+    "weights",
+    "index",
+    "band",
+    "left_out",
+    "drive",
+    "task",
+    "checked",
+    "report",
 ]
 Part = tuple[Kind, bytes, int, bytes]
 """What it is, what it depends on, its number among those of one key, and its content."""
@@ -28,7 +40,8 @@ _HASH_SIZE = 16
 _PATIENCE = 30.0  # s that another process may take to write
 _SCHEMA = f"""
 BEGIN; CREATE TABLE IF NOT EXISTS parts (
-    kind TEXT NOT NULL, key BLOB NOT NULL, place INTEGER NOT NULL, data BLOB NOT NULL, hash BLOB NOT NULL,
+    kind TEXT NOT NULL, key BLOB NOT NULL, place INTEGER NOT NULL,
+    data BLOB NOT NULL, hash BLOB NOT NULL,
     PRIMARY KEY (kind, key, place)
 ); PRAGMA user_version = {_VERSION}; COMMIT;
 """
@@ -41,7 +54,10 @@ def key_of(*parts: object) -> bytes:
 
 
 class KeptResults:
-    """The file of one run. Where it cannot be written, what is put there is kept until this object is gone."""
+    """The file of one run.
+
+    Where it cannot be written, what is put there is kept until this object is gone.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / KEPT
@@ -53,19 +69,25 @@ class KeptResults:
         self._finish()
 
     def get(self, kind: Kind, key: bytes, place: int = 0) -> bytes | None:
-        """The content of a part; None where it is not kept. Raises InputError for one that is not as it was written."""
+        """The content of a part; None where it is not kept.
+
+        Raises InputError for one that is not as it was written.
+        """
         return next(iter(self.some(kind, key, place, place + 1)), None)
 
     def some(self, kind: Kind, key: bytes, first: int, last: int) -> list[bytes]:
         """The contents of the parts with these places, in their order, `last` not among them."""
         query = (
-            "SELECT place, data, hash FROM parts WHERE kind = ? AND key = ? AND place >= ? AND place < ? ORDER BY place"
+            "SELECT place, data, hash FROM parts WHERE kind = ? AND key = ? AND place >= ? AND "
+            "place < ? ORDER BY place"
         )
         for connection in self._connections:
             found = []
             for place, data, known in self._read(connection, query, (kind, key, first, last)):
                 if not isinstance(data, bytes) or known != _hash(kind, key, place, data):
-                    raise InputError(f"{self.path} is not as it was written: a part of it was changed. {_MEND}")
+                    raise InputError(
+                        f"{self.path} is not as it was written: a part of it was changed. {_MEND}"
+                    )
                 found.append(data)
             if found:
                 return found
@@ -73,14 +95,18 @@ class KeptResults:
 
     def put(self, parts: Iterable[Part]) -> None:
         """Keep parts, all of them or none; a part of that key gives way."""
-        rows = [(kind, key, place, data, _hash(kind, key, place, data)) for kind, key, place, data in parts]
+        rows = [
+            (kind, key, place, data, _hash(kind, key, place, data))
+            for kind, key, place, data in parts
+        ]
         if not rows:
             return
         query = "INSERT OR REPLACE INTO parts VALUES (?,?,?,?,?)"
         try:
             with self._connections[0] as connection:
                 connection.executemany(query, rows)
-        except sqlite3.OperationalError:  # a folder that nobody may write, a full disk: it costs the saving, no score
+        # a folder that nobody may write, a full disk: it costs the saving, no score
+        except sqlite3.OperationalError:
             if len(self._connections) > 1:
                 raise
             self._connections.insert(0, _fresh(""))
@@ -91,7 +117,10 @@ class KeptResults:
 
     def sizes(self, kind: Kind) -> list[tuple[bytes, int]]:
         """The keys of a kind and the bytes under each, the one that was put last at the end."""
-        query = "SELECT key, sum(length(data)) FROM parts WHERE kind = ? GROUP BY key ORDER BY max(rowid)"
+        query = (
+            "SELECT key, sum(length(data)) FROM parts WHERE kind = ? GROUP BY key ORDER BY "
+            "max(rowid)"
+        )
         return list(self._read(self._connections[0], query, (kind,)))
 
     def forget(self, keys: Iterable[bytes]) -> None:
@@ -102,15 +131,21 @@ class KeptResults:
         except sqlite3.OperationalError:
             pass  # what cannot be written stays as large as it is
 
-    def _read(self, connection: sqlite3.Connection, query: str, values: tuple[object, ...]) -> Iterator[Any]:
+    def _read(
+        self, connection: sqlite3.Connection, query: str, values: tuple[object, ...]
+    ) -> Iterator[Any]:
         try:
             yield from connection.execute(query, values)
         except (sqlite3.Error, UnicodeDecodeError) as error:
-            raise InputError(f"{self.path} cannot be read, it was changed or damaged: {error}. {_MEND}") from error
+            raise InputError(
+                f"{self.path} cannot be read, it was changed or damaged: {error}. {_MEND}"
+            ) from error
 
 
 def _opened(path: Path) -> sqlite3.Connection:
-    """The file, made where there is none or where another version wrote it; in memory's place where it cannot be."""
+    """The file, made where there is none or where another version wrote it; in memory's place where
+    it cannot be.
+    """
     try:  # a finalizer closes it, in whichever thread collects garbage
         connection = sqlite3.connect(path, timeout=_PATIENCE, check_same_thread=False)
     except sqlite3.OperationalError:
@@ -126,11 +161,15 @@ def _opened(path: Path) -> sqlite3.Connection:
         return _fresh("")
     except (sqlite3.Error, UnicodeDecodeError) as error:
         connection.close()
-        raise InputError(f"{path} cannot be read, it was changed or damaged: {error}. {_MEND}") from error
+        raise InputError(
+            f"{path} cannot be read, it was changed or damaged: {error}. {_MEND}"
+        ) from error
 
 
 def _fresh(name: str) -> sqlite3.Connection:
-    """An empty one; without a name it lies in a file of SQLite's own, which is gone with the connection."""
+    """An empty one; without a name it lies in a file of SQLite's own, which is gone with the
+    connection.
+    """
     connection = sqlite3.connect(name, check_same_thread=False)
     connection.executescript(_SCHEMA)
     return connection

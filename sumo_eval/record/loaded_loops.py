@@ -1,6 +1,7 @@
-"""Importing this loads what child processes run, and the compiled loops that every run needs, where this machine has
-them: processes forked from one that has imported it have them at once. Who else drives is loaded by the process that
-needs it, in the twentieth of a second, and what is not compiled yet is compiled by it.
+"""Importing this loads what child processes run, and the compiled loops that every run needs, where
+this machine has them: processes forked from one that has imported it have them at once. Who else
+drives is loaded by the process that needs it, in the twentieth of a second, and what is not
+compiled yet is compiled by it.
 """
 
 import gc
@@ -9,14 +10,20 @@ import sys
 from types import TracebackType
 
 
-def _in_a_sentence(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """Leave a process that cannot be made to the owner, who says so in a sentence, or has gone while it was made."""
+def _in_a_sentence(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    """Leave a process that cannot be made to the owner, who says so in a sentence, or has gone
+    while it was made.
+    """
     if not issubclass(kind, OSError | EOFError):
         sys.__excepthook__(kind, error, trace)
 
 
 def _load() -> None:
-    """Without looks for garbage: all of it stays, and is left out when a child looks for its own."""
+    """Without looks for garbage: all of it stays, and is left out when a child looks for its
+    own.
+    """
     gc.disable()
     import sumo_eval.record.worker  # noqa: F401
     from sumo_eval.record.loops import OF_EVERY_RUN, compiled, load

@@ -1,4 +1,7 @@
-"""One writer at a time: a file that one process holds locked. The lock ends with the process, however that ends."""
+"""One writer at a time: a file that one process holds locked.
+
+The lock ends with the process, however that ends.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,11 @@
-"""The compiled loops of everything that ships: a run compiles those that it needs, each once on a machine.
+"""The compiled loops of everything that ships: a run compiles those that it needs, each once on a
+machine.
 
-A piece is what is compiled and marked as done together: the world's own loops, those of vehicles whose moves depend on
-what happens, and the loop of each rule, which goes by its locator.
+A piece is what is compiled and marked as done together: the world's own loops, those of vehicles
+whose moves depend on what happens, and the loop of each rule, which goes by its locator.
 
-python -m sumo_eval.record.loops        compiles all that is not compiled yet, in as many processes as there are cores
+python -m sumo_eval.record.loops        compiles all that is not compiled yet, in as many processes
+as there are cores
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,13 +39,16 @@ from sumo_eval.settings import SimulationSettings, ZoneSettings
 from sumo_eval.settings.evaluation import EvaluationSettings
 
 WORLD, PLAYED, PEOPLE = "~world", "~world that reacts", "~people"
-AHEAD, FIELDS = "~what comes before a drive", "~fields"  # a run compiles the first where it meets it
+# a run compiles the first where it meets it
+AHEAD, FIELDS = "~what comes before a drive", "~fields"
 OF_EVERY_RUN = (WORLD, PEOPLE, "ideal_braking", "no_reaction", "idm")
 _LONG = {
-    WORLD: 14, PLAYED: 12, AHEAD: 8, FIELDS: 6, "careful_driver": 5, PEOPLE: 4, "lane_changer": 4, "fsm": 3, "rss": 2,
+    WORLD: 14, PLAYED: 12, AHEAD: 8, FIELDS: 6, "careful_driver": 5, PEOPLE: 4, "lane_changer": 4,
+    "fsm": 3, "rss": 2,
     "reg157": 2,
 }  # fmt: skip
-"""About what compiling a piece takes, s of processor time: only who shares a process with whom hangs on it."""
+"""About what compiling a piece takes, s of processor time: only who shares a process with whom
+hangs on it."""
 _MOST = 4  # processes: each compiles what its pieces have in common with the others' once more
 
 _ROAD = Road("road", 100.0, 2, 3.5, 0.0)
@@ -50,7 +56,9 @@ _ROAD = Road("road", 100.0, 2, 3.5, 0.0)
 
 @functools.cache
 def _locators() -> dict[type[Compiled], list[str]]:
-    """The rules that ship, with the locators by which each goes; those of one loop stand together."""
+    """The rules that ship, with the locators by which each goes; those of one loop stand
+    together.
+    """
     found: dict[type[Compiled], list[str]] = {}
     for locator in SHIPPED:
         kind = type(_made(locator))
@@ -66,11 +74,20 @@ def _made(locator: str) -> Compiled:
 
 def everything() -> list[str]:
     """All pieces."""
-    return [WORLD, PLAYED, PEOPLE, AHEAD, FIELDS, *(locators[0] for locators in _locators().values())]
+    return [
+        WORLD,
+        PLAYED,
+        PEOPLE,
+        AHEAD,
+        FIELDS,
+        *(locators[0] for locators in _locators().values()),
+    ]
 
 
 def load(pieces: Iterable[str]) -> None:
-    """Have the loops of these pieces in this process: from disk, or compiled now, and then marked as done."""
+    """Have the loops of these pieces in this process: from disk, or compiled now, and then marked
+    as done.
+    """
     parts: dict[str, Callable[[], object]] = {
         WORLD: _load_world,
         PLAYED: lambda: World([_concrete(0.01)], SimulationSettings()).wake(0.05),
@@ -88,7 +105,10 @@ def load(pieces: Iterable[str]) -> None:
 
 
 def _concrete(heading: float) -> ConcreteScenario:
-    """A case that needs no simulator. heading: of the other vehicle, rad; a turned one is a played one."""
+    """A case that needs no simulator.
+
+    heading: of the other vehicle, rad; a turned one is a played one.
+    """
     lead = Actor("lead", Start(50.0, 0.0, 5.0), heading=heading)
     return ConcreteScenario("none", {}, 1.0, _ROAD, Start(10.0, 0.0, 10.0), (lead,))
 
@@ -114,7 +134,8 @@ def _load_rule(ads: Compiled) -> None:
     scenario = described(_ROAD, settings.vehicle, settings.step, settings)
     kind = type(ads)
     told = knows_the_scripts(ads)
-    own = kind.foreseeing([ads], [concrete], settings) if told else kind.arrays([ads], scenario, 1)  # type: ignore[attr-defined]
+    law: Any = kind
+    own = law.foreseeing([ads], [concrete], settings) if told else law.arrays([ads], scenario, 1)
     kind.loop(np.zeros(0, EGO), np.zeros((0, 1), MOVER), *own, scenario, 0.0)
 
 
@@ -135,7 +156,8 @@ def compiled() -> list[str]:
 def of_evaluation(settings: EvaluationSettings) -> set[str]:
     """What every evaluation needs: who drives, the world, and fields."""
     drivers = settings.drivers
-    fills = drivers.too_thin == "fill" and ":" not in drivers.source  # recorded people, where they are too few
+    # recorded people, where they are too few
+    fills = drivers.too_thin == "fill" and ":" not in drivers.source
     people = {PEOPLE} if drivers.source == "synthetic" or fills else set()
     driven = (settings.method.task.task_reference, *(ads.locator for ads in settings.ads))
     return {WORLD, FIELDS, "ideal_braking", "no_reaction"} | people | _rules(driven)
@@ -157,18 +179,22 @@ def of_cases(cases: Iterable[Case]) -> set[str]:
 
 
 def _rules(locators: Iterable[str]) -> set[str]:
-    """The pieces of those locators that name a rule that ships; what users bring may be one: it is compiled by who
-    drives it.
+    """The pieces of those locators that name a rule that ships; what users bring may be one: it is
+    compiled by who drives it.
     """
     names = {split_entry(locator)[0] for locator in locators}
     return {known[0] for known in _locators().values() if names.intersection(known)}
 
 
 def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
-    """Compile those pieces that this machine has not compiled yet, in processes of their own; it keeps them on disk."""
+    """Compile those pieces that this machine has not compiled yet, in processes of their own; it
+    keeps them on disk.
+    """
     if INTERPRETED:
         return
-    missing = sorted((it for it in wanted if not _is_compiled(it)), key=lambda it: (-_LONG.get(it, 1), it))
+    missing = sorted(
+        (it for it in wanted if not _is_compiled(it)), key=lambda it: (-_LONG.get(it, 1), it)
+    )
     if not missing:
         return
     if not _is_kept():
@@ -180,7 +206,8 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
         min(shares, key=lambda share: sum(_LONG.get(it, 1) for it in share)).append(piece)
     stage = "compiling, once on this machine"
     progress(stage, 0, len(missing))
-    silent = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)\n"  # Ctrl-C ends them without a traceback
+    # Ctrl-C ends them without a traceback
+    silent = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)\n"
     warm([f"{silent}from sumo_eval.record import loops; loops.load({share!r})" for share in shares])
     progress(stage, len(missing), len(missing), sum(not _is_compiled(piece) for piece in missing))
 

@@ -35,24 +35,33 @@ def narrowed(settings: EvaluationSettings, source: Path) -> EvaluationSettings:
 def _place(case: str, scenarios: Sequence[str], every: Sequence[str]) -> tuple[str, str]:
     """Logical scenario and ADS of a case."""
     number = next(iter(re.findall(r"-(\d{4,})-", case)), "0000")
-    known = {f"{scenario}-{number}-{ads}": (scenario, ads) for scenario in scenarios for ads in every}
+    known = {
+        f"{scenario}-{number}-{ads}": (scenario, ads) for scenario in scenarios for ads in every
+    }
     if case not in known:
         raise unknown("case of the evaluation", case, known)
     return known[case]
 
 
-def points_only(numbers: Sequence[int], cases: Collection[str], scenario: str, points: int) -> Sequence[int]:
+def points_only(
+    numbers: Sequence[int], cases: Collection[str], scenario: str, points: int
+) -> Sequence[int]:
     """Numbers of the points of a logical scenario that `run.only` names; all where it names none.
 
-    points: how many the scenario has. Raises InputError for a number beyond them.
+    points: how many the scenario has.
+    Raises InputError for a number beyond them.
     """
     if not cases:
         return numbers
-    named = {re.sub(rf"^{re.escape(scenario)}-(\d{{4,}})-.*", r"\1", case, flags=re.DOTALL) for case in cases}
+    named = {
+        re.sub(rf"^{re.escape(scenario)}-(\d{{4,}})-.*", r"\1", case, flags=re.DOTALL)
+        for case in cases
+    }
     wanted = {int(number) for number in named if number.isdecimal()}
     if wanted and max(wanted) >= points:
         raise InputError(
-            f"A case of {scenario} must be numbered 0000 to {points - 1:04d}, got {max(wanted):04d}: "
+            f"A case of {scenario} must be numbered 0000 to {points - 1:04d}, got "
+            f"{max(wanted):04d}: "
             f"the evaluation has {points} points there."
         )
     return [number for number in numbers if number in wanted]

@@ -1,10 +1,11 @@
 """Which cases go to a child process together, and which alone.
 
-Cases of one kind (same scenario, same driver of the ego) can share one simulation where that driver has a form for many
-cases. A pack costs something of its own, so packs are as large as may be, and towards the end smaller and smaller, so
-that all workers have work to the end, however long their cases take. What does not come through in a pack runs alone,
-so that a faulty case costs itself. Cases of one block, which a policy over arrays drives in one call, go together
-whatever their number.
+Cases of one kind (same scenario, same driver of the ego) can share one simulation where that driver
+has a form for many cases. A pack costs something of its own, so packs are as large as may be, and
+towards the end smaller and smaller, so that all workers have work to the end, however long their
+cases take. What does not come through in a pack runs alone, so that a faulty case costs itself.
+Cases of one block, which a policy over arrays drives in one call, go together whatever their
+number.
 """
 
 from __future__ import annotations
@@ -22,16 +23,22 @@ from sumo_eval.trajectory import Alone
 Pack = tuple[Case, ...]
 Kind = tuple[str, str, str, str]
 
-OF_LONG_CASES = 192  # in a pack at most where drives are long: a vehicle's step takes SUMO longer among more of them
-LEAST = 32  # cases in a pack if there are as many: in smaller ones its own cost outweighs that of the cases
-_PACKS_AHEAD = 4  # full packs for each worker that are held ready: the end is seen in time to divide it evenly
+# in a pack at most where drives are long: a vehicle's step takes SUMO longer among more of them
+OF_LONG_CASES = 192
+# cases in a pack if there are as many: in smaller ones its own cost outweighs that of the cases
+LEAST = 32
+# full packs for each worker that are held ready: the end is seen in time to divide it evenly
+_PACKS_AHEAD = 4
 _MOST_AHEAD = 16_384  # cases that are held ready at most
 _SHARES = 2  # packs that a worker would take of the rest, were they all as large as the next one
 _CUT = 4  # by how much packs of a kind get smaller after one that did not come through
 
 
 class Packs:
-    """Cases on their way to `workers` children. largest: cases in a pack at most; 1: all alone."""
+    """Cases on their way to `workers` children.
+
+    largest: cases in a pack at most; 1: all alone.
+    """
 
     def __init__(self, cases: Iterable[Case], workers: int, largest: int) -> None:
         self._waiting = iter(cases)
@@ -73,9 +80,12 @@ class Packs:
             return None
         kind, queue = next(iter(self._ahead.items()))
         in_block = bool(kind[-1])
-        while in_block and kind == self._last and self._make_ready(1):  # until all of the block is there
+        # until all of the block is there
+        while in_block and kind == self._last and self._make_ready(1):
             pass
-        pack = queue.take(len(queue) if in_block else min(self._share, self._largest_of.get(kind, self._largest)))
+        pack = queue.take(
+            len(queue) if in_block else min(self._share, self._largest_of.get(kind, self._largest))
+        )
         self._number_ahead -= len(pack)
         if not len(queue):
             del self._ahead[kind]
@@ -90,12 +100,15 @@ class Packs:
 
     @property
     def _share(self) -> int:
-        """How many cases the next pack may hold: of the last ones half of what would be a worker's, so that the one
-        that ends first finds something to do, and nothing large is left for the other alone.
+        """How many cases the next pack may hold: of the last ones half of what would be a worker's,
+        so that the one that ends first finds something to do, and nothing large is left for the
+        other alone.
         """
         if not self._all_seen or self._workers == 1:
             return self._largest
-        return min(max(math.ceil(self._number_ahead / (_SHARES * self._workers)), LEAST), self._largest)
+        return min(
+            max(math.ceil(self._number_ahead / (_SHARES * self._workers)), LEAST), self._largest
+        )
 
     def _make_ready(self, number: int) -> int:
         """Take in so many of the waiting cases; how many there were."""
@@ -109,19 +122,29 @@ class Packs:
         return made
 
     def came_through(self, pack: Pack) -> None:
-        """Every case of a pack has its result: packs of the kind may become as large as they were."""
-        kind = _kind(pack[0])
-        if self._largest_of.get(kind, 1) > 1:
-            self._largest_of[kind] = min(2 * self._largest_of[kind], self._in_time.get(kind, self._largest))
-
-    def did_not_come_through(self, pack: Pack, why: Sequence[Alone], printed: str, *, too_slow: bool = False) -> None:
-        """A pack was lost: its cases run alone, and the next packs of the kind are smaller, in the end single cases.
-
-        why: of each of its cases. printed: what the log of the first says besides. too_slow: it ran out of time; then
-        packs of the kind do not become as large again.
+        """Every case of a pack has its result: packs of the kind may become as large as they
+        were.
         """
         kind = _kind(pack[0])
-        self._largest_of[kind] = max(min(len(pack), self._largest_of.get(kind, self._largest)) // _CUT, 1)
+        if self._largest_of.get(kind, 1) > 1:
+            self._largest_of[kind] = min(
+                2 * self._largest_of[kind], self._in_time.get(kind, self._largest)
+            )
+
+    def did_not_come_through(
+        self, pack: Pack, why: Sequence[Alone], printed: str, *, too_slow: bool = False
+    ) -> None:
+        """A pack was lost: its cases run alone, and the next packs of the kind are smaller, in the
+        end single cases.
+
+        why: of each of its cases.
+        printed: what the log of the first says besides.
+        too_slow: it ran out of time; then packs of the kind do not become as large again.
+        """
+        kind = _kind(pack[0])
+        self._largest_of[kind] = max(
+            min(len(pack), self._largest_of.get(kind, self._largest)) // _CUT, 1
+        )
         if too_slow:
             self._in_time[kind] = self._largest_of[kind]
         for number, (case, reason) in enumerate(zip(pack, why, strict=True)):
@@ -136,7 +159,10 @@ class Packs:
         self._number_ahead += len(loose)
 
     def run_alone(self, case: Case, why: Alone, printed: str = "") -> None:
-        """Let a case run alone, next of all. printed: what its log then says besides."""
+        """Let a case run alone, next of all.
+
+        printed: what its log then says besides.
+        """
         self._alone.append((replace(case, block=None), why, printed))
 
     def run_undisturbed(self, case: Case, why: Alone, printed: str = "") -> None:
@@ -149,7 +175,9 @@ class Packs:
 
 
 class _Queue:
-    """Cases of one kind. Those that probably end at the same time are neighbours: a pack lasts as long as its last.
+    """Cases of one kind.
+
+    Those that probably end at the same time are neighbours: a pack lasts as long as its last.
 
     The longest are taken first, so that no process is left alone with them at the end.
     """
@@ -166,7 +194,9 @@ class _Queue:
 
     def take(self, number: int) -> Pack:
         if len(self._sorted) < number:
-            self._sorted = sorted(self._sorted + self._coming, key=lambda case: probable_end(case.concrete))
+            self._sorted = sorted(
+                self._sorted + self._coming, key=lambda case: probable_end(case.concrete)
+            )
             self._coming = []
         pack = self._sorted[-number:]
         del self._sorted[-number:]
@@ -174,13 +204,20 @@ class _Queue:
 
 
 def largest_pack(setup: Setup) -> int:
-    """Cases in a pack at most: as many as the user allows, fewer where each goes on to the road's end."""
+    """Cases in a pack at most: as many as the user allows, fewer where each goes on to the road's
+    end.
+    """
     most = setup.run.cases_per_pack
     return most if setup.simulation.end_when_decided else min(most, OF_LONG_CASES)
 
 
 def _kind(case: Case) -> Kind:
-    return case.role, case.controller, case.concrete.scenario, "" if case.block is None else case.block.name
+    return (
+        case.role,
+        case.controller,
+        case.concrete.scenario,
+        "" if case.block is None else case.block.name,
+    )
 
 
 def driven(pack: Pack) -> int:

@@ -17,7 +17,8 @@ from sumo_eval.scenario.logical import LogicalScenario, Values
 from sumo_eval.settings import EvaluationSettings, RankingSettings, ScenarioSettings, ZoneSettings
 from sumo_eval.trajectory import FloatArray
 
-if TYPE_CHECKING:  # who asks which scenarios a run has needs neither zones nor samples: half a second of imports
+# who asks which scenarios a run has needs neither zones nor samples: half a second of imports
+if TYPE_CHECKING:
     from sumo_eval.method.zone_partition import ZonePartition
     from sumo_eval.scenario.sampling.samples import Sample
 
@@ -25,11 +26,15 @@ Exposure = Callable[[Values], FloatArray]
 
 ZONES: dict[bytes, ZonePartition] = {}
 """Partitions that this process has read or computed, by the hash of all that they depend on."""
-_MOST_ZONES = 64  # more than ship: with fewer places than scenarios, taken in turn, none would be found again
+# more than ship: with fewer places than scenarios, taken in turn, none would be found again
+_MOST_ZONES = 64
 
 
-def kept_zones(logical: LogicalScenario, settings: ZoneSettings, kept: KeptResults, key: bytes) -> ZonePartition:
-    """The partition of a scenario: from an earlier evaluation of this process, from what the run keeps, or computed.
+def kept_zones(
+    logical: LogicalScenario, settings: ZoneSettings, kept: KeptResults, key: bytes
+) -> ZonePartition:
+    """The partition of a scenario: from an earlier evaluation of this process, from what the run
+    keeps, or computed.
 
     key: hash of all that the partition depends on.
     """
@@ -37,7 +42,9 @@ def kept_zones(logical: LogicalScenario, settings: ZoneSettings, kept: KeptResul
 
     data = kept.get("zones", key)
     if data is not None and key not in ZONES:
-        ZONES[key] = from_parts(logical, settings, decoded(data, {"PartitionParts": PartitionParts}))
+        ZONES[key] = from_parts(
+            logical, settings, decoded(data, {"PartitionParts": PartitionParts})
+        )
     zones = ZONES[key] if key in ZONES else partition(logical, settings)
     if data is None:
         kept.put([("zones", key, 0, encoded(parts_of(zones)))])
@@ -51,7 +58,8 @@ def kept_zones(logical: LogicalScenario, settings: ZoneSettings, kept: KeptResul
 class Resolved:
     """An evaluation whose scenarios have been looked up.
 
-    source: where its relative paths start. scenarios: by name, in the order of `settings.scenario`.
+    source: where its relative paths start.
+    scenarios: by name, in the order of `settings.scenario`.
     """
 
     settings: EvaluationSettings
@@ -60,7 +68,10 @@ class Resolved:
 
     @classmethod
     def of(cls, settings: EvaluationSettings, source: Path) -> Resolved:
-        """Look up its scenarios. Raises InputError for one that is not there."""
+        """Look up its scenarios.
+
+        Raises InputError for one that is not there.
+        """
         found = (catalogue.find(entry.use, source) for entry in settings.scenario)
         return cls(settings, source, {logical.name: logical for logical in found})
 
@@ -77,7 +88,10 @@ def choose_points(
     settings: EvaluationSettings,
     exposure: Exposure | None = None,
 ) -> Sample:
-    """The points of a scenario's space that are simulated. exposure: in place of the scenario's own."""
+    """The points of a scenario's space that are simulated.
+
+    exposure: in place of the scenario's own.
+    """
     from sumo_eval.method.zone_partition import danger
     from sumo_eval.scenario.sampling.request import Request
     from sumo_eval.scenario.sampling.samples import sample
@@ -101,7 +115,8 @@ def choose_points(
     points = sample(weighted, sampling.method, request=request)
     if len(points.points) == 0:
         raise InputError(
-            f"The sampling of scenario `{entry.use}` must choose at least one possible point, got none."
+            f"The sampling of scenario `{entry.use}` must choose at least one possible point, got "
+            "none."
             f"{_refusals(weighted, points)}"
         )
     return points
@@ -114,16 +129,26 @@ def _refusals(logical: LogicalScenario, points: Sample) -> str:
         return ""
     values = logical.columns(refused)
     counts = [int((~np.asarray(one.holds(values))).sum()) for one in logical.constraints]
-    by = [f"{count} by `{one.about}`" for one, count in zip(logical.constraints, counts, strict=True) if count]
+    by = [
+        f"{count} by `{one.about}`"
+        for one, count in zip(logical.constraints, counts, strict=True)
+        if count
+    ]
     return f" Of {len(refused)} points are ruled out: {', '.join(by)}."
 
 
 def scenario_weights(scenarios: Sequence[str], settings: RankingSettings) -> dict[str, float]:
-    """The weight of every scenario of an evaluation, by name. Raises InputError for one that it does not have."""
+    """The weight of every scenario of an evaluation, by name.
+
+    Raises InputError for one that it does not have.
+    """
     for name in settings.weights:
         if name not in scenarios:
             raise unknown("scenario in `method.ranking.weights`", name, scenarios)
     weights = {name: float(settings.weights.get(name, 1.0)) for name in scenarios}
     if not any(weights.values()):
-        raise InputError("`method.ranking.weights` must leave at least one scenario a weight above 0, got only 0.")
+        raise InputError(
+            "`method.ranking.weights` must leave at least one scenario a weight above 0, "
+            "got only 0."
+        )
     return weights

@@ -1,9 +1,11 @@
-"""A pool of warm child processes in which anything may go wrong: one item costs at most itself and its process.
+"""A pool of warm child processes in which anything may go wrong: one item costs at most itself and
+its process.
 
-Each child serves one home, say one ADS, and nothing else in its life. It has pipes of its own and a supervisor (see
-`hygiene`), so nothing that a child does or leaves undone can reach another one's results. What it sends is read as it
-comes, as frames that cannot execute anything (see `frames`); what it prints comes here, bounded, and never to our own
-stdout. Nothing here waits for a child longer than its deadline. Everything happens in the calling thread.
+Each child serves one home, say one ADS, and nothing else in its life. It has pipes of its own and a
+supervisor (see `hygiene`), so nothing that a child does or leaves undone can reach another one's
+results. What it sends is read as it comes, as frames that cannot execute anything (see `frames`);
+what it prints comes here, bounded, and never to our own stdout. Nothing here waits for a child
+longer than its deadline. Everything happens in the calling thread.
 """
 
 from __future__ import annotations
@@ -48,8 +50,8 @@ from sumo_eval.text import clean, clean_log
 Item = TypeVar("Item")
 Settled = TypeVar("Settled")
 Task = Callable[[Any, Any], Any]
-"""A function of the item and of what all items share; importable by name, like both arguments picklable. It answers
-with what a frame carries, or raises InputError.
+"""A function of the item and of what all items share; importable by name, like both arguments
+picklable. It answers with what a frame carries, or raises InputError.
 """
 
 How = Literal["done", "refused", "died", "overdue", "overfull", "garbled"]
@@ -69,8 +71,10 @@ _CLOSED = "closed its connection"
 class Ended(Generic[Item]):
     """Outcome of one item.
 
-    how: `done` with a result; `refused` by an InputError; `died`; `overdue`, `overfull` or `garbled`, and killed.
-    why: the InputError's text; how many MB filled; else goes on from "the process that ran the case ...".
+    how: `done` with a result; `refused` by an InputError; `died`; `overdue`, `overfull` or
+        `garbled`, and killed.
+    why: the InputError's text; how many MB filled; else goes on from "the process that ran the case
+        ...".
     idle: share of its wall time in which no processor worked on it.
     """
 
@@ -86,7 +90,8 @@ class Ended(Generic[Item]):
 class Work(Generic[Item]):
     """What is to be done with items: `task`, with what they all share.
 
-    home: a child serves items of one home only. size: as how many items an item counts.
+    home: a child serves items of one home only.
+    size: as how many items an item counts.
     """
 
     task: Task
@@ -121,12 +126,15 @@ class Pool:
     """Child processes that work off items, at most `workers` at a time. A context manager.
 
     limits: wall time of an item (`case_timeout`), memory of a child and what it starts.
-    items_per_child: after that many a child is replaced, so that what controllers leave in a process cannot pile up.
+    items_per_child: after that many a child is replaced, so that what controllers leave in a
+        process cannot pile up.
     """
 
     def __init__(self, workers: int, limits: RunSettings, items_per_child: int = 1) -> None:
         if not hasattr(os, "fork"):
-            raise InputError("Child processes need a system that can fork; on this one, use the engine `serial`.")
+            raise InputError(
+                "Child processes need a system that can fork; on this one, use the engine `serial`."
+            )
         self._workers = workers
         self._limits = limits
         self._items_per_child = items_per_child
@@ -139,7 +147,12 @@ class Pool:
         self._scratch = scratch_folder()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         for child in self._children:
             child.let_go()
         for child in self._children:
@@ -148,7 +161,10 @@ class Pool:
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def each(self, work: Work[Item], items: Iterable[Item]) -> Iterator[Ended[Item]]:
-        """What became of the items, as they end. Raises InputError for one that is refused."""
+        """What became of the items, as they end.
+
+        Raises InputError for one that is refused.
+        """
         waiting = iter(items)
         for ended in self.run(work, lambda: next(waiting, None), lambda ended: ended):
             if ended.how == "refused":
@@ -163,10 +179,13 @@ class Pool:
         stopping: Callable[[], bool] = lambda: False,
         meanwhile: Callable[[], object] = lambda: None,
     ) -> Iterator[Settled]:
-        """What `settle` makes of the items, as they end. When `stopping`, those that run are the last.
+        """What `settle` makes of the items, as they end. When `stopping`, those that run are the
+        last.
 
-        take: gives the next item whenever a child is free; None: there is none, unless one that runs brings up more.
-        settle: is told of every end at once; its results come out when the children have been given more to do.
+        take: gives the next item whenever a child is free; None: there is none, unless one that
+            runs brings up more.
+        settle: is told of every end at once; its results come out when the children have been given
+            more to do.
         meanwhile: called whenever they have, and nothing else is left to do.
         """
         busy: dict[_Child, Item] = {}
@@ -187,9 +206,13 @@ class Pool:
                 settled.append(settle(ended))
 
     def _give(self, busy: dict[_Child, Item], work: Work[Item], item: Item) -> _Child:
-        """Let a free child of the item's home work on it; where there is none, one takes the place of a foreign one."""
+        """Let a free child of the item's home work on it; where there is none, one takes the place
+        of a foreign one.
+        """
         home = work.home(item)
-        for child in [child for child in self._children if child not in busy and child.home == home]:
+        for child in [
+            child for child in self._children if child not in busy and child.home == home
+        ]:
             if child.items < self._items_per_child and child.is_quiet():
                 with suppress(OSError):  # it has died meanwhile
                     child.give(work, item, next(self._numbers), self._limits.case_timeout)
@@ -206,7 +229,8 @@ class Pool:
     def _next_ended(self, busy: dict[_Child, Item]) -> list[tuple[_Child, Ended[Item]]]:
         """Wait until something happens; the items that have ended by then, often none.
 
-        What this process did between two looks - ending a child, writing what came - is no child's time.
+        What this process did between two looks - ending a child, writing what came - is no child's
+        time.
         """
         away = clock.monotonic() - self._looked
         poll = select.poll()
@@ -250,7 +274,8 @@ class _Child:
         if sys.platform == "linux":
             import fcntl
 
-            with suppress(OSError):  # a user may have no more room for pipes; then a talkative child waits more often
+            # a user may have no more room for pipes; then a talkative child waits more often
+            with suppress(OSError):
                 fcntl.fcntl(output.fileno(), fcntl.F_SETPIPE_SZ, MEGABYTE)
         for mine in (self._orders, self._results, self._output):
             os.set_blocking(mine.fileno(), False)
@@ -280,7 +305,10 @@ class _Child:
         return not poll.poll(0)
 
     def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
-        """Send an item, as much of it as goes at once. Raises OSError when the child is no more."""
+        """Send an item, as much of it as goes at once.
+
+        Raises OSError when the child is no more.
+        """
         order = pickle.dumps((work.task, item, work.shared, deadline, number))
         self._reader, self._answer, self._fault = FrameReader(number), None, ""
         self._to_send = memoryview(_LENGTH.pack(len(order)) + order)
@@ -290,7 +318,9 @@ class _Child:
         self._send()
 
     def idle(self) -> float:
-        """Share of the wall time since its item was given in which no processor worked on it, 0 to 1."""
+        """Share of the wall time since its item was given in which no processor worked on it, 0 to
+        1.
+        """
         wall = max(clock.monotonic() - self._begun, 1e-9)
         return min(max(1.0 - (processor_time(self._process.pid) - self._used) / wall, 0.0), 1.0)
 
@@ -324,7 +354,9 @@ class _Child:
             self._read_output()
 
     def how_it_ended(self) -> tuple[How, Any, str, bool] | None:
-        """How, with which result and fault, and whether the child with it; None while it goes on."""
+        """How, with which result and fault, and whether the child with it; None while it goes
+        on.
+        """
         if self._answer is not None and not self._fault:
             last, twice, refusal, result = self._answer
             if refusal:
@@ -380,7 +412,9 @@ class _Child:
         return log.text()
 
     def let_go(self) -> None:
-        """Tell the supervisor to end the child and whatever it has started, without waiting for that."""
+        """Tell the supervisor to end the child and whatever it has started, without waiting for
+        that.
+        """
         if not self._leash.closed:
             self._leash.close()
 
@@ -397,17 +431,21 @@ class _Child:
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
-# --- in the child -----------------------------------------------------------------------------------------------------
+# --- in the child ---------------------------------------------------------------------------------
 
 
 def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> None:
     """Become the supervisor of a child that serves."""
     orders, results, output, leash, report = (pipe.fileno() for pipe in pipes)
-    supervise(partial(_serve, orders, results, output, memory_limit, scratch), leash, report, memory_limit)
+    supervise(
+        partial(_serve, orders, results, output, memory_limit, scratch), leash, report, memory_limit
+    )
 
 
 def _serve(orders: int, results: int, output: int, memory_limit: float, scratch: str) -> None:
-    """Work off items until there are no more or something is left behind that another item must not meet."""
+    """Work off items until there are no more or something is left behind that another item must not
+    meet.
+    """
     _print_into(output)
     keep_open(orders, results)
     _limit_memory(memory_limit)
@@ -463,8 +501,8 @@ def _write(descriptor: int, data: bytes) -> None:
 def _print_into(output: int) -> None:
     os.dup2(output, 1)
     os.dup2(output, 2)
-    sys.stdout = open(1, "w", buffering=1, encoding="utf-8", errors="replace", closefd=False)  # noqa: SIM115
-    sys.stderr = open(2, "w", buffering=1, encoding="utf-8", errors="replace", closefd=False)  # noqa: SIM115
+    text = partial(open, mode="w", buffering=1, encoding="utf-8", errors="replace", closefd=False)
+    sys.stdout, sys.stderr = text(1), text(2)
 
 
 def _flush(c_library: ctypes.CDLL) -> None:
@@ -476,7 +514,9 @@ def _flush(c_library: ctypes.CDLL) -> None:
 
 
 def _limit_memory(megabytes: float) -> None:
-    """Let an allocation fail before the supervisor has to end the process: what is its own, beside what it shares."""
+    """Let an allocation fail before the supervisor has to end the process: what is its own, beside
+    what it shares.
+    """
     import resource
 
     limit = max(int(megabytes * MEGABYTE - shared_memory()), 1)
@@ -484,7 +524,9 @@ def _limit_memory(megabytes: float) -> None:
 
 
 def _left_processes(patience: float) -> tuple[bool, bool]:
-    """Whether this process has children, running or not, and whether one was a copy of it that went on as it did."""
+    """Whether this process has children, running or not, and whether one was a copy of it that went
+    on as it did.
+    """
     until = clock.monotonic() + patience
     left = twice = False
     while True:

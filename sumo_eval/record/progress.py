@@ -1,4 +1,6 @@
-"""How long work tells how far it is, and asks whether to go on: functions that whoever runs it brings."""
+"""How long work tells how far it is, and asks whether to go on: functions that whoever runs it
+brings.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ Stopping = Callable[[], bool]
 
 
 class Progress(Protocol):
-    """Told what is being done, how much of it is done, how much there is, and how many of the done ones failed."""
+    """Told what is being done, how much of it is done, how much there is, and how many of the done
+    ones failed.
+    """
 
     def __call__(self, stage: str, done: int, total: int, failed: int = 0) -> None:
         """Show it."""

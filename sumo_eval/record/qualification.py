@@ -1,4 +1,6 @@
-"""The qualification of the tool that a run names: read before it simulates, kept in its manifest."""
+"""The qualification of the tool that a run names: read before it simulates, kept in its
+manifest.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,11 @@ _LARGEST = 10_000_000  # bytes of a file
 
 
 def read_qualification(named: str, source: Path) -> dict[str, Any]:
-    """What a manifest keeps of a `qualification.json`: when, on what, how many checks, which failed, and its hash.
+    """What a manifest keeps of a `qualification.json`: when, on what, how many checks, which
+    failed, and its hash.
 
-    named: as the evaluation has it, relative to `source`; a folder with the file in it will do. Raises InputError for
-    what is no qualification.
+    named: as the evaluation has it, relative to `source`; a folder with the file in it will do.
+    Raises InputError for what is no qualification.
     """
     path = source / named
     if path.is_dir():
@@ -38,7 +41,9 @@ def read_qualification(named: str, source: Path) -> dict[str, Any]:
             "machine": _texts(content["machine"]),
         }
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise InputError(f"{owner} is not what `sumo-eval qualify` writes: qualification.json.") from None
+        raise InputError(
+            f"{owner} is not what `sumo-eval qualify` writes: qualification.json."
+        ) from None
     if not checks:
         raise InputError(f"{owner} holds no checks.")
     return found

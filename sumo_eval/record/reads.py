@@ -1,8 +1,10 @@
-"""Files that the code of an ADS reads while it drives: noted by hash in its process, compared when a run goes on.
+"""Files that the code of an ADS reads while it drives: noted by hash in its process, compared when
+a run goes on.
 
-A process notes every Python file from outside the installed packages, and every file below a folder that such a file
-or the evaluation lies in, as it is when it is opened. Files that it writes do not count, nor do compiled ones. What a
-process has read stays in its memory, so a case depends on all of it: a chain, in which many cases share a link.
+A process notes every Python file from outside the installed packages, and every file below a folder
+that such a file or the evaluation lies in, as it is when it is opened. Files that it writes do not
+count, nor do compiled ones. What a process has read stays in its memory, so a case depends on all
+of it: a chain, in which many cases share a link.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from sumo_eval.record.hygiene import SCRATCH_PREFIX
 from sumo_eval.text import clean
 
 ABSENT, WRITTEN, UNKNOWN = "-", "", "?"
-"""In place of a hash: no such file, one that the ADS writes, one that may have been changed after it was loaded."""
+"""In place of a hash: no such file, one that the ADS writes, one that may have been changed after
+it was loaded."""
 LOST = ""
 """The name of what a process had read that was lost before it told."""
 
@@ -51,7 +54,11 @@ NEVER: State = (-1, -1, -1, -1)
 
 
 class _Watch:
-    """What this process reads. folder: of the evaluation. before: what it read in an earlier run."""
+    """What this process reads.
+
+    folder: of the evaluation.
+    before: what it read in an earlier run.
+    """
 
     def __init__(self, folder: Path, before: _Watch | None = None) -> None:
         self.active = True
@@ -88,7 +95,9 @@ class _Watch:
             self._open_for_both.setdefault(place, _state(place))
 
     def read(self, place: str, since: float = math.inf) -> None:
-        """Note the content of a file, where it is another than before. Neither pipes nor devices are opened.
+        """Note the content of a file, where it is another than before.
+
+        Neither pipes nor devices are opened.
 
         since: when it was read at the latest, by the system's clock, s.
         """
@@ -140,20 +149,28 @@ class _Watch:
         return place.startswith(roots) or os.path.realpath(place).startswith(roots)
 
     def _elsewhere(self) -> tuple[str, ...]:
-        """Beginnings of the paths of what is installed, of caches, and of this process's own temporary files."""
+        """Beginnings of the paths of what is installed, of caches, and of this process's own
+        temporary files.
+        """
         scratch = os.path.join(tempfile.tempdir or "", "")
         own = f"{os.sep}{SCRATCH_PREFIX}" in scratch and not self.folder.startswith(scratch)
         return (*_INSTALLED, scratch) if own else _INSTALLED
 
     def _look_at_modules(self) -> None:
-        """Note modules that were loaded before anything was watched, as those of a script that drives by itself."""
+        """Note modules that were loaded before anything was watched, as those of a script that
+        drives by itself.
+        """
         if len(sys.modules) == self._modules:
             return
         self._modules = len(sys.modules)
         for module in list(sys.modules.values()):
             name = getattr(module, "__dict__", {}).get("__file__")
             place = os.path.abspath(name) if isinstance(name, str) else ""
-            if place in self._states or not place.endswith(_CODE) or place.startswith(self._elsewhere()):
+            if (
+                place in self._states
+                or not place.endswith(_CODE)
+                or place.startswith(self._elsewhere())
+            ):
                 continue
             if os.path.exists(place):  # else it lies in an archive
                 self.read(place, _BEGAN)
@@ -163,7 +180,10 @@ _watch: _Watch | None = None
 
 
 def begin(folder: Path, files: Iterable[Path] = ()) -> None:
-    """Watch what this process reads from now on. files: what a program will read that is no part of it."""
+    """Watch what this process reads from now on.
+
+    files: what a program will read that is no part of it.
+    """
     global _watch
     if _watch is None:
         sys.addaudithook(_hear)
@@ -175,7 +195,9 @@ def begin(folder: Path, files: Iterable[Path] = ()) -> None:
 
 
 def begin_run() -> None:
-    """Forget versions of files that an earlier run in this process read, and that are not there any more."""
+    """Forget versions of files that an earlier run in this process read, and that are not there any
+    more.
+    """
     global _watch
     if _watch is not None:
         _watch = _Watch(Path(_watch.folder), _watch)
@@ -269,7 +291,7 @@ def content(place: str, state: State) -> str | None:
         return UNKNOWN
 
 
-# --- in the owner -----------------------------------------------------------------------------------------------------
+# --- in the owner ---------------------------------------------------------------------------------
 
 LINKS: dict[str, Told] = {}
 """What processes of this run have told, by the name of all that they had read by then."""
@@ -313,7 +335,10 @@ class OneVersion:
         self._files: dict[tuple[str, str], str] = {}
 
     def check(self, ads: str, name: str) -> None:
-        """Take in what a process of an ADS has read. Raises InputError for a file that was another one before."""
+        """Take in what a process of an ADS has read.
+
+        Raises InputError for a file that was another one before.
+        """
         for link in links(name):
             if (ads, link) in self._seen:
                 return
@@ -324,8 +349,10 @@ class OneVersion:
                 before = self._files.setdefault((ads, path), found)
                 if UNKNOWN not in (found, before) and before not in (found, WRITTEN):
                     raise InputError(
-                        f"ADS `{ads}` was changed while the run went on: its processes have read two versions of "
-                        f"{clean(path)}. What was driven before is kept; --resume drives again what depends on it."
+                        f"ADS `{ads}` was changed while the run went on: its processes have read "
+                        "two versions of "
+                        f"{clean(path)}. What was driven before is kept; --resume drives again "
+                        "what depends on it."
                     )
 
 

@@ -1,4 +1,6 @@
-"""Fill a run's store: ADSs and the references in every concrete scenario, drivers where it is safe."""
+"""Fill a run's store: ADSs and the references in every concrete scenario, drivers where it is
+safe.
+"""
 
 from __future__ import annotations
 
@@ -39,14 +41,17 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
 REFERENCES: Mapping[Role, str] = {
     "ideal": "ideal vehicle", "no_reaction": "no reaction", "task_reference": "reference car",
 }  # fmt: skip
-"""What scores are measured against, by role: Ug of the ideal vehicle, U0 of doing nothing, times of T."""
+"""What scores are measured against, by role: Ug of the ideal vehicle, U0 of doing nothing, times of
+T."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Space:
-    """The points (n, k) of one logical scenario, which of them are hazardous (n,), and the numbers of those to do.
+    """The points (n, k) of one logical scenario, which of them are hazardous (n,), and the numbers
+    of those to do.
 
-    weights: p_i of each point, (n,), up to a factor. exposure: what the run keeps of where they come from.
+    weights: p_i of each point, (n,), up to a factor.
+    exposure: what the run keeps of where they come from.
     """
 
     logical: LogicalScenario
@@ -57,7 +62,9 @@ class Space:
     exposure: Mapping[str, Any] = field(default_factory=dict)
 
     def concrete(self, number: int) -> ConcreteScenario:
-        """The concrete scenario at a point; made when asked for, because a space can have a million of them."""
+        """The concrete scenario at a point; made when asked for, because a space can have a million
+        of them.
+        """
         values: list[float] = self.points[number].tolist()
         made = self.logical.concrete(**dict(zip(self.logical.names, values, strict=True)))
         return replace(made, exposure=float(self.weights[number]))
@@ -87,20 +94,37 @@ class Planner:
     def ads(self, space: Space) -> Iterator[Case]:
         """Every ADS at every point; policies over arrays block by block."""
         seed, size = self.settings.seed, self._cases_in_block
-        by_case = [ads for ads in self.settings.ads if size == 1 or ads.locator not in self.over_arrays]
+        by_case = [
+            ads for ads in self.settings.ads if size == 1 or ads.locator not in self.over_arrays
+        ]
         for number in space.numbers:
             concrete = space.concrete(number)
             for ads in by_case:
-                yield self._finished(Case(number, concrete, "ads", ads.name, ads.locator, seed=seed))
+                yield self._finished(
+                    Case(number, concrete, "ads", ads.name, ads.locator, seed=seed)
+                )
         by_block = [ads for ads in self.settings.ads if ads not in by_case]
-        for _, numbers in groupby(space.numbers if by_block else (), key=lambda number: number // size):
+        for _, numbers in groupby(
+            space.numbers if by_block else (), key=lambda number: number // size
+        ):
             wanted = list(numbers)
             first = wanted[0] // size * size
-            concretes = [space.concrete(number) for number in range(first, min(first + size, len(space.points)))]
+            concretes = [
+                space.concrete(number)
+                for number in range(first, min(first + size, len(space.points)))
+            ]
             block = Block.of(first, concretes)
             for ads in by_block:
                 for number in wanted:
-                    case = Case(number, concretes[number - first], "ads", ads.name, ads.locator, seed=seed, block=block)
+                    case = Case(
+                        number,
+                        concretes[number - first],
+                        "ads",
+                        ads.name,
+                        ads.locator,
+                        seed=seed,
+                        block=block,
+                    )
                     yield self._finished(case)
 
     @property
@@ -111,7 +135,9 @@ class Planner:
 
     @property
     def _cases_in_block(self) -> int:
-        """How many cases a policy over arrays drives together: of the points, whoever works them off."""
+        """How many cases a policy over arrays drives together: of the points, whoever works them
+        off.
+        """
         return min(self.settings.run.cases_per_pack, self.settings.run.cases_per_child)
 
     def reference(self, space: Space, role: Role) -> Iterator[Case]:
@@ -119,7 +145,8 @@ class Planner:
         controller = self._controllers[role]
         for number in space.numbers:
             case = Case(number, space.concrete(number), role, role, controller)
-            # Without an identity of its own: an ADS that is called by the same locator must not change a reference.
+            # Without an identity of its own: an ADS that is called by the same locator must not
+            # change a reference.
             yield with_fingerprint(case, self.settings.simulation, "", self.harness)
 
     def humans(self, space: Space) -> Iterator[Case]:
@@ -132,11 +159,23 @@ class Planner:
         seed, population = self.settings.seed, self.settings.drivers.population
         for index in range(count):
             yield self._finished(
-                Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, count, seed, population)
+                Case(
+                    number,
+                    concrete,
+                    "human",
+                    f"driver_{index:02d}",
+                    "synthetic",
+                    index,
+                    count,
+                    seed,
+                    population,
+                )
             )
 
     def human(self, number: int, concrete: ConcreteScenario, name: str) -> Case:
-        """The drive of a person that is not simulated: a recorded one, or of the user's own reference."""
+        """The drive of a person that is not simulated: a recorded one, or of the user's own
+        reference.
+        """
         return self._finished(Case(number, concrete, "human", name, self.settings.drivers.source))
 
     def _finished(self, case: Case) -> Case:
@@ -145,7 +184,10 @@ class Planner:
 
 
 def planner(settings: EvaluationSettings, source: Path) -> Planner:
-    """Find every ADS and the human reference. Raises InputError when one of them cannot be loaded."""
+    """Find every ADS and the human reference.
+
+    Raises InputError when one of them cannot be loaded.
+    """
     named = [("ADS", ads.locator) for ads in settings.ads]
     if settings.drivers.source not in ("synthetic", RECORDED):
         named.append(("Human reference", settings.drivers.source))
@@ -154,20 +196,27 @@ def planner(settings: EvaluationSettings, source: Path) -> Planner:
     setup = Setup(settings.simulation, settings.run, source)
     harness = harness_identity() + _plant_identity(settings, source)
     identities = dict(identify(list(dict.fromkeys(named)), setup))
-    over_arrays = frozenset(ads.locator for ads in settings.ads if is_over_arrays(identities[ads.locator]))
+    over_arrays = frozenset(
+        ads.locator for ads in settings.ads if is_over_arrays(identities[ads.locator])
+    )
     for ads in settings.ads:
         steps_between(ads.period or 0.0, settings.simulation.step, f"ADS `{ads.name}`")
         identities[ads.locator] += files_identity(ads, source)
     if settings.drivers.source == RECORDED:
-        from sumo_eval.drivers.recorded.reference import open_people  # pandas, which synthetic drivers do not need
+        # pandas, which synthetic drivers do not need
+        from sumo_eval.drivers.recorded.reference import open_people
 
-        open_people(settings.drivers, source)  # a file that cannot be read must not be found out after the simulation
+        # a file that cannot be read must not be found out after the simulation
+        open_people(settings.drivers, source)
         identities[RECORDED] = people_identity(settings.drivers, source)
     return Planner(settings, source, harness, identities, over_arrays)
 
 
 def _plant_identity(settings: EvaluationSettings, source: Path) -> str:
-    """A hash of the FMU that moves the ego in place of the single-track model. Raises InputError when it is none."""
+    """A hash of the FMU that moves the ego in place of the single-track model.
+
+    Raises InputError when it is none.
+    """
     plant = settings.simulation.plant
     if plant is None:
         return ""
@@ -176,23 +225,37 @@ def _plant_identity(settings: EvaluationSettings, source: Path) -> str:
 
 
 def record(
-    spaces: Sequence[Space], plan: Planner, store: Store, progress: Progress, stopping: Stopping = never
+    spaces: Sequence[Space],
+    plan: Planner,
+    store: Store,
+    progress: Progress,
+    stopping: Stopping = never,
 ) -> None:
     """Simulate the cases of an evaluation that are not recorded yet.
 
-    What does not depend on each other is one piece of work, over all logical scenarios, so that no process waits for
-    the last case of each. Raises StoppedError when `stopping` said so before all were done; what has been done is
+    What does not depend on each other is one piece of work, over all logical scenarios, so that no
+    process waits for the last case of each.
+
+    Raises StoppedError when `stopping` said so before all were done; what has been done is
     recorded.
     """
     settings = plan.settings
     work = _Work(store, plan.setup, progress, stopping)
-    work.do([stage for stages in zip(*(stages(space, plan) for space in spaces), strict=True) for stage in stages])
+    work.do(
+        [
+            stage
+            for stages in zip(*(stages(space, plan) for space in spaces), strict=True)
+            for stage in stages
+        ]
+    )
     for space in spaces:
         if settings.drivers.source == "synthetic":
             drivers = {f"driver_{index:02d}" for index in range(settings.drivers.count)}
             safe = set(space.safe) if space.logical.has_drivers else set()
             found = store.names("human", space.logical.name)
-            store.remove((case for case, point, who in found if point not in safe or who not in drivers))
+            store.remove(
+                (case for case, point, who in found if point not in safe or who not in drivers)
+            )
         else:
             _record_people(space, plan, store, work, progress)
 
@@ -220,9 +283,11 @@ def stages(space: Space, plan: Planner) -> list[_Stage]:
     return found
 
 
-def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progress: Progress) -> None:
-    """The drives that the source of drivers has for every safe point, and synthetic drivers where recorded ones are too
-    few and shall be filled up.
+def _record_people(
+    space: Space, plan: Planner, store: Store, work: _Work, progress: Progress
+) -> None:
+    """The drives that the source of drivers has for every safe point, and synthetic drivers where
+    recorded ones are too few and shall be filled up.
     """
     name, settings, safe = space.logical.name, plan.settings.drivers, space.safe
     recorded = settings.source == RECORDED
@@ -242,14 +307,19 @@ def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progr
         work.check()
         progress(f"{name}: {'recorded ' * recorded}drivers", done, len(safe))
     if fill:
-        work.do([_Stage(f"{name}: drivers where too few are recorded", name, "human", fill, len(fill))])
+        work.do(
+            [_Stage(f"{name}: drivers where too few are recorded", name, "human", fill, len(fill))]
+        )
     known |= {case.key for case in fill}
     store.remove((case for case, _, _ in store.names("human", name) if case not in known))
 
 
-def _recorded_drives(plan: Planner, space: Space) -> Callable[[int, ConcreteScenario], Iterator[Outcome]]:
+def _recorded_drives(
+    plan: Planner, space: Space
+) -> Callable[[int, ConcreteScenario], Iterator[Outcome]]:
     """What gives the drives of people who were recorded in events like a concrete scenario."""
-    from sumo_eval.drivers.recorded.reference import (  # pandas, which synthetic drivers do not need
+    # pandas, which synthetic drivers do not need
+    from sumo_eval.drivers.recorded.reference import (
         open_people,
         reference,
     )
@@ -267,7 +337,9 @@ def _recorded_drives(plan: Planner, space: Space) -> Callable[[int, ConcreteScen
 
 
 def find_stale(store: Store, source: Path) -> tuple[str, ...]:
-    """Find the recorded cases whose ADS has read files that are not there as they were; a sentence for each ADS."""
+    """Find the recorded cases whose ADS has read files that are not there as they were; a sentence
+    for each ADS.
+    """
     files = changed(store.reads(), source)
     stale = [(case, ads, files[name]) for case, ads, name in store.read_by() if name in files]
     store.stale = frozenset(case for case, _, _ in stale)
@@ -277,14 +349,19 @@ def find_stale(store: Store, source: Path) -> tuple[str, ...]:
         cases = sum(of == ads for _, of, _ in stale)
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
         notes.append(
-            f"{cases} recorded case{'s' * (cases > 1)} of ADS `{ads}` cannot be reused: {clean(names[0])}{more} "
+            f"{cases} recorded case{'s' * (cases > 1)} of ADS `{ads}` cannot be reused: "
+            f"{clean(names[0])}{more} "
             "changed since its processes read it. They are rerun."
         )
     return tuple(notes)
 
 
-def refuse_to_lose_cases(store: Store, spaces: Sequence[Space], settings: EvaluationSettings, run: Path) -> None:
-    """A run that goes on keeps what it has: refuses an evaluation that leaves out cases of ADSs that are recorded."""
+def refuse_to_lose_cases(
+    store: Store, spaces: Sequence[Space], settings: EvaluationSettings, run: Path
+) -> None:
+    """A run that goes on keeps what it has: refuses an evaluation that leaves out cases of ADSs
+    that are recorded.
+    """
     counts = {space.logical.name: len(space.points) for space in spaces}
     drivers = {ads.name for ads in settings.ads}
     for scenario in sorted({row[0] for row in store.counts()}):
@@ -336,11 +413,15 @@ class _Work:
         for name, total in totals.items():
             if done[name] < total:
                 self.check()
-                raise RuntimeError(f"{name}: {total - done[name]} of {total} cases got lost on their way")
+                raise RuntimeError(
+                    f"{name}: {total - done[name]} of {total} cases got lost on their way"
+                )
             self._progress(name, done[name], total, failed[name])
 
     def _with_reads(self, outcome: Outcome) -> Outcome:
-        """The outcome with what its process had read; of one that was lost before it told, what others had."""
+        """The outcome with what its process had read; of one that was lost before it told, what
+        others had.
+        """
         case = outcome.case
         if outcome.reads is not None:
             self._take_in(case.driver, outcome.reads)
@@ -359,21 +440,27 @@ class _Work:
 
 
 def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
-    """The trajectories that the user's function has for a concrete scenario, as cases beside the simulated ones."""
+    """The trajectories that the user's function has for a concrete scenario, as cases beside the
+    simulated ones.
+    """
     locator = plan.settings.drivers.source
-    reference: Callable[[ConcreteScenario], Iterable[object]] = load_object(locator, plan.source, "Human reference")
+    reference: Callable[[ConcreteScenario], Iterable[object]] = load_object(
+        locator, plan.source, "Human reference"
+    )
     try:
         trajectories = list(reference(concrete))
     except KeyboardInterrupt:
         raise
     except BaseException as error:
         raise InputError(
-            f"The human reference `{locator}` failed for {concrete.scenario} at {concrete.label}: {said(error)}."
+            f"The human reference `{locator}` failed for {concrete.scenario} at {concrete.label}: "
+            f"{said(error)}."
         ) from error
     for index, trajectory in enumerate(trajectories):
         if not isinstance(trajectory, Trajectory):
             raise InputError(
-                f"The human reference `{locator}` must return Trajectory objects, got {type(trajectory).__name__} "
+                f"The human reference `{locator}` must return Trajectory objects, got "
+                f"{type(trajectory).__name__} "
                 f"for {concrete.scenario} at {concrete.label}."
             )
         case = plan.human(number, concrete, f"driver_{index:02d}")

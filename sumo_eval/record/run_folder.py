@@ -1,4 +1,7 @@
-"""A run's folder: the resolved evaluation, who made it with what, the SUMO inputs, and the facts. One writer."""
+"""A run's folder: the resolved evaluation, who made it with what, the SUMO inputs, and the facts.
+
+One writer.
+"""
 
 from __future__ import annotations
 
@@ -49,13 +52,24 @@ _HALF_MADE = {
 
 @contextmanager
 def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
-    """The right to write a run folder, made if need be. Refuses one that is in use, or not empty unless `resume`."""
+    """The right to write a run folder, made if need be.
+
+    Refuses one that is in use, or not empty unless `resume`.
+    """
     refuse_foreign(folder, resume)
 
     def busy(owner: str) -> str:
-        return f"Run {folder} is being written by another process ({owner}); a run has one writer at a time."
+        return (
+            f"Run {folder} is being written by another process ({owner}); a run has one writer at "
+            "a time."
+        )
 
-    with held(folder / LOCK, f"process {os.getpid()} on {platform.node()}", f"The run folder {folder}", busy):
+    with held(
+        folder / LOCK,
+        f"process {os.getpid()} on {platform.node()}",
+        f"The run folder {folder}",
+        busy,
+    ):
         refuse_foreign(folder, resume)  # another process may have finished a run here just now
         yield
 
@@ -65,7 +79,9 @@ def refuse_foreign(folder: Path, resume: bool) -> None:
     if not folder.exists():
         return
     if not folder.is_dir():
-        raise InputError(f"{folder} already exists and is no folder; a run needs a folder of its own.")
+        raise InputError(
+            f"{folder} already exists and is no folder; a run needs a folder of its own."
+        )
     suffixes = ("-wal", "-shm", "-journal", ".half")
     names = {_without(path.name, suffixes) for path in folder.iterdir()}
     names -= {LOCK, GIVEN}
@@ -73,9 +89,13 @@ def refuse_foreign(folder: Path, resume: bool) -> None:
         return
     if not resume:
         hint = " --resume continues the run in it." if is_run(folder) else ""
-        raise InputError(f"{folder} already exists and is not empty; a run needs a folder of its own.{hint}")
+        raise InputError(
+            f"{folder} already exists and is not empty; a run needs a folder of its own.{hint}"
+        )
     if not is_run(folder) and not names <= _HALF_MADE:
-        raise InputError(f"{folder} is no run folder: there is no {MANIFEST} in it; nothing to resume.")
+        raise InputError(
+            f"{folder} is no run folder: there is no {MANIFEST} in it; nothing to resume."
+        )
 
 
 def _without(name: str, suffixes: Sequence[str]) -> str:
@@ -97,14 +117,18 @@ def create(
     *,
     another_round: bool = False,
 ) -> None:
-    """Fill a run folder. `source`: where relative paths of the evaluation start; `examples`: one case a scenario.
+    """Fill a run folder. `source`: where relative paths of the evaluation start; `examples`: one
+    case a scenario.
+
     another_round: whether whoever began or resumed the run goes on with it.
     """
-    from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml  # brings libsumo
+    # brings libsumo
+    from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 
     before = read_manifest(folder) if is_run(folder) else None
     named = settings.run.qualification
-    known = (before or {}).get("qualification")  # of a run that goes on: its file need not be there any more
+    # of a run that goes on: its file need not be there any more
+    known = (before or {}).get("qualification")
     qualified = {"qualification": known or read_qualification(named, source)} if named else {}
     with writing(f"The run folder {folder}"):
         for name in ("networks", "routes"):
@@ -138,7 +162,9 @@ def create(
 
 
 def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:
-    """Keep what the exposure of every scenario was made of: the recordings need not be there when scores are."""
+    """Keep what the exposure of every scenario was made of: the recordings need not be there when
+    scores are.
+    """
     _write(folder / EXPOSURES, sealed(exposures, indent=2))
 
 
@@ -183,7 +209,9 @@ def source_of(folder: Path) -> Path:
 
 
 def give_what_is_own(*runs: Path) -> bool:
-    """Take what those of the runs name that this user recorded here for the user's own in all; whether all are such."""
+    """Take what those of the runs name that this user recorded here for the user's own in all;
+    whether all are such.
+    """
     own = []
     for run in runs:
         with suppress(InputError, OSError):  # opening the run says what is wrong with it
@@ -195,12 +223,16 @@ def give_what_is_own(*runs: Path) -> bool:
 
 
 def read_manifest(folder: Path) -> Mapping[str, Any]:
-    """The manifest of a run. Raises InputError for one of another format, and for one that is not as it was written."""
+    """The manifest of a run.
+
+    Raises InputError for one of another format, and for one that is not as it was written.
+    """
 
     def refuse_other_formats(content: Mapping[str, Any]) -> None:
         if content.get("format_version") != FORMAT_VERSION:
             raise InputError(
-                f"Run {folder} has format version {shown(content.get('format_version'))}; this sumo_eval reads "
+                f"Run {folder} has format version {shown(content.get('format_version'))}; this "
+                "sumo_eval reads "
                 f"{FORMAT_VERSION}."
             )
 
@@ -214,14 +246,19 @@ def check_complete(store: Store, folder: Path) -> None:
     """Refuse to score what is no more than a part: a mean over it would not be the run's."""
     if store.noted(SHARD) not in ("", "1/1"):
         raise InputError(
-            f"Run {folder} is shard {store.noted(SHARD)} of an evaluation; put the shards together first: "
+            f"Run {folder} is shard {store.noted(SHARD)} of an evaluation; put the shards "
+            "together first: "
             "sumo-eval merge SHARD ... --out DIR."
         )
     if not store.sealed:
-        raise InputError(f"Run {folder} is not complete; go on with: sumo-eval run --out {folder} --resume.")
+        raise InputError(
+            f"Run {folder} is not complete; go on with: sumo-eval run --out {folder} --resume."
+        )
 
 
-def _manifest(inputs: Mapping[str, str], settings: EvaluationSettings, source: Path) -> dict[str, Any]:
+def _manifest(
+    inputs: Mapping[str, str], settings: EvaluationSettings, source: Path
+) -> dict[str, Any]:
     return {
         "format_version": FORMAT_VERSION,
         "name": settings.name,
@@ -230,9 +267,18 @@ def _manifest(inputs: Mapping[str, str], settings: EvaluationSettings, source: P
         "source_folder": str(source),
         "versions": {
             "python": sys.version.split()[0],
-            **{name: version(name) for name in ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")},
+            **{
+                name: version(name)
+                for name in ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")
+            },
         },
-        "machine": {"system": platform.platform(), "processor": platform.machine(), "node": platform.node()},
-        "sha256": {name: hashlib.sha256(inputs[name].encode()).hexdigest() for name in sorted(inputs)},
+        "machine": {
+            "system": platform.platform(),
+            "processor": platform.machine(),
+            "node": platform.node(),
+        },
+        "sha256": {
+            name: hashlib.sha256(inputs[name].encode()).hexdigest() for name in sorted(inputs)
+        },
         "builds": builds_of(settings, source),
     }

@@ -1,6 +1,8 @@
-"""JSON files of a run folder that carry a hash of their own content, so that one that was edited or damaged is found.
+"""JSON files of a run folder that carry a hash of their own content, so that one that was edited or
+damaged is found.
 
-Whoever can write such a file can also write a hash that fits: what is found is a slip, a flipped bit, a cut file.
+Whoever can write such a file can also write a hash that fits: what is found is a slip, a flipped
+bit, a cut file.
 """
 
 from __future__ import annotations
@@ -26,17 +28,22 @@ def read_sealed(
 ) -> dict[str, Any]:
     """The content of a file that `sealed` made the text of. OSError where there is none.
 
-    Raises InputError for one that is not as it was written; `mend` says what may be done then. first: is shown the
-    content before the hash is compared, and may refuse it for a better reason.
+    Raises InputError for one that is not as it was written; `mend` says what may be done then.
+
+    first: is shown the content before the hash is compared, and may refuse it for a better reason.
     """
     try:
         content = json.loads(path.read_bytes())
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} cannot be read, it was changed or damaged: {error}. {mend}") from error
+        raise InputError(
+            f"{path} cannot be read, it was changed or damaged: {error}. {mend}"
+        ) from error
     if isinstance(content, dict):
         first(content)
     if not isinstance(content, dict) or content.pop(SEAL, None) != _hash(content):
-        raise InputError(f"{path} is not as it was written: its content does not fit its `{SEAL}`. {mend}")
+        raise InputError(
+            f"{path} is not as it was written: its content does not fit its `{SEAL}`. {mend}"
+        )
     return content
 
 

@@ -18,15 +18,20 @@ Result = TypeVar("Result")
 class Spread(Protocol):
     """`work` of every part, in order, wherever it is done; `map` does it here."""
 
-    def __call__(self, work: Callable[[Part], Result], parts: Sequence[Part], /) -> Iterable[Result]:
+    def __call__(
+        self, work: Callable[[Part], Result], parts: Sequence[Part], /
+    ) -> Iterable[Result]:
         """The results."""
 
 
 @contextmanager
 def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]:
-    """Child processes for any number of rounds of work; `workers` = 1: this process. They die with this process.
+    """Child processes for any number of rounds of work; `workers` = 1: this process.
 
-    They begin at once, with `prepare`, so that whoever has something else to do first need not wait for them.
+    They die with this process.
+
+    They begin at once, with `prepare`, so that whoever has something else to do first need not wait
+    for them.
     """
     if workers == 1:
         yield map
@@ -45,7 +50,8 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
 
 @contextmanager
 def beside(work: Callable[[], object]) -> Iterator[Callable[[], bool]]:
-    """`work` in a child process meanwhile, waited for at the end; what ends this early ends it, too.
+    """`work` in a child process meanwhile, waited for at the end; what ends this early ends it,
+    too.
 
     What comes back says whether it has failed. Why is told to whoever then does it in this process.
     """

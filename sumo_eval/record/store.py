@@ -1,9 +1,10 @@
-"""The facts of a run in one SQLite file: a row a case, its trajectories beside it, each case in one transaction.
+"""The facts of a run in one SQLite file: a row a case, its trajectories beside it, each case in one
+transaction.
 
-Every case carries a hash of all that is recorded of it, and a complete run a seal over all its cases. A file is checked
-against them once in every process that reads it, before the first answer is taken from it. One that has not changed
-since it was scored (`vouch`) was checked then: there each case is checked when it is read, and all of them before many
-are.
+Every case carries a hash of all that is recorded of it, and a complete run a seal over all its
+cases. A file is checked against them once in every process that reads it, before the first answer
+is taken from it. One that has not changed since it was scored (`vouch`) was checked then: there
+each case is checked when it is read, and all of them before many are.
 """
 
 from __future__ import annotations
@@ -33,12 +34,15 @@ from sumo_eval.trajectory import Alone, Clip, Collision, Trajectory
 FORMAT_VERSION = 4
 
 RECORDED = "recorded"
-"""What the controller of a recorded person's drive is called, and the setting `drivers.source` that asks for them."""
+"""What the controller of a recorded person's drive is called, and the setting `drivers.source` that
+asks for them."""
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS facts (
-    "case" TEXT PRIMARY KEY, scenario TEXT NOT NULL, point INTEGER NOT NULL, role TEXT NOT NULL, driver TEXT NOT NULL,
-    controller TEXT NOT NULL, "values" TEXT NOT NULL, exposure REAL NOT NULL, status TEXT NOT NULL, end_reason TEXT,
+    "case" TEXT PRIMARY KEY, scenario TEXT NOT NULL, point INTEGER NOT NULL,
+    role TEXT NOT NULL, driver TEXT NOT NULL,
+    controller TEXT NOT NULL, "values" TEXT NOT NULL, exposure REAL NOT NULL,
+    status TEXT NOT NULL, end_reason TEXT,
     error TEXT, simulated_time REAL, collision TEXT, clips TEXT NOT NULL, fingerprint TEXT NOT NULL
 ) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS circumstances (
@@ -58,12 +62,16 @@ CREATE TABLE IF NOT EXISTS latencies (
 ) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS read_by ("case" TEXT PRIMARY KEY, link INTEGER NOT NULL) WITHOUT ROWID;
 """
-_LET_GO = 'CREATE TABLE IF NOT EXISTS let_go ("case" TEXT PRIMARY KEY, hash BLOB NOT NULL) WITHOUT ROWID'
+_LET_GO = (
+    'CREATE TABLE IF NOT EXISTS let_go ("case" TEXT PRIMARY KEY, hash BLOB NOT NULL) WITHOUT ROWID'
+)
 _TABLES = ("facts", "circumstances", "trajectories")
 _SEAL = "seal"
 _CONTENT = "content"  # the seal before trajectories were let go
-_HASH_SIZE = 16  # bytes: damage and edits are found; who can write the file can also write a hash that fits
-_checked: set[tuple[str, int, int]] = set()  # files that this process has checked: path, size, time of last change
+# bytes: damage and edits are found; who can write the file can also write a hash that fits
+_HASH_SIZE = 16
+# files that this process has checked: path, size, time of last change
+_checked: set[tuple[str, int, int]] = set()
 
 
 _HALVES = """
@@ -113,7 +121,10 @@ _TIMES = 3  # of the columns, the last: those of a table that older files have n
 
 
 class Store:
-    """The facts file of one run. What differs from run to run - times, printed text - is kept apart from the facts."""
+    """The facts file of one run.
+
+    What differs from run to run - times, printed text - is kept apart from the facts.
+    """
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
         if not create and not path.is_file():
@@ -121,7 +132,8 @@ class Store:
         self.path = path
         self._writing = create
         self._unchecked = False  # whether what is read must be looked at first
-        self.stale: frozenset[str] = frozenset()  # cases whose ADS has read files that are not there as they were
+        # cases whose ADS has read files that are not there as they were
+        self.stale: frozenset[str] = frozenset()
         self._links: dict[str, int] = {}  # rows of `reads` by their names
         try:
             self._connection = sqlite3.connect(path)
@@ -137,25 +149,36 @@ class Store:
         try:
             version = self._version()
             if create and version == 0:
-                self._connection.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+                self._connection.executescript(
+                    f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;"
+                )
                 version = FORMAT_VERSION
             if version == FORMAT_VERSION:
                 if create:
                     self._connection.executescript(_LATER)
-                # WAL: whole after kill -9; a power cut may cost the last cases, which a resumed run simulates again.
-                self._connection.execute("PRAGMA journal_mode = WAL" if create else "PRAGMA query_only = ON")
+                # WAL: whole after kill -9; a power cut may cost the last cases, which a resumed run
+                # simulates again.
+                self._connection.execute(
+                    "PRAGMA journal_mode = WAL" if create else "PRAGMA query_only = ON"
+                )
                 self._connection.execute("PRAGMA synchronous = NORMAL")
         except _UNREADABLE as error:
-            raise InputError(f"{self.path} is no facts file of a run, or cannot be used: {error}.") from error
+            raise InputError(
+                f"{self.path} is no facts file of a run, or cannot be used: {error}."
+            ) from error
         if version == 0:
             raise InputError(f"{self.path} is empty or was cut off: it is no facts file of a run.")
         if version != FORMAT_VERSION:
             older = (
-                " Older versions carry no hash of their content, or another." if 0 < version < FORMAT_VERSION else ""
+                " Older versions carry no hash of their content, or another."
+                if 0 < version < FORMAT_VERSION
+                else ""
             )
             raise InputError(
-                f"{self.path} has format version {version}; this sumo_eval reads version {FORMAT_VERSION}.{older} "
-                "Use the version of sumo_eval that wrote it, or run its evaluation again into a new folder."
+                f"{self.path} has format version {version}; this sumo_eval reads version "
+                f"{FORMAT_VERSION}.{older} "
+                "Use the version of sumo_eval that wrote it, or run its evaluation again into a "
+                "new folder."
             )
 
     def _version(self) -> int:
@@ -171,14 +194,18 @@ class Store:
         finally:
             self._connection.close()
 
-    # -- whole or not --------------------------------------------------------------------------------------------------
+    # -- whole or not ------------------------------------------------------------------------------
 
     def check(self) -> None:
-        """Compare every case with its hash, and all of them with the seal. InputError names the first that differs.
+        """Compare every case with its hash, and all of them with the seal.
 
-        SQLite's own check comes first: an index that lost a row would leave a case out without a word.
+        InputError names the first that differs.
+
+        SQLite's own check comes first: an index that lost a row would leave a case out without a
+        word.
         """
-        for _ in self._read("BEGIN"):  # one state of the file for all queries, whoever else may be writing
+        # one state of the file for all queries, whoever else may be writing
+        for _ in self._read("BEGIN"):
             pass
         try:
             self._compare()
@@ -200,7 +227,8 @@ class Store:
         if not self._unchecked:
             return
         fact, beside = (
-            next(self._read(f'SELECT * FROM {table} WHERE "case" = ?', (case,)), None)  # noqa: S608 - our own names
+            # our own names
+            next(self._read(f'SELECT * FROM {table} WHERE "case" = ?', (case,)), None)  # noqa: S608
             for table in ("facts", "circumstances")
         )
         drives = list(self._read(_DRIVES, (case,)))
@@ -211,9 +239,12 @@ class Store:
         self._check_hash(fact, beside, drives)
 
     def _check_hash(self, fact: Row, beside: Row, drives: Sequence[tuple[str, bytes]]) -> None:
-        if not all(isinstance(data, bytes) for _, data in drives) or beside[-1] != _hash(fact, beside[:-1], drives):
+        if not all(isinstance(data, bytes) for _, data in drives) or beside[-1] != _hash(
+            fact, beside[:-1], drives
+        ):
             raise InputError(
-                f"Case `{fact[0]}` in {self.path} is not as it was recorded: its row or a trajectory of it was changed "
+                f"Case `{fact[0]}` in {self.path} is not as it was recorded: its row or a "
+                "trajectory of it was changed "
                 f"or damaged. {_MEND}"
             )
 
@@ -243,12 +274,15 @@ class Store:
         sealed = self.noted(_SEAL)
         if sealed and sealed != f"{cases} {seal.hexdigest()}":
             raise InputError(
-                f"{self.path} is damaged: it was complete with {sealed.partition(' ')[0]} cases and holds {cases} now, "
+                f"{self.path} is damaged: it was complete with {sealed.partition(' ')[0]} cases "
+                f"and holds {cases} now, "
                 f"or other ones. {_MEND}"
             )
 
     def seal(self) -> None:
-        """Note how many cases there are, and a hash over the hashes of all: a complete run misses none of them."""
+        """Note how many cases there are, and a hash over the hashes of all: a complete run misses
+        none of them.
+        """
         self.note(_SEAL, self._sealed())
 
     def _sealed(self) -> str:
@@ -269,22 +303,32 @@ class Store:
         self.note(_CONTENT, "")
 
     def let_go(self, stays: Callable[[str, int], bool]) -> int:
-        """Take out the trajectories at all points, by scenario and number, but those that stay; all of it or nothing.
+        """Take out the trajectories at all points, by scenario and number, but those that stay; all
+        of it or nothing.
 
-        What is recorded besides stays, with a hash of its own, and the hash of all that was recorded stands beside it:
-        what was computed from the trajectories is still known by it. How many cases lost theirs comes back.
+        What is recorded besides stays, with a hash of its own, and the hash of all that was
+        recorded stands beside it: what was computed from the trajectories is still known by it. How
+        many cases lost theirs comes back.
         """
         content, gone = self.content, 0
         with self._changes():
             write = self._connection.execute
             write(_LET_GO)
-            query = 'SELECT facts.* FROM facts JOIN (SELECT DISTINCT "case" FROM trajectories) USING ("case")'
+            query = (
+                'SELECT facts.* FROM facts JOIN (SELECT DISTINCT "case" FROM trajectories) USING '
+                '("case")'
+            )
             for fact in self._read(query):
                 if stays(fact[1], fact[2]):
                     continue
-                (beside,) = write('SELECT * FROM circumstances WHERE "case" = ?', fact[:1]).fetchall()
+                (beside,) = write(
+                    'SELECT * FROM circumstances WHERE "case" = ?', fact[:1]
+                ).fetchall()
                 write("INSERT OR IGNORE INTO let_go VALUES (?,?)", (fact[0], beside[-1]))
-                write('UPDATE circumstances SET hash = ? WHERE "case" = ?', (_hash(fact, beside[:-1], ()), fact[0]))
+                write(
+                    'UPDATE circumstances SET hash = ? WHERE "case" = ?',
+                    (_hash(fact, beside[:-1], ()), fact[0]),
+                )
                 gone += 1
             write('DELETE FROM trajectories WHERE "case" IN (SELECT "case" FROM let_go)')
             for name, value in ((_SEAL, self._sealed()), (_CONTENT, content)):
@@ -304,30 +348,42 @@ class Store:
         return None if row is None else bytes(row[0])
 
     def _has(self, table: str) -> bool:
-        return next(self._read("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)), None) is not None
+        return (
+            next(self._read("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)), None)
+            is not None
+        )
 
     def no_trajectory(self, case: str, vehicle: str = EGO) -> InputError:
         """Why there is no trajectory of a vehicle in a case."""
         if self.is_let_go(case):
             return InputError(
-                f"The trajectories of case `{case}` of {self.path.parent} were let go after it was scored "
-                "(`[run] keep`); what was computed of them then is known, anything else needs the evaluation run again."
+                f"The trajectories of case `{case}` of {self.path.parent} were let go after it "
+                "was scored "
+                "(`[run] keep`); what was computed of them then is known, anything else needs the "
+                "evaluation run again."
             )
-        return InputError(f"There is no trajectory of `{vehicle}` in case `{case}` of {self.path.parent}.")
+        return InputError(
+            f"There is no trajectory of `{vehicle}` in case `{case}` of {self.path.parent}."
+        )
 
-    def _read(self, query: str, values: Sequence[object] | Mapping[str, object] = ()) -> Iterator[Any]:
+    def _read(
+        self, query: str, values: Sequence[object] | Mapping[str, object] = ()
+    ) -> Iterator[Any]:
         """The rows of a query; what SQLite cannot read is a sentence that names the file."""
         try:
-            for row in self._connection.execute(query, values):  # noqa: UP028 - `yield from` would close the cursor
+            # `yield from` would close the cursor
+            for row in self._connection.execute(query, values):  # noqa: UP028
                 yield row
         except _UNREADABLE as error:
             raise InputError(f"{self.path} cannot be read: {error}. {_MEND}") from error
 
     def add(self, *outcomes: Outcome) -> None:
-        """Record cases, each with its row and all its trajectories: all of them or none, in one transaction.
+        """Record cases, each with its row and all its trajectories: all of them or none, in one
+        transaction.
 
-        A case of the same name takes the place of one that was recorded with another fingerprint. Raises InputError
-        when the file cannot take them in, e.g. because the disk is full.
+        A case of the same name takes the place of one that was recorded with another fingerprint.
+
+        Raises InputError when the file cannot take them in, e.g. because the disk is full.
         """
         recorded = [(outcome, _kept(outcome)) for outcome in outcomes]
         facts = [_fact_row(outcome, kept) for outcome, kept in recorded]
@@ -346,8 +402,12 @@ class Store:
                 if outcome.reads is not None:
                     row = outcome.case.key, self._link(outcome.reads)
                     self._connection.execute("INSERT OR REPLACE INTO read_by VALUES (?,?)", row)
-            self._connection.executemany("INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", facts)
-            self._connection.executemany("INSERT INTO circumstances VALUES (?,?,?,?,?,?,?,?)", circumstances)
+            self._connection.executemany(
+                "INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", facts
+            )
+            self._connection.executemany(
+                "INSERT INTO circumstances VALUES (?,?,?,?,?,?,?,?)", circumstances
+            )
             self._connection.executemany("INSERT INTO latencies VALUES (?,?,?,?)", latencies)
             self._connection.executemany("INSERT INTO trajectories VALUES (?,?,?)", drives)
 
@@ -356,11 +416,15 @@ class Store:
         return case.key not in self.stale and self._fingerprint(case.key) == case.fingerprint
 
     def _link(self, reads: str) -> int:
-        """The row of what was read up to a case, made with those that it builds on where they are not there yet."""
+        """The row of what was read up to a case, made with those that it builds on where they are
+        not there yet.
+        """
         new = list(takewhile(lambda link: link not in self._links, links(reads)))
         for link in reversed(new):
             before, files = LINKS[link]
-            self._connection.execute("INSERT OR IGNORE INTO reads VALUES (?,?,?)", (link, before, json.dumps(files)))
+            self._connection.execute(
+                "INSERT OR IGNORE INTO reads VALUES (?,?,?)", (link, before, json.dumps(files))
+            )
             query = "SELECT rowid FROM reads WHERE name = ?"
             ((self._links[link],),) = self._connection.execute(query, (link,)).fetchall()
         return self._links[reads]
@@ -370,15 +434,25 @@ class Store:
         if not self._has("reads"):
             return {}
         rows = self._read("SELECT name, before, files FROM reads ORDER BY rowid")
-        return {name: (before, [(path, was) for path, was in json.loads(files)]) for name, before, files in rows}
+        return {
+            name: (before, [(path, was) for path, was in json.loads(files)])
+            for name, before, files in rows
+        }
 
     def read_by(self) -> Iterator[tuple[str, str, str]]:
-        """Case, driver, and the name of what its process had read by then, of the cases of which that is known."""
-        query = 'SELECT "case", driver, name FROM read_by JOIN reads ON reads.rowid = link JOIN facts USING ("case")'
+        """Case, driver, and the name of what its process had read by then, of the cases of which
+        that is known.
+        """
+        query = (
+            'SELECT "case", driver, name FROM read_by JOIN reads ON reads.rowid = link JOIN facts '
+            'USING ("case")'
+        )
         return self._read(query) if self._has("reads") else iter(())
 
     def remove(self, cases: Iterable[str]) -> None:
-        """Take out cases that are no part of the evaluation any more, as where an ADS or the zones have changed."""
+        """Take out cases that are no part of the evaluation any more, as where an ADS or the zones
+        have changed.
+        """
         gone = list(cases)
         with self._changes():
             for case in gone:
@@ -393,8 +467,14 @@ class Store:
         return None if row is None else str(row[0])
 
     def _remove(self, case: str) -> None:
-        for table in (*_TABLES, "read_by", "latencies", *(["let_go"] if self._has("let_go") else [])):
-            self._connection.execute(f'DELETE FROM {table} WHERE "case" = ?', (case,))  # noqa: S608 - our own names
+        for table in (
+            *_TABLES,
+            "read_by",
+            "latencies",
+            *(["let_go"] if self._has("let_go") else []),
+        ):
+            # our own names
+            self._connection.execute(f'DELETE FROM {table} WHERE "case" = ?', (case,))  # noqa: S608
 
     @contextmanager
     def _changes(self) -> Iterator[None]:
@@ -404,7 +484,9 @@ class Store:
         except sqlite3.IntegrityError:
             raise  # a case that is there already
         except sqlite3.Error as error:
-            raise InputError(f"{self.path} cannot be written: {error}. What it holds is kept.") from error
+            raise InputError(
+                f"{self.path} cannot be written: {error}. What it holds is kept."
+            ) from error
 
     def difference(self, case: str, other: Store) -> str:
         """Where a case differs from the same case in another store, in words."""
@@ -414,7 +496,7 @@ class Store:
         found = [f"{n}: {x!r}, now {y!r}" for n, x, y in zip(names, a, b, strict=True) if x != y]
         return "; ".join(found) or "a trajectory differs"
 
-    # -- about the run -------------------------------------------------------------------------------------------------
+    # -- about the run -----------------------------------------------------------------------------
 
     def note(self, name: str, value: str) -> None:
         """Keep a word about the run as a whole, e.g. that it is complete."""
@@ -433,28 +515,51 @@ class Store:
         try:
             with self._changes():
                 for table in _TABLES:
-                    self._connection.execute(f"INSERT INTO {table} SELECT * FROM other.{table}")  # noqa: S608
-                if next(self._read("SELECT 1 FROM other.sqlite_master WHERE name = 'latencies'"), None) is not None:
+                    copy = f"INSERT INTO {table} SELECT * FROM other.{table}"  # noqa: S608
+                    self._connection.execute(copy)
+                if (
+                    next(
+                        self._read("SELECT 1 FROM other.sqlite_master WHERE name = 'latencies'"),
+                        None,
+                    )
+                    is not None
+                ):
                     self._connection.execute("INSERT INTO latencies SELECT * FROM other.latencies")
-                if next(self._read("SELECT 1 FROM other.sqlite_master WHERE name = 'reads'"), None) is not None:
-                    self._connection.execute("INSERT OR IGNORE INTO reads SELECT * FROM other.reads")
+                if (
+                    next(self._read("SELECT 1 FROM other.sqlite_master WHERE name = 'reads'"), None)
+                    is not None
+                ):
+                    self._connection.execute(
+                        "INSERT OR IGNORE INTO reads SELECT * FROM other.reads"
+                    )
                     self._connection.execute(
                         'INSERT INTO read_by SELECT "case", mine.rowid FROM other.read_by '
-                        "JOIN other.reads AS its ON its.rowid = link JOIN main.reads AS mine USING (name)"
+                        "JOIN other.reads AS its ON its.rowid = link JOIN main.reads AS mine "
+                        "USING (name)"
                     )
         except sqlite3.IntegrityError as error:
-            raise InputError(f"{other.parent} holds a case that is in another part as well: {error}.") from error
+            raise InputError(
+                f"{other.parent} holds a case that is in another part as well: {error}."
+            ) from error
         finally:
             self._connection.execute("DETACH other")
 
-    # -- reading -------------------------------------------------------------------------------------------------------
+    # -- reading -----------------------------------------------------------------------------------
 
-    def facts(self, role: Role, scenario: str | None = None, driver: str | None = None) -> list[Fact]:
-        """The recorded cases of a role (of one scenario, of one driver), by scenario, point and driver."""
+    def facts(
+        self, role: Role, scenario: str | None = None, driver: str | None = None
+    ) -> list[Fact]:
+        """The recorded cases of a role (of one scenario, of one driver), by scenario, point and
+        driver.
+        """
         return list(self.each_fact(role, scenario, driver))
 
-    def each_fact(self, role: Role, scenario: str | None = None, driver: str | None = None) -> Iterator[Fact]:
-        """Recorded cases of a role, as `facts` has them, read one after the other without holding them all."""
+    def each_fact(
+        self, role: Role, scenario: str | None = None, driver: str | None = None
+    ) -> Iterator[Fact]:
+        """Recorded cases of a role, as `facts` has them, read one after the other without holding
+        them all.
+        """
         self.check_all()
         where = "role = ? AND scenario = coalesce(?, scenario) AND driver = coalesce(?, driver)"
         return self._facts(f"{where} ORDER BY scenario, point, driver", role, scenario, driver)
@@ -464,7 +569,8 @@ class Store:
         if self._has("latencies"):
             times, joined = _COLUMNS[-_TIMES:], ' LEFT JOIN latencies USING ("case")'
         columns = ", ".join([*(f'"{name}"' for name in _COLUMNS[:-_TIMES]), *times])
-        query = f'SELECT {columns} FROM facts LEFT JOIN circumstances USING ("case"){joined} WHERE {where}'  # noqa: S608
+        table = f'facts LEFT JOIN circumstances USING ("case"){joined}'
+        query = f"SELECT {columns} FROM {table} WHERE {where}"  # noqa: S608
         return map(_fact, self._read(query, values))
 
     def facts_at(self, points: range, role: Role, scenario: str) -> list[Fact]:
@@ -481,29 +587,40 @@ class Store:
         return next(self._facts('facts."case" = ?', case), None)
 
     def outcomes(self, role: Role, scenario: str) -> Iterator[tuple[int, str, Status, bool]]:
-        """Point, driver, status and whether there was a contact, of a role's recorded cases, by point and driver."""
+        """Point, driver, status and whether there was a contact, of a role's recorded cases, by
+        point and driver.
+        """
         query = (
-            "SELECT point, driver, status, collision IS NOT NULL FROM facts WHERE role = ? AND scenario = ? "
+            "SELECT point, driver, status, collision IS NOT NULL FROM facts WHERE role = ? AND "
+            "scenario = ? "
             "ORDER BY point, driver"
         )
         for point, driver, status, hit in self._read(query, (role, scenario)):
             yield point, driver, status, bool(hit)
 
     def drivers_at_points(self, scenario: str, recorded: str) -> Iterator[tuple[int, int, int]]:
-        """Point, how many human drives there ended well, and how many of these have the controller `recorded`."""
+        """Point, how many human drives there ended well, and how many of these have the controller
+        `recorded`.
+        """
         query = (
-            "SELECT point, count(*), sum(controller = ?) FROM facts WHERE scenario = ? AND role = 'human' "
+            "SELECT point, count(*), sum(controller = ?) FROM facts WHERE scenario = ? AND role = "
+            "'human' "
             "AND status = 'ok' GROUP BY point ORDER BY point"
         )
         yield from self._read(query, (recorded, scenario))
 
     def names(self, role: Role, scenario: str | None = None) -> Iterator[tuple[str, int, str]]:
         """Case, point and driver of the recorded cases of a role, of all scenarios or of one."""
-        query = 'SELECT "case", point, driver FROM facts WHERE role = ? AND scenario = coalesce(?, scenario)'
+        query = (
+            'SELECT "case", point, driver FROM facts WHERE role = ? AND scenario = coalesce(?, '
+            "scenario)"
+        )
         yield from self._read(query, (role, scenario))
 
     def case_hash(self, case: str) -> bytes:
-        """The hash of all that was recorded of a case, as it stands in the file; empty where there is none."""
+        """The hash of all that was recorded of a case, as it stands in the file; empty where there
+        is none.
+        """
         before = self._hash_before(case)
         if before is not None:
             return before
@@ -512,30 +629,40 @@ class Store:
 
     @property
     def content(self) -> str:
-        """How many cases a complete run has, and a hash over the hashes of all that was recorded of them; nothing where
-        it is not complete.
+        """How many cases a complete run has, and a hash over the hashes of all that was recorded of
+        them; nothing where it is not complete.
         """
         return self.noted(_CONTENT) or self.noted(_SEAL)
 
     def counts(self) -> list[tuple[str, str, str, str, int, float]]:
-        """Scenario, role, driver, status; how many such cases and their exposure. Computed by the database."""
+        """Scenario, role, driver, status; how many such cases and their exposure.
+
+        Computed by the database.
+        """
         query = (
-            "SELECT scenario, role, CASE role WHEN 'human' THEN '' ELSE driver END AS who, status, count(*), "
-            "total(exposure) FROM facts GROUP BY scenario, role, who, status ORDER BY scenario, role, who, status"
+            "SELECT scenario, role, CASE role WHEN 'human' THEN '' ELSE driver END AS who, "
+            "status, count(*), "
+            "total(exposure) FROM facts GROUP BY scenario, role, who, status ORDER BY scenario, "
+            "role, who, status"
         )
         return list(self._read(query))
 
     def simulated_alone(self, scenario: str, ads: str) -> dict[Alone, int]:
-        """How many drives of an ADS, and of those that it is compared with, left their pack, by the reason."""
+        """How many drives of an ADS, and of those that it is compared with, left their pack, by the
+        reason.
+        """
         query = (
-            'SELECT alone, count(*) FROM facts JOIN circumstances USING ("case") WHERE scenario = :scenario '
+            'SELECT alone, count(*) FROM facts JOIN circumstances USING ("case") WHERE scenario = '
+            ":scenario "
             "AND (role != 'ads' OR driver = :ads) AND alone != '' GROUP BY alone ORDER BY alone"
         )
         found = self._read(query, {"scenario": scenario, "ads": ads})
         return {Alone(**json.loads(alone)): number for alone, number in found}
 
     def digest(self) -> str:
-        """A hash of all facts and trajectories, whatever the order they came in; equal digests, equal content."""
+        """A hash of all facts and trajectories, whatever the order they came in; equal digests,
+        equal content.
+        """
         self.check_all()
         found = hashlib.sha256()
         for query in (_ALL_FACTS, _ALL_DRIVES):
@@ -544,12 +671,16 @@ class Store:
         return found.hexdigest()
 
     def drive(self, case: str, *, whole: bool = True) -> str | None:
-        """A hash of what happened in a case, whatever drove it under whatever key; None when it is not recorded.
+        """A hash of what happened in a case, whatever drove it under whatever key; None when it is
+        not recorded.
 
         whole: with its trajectories.
         """
         self._check_one(case)
-        query = 'SELECT status, end_reason, error, simulated_time, collision, clips FROM facts WHERE "case" = ?'
+        query = (
+            "SELECT status, end_reason, error, simulated_time, collision, clips FROM facts WHERE "
+            '"case" = ?'
+        )
         row = next(self._read(query, (case,)), None)
         if row is None:
             return None
@@ -572,9 +703,13 @@ class Store:
 
 
 @contextmanager
-def open_store(path: Path, *, create: bool = False, checked: bool = False, whole: bool = False) -> Iterator[Store]:
-    """A facts file, checked and closed at the end of the block. checked: another process has just done that. whole: all
-    of it is checked, also where it was vouched for.
+def open_store(
+    path: Path, *, create: bool = False, checked: bool = False, whole: bool = False
+) -> Iterator[Store]:
+    """A facts file, checked and closed at the end of the block.
+
+    checked: another process has just done that.
+    whole: all of it is checked, also where it was vouched for.
 
     A file that has not changed since this process checked it is not checked again.
     """
@@ -613,14 +748,18 @@ _FACTS = b"facts"
 
 
 def vouch(path: Path, kept: KeptResults) -> None:
-    """Note that a facts file, as it is, was checked, so that later processes need not look through all of it."""
+    """Note that a facts file, as it is, was checked, so that later processes need not look through
+    all of it.
+    """
     if path.is_file() and not _is_written(path) and (state := _state(path)) in _checked:
         _, size, changed = state
         kept.put([("checked", _FACTS, 0, json.dumps([size, changed]).encode())])
 
 
 def _vouched(path: Path) -> tuple[int, int] | None:
-    """Size and time of the last change of a facts file when it was checked; None where nobody noted it."""
+    """Size and time of the last change of a facts file when it was checked; None where nobody noted
+    it.
+    """
     if _is_written(path) or not path.with_name(KEPT).is_file():
         return None
     kept = None
@@ -638,11 +777,14 @@ def _vouched(path: Path) -> tuple[int, int] | None:
     return int(size), int(changed)
 
 
-def _hash(fact: Sequence[object], circumstance: Sequence[object], drives: Iterable[tuple[str, bytes]]) -> bytes:
+def _hash(
+    fact: Sequence[object], circumstance: Sequence[object], drives: Iterable[tuple[str, bytes]]
+) -> bytes:
     """A hash of all that is recorded of a case; `drives` in the order of the vehicles' names.
 
-    Trajectories enter by length and CRC-32, which finds every flipped bit in a fifth of the time of a longer hash. The
-    row enters in the second format of `marshal`, which has numbers as their bits, at a quarter of the cost of `repr`.
+    Trajectories enter by length and CRC-32, which finds every flipped bit in a fifth of the time of
+    a longer hash. The row enters in the second format of `marshal`, which has numbers as their
+    bits, at a quarter of the cost of `repr`.
     """
     sums = [(vehicle, len(data), zlib.crc32(data)) for vehicle, data in drives]
     row: Any = (*fact, *circumstance, sums)
@@ -650,13 +792,17 @@ def _hash(fact: Sequence[object], circumstance: Sequence[object], drives: Iterab
 
 
 def _real(value: float | None) -> float | None:
-    """A number as SQLite gives it back: its own kind, without the sign of a zero, and missing where it is not one."""
+    """A number as SQLite gives it back: its own kind, without the sign of a zero, and missing where
+    it is not one.
+    """
     return None if value is None or math.isnan(value) else float(value) + 0.0
 
 
 def _kept(outcome: Outcome) -> KeptRecording | None:
     recording = outcome.recording
-    return recording if recording is None or isinstance(recording, KeptRecording) else keep(recording)
+    return (
+        recording if recording is None or isinstance(recording, KeptRecording) else keep(recording)
+    )
 
 
 def _fact_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...]:
@@ -681,14 +827,22 @@ def _fact_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...
 
 
 def _plain(record: Collision | Clip | Alone) -> dict[str, object]:
-    """Its fields by name, in their order; `dataclasses.asdict` copies them, at five times the cost."""
+    """Its fields by name, in their order; `dataclasses.asdict` copies them, at five times the
+    cost.
+    """
     return {field.name: getattr(record, field.name) for field in fields(record)}
 
 
 def _circumstance_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...]:
     times = (kept.wall_time, *kept.controller_latency[:2]) if kept else (None, None, None)
     alone = "" if outcome.alone is None else json.dumps(_plain(outcome.alone))
-    return outcome.case.key, outcome.log, *(_real(time) for time in times), outcome.error_place, alone
+    return (
+        outcome.case.key,
+        outcome.log,
+        *(_real(time) for time in times),
+        outcome.error_place,
+        alone,
+    )
 
 
 def _fact(row: tuple[Any, ...]) -> Fact:
@@ -718,7 +872,8 @@ def _clips(text: str) -> tuple[Clip, ...]:
 
 
 _MAKES: dict[str, Callable[[Any], Any]] = {
-    "scenario": intern, "driver": intern, "controller": intern, "values": _values, "collision": _collision,
+    "scenario": intern, "driver": intern, "controller": intern, "values": _values,
+    "collision": _collision,
     "clips": _clips,
 }  # fmt: skip
 """What makes a field of a fact out of its column; all other columns are as they are."""

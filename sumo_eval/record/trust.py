@@ -1,9 +1,11 @@
-"""Whose code a run may name: Python is loaded for a run that this user recorded here, and for nobody else's.
+"""Whose code a run may name: Python is loaded for a run that this user recorded here, and for
+nobody else's.
 
-A run folder holds the names of functions (severity, sampler, scenario, people) and the folder where they are looked
-for. The folders of runs that were recorded by this user on this machine stand in the user's state folder, each with a
-hash of what it names; so does one that the user trusts by `--trust`. What an evaluation names that the user gives is
-the user's own, in whatever run of the same process it stands.
+A run folder holds the names of functions (severity, sampler, scenario, people) and the folder where
+they are looked for. The folders of runs that were recorded by this user on this machine stand in
+the user's state folder, each with a hash of what it names; so does one that the user trusts by
+`--trust`. What an evaluation names that the user gives is the user's own, in whatever run of the
+same process it stands.
 """
 
 from __future__ import annotations
@@ -28,14 +30,22 @@ _asked = False
 
 def code_of(settings: EvaluationSettings, source: Path) -> set[Code]:
     """The Python that opening a run of these settings loads."""
-    named = [("scenario", entry.use.partition("?")[0]) for entry in settings.scenario if not is_file(entry.use)]
+    named = [
+        ("scenario", entry.use.partition("?")[0])
+        for entry in settings.scenario
+        if not is_file(entry.use)
+    ]
     named += [("sampler", entry.sampling.method or "") for entry in settings.scenario]
     named += [("severity", settings.method.collision.severity), ("people", settings.drivers.source)]
-    return {_code(what, name, source) for what, name in named if ":" in name and name not in CHOICES}
+    return {
+        _code(what, name, source) for what, name in named if ":" in name and name not in CHOICES
+    }
 
 
 def driven_by(settings: EvaluationSettings, source: Path) -> set[Code]:
-    """The code that driving a run of these settings again runs: of its ADSs, its vehicle, and its cluster."""
+    """The code that driving a run of these settings again runs: of its ADSs, its vehicle, and its
+    cluster.
+    """
     named = [("ADS", ads.controller) for ads in settings.ads if ":" in ads.controller]
     if settings.simulation.plant is not None:
         named.append(("vehicle", settings.simulation.plant.file))
@@ -45,7 +55,9 @@ def driven_by(settings: EvaluationSettings, source: Path) -> set[Code]:
 
 
 def give(settings: EvaluationSettings, source: Path) -> None:
-    """Take what an evaluation names that the user gives, or recorded, for the user's own, in this process."""
+    """Take what an evaluation names that the user gives, or recorded, for the user's own, in this
+    process.
+    """
     _given.update(code_of(settings, source) | driven_by(settings, source))
 
 
@@ -56,7 +68,10 @@ def trust_what_is_opened(said: bool) -> None:
 
 
 def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
-    """Note that this user recorded a run here, or trusts it. A run that names no code needs no note."""
+    """Note that this user recorded a run here, or trusts it.
+
+    A run that names no code needs no note.
+    """
     code = code_of(settings, source) | driven_by(settings, source)
     if not code:
         return
@@ -74,15 +89,22 @@ def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
 
 
 def is_remembered(run: Path, settings: EvaluationSettings, source: Path) -> bool:
-    """Whether this user recorded the run on this machine, or trusts it, and it names what it named then."""
-    place, found = str(run.resolve()), _hash(code_of(settings, source) | driven_by(settings, source))
+    """Whether this user recorded the run on this machine, or trusts it, and it names what it named
+    then.
+    """
+    place, found = (
+        str(run.resolve()),
+        _hash(code_of(settings, source) | driven_by(settings, source)),
+    )
     try:
         return (place, found) in _trusted or _note(place).read_text(encoding="ascii") == found
     except (OSError, ValueError):
         return False
 
 
-def refuse_foreign_code(run: Path, settings: EvaluationSettings, source: Path, *, driving: bool = False) -> None:
+def refuse_foreign_code(
+    run: Path, settings: EvaluationSettings, source: Path, *, driving: bool = False
+) -> None:
     """Refuse to load what a run names that this user neither recorded here nor names nor trusts.
 
     driving: its ADSs are to be run, too.
@@ -97,8 +119,10 @@ def refuse_foreign_code(run: Path, settings: EvaluationSettings, source: Path, *
         return
     what, locator, _ = min(code - _given)
     raise InputError(
-        f"Run {run} names code, the {what} `{clean(locator)}` with paths from {clean(str(source))}, and is not known "
-        f"as recorded by you on this machine. If that code may run here: sumo-eval report {run} --trust."
+        f"Run {run} names code, the {what} `{clean(locator)}` with paths from "
+        f"{clean(str(source))}, and is not known "
+        f"as recorded by you on this machine. If that code may run here: sumo-eval report {run} "
+        "--trust."
     )
 
 
@@ -114,5 +138,7 @@ def _hash(code: set[Code]) -> str:
 
 
 def _note(place: str) -> Path:
-    state = os.environ.get("XDG_STATE_HOME") or os.path.join(os.path.expanduser("~"), ".local", "state")
+    state = os.environ.get("XDG_STATE_HOME") or os.path.join(
+        os.path.expanduser("~"), ".local", "state"
+    )
     return Path(state, "sumo_eval", "runs", hashlib.sha256(place.encode()).hexdigest()[:32])

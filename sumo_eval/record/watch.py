@@ -1,4 +1,6 @@
-"""A watch over an ADS while it drives: a step that hangs is interrupted, a fault past the limits says which limit."""
+"""A watch over an ADS while it drives: a step that hangs is interrupted, a fault past the limits
+says which limit.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ from sumo_eval.errors import ControllerTimeoutError
 from sumo_eval.settings import RunSettings
 from sumo_eval.text import kind_of
 
-COPY = 87  # exit code of a copy of a process, made by a fork in a step, that goes on with the case as the process does
+# exit code of a copy of a process, made by a fork in a step, that goes on with the case as the
+# process does
+COPY = 87
 _ALARM = int(getattr(signal, "SIGALRM", 0))
 
 
@@ -43,12 +47,16 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 class _OverdueError(BaseException):
-    """Raised in the middle of a step that is over its time. No `except Exception` of the ADS catches it."""
+    """Raised in the middle of a step that is over its time.
+
+    No `except Exception` of the ADS catches it.
+    """
 
 
 def watched(controller: Adapter, limits: RunSettings) -> Adapter:
-    """The controller under watch. SUMO's own models and what ships need none, and programs are watched where they are
-    talked to.
+    """The controller under watch.
+
+    SUMO's own models and what ships need none, and programs are watched where they are talked to.
     """
     if isinstance(controller, NativeModel | JsonLinesProgram | TraciProgram):
         return controller
@@ -68,9 +76,11 @@ def interrupted(error: KeyboardInterrupt) -> RuntimeError:
 
 
 class WatchedController(Adapter):
-    """A controller whose steps end in time, by an exception raised in them, wherever Python code runs or waits.
+    """A controller whose steps end in time, by an exception raised in them, wherever Python code
+    runs or waits.
 
-    Code that keeps the interpreter's lock cannot be interrupted so; there the deadline of the case ends the process.
+    Code that keeps the interpreter's lock cannot be interrupted so; there the deadline of the case
+    ends the process.
     """
 
     def __init__(self, controller: Any, limits: RunSettings) -> None:
@@ -79,7 +89,9 @@ class WatchedController(Adapter):
         self._limits = limits
         self._process = os.getpid()
         self.target = controller.target
-        self._armed = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
+        self._armed = (
+            hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
+        )
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Pass on. Loading a model may take its time: only the deadline of the case holds."""
@@ -91,7 +103,10 @@ class WatchedController(Adapter):
             signal.signal(signal.SIGALRM, _interrupt)
 
     def step(self, traci: Any, ego: str, time: float) -> Wanted | None:
-        """Ask the controller. Raises ControllerTimeoutError when it is over its time."""
+        """Ask the controller.
+
+        Raises ControllerTimeoutError when it is over its time.
+        """
         asked: Wanted | None = self._in_time(self._controller.step, traci, ego, time)
         return asked
 
@@ -105,16 +120,22 @@ class WatchedController(Adapter):
             except KeyboardInterrupt as error:
                 raise interrupted(error) from error
             finally:
-                if os.getpid() != self._process:  # the step forked: this is the copy, which nobody asked for
+                # the step forked: this is the copy, which nobody asked for
+                if os.getpid() != self._process:
                     os._exit(COPY)
                 _ASKED[0] = False
-                # our own alarm may go on: it rings for nobody until the next step sets it anew; an ADS's may not
+                # our own alarm may go on: it rings for nobody until the next step sets it anew; an
+                # ADS's may not
                 if self._armed and getsignal(_ALARM) is not _interrupt:
                     signal.setitimer(signal.ITIMER_REAL, 0.0)
         except _OverdueError as overdue:
-            raise ControllerTimeoutError(f"The ADS must answer within {self._allowed:g} s, took longer") from overdue
+            raise ControllerTimeoutError(
+                f"The ADS must answer within {self._allowed:g} s, took longer"
+            ) from overdue
         except MemoryError as error:
-            raise MemoryError(f"more than the {self._limits.memory_limit:g} MB of `run.memory_limit`") from error
+            raise MemoryError(
+                f"more than the {self._limits.memory_limit:g} MB of `run.memory_limit`"
+            ) from error
 
     def close(self) -> None:
         """Pass on, with no alarm set."""
@@ -127,7 +148,9 @@ class WatchedController(Adapter):
 
 
 class WatchedObserver(WatchedController, ObservingController):
-    """A controller that is shown Observations, with an alarm and a memory limit around each of its steps."""
+    """A controller that is shown Observations, with an alarm and a memory limit around each of its
+    steps.
+    """
 
     @property
     def senses(self) -> Senses:
@@ -141,7 +164,8 @@ class WatchedObserver(WatchedController, ObservingController):
 
 
 class WatchedPolicy(WatchedController):
-    """A policy, which is asked about what is seen, with an alarm and a memory limit around each of its answers.
+    """A policy, which is asked about what is seen, with an alarm and a memory limit around each of
+    its answers.
 
     One over arrays may take as many times the limit as its answer is for cases.
     """
@@ -149,7 +173,10 @@ class WatchedPolicy(WatchedController):
     is_policy = True
 
     def act(self, seen: Any) -> Any:
-        """Ask the policy. Raises ControllerTimeoutError when it is over its time."""
+        """Ask the policy.
+
+        Raises ControllerTimeoutError when it is over its time.
+        """
         if takes_arrays(self._controller):
             self._allowed = self._limits.step_timeout * len(seen.number)
         return self._in_time(self._controller.act, seen)

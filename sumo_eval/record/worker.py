@@ -1,4 +1,7 @@
-"""What runs in a child process: cases through SUMO, alone or together. Imports no more than that needs."""
+"""What runs in a child process: cases through SUMO, alone or together.
+
+Imports no more than that needs.
+"""
 
 from __future__ import annotations
 
@@ -35,13 +38,23 @@ def run_case(case: Case, setup: Setup) -> Outcome:
     try:
         recording = _simulate(case, setup)
     except InputError as error:
-        status: Status = "ads_error" if isinstance(error.__cause__, KeyboardInterrupt) else "rejected"
-        return Outcome(case, status, None, str(error), error_place=fault_place(error.__cause__, None, setup.folder))
+        status: Status = (
+            "ads_error" if isinstance(error.__cause__, KeyboardInterrupt) else "rejected"
+        )
+        return Outcome(
+            case,
+            status,
+            None,
+            str(error),
+            error_place=fault_place(error.__cause__, None, setup.folder),
+        )
     return _ended(case, recording)
 
 
 def answer(cases: Sequence[Case], setup: Setup) -> list[Any]:
-    """What `run_together` gives, as a child sends it, with what an ADS of the user's has read meanwhile."""
+    """What `run_together` gives, as a child sends it, with what an ADS of the user's has read
+    meanwhile.
+    """
     if home(cases[0], setup) != OURS:
         locator = cases[0].controller
         named = [setup.folder / file for file in setup.files.get(locator, ())]
@@ -50,10 +63,11 @@ def answer(cases: Sequence[Case], setup: Setup) -> list[Any]:
 
 
 def run_together(cases: Sequence[Case], setup: Setup) -> Results:
-    """Simulate cases of one kind (see `packs`), several of them in one simulation; one alone as `run_case` does.
+    """Simulate cases of one kind (see `packs`), several of them in one simulation; one alone as
+    `run_case` does.
 
-    `Alone` in the place of a result: why that case has to run alone. None for them all: cases of this kind always have
-    to.
+    `Alone` in the place of a result: why that case has to run alone. None for them all: cases of
+    this kind always have to.
     """
     if on_its_own(cases):
         outcome = run_case(cases[0], setup)
@@ -76,13 +90,18 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
 
 
 def _ended(case: Case, recording: Recording, loaded: str = "") -> Outcome:
-    """Outcome of a case that was driven. loaded: what loading its ADS printed."""
+    """Outcome of a case that was driven.
+
+    loaded: what loading its ADS printed.
+    """
     status, log = STATUS[recording.end_reason], loaded + recording.log
     return Outcome(case, status, keep(recording), recording.error, log, recording.error_place)
 
 
 def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
-    """The simulation with the ideal vehicle's own brakes, on a road that can hold them; only its collision counts."""
+    """The simulation with the ideal vehicle's own brakes, on a road that can hold them; only its
+    collision counts.
+    """
     vehicle = settings.vehicle
     friction = max(vehicle.friction, settings.ideal_deceleration / GRAVITY)
     return replace(
@@ -121,22 +140,31 @@ def _simulate(case: Case, setup: Setup) -> Recording:
 
 
 def _loaded(case: Case, setup: Setup) -> Adapter:
-    """Load the ADS of a case. No keyboard reaches this process: an interrupt comes from the ADS itself."""
+    """Load the ADS of a case.
+
+    No keyboard reaches this process: an interrupt comes from the ADS itself.
+    """
     try:
         return load_controller(case.controller, setup.folder)
     except KeyboardInterrupt as error:
-        raise InputError(f"ADS `{case.controller}`: making one failed: {interrupted(error)}.") from error
+        raise InputError(
+            f"ADS `{case.controller}`: making one failed: {interrupted(error)}."
+        ) from error
 
 
 def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | Alone]:
-    """What `_simulate` gives for cases of one kind, from one simulation; or why it has to be asked."""
+    """What `_simulate` gives for cases of one kind, from one simulation; or why it has to be
+    asked.
+    """
     settings = _settings(cases[0], setup)
     concretes = [case.concrete for case in cases]
     role = cases[0].role
     if role == "human":
         return simulate_together(concretes, [_driver(case) for case in cases], settings)
     if role == "ideal":
-        return simulate_together(concretes, IdealBraking(settings.vehicle.max_deceleration), settings)
+        return simulate_together(
+            concretes, IdealBraking(settings.vehicle.max_deceleration), settings
+        )
     if role == "no_reaction":
         return simulate_together(concretes, no_reaction, settings)
     if role == "task_reference":
@@ -161,7 +189,9 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
 
 
 def _simulate_block(cases: Sequence[Case], block: Block, setup: Setup) -> list[Recording | Alone]:
-    """What a policy over arrays does in cases of a block, in all of which it is asked, wanted or not, in one call."""
+    """What a policy over arrays does in cases of a block, in all of which it is asked, wanted or
+    not, in one call.
+    """
     number = len(block.concretes)
     _seed_global_generators(replace(cases[0], concrete=block.concretes[0]))
     found = list(
@@ -177,15 +207,21 @@ def _simulate_block(cases: Sequence[Case], block: Block, setup: Setup) -> list[R
     )
     size = Clip(IN_BLOCK, 1, 0.0, float(number), float(number))
     wanted = [found[case.point - block.first] for case in cases]
-    return [one if isinstance(one, Alone) else replace(one, clips=(*one.clips, size)) for one in wanted]
+    return [
+        one if isinstance(one, Alone) else replace(one, clips=(*one.clips, size)) for one in wanted
+    ]
 
 
 def _driver(case: Case) -> SyntheticDriver:
-    return human_controller(case.driver_index, case.driver_count, case.seed, case.concrete, case.population)
+    return human_controller(
+        case.driver_index, case.driver_count, case.seed, case.concrete, case.population
+    )
 
 
 def _settings(case: Case, setup: Setup) -> SimulationSettings:
-    """Only the ADSs under test have the conditions and the vehicle model of the run, and not the ideal brakes."""
+    """Only the ADSs under test have the conditions and the vehicle model of the run, and not the
+    ideal brakes.
+    """
     if case.role == "ads":
         return setup.simulation
     settings = replace(setup.simulation, conditions=ConditionSettings(), plant=None)
@@ -193,16 +229,22 @@ def _settings(case: Case, setup: Setup) -> SimulationSettings:
 
 
 def _seed_global_generators(case: Case) -> None:
-    """An ADS that draws from the global generators draws the same in every run, whatever ran in this process before.
+    """An ADS that draws from the global generators draws the same in every run, whatever ran in
+    this process before.
 
-    The point's values choose the stream and not its number, so that a case alone is what it was among others.
+    The point's values choose the stream and not its number, so that a case alone is what it was
+    among others.
     """
-    stream = random_stream(case.seed, "ads", case.concrete.scenario, case.concrete.label, case.driver)
+    stream = random_stream(
+        case.seed, "ads", case.concrete.scenario, case.concrete.label, case.driver
+    )
     random.seed(int(stream.integers(2**63)))
-    np.random.seed(int(stream.integers(2**32)))  # noqa: NPY002 - the generator that such an ADS uses
+    # the generator that such an ADS uses
+    np.random.seed(int(stream.integers(2**32)))  # noqa: NPY002
 
 
 def _states_of_global_generators() -> tuple[object, ...]:
     """What tells whether somebody has drawn from them."""
-    legacy: Any = np.random.get_state()  # noqa: NPY002 - the generator that such an ADS uses
+    # the generator that such an ADS uses
+    legacy: Any = np.random.get_state()  # noqa: NPY002
     return random.getstate(), legacy[1].tobytes(), legacy[2:]

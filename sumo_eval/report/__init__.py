@@ -1,1 +1,3 @@
-"""What people and machines read of a scored run: the HTML report, the terminal's table, cases.csv and scores.json."""
+"""What people and machines read of a scored run: the HTML report, the terminal's table, cases.csv
+and scores.json.
+"""

@@ -1,4 +1,6 @@
-"""The report of a run with the confidence in its scores: assessed, kept as `confidence.json`, and shown."""
+"""The report of a run with the confidence in its scores: assessed, kept as `confidence.json`, and
+shown.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +21,23 @@ if TYPE_CHECKING:
     from sumo_eval.report.sections import Beside
 
 
-def write_assessed_report(evaluation: Evaluation, beside: Beside | None = None, *, progress: Progress = quiet) -> Path:
+def write_assessed_report(
+    evaluation: Evaluation, beside: Beside | None = None, *, progress: Progress = quiet
+) -> Path:
     """Write `confidence.json` and `report.html` into the evaluation's folder; the report's path.
 
-    What is there already, to the byte, from the scores, settings and sources that it would be made of, stays.
+    What is there already, to the byte, from the scores, settings and sources that it would be made
+    of, stays.
     """
     path, confidences = evaluation.folder / REPORT, evaluation.folder / CONFIDENCE
     key = _key(evaluation) if beside is None else None
     kept = None if key is None else KeptResults(evaluation.folder)
     try:
-        if kept is not None and key is not None and kept.get("report", key) == _hash(path, confidences):
+        if (
+            kept is not None
+            and key is not None
+            and kept.get("report", key) == _hash(path, confidences)
+        ):
             progress("report", 1, 1)
             return path
         # A second of imports that an unchanged page does not need.
@@ -40,7 +49,9 @@ def write_assessed_report(evaluation: Evaluation, beside: Beside | None = None, 
         partitions = zone_partitions(evaluation)
         confidence = assess(evaluation, partitions, progress)
         write_confidence(confidence, evaluation.folder)
-        write_report(evaluation, partitions, replace(beside or NOTHING_BESIDE, confidence=confidence))
+        write_report(
+            evaluation, partitions, replace(beside or NOTHING_BESIDE, confidence=confidence)
+        )
         if kept is not None and key is not None:
             kept.put([("report", key, 0, _hash(path, confidences))])
     finally:
@@ -51,12 +62,22 @@ def write_assessed_report(evaluation: Evaluation, beside: Beside | None = None, 
 
 
 def _key(evaluation: Evaluation) -> bytes | None:
-    """A hash of all that the page shows; None for an evaluation that was not read from a run's folder."""
+    """A hash of all that the page shows; None for an evaluation that was not read from a run's
+    folder.
+    """
     if evaluation.cases.key is None:
         return None
-    told = _hash(evaluation.folder / OPINION, evaluation.source / evaluation.settings.drivers.cases / STUDY)
+    told = _hash(
+        evaluation.folder / OPINION, evaluation.source / evaluation.settings.drivers.cases / STUDY
+    )
     return key_of(
-        "report", evaluation.cases.key, evaluation.settings, evaluation.manifest, evaluation.folder, told, _sources()
+        "report",
+        evaluation.cases.key,
+        evaluation.settings,
+        evaluation.manifest,
+        evaluation.folder,
+        told,
+        _sources(),
     )
 
 
@@ -65,7 +86,9 @@ def _sources() -> str:
     """A hash of the files that pages are made of."""
     room = Path(__file__).parent
     found = hashlib.blake2b()
-    for file in sorted(file for file in room.rglob("*") if file.suffix in (".py", ".j2", ".js", ".css")):
+    for file in sorted(
+        file for file in room.rglob("*") if file.suffix in (".py", ".j2", ".js", ".css")
+    ):
         found.update(str(file.relative_to(room)).encode() + b"\0" + file.read_bytes())
     return found.hexdigest()
 

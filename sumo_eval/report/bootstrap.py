@@ -1,9 +1,12 @@
-"""Paired bootstrap: how far C, D, S and the collision probability would move with other concrete scenarios.
+"""Paired bootstrap: how far C, D, S and the collision probability would move with other concrete
+scenarios.
 
-A resample draws concrete scenarios with replacement and takes from both runs what they did there, so what both have in
-common cancels. Whether D exists is a fact of the whole run (step 3 of the method) and is not drawn again.
+A resample draws concrete scenarios with replacement and takes from both runs what they did there,
+so what both have in common cancels. Whether D exists is a fact of the whole run (step 3 of the
+method) and is not drawn again.
 
-Of more than `MOST_DRAWN` scenarios `BLOCKS` blocks are drawn, put together by chance: a mean has the same variance.
+Of more than `MOST_DRAWN` scenarios `BLOCKS` blocks are drawn, put together by chance: a mean has
+the same variance.
 """
 
 from __future__ import annotations
@@ -18,7 +21,9 @@ from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
 MOST_DRAWN, BLOCKS = 10_000, 2_000
-COMPARED = {name: field for name, (field, _) in SCORES.items()} | {"collision_probability": "collision_probability"}
+COMPARED = {name: field for name, (field, _) in SCORES.items()} | {
+    "collision_probability": "collision_probability"
+}
 """What two runs are compared by, and its name among the scores."""
 
 
@@ -31,7 +36,9 @@ def paired_differences(
     replicates: int,
     seed: int,
 ) -> dict[str, FloatArray]:
-    """New minus base of every quantity that both have, one value a replicate in which both exist."""
+    """New minus base of every quantity that both have, one value a replicate in which both
+    exist.
+    """
     runs = ((base, base_method), (new, new_method))
     tables = [_terms(*run, seed) for run in runs]
     sums = [np.zeros((replicates, table.shape[1])) for table in tables]
@@ -39,7 +46,10 @@ def paired_differences(
         for total, table in zip(sums, tables, strict=True):
             total += part.counts @ table[part.places]
 
-    before, after = (_scores(*run, slice(0, 0), KnownSums(total.T)) for total, run in zip(sums, runs, strict=True))
+    before, after = (
+        _scores(*run, slice(0, 0), KnownSums(total.T))
+        for total, run in zip(sums, runs, strict=True)
+    )
     known = [point_values(*run) for run in runs]
     moved = {
         name: after[score] - before[score]
@@ -55,9 +65,14 @@ def _terms(terms: CaseTerms, method: MethodSettings, seed: int) -> FloatArray:
     _scores(terms, method, slice(0, n), asked)
     if n <= MOST_DRAWN:
         return np.column_stack(asked.terms)
-    order, starts = random_stream(seed, "blocks of scenarios").permutation(n), np.arange(BLOCKS) * n // BLOCKS
+    order, starts = (
+        random_stream(seed, "blocks of scenarios").permutation(n),
+        np.arange(BLOCKS) * n // BLOCKS,
+    )
     return np.column_stack([np.add.reduceat(one[order], starts) for one in asked.terms])
 
 
-def _scores(terms: CaseTerms, method: MethodSettings, rows: slice, counts: Counts) -> dict[str, FloatArray]:
+def _scores(
+    terms: CaseTerms, method: MethodSettings, rows: slice, counts: Counts
+) -> dict[str, FloatArray]:
     return scores_of(terms.part(rows), counts, method, exposed=bool(terms.exposure.any()))

@@ -1,4 +1,6 @@
-"""Limits on columns of cases.csv: they look at every case of an ADS in a logical scenario by itself."""
+"""Limits on columns of cases.csv: they look at every case of an ADS in a logical scenario by
+itself.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,11 @@ _FIELDS = {"d_i": "index"}  # columns called otherwise than their field
 def judge_cases(
     limit: LimitSettings, cases: CaseTable, score: ScenarioResult, compared: AdsComparison | None
 ) -> Iterator[GateResult]:
-    """Every bound of a limit on a column. cases: of the new run. compared: beside their partners in the base."""
+    """Every bound of a limit on a column.
+
+    cases: of the new run.
+    compared: beside their partners in the base.
+    """
     after = column(cases, limit.quantity)
     before = np.full(len(cases), np.nan)
     if compared is not None:
@@ -36,7 +42,9 @@ def column(cases: CaseTable, name: str) -> FloatArray:
     return np.asarray(getattr(cases, _FIELDS.get(name, name)), dtype=np.float64)
 
 
-def _beyond(limit: LimitSettings, before: FloatArray, after: FloatArray) -> Iterator[tuple[FloatArray, str]]:
+def _beyond(
+    limit: LimitSettings, before: FloatArray, after: FloatArray
+) -> Iterator[tuple[FloatArray, str]]:
     """By how much each case is beyond each bound, (n,); nan where it has no value to judge."""
     worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before
     if limit.at_least is not None:
@@ -56,7 +64,10 @@ def _result(
     values: tuple[FloatArray, FloatArray, FloatArray],
     words: str,
 ) -> GateResult:
-    """One bound. values: before, after, and by how much beyond the bound."""
+    """One bound.
+
+    values: before, after, and by how much beyond the bound.
+    """
     before, after, beyond = values
     where, judged = (limit.quantity, score.ads, score.scenario), int(np.isfinite(beyond).sum())
     if not judged:
@@ -66,7 +77,9 @@ def _result(
     scale = np.maximum(1.0, np.abs(np.where(np.isfinite(before), before, after)))
     bad = np.flatnonzero(beyond > limit.tolerance * scale)
     worst = bad[np.argsort(-beyond[bad], kind="stable")].tolist()
-    named = tuple(_change(cases[place], before[place], after[place]) for place in worst[:MOST_NAMED])
+    named = tuple(
+        _change(cases[place], before[place], after[place]) for place in worst[:MOST_NAMED]
+    )
     sentence = f"{limit.quantity} is {words} in {len(bad)} of {count(judged, 'case')}"
     keys = tuple(cases[place].case for place in worst[:MOST_KEYS])
     return GateResult(*where, not len(bad), sentence, float(len(bad)), None, keys, named)

@@ -18,7 +18,10 @@ MOST_ROWS = 500  # of the page; checks.csv has all
 
 @dataclass(frozen=True, slots=True)
 class CheckedCase:
-    """A case of a scenario with requirements. missed: names of those that its drive misses; None: not evaluated."""
+    """A case of a scenario with requirements.
+
+    missed: names of those that its drive misses; None: not evaluated.
+    """
 
     case: str
     scenario: str
@@ -36,22 +39,28 @@ class CheckedCase:
         return NOT_EVALUATED if self.missed is None else FAILED if check in self.missed else PASSED
 
 
-def checked_cases(evaluation: Evaluation, scores: Iterable[ScenarioResult] | None = None) -> Iterator[CheckedCase]:
-    """All cases of scenarios that have requirements, in the order of the evaluation, or those of some scores; one after
-    the other.
+def checked_cases(
+    evaluation: Evaluation, scores: Iterable[ScenarioResult] | None = None
+) -> Iterator[CheckedCase]:
+    """All cases of scenarios that have requirements, in the order of the evaluation, or those of
+    some scores; one after the other.
     """
     for score in evaluation.scores if scores is None else scores:
         if score.scenario not in evaluation.checks:
             continue
         for case in evaluation.cases_of(score.ads, score.scenario):
             missed = (
-                None if case.requirements_missed is None else tuple(filter(None, case.requirements_missed.split("; ")))
+                None
+                if case.requirements_missed is None
+                else tuple(filter(None, case.requirements_missed.split("; ")))
             )
             yield CheckedCase(case.case, case.scenario, case.ads, point(case.values), missed)
 
 
 def check_lines(evaluation: Evaluation) -> Iterator[str]:
-    """A line for each case with its verdict, failed ones first where they are too many; and a sentence before them."""
+    """A line for each case with its verdict, failed ones first where they are too many; and a
+    sentence before them.
+    """
     verdicts = Counter(one.verdict for one in checked_cases(evaluation))
     number = verdicts.total()
     if not number:
@@ -69,7 +78,9 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
 
 
 def checks_content(evaluation: Evaluation) -> Mapping[str, Any] | None:
-    """For each scenario with requirements: what they are, how often each ADS misses them, and each row's verdict."""
+    """For each scenario with requirements: what they are, how often each ADS misses them, and each
+    row's verdict.
+    """
     tables = []
     for scenario, checks in evaluation.checks.items():
         scores = [score for score in evaluation.scores if score.scenario == scenario]
@@ -89,7 +100,10 @@ def checks_content(evaluation: Evaluation) -> Mapping[str, Any] | None:
             {
                 "scenario": scenario,
                 "ads": names,
-                "checks": [(name, text, [failed[ads][name] for ads in names]) for name, text in checks.items()],
+                "checks": [
+                    (name, text, [failed[ads][name] for ads in names])
+                    for name, text in checks.items()
+                ],
                 "passed": [passed[ads] for ads in names],
                 "of": len(points),
                 "rows": [

@@ -1,4 +1,6 @@
-"""One line to cite a run by: what was evaluated, with which versions, what came out, and how to see it again."""
+"""One line to cite a run by: what was evaluated, with which versions, what came out, and how to see
+it again.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +17,32 @@ DIGITS = 6
 
 
 def citation(evaluation: Evaluation) -> str:
-    """`suite 2026.1; sumo_eval 0.2.0, libsumo 1.28.0; seed 1; scores 3f2a91c04b7e; check it: sumo-eval verify ...`."""
+    """`suite 2026.1; sumo_eval 0.2.0, libsumo 1.28.0; seed 1; scores 3f2a91c04b7e; check it:
+    sumo-eval verify ...`.
+    """
     suite = suite_of(evaluation.settings)
     versions = evaluation.manifest.get("versions", {})
-    used = ", ".join(f"{name} {versions.get(name, 'not known')}" for name in ("sumo_eval", "libsumo"))
+    used = ", ".join(
+        f"{name} {versions.get(name, 'not known')}" for name in ("sumo_eval", "libsumo")
+    )
     what = f"suite {suite}" if suite else f"evaluation {evaluation.name}"
     command = f"sumo-eval verify {shlex.quote(str(evaluation.folder))} --share 1"
-    return f"Cite: {what}; {used}; seed {evaluation.settings.seed}; scores {digest(evaluation)}; check: {command}"
+    return (
+        f"Cite: {what}; {used}; seed {evaluation.settings.seed}; scores {digest(evaluation)}; "
+        f"check: {command}"
+    )
 
 
 def digest(evaluation: Evaluation) -> str:
-    """Twelve digits of a SHA-256 of every score and count of every ADS; equal ones are equal results."""
+    """Twelve digits of a SHA-256 of every score and count of every ADS; equal ones are equal
+    results.
+    """
     rows = [
         [score.ads, score.scenario, score.cases, score.collisions, score.departures, score.gave_up]
-        + [None if (value := getattr(score, name)) is None else round(value, DIGITS) for name in COMPUTED]
+        + [
+            None if (value := getattr(score, name)) is None else round(value, DIGITS)
+            for name in COMPUTED
+        ]
         for score in sorted(evaluation.scores, key=lambda score: (score.ads, score.scenario))
     ]
     return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:12]

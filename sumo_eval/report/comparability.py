@@ -1,5 +1,7 @@
-"""What two runs do not have in common. Whatever is listed here is shown, and what could change a score by itself is
-refused unless the person who compares has accepted it.
+"""What two runs do not have in common.
+
+Whatever is listed here is shown, and what could change a score by itself is refused unless the
+person who compares has accepted it.
 """
 
 from __future__ import annotations
@@ -13,7 +15,8 @@ from sumo_eval.results import Evaluation
 from sumo_eval.settings.config import to_plain
 
 HARMLESS = ("name", "ads", "run", "report")
-"""Settings that change no case of an ADS that both runs have: who drives, how work is spread, how it is shown."""
+"""Settings that change no case of an ADS that both runs have: who drives, how work is spread, how
+it is shown."""
 
 ABSENT = "not set"
 SIMULATORS = ("libsumo", "sumo", "eclipse-sumo")
@@ -21,7 +24,10 @@ SIMULATORS = ("libsumo", "sumo", "eclipse-sumo")
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Something that differs between two runs. decides: it could change a score, whatever the ADS did."""
+    """Something that differs between two runs.
+
+    decides: it could change a score, whatever the ADS did.
+    """
 
     what: str
     base: str
@@ -54,12 +60,15 @@ def refuse_unless_comparable(found: tuple[Difference, ...]) -> None:
         raise InputError(
             "The two runs cannot be compared case by case, because not only the ADS differs:\n  "
             + "\n  ".join(deciding)
-            + "\nRun both with the same settings and versions, or accept this with --accept-differences."
+            + "\nRun both with the same settings and versions, or accept this with "
+            "--accept-differences."
         )
 
 
 def _comparable(evaluation: Evaluation) -> dict[str, str]:
-    plain = {key: value for key, value in to_plain(evaluation.settings).items() if key not in HARMLESS}
+    plain = {
+        key: value for key, value in to_plain(evaluation.settings).items() if key not in HARMLESS
+    }
     plain["scenario"] = {entry["use"]: entry for entry in plain["scenario"]}
     return dict(_flat(plain, ""))
 
@@ -82,20 +91,34 @@ def _builds(evaluation: Evaluation) -> dict[str, str]:
 
 
 def _files(evaluation: Evaluation) -> dict[str, str]:
-    """Contents of the SUMO inputs, by name: a scenario that another version of the package writes otherwise shows."""
+    """Contents of the SUMO inputs, by name: a scenario that another version of the package writes
+    otherwise shows.
+    """
     hashes: Mapping[str, str] = evaluation.manifest.get("sha256", {})
-    return {name: digest[:12] for name, digest in hashes.items() if name.startswith(("networks/", "routes/"))}
+    return {
+        name: digest[:12]
+        for name, digest in hashes.items()
+        if name.startswith(("networks/", "routes/"))
+    }
 
 
 def _severity_file(evaluation: Evaluation) -> dict[str, str]:
-    """Content of the file that holds a severity of one's own: an edited one measures otherwise under the same name."""
+    """Content of the file that holds a severity of one's own: an edited one measures otherwise
+    under the same name.
+    """
     digest = str(evaluation.manifest.get("severity", {}).get("sha256", ""))
     return {"file of the severity": digest[:12]} if digest else {}
 
 
 def _reference_car(evaluation: Evaluation) -> dict[str, str]:
-    """The reference car of T, which runs recorded earlier do not have: T and S+ with and without it are never mixed."""
-    return {"reference car of T": evaluation.scores[0].task_reference or "none"} if evaluation.scores else {}
+    """The reference car of T, which runs recorded earlier do not have: T and S+ with and without it
+    are never mixed.
+    """
+    return (
+        {"reference car of T": evaluation.scores[0].task_reference or "none"}
+        if evaluation.scores
+        else {}
+    )
 
 
 def _versions(base: Evaluation, new: Evaluation) -> Iterator[Difference]:
@@ -109,7 +132,9 @@ def _versions(base: Evaluation, new: Evaluation) -> Iterator[Difference]:
         yield from _differing(old, now, "version of ", decides=decides)
 
 
-def _differing(base: Mapping[str, Any], new: Mapping[str, Any], prefix: str, *, decides: bool) -> Iterator[Difference]:
+def _differing(
+    base: Mapping[str, Any], new: Mapping[str, Any], prefix: str, *, decides: bool
+) -> Iterator[Difference]:
     for key in (*base, *(key for key in new if key not in base)):
         before, after = str(base.get(key, ABSENT)), str(new.get(key, ABSENT))
         if before != after:

@@ -1,7 +1,8 @@
-"""Two runs side by side, case by case: what flipped, what got harsher, softer, less human, and how sure that is.
+"""Two runs side by side, case by case: what flipped, what got harsher, softer, less human, and how
+sure that is.
 
-Cases are paired by logical scenario and parameter values, never by their order. What is compared is read as columns,
-and a row only where somebody looks at it.
+Cases are paired by logical scenario and parameter values, never by their order. What is compared is
+read as columns, and a row only where somebody looks at it.
 """
 
 from __future__ import annotations
@@ -37,16 +38,23 @@ Change = Literal[
 WORSE: Final[tuple[Change, ...]] = (
     "new collision", "left the road", "not evaluated any more", "harsher", "less human",
 )  # fmt: skip
-BETTER: Final[tuple[Change, ...]] = ("collision gone", "back on the road", "evaluated again", "softer", "more human")
+BETTER: Final[tuple[Change, ...]] = (
+    "collision gone",
+    "back on the road",
+    "evaluated again",
+    "softer",
+    "more human",
+)
 
 
 @dataclass(frozen=True, slots=True)
 class ChangedCase:
     """One concrete scenario in which the two runs differ.
 
-    by: new minus base of what the change is about, U (m/s), the case's human-likeness or D_i; None for a flip. moved:
-    new minus base of everything in the case that moves a score, without what did not move: `regret` max(0, U - Ug),
-    `H_i` its human-likeness, `D_i`.
+    by: new minus base of what the change is about, U (m/s), the case's human-likeness or D_i; None
+        for a flip.
+    moved: new minus base of everything in the case that moves a score, without what did not move:
+        `regret` max(0, U - Ug), `H_i` its human-likeness, `D_i`.
     """
 
     change: Change
@@ -66,7 +74,9 @@ _ORDER: Final[tuple[Change, ...]] = (*WORSE, *BETTER)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paired:
-    """Cases of both runs at the same points, pair by pair. new_rows: which rows of the new run these are, (n,).
+    """Cases of both runs at the same points, pair by pair.
+
+    new_rows: which rows of the new run these are, (n,).
 
     lost, added: cases of the base, and of the new run, at points that only that run has.
     """
@@ -80,9 +90,11 @@ class Paired:
 
 @dataclass(frozen=True, slots=True)
 class Unpaired:
-    """Cases of an ADS in a logical scenario that have no partner: of the base's `of` cases `lost`, and `added` ones.
+    """Cases of an ADS in a logical scenario that have no partner: of the base's `of` cases `lost`,
+    and `added` ones.
 
-    ads: its name in the base; in the new run where the base has no such ADS. examples: keys of lost cases.
+    ads: its name in the base; in the new run where the base has no such ADS.
+    examples: keys of lost cases.
     """
 
     ads: str
@@ -97,8 +109,10 @@ class Unpaired:
 class Changes(Sequence[ChangedCase]):
     """Changed cases, the worst first, each read where it is asked for.
 
-    kinds: places in `WORSE` and `BETTER` together, (c,), ascending. which: pairs, (c,). by: see `ChangedCase`, nan for
-    None, (c,). moved: what moved in each, by name, nan where it did not, (c,).
+    kinds: places in `WORSE` and `BETTER` together, (c,), ascending.
+    which: pairs, (c,).
+    by: see `ChangedCase`, nan for None, (c,).
+    moved: what moved in each, by name, nan where it did not, (c,).
     """
 
     paired: Paired
@@ -110,7 +124,11 @@ class Changes(Sequence[ChangedCase]):
     def of(self, change: Change) -> Changes:
         """Those of one kind."""
         kind = _ORDER.index(change)
-        return self[int(np.searchsorted(self.kinds, kind)) : int(np.searchsorted(self.kinds, kind, side="right"))]
+        return self[
+            int(np.searchsorted(self.kinds, kind)) : int(
+                np.searchsorted(self.kinds, kind, side="right")
+            )
+        ]
 
     @property
     def worse(self) -> Changes:
@@ -141,13 +159,20 @@ class Changes(Sequence[ChangedCase]):
             self.paired.base[pair],
             self.paired.new[pair],
             None if np.isnan(by) else by,
-            {name: float(values[place]) for name, values in self.moved.items() if np.isfinite(values[place])},
+            {
+                name: float(values[place])
+                for name, values in self.moved.items()
+                if np.isfinite(values[place])
+            },
         )
 
 
 @dataclass(frozen=True, slots=True)
 class QuantityChange:
-    """A quantity in both runs. low, high: interval of the DIFFERENCE; None where the quantity is missing in a run."""
+    """A quantity in both runs.
+
+    low, high: interval of the DIFFERENCE; None where the quantity is missing in a run.
+    """
 
     base: float | None
     new: float | None
@@ -158,7 +183,9 @@ class QuantityChange:
     @property
     def certain(self) -> bool:
         """Whether the interval of the difference leaves out 0."""
-        return self.low is not None and self.high is not None and (self.low > 0.0 or self.high < 0.0)
+        return (
+            self.low is not None and self.high is not None and (self.low > 0.0 or self.high < 0.0)
+        )
 
     @property
     def unchanged(self) -> bool:
@@ -170,11 +197,13 @@ class QuantityChange:
 class AdsComparison:
     """One ADS of the new run in one logical scenario beside what it is compared with.
 
-    pairs: cases that both runs have. changed: the worst first. quantities: those of `bootstrap.COMPARED` over the
-    pairs. unpaired: cases that only one of the runs has.
+    pairs: cases that both runs have.
+    changed: the worst first.
+    quantities: those of `bootstrap.COMPARED` over the pairs.
+    unpaired: cases that only one of the runs has.
     identical: pairs that are equal to the last bit in everything but times.
-    counts: how many pairs are collisions and the like, in the base and in the new run. moved_zone: pairs that lie in
-    another zone than in the base.
+    counts: how many pairs are collisions and the like, in the base and in the new run.
+    moved_zone: pairs that lie in another zone than in the base.
     """
 
     ads: str
@@ -195,7 +224,10 @@ class AdsComparison:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two runs side by side. notes: sentences on what a reader would otherwise take for granted."""
+    """Two runs side by side.
+
+    notes: sentences on what a reader would otherwise take for granted.
+    """
 
     base_folder: str
     base_created: str
@@ -243,7 +275,9 @@ def compare(
     pairs: Mapping[str, str] | None = None,
     accept_differences: bool = False,
 ) -> Comparison:
-    """Compare two runs. pairs: ADS of the base -> ADS of the new run, where their names differ.
+    """Compare two runs.
+
+    pairs: ADS of the base -> ADS of the new run, where their names differ.
 
     Raises InputError where more than the ADS differs, unless `accept_differences`.
     """
@@ -252,26 +286,39 @@ def compare(
     comparison = side_by_side(base, new, settings, pairs=pairs)
     if not comparison.ads:
         raise InputError(
-            f"{base.folder} and {new.folder} have no ADS in a common logical scenario; name the ADSs that belong "
+            f"{base.folder} and {new.folder} have no ADS in a common logical scenario; name the "
+            "ADSs that belong "
             "together with --pair BASE=NEW."
         )
     return comparison
 
 
 def side_by_side(
-    base: Evaluation, new: Evaluation, settings: GateSettings, *, pairs: Mapping[str, str] | None = None
+    base: Evaluation,
+    new: Evaluation,
+    settings: GateSettings,
+    *,
+    pairs: Mapping[str, str] | None = None,
 ) -> Comparison:
-    """Compare whatever two runs have in common, though it be nothing; what differs is listed and not refused."""
+    """Compare whatever two runs have in common, though it be nothing; what differs is listed and
+    not refused.
+    """
     partners, notes = _partners(base, new, pairs or {})
     compared = tuple(
         one
         for score in new.scores
         if score.ads in partners
-        and (one := _compare_ads(base, new, partners[score.ads], score.ads, score.scenario, settings)) is not None
+        and (
+            one := _compare_ads(base, new, partners[score.ads], score.ads, score.scenario, settings)
+        )
+        is not None
     )
     unpaired = sum(one.unpaired for one in compared)
     if unpaired:
-        notes.append(f"{count(unpaired, 'case')} exist in one run only and are left out; every value is over the rest.")
+        notes.append(
+            f"{count(unpaired, 'case')} exist in one run only and are left out; every value is "
+            "over the rest."
+        )
     moved = sum(one.moved_zone for one in compared)
     if moved:
         notes.append(f"{count(moved, 'case')} lie in another zone than in the base.")
@@ -290,7 +337,9 @@ def side_by_side(
 MOST_EXAMPLES = 5  # keys of lost cases
 
 
-def _unpaired(base: Evaluation, new: Evaluation, compared: Sequence[AdsComparison]) -> Iterator[Unpaired]:
+def _unpaired(
+    base: Evaluation, new: Evaluation, compared: Sequence[AdsComparison]
+) -> Iterator[Unpaired]:
     """Where cases have no partner."""
     known = {(one.base_ads, one.scenario): one for one in compared}
     for score in base.scores:
@@ -309,7 +358,9 @@ def _unpaired(base: Evaluation, new: Evaluation, compared: Sequence[AdsCompariso
             yield Unpaired(score.ads, score.scenario, 0, added, 0, ())
 
 
-def _partners(base: Evaluation, new: Evaluation, pairs: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+def _partners(
+    base: Evaluation, new: Evaluation, pairs: Mapping[str, str]
+) -> tuple[dict[str, str], list[str]]:
     """ADS of the new run -> ADS of the base, and notes on ADSs that have no partner."""
     olds = list(dict.fromkeys(score.ads for score in base.scores))
     news = list(dict.fromkeys(score.ads for score in new.scores))
@@ -332,12 +383,20 @@ def _partners(base: Evaluation, new: Evaluation, pairs: Mapping[str, str]) -> tu
 
 
 def _compare_ads(
-    base: Evaluation, new: Evaluation, base_ads: str, ads: str, scenario: str, settings: GateSettings
+    base: Evaluation,
+    new: Evaluation,
+    base_ads: str,
+    ads: str,
+    scenario: str,
+    settings: GateSettings,
 ) -> AdsComparison | None:
     paired = _paired(base.cases_of(base_ads, scenario), new.cases_of(ads, scenario))
     if not len(paired.new_rows):
         return None
-    terms = case_terms(paired.base, base.settings.method), case_terms(paired.new, new.settings.method)
+    terms = (
+        case_terms(paired.base, base.settings.method),
+        case_terms(paired.new, new.settings.method),
+    )
     then, now = _counts(paired.base), _counts(paired.new)
     return AdsComparison(
         ads=ads,
@@ -354,7 +413,8 @@ def _compare_ads(
 
 
 def _paired(base: CaseTable, new: CaseTable) -> Paired:
-    """The cases at points that both runs have, in the order of the new run, and those that only one of them has.
+    """The cases at points that both runs have, in the order of the new run, and those that only one
+    of them has.
 
     Of several cases at one point the last one counts.
     """
@@ -369,7 +429,10 @@ def _paired(base: CaseTable, new: CaseTable) -> Paired:
     first_now[now[::-1]] = np.arange(len(now))[::-1]
     both = np.flatnonzero((last_old >= 0) & (last_now >= 0))
     both = both[np.argsort(first_now[both], kind="stable")]
-    lost, added = last_old[(last_old >= 0) & (last_now < 0)], last_now[(last_now >= 0) & (last_old < 0)]
+    lost, added = (
+        last_old[(last_old >= 0) & (last_now < 0)],
+        last_now[(last_now >= 0) & (last_old < 0)],
+    )
     return Paired(base[last_old[both]], new[last_now[both]], last_now[both], base[lost], new[added])
 
 
@@ -383,14 +446,19 @@ _NOT_DRIVEN: Final = frozenset((
 def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
     """Number of pairs that are equal to the last bit in everything but times.
 
-    base, new: folders of the runs. Trajectories are compared where every row is equal and both runs have them.
+    base, new: folders of the runs. Trajectories are compared where every row is equal and both runs
+        have them.
     """
     same = np.ones(len(paired.new_rows), dtype=np.bool_)
     for name in (item.name for item in fields(CaseResult) if item.name not in _NOT_DRIVEN):
         before, after = getattr(paired.base, name), getattr(paired.new, name)
         same &= (before == after) | ((before != before) & (after != after))  # nan is alike
 
-    if not same.all() or base == new or not all((folder / FACTS).is_file() for folder in (base, new)):
+    if (
+        not same.all()
+        or base == new
+        or not all((folder / FACTS).is_file() for folder in (base, new))
+    ):
         return int(same.sum())
     keys = zip(paired.base.case.tolist(), paired.new.case.tolist(), strict=True)
     with open_store(base / FACTS) as old, open_store(new / FACTS) as now:
@@ -404,7 +472,9 @@ def _drove_alike(old: Store, before: str, now: Store, after: str) -> bool:
 
 def _counts(cases: CaseTable) -> dict[str, int]:
     """How many cases are what, and miss a requirement."""
-    return counts(cases) | {"requirements_missed": int(np.count_nonzero(cases.requirements_missed != ""))}
+    return counts(cases) | {
+        "requirements_missed": int(np.count_nonzero(cases.requirements_missed != ""))
+    }
 
 
 def _changes(paired: Paired, terms: tuple[CaseTerms, CaseTerms], settings: GateSettings) -> Changes:
@@ -448,7 +518,12 @@ def _quantity_changes(
 ) -> dict[str, QuantityChange]:
     values = point_values(before, base.settings.method), point_values(after, new.settings.method)
     drawn = paired_differences(
-        before, after, base.settings.method, new.settings.method, replicates=settings.resamples, seed=settings.seed
+        before,
+        after,
+        base.settings.method,
+        new.settings.method,
+        replicates=settings.resamples,
+        seed=settings.seed,
     )
     tail = (1.0 - settings.confidence) / 2.0
     changes = {}
@@ -458,5 +533,7 @@ def _quantity_changes(
         low = high = None
         if spread is not None and spread.size:
             low, high = (float(value) for value in np.quantile(spread, (tail, 1.0 - tail)))
-        changes[name] = QuantityChange(then, here, None if then is None or here is None else here - then, low, high)
+        changes[name] = QuantityChange(
+            then, here, None if then is None or here is None else here - then, low, high
+        )
     return changes

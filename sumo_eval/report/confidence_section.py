@@ -1,4 +1,6 @@
-"""The report's section on confidence: intervals, risk, further cases, and what the cases cover of each space."""
+"""The report's section on confidence: intervals, risk, further cases, and what the cases cover of
+each space.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,10 @@ def write_confidence(confidence: Confidence, folder: Path) -> Path:
 def confidence_json(confidence: Confidence) -> dict[str, Any]:
     """Everything that the section shows, in plain values."""
     return {
-        "scores": [_assessment_json(item, confidence.coverage[item.scenario]) for item in confidence.assessments],
+        "scores": [
+            _assessment_json(item, confidence.coverage[item.scenario])
+            for item in confidence.assessments
+        ],
         "coverage": {name: _coverage_json(item) for name, item in confidence.coverage.items()},
     }
 
@@ -42,7 +47,9 @@ def confidence_content(evaluation: Evaluation, confidence: Confidence) -> dict[s
     return {
         "rows": confidence.assessments,
         "digits": SCORES,
-        "spaces": [_space(zone.scenario, confidence.coverage[zone.scenario]) for zone in evaluation.zones],
+        "spaces": [
+            _space(zone.scenario, confidence.coverage[zone.scenario]) for zone in evaluation.zones
+        ],
         "further": [_further(item, confidence) for item in confidence.assessments],
     }
 
@@ -73,16 +80,20 @@ def _space(name: str, item: SpaceCoverage) -> dict[str, Any]:
         "buckets": [f"{parameter}: {got} of {of}" for parameter, (got, of) in item.buckets.items()],
         "pairs": f"{hit} of {possible}" if possible else "–",
         "radius": f"{item.empty_radius:z.3f}",
-        "centre": ", ".join(f"{parameter} = {value:z.4g}" for parameter, value in item.empty_centre.items()),
-        "resolved": "no boundary" if item.boundary_resolved is None else f"{item.boundary_resolved:z.0%}",
+        "centre": ", ".join(
+            f"{parameter} = {value:z.4g}" for parameter, value in item.empty_centre.items()
+        ),
+        "resolved": "no boundary"
+        if item.boundary_resolved is None
+        else f"{item.boundary_resolved:z.0%}",
         "inside": "not known" if item.exposure_inside is None else f"{item.exposure_inside:z.1%}",
         "pictures": [_picture(pair) for pair in item.pairs],
     }
 
 
 def _picture(pair: PairCoverage) -> dict[str, Any]:
-    """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched impossible. row: numbers of
-    both buckets from 1, and the points in them, for the saved table.
+    """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched
+    impossible. row: numbers of both buckets from 1, and the points in them, for the saved table.
     """
     rows, columns = pair.counts.shape
     most = max(float(pair.counts.max()), 1.0)
@@ -101,7 +112,14 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
                     "row": (column + 1, row + 1, None if count < 0 else count),
                 }
             )
-    return {"x": pair.x, "y": pair.y, "cells": cells, "width": CELL * columns, "height": CELL * rows, "cell": CELL}
+    return {
+        "x": pair.x,
+        "y": pair.y,
+        "cells": cells,
+        "width": CELL * columns,
+        "height": CELL * rows,
+        "cell": CELL,
+    }
 
 
 def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any]:

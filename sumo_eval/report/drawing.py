@@ -1,4 +1,6 @@
-"""A figure of matplotlib that a notebook shows, with matplotlib imported: whoever draws nothing does not need it."""
+"""A figure of matplotlib that a notebook shows, with matplotlib imported: whoever draws nothing
+does not need it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ RESOLUTION = 120  # dots an inch, of a figure in a notebook
 
 
 class Drawing(Figure):
-    """A figure that shows itself: a notebook knows those of pyplot only, and of others writes `<Figure ...>`."""
+    """A figure that shows itself: a notebook knows those of pyplot only, and of others writes
+    `<Figure ...>`.
+    """
 
     def _repr_png_(self) -> bytes:
         """What a notebook shows."""

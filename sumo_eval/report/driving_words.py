@@ -1,4 +1,6 @@
-"""What an ADS did in one case in driving words: which quantity, beside which people, at what time, and a picture."""
+"""What an ADS did in one case in driving words: which quantity, beside which people, at what time,
+and a picture.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ EXTREME_WORDS = {
     "max_lateral_speed": ("moved sideways at {}", "{:z.1f} m/s", 0.5),
     "max_lateral_acceleration": ("accelerated sideways at {}", "{:z.1f} m/s2", 1.0),
 }
-"""Words of an extreme, its value in its unit, and half of the window that it is measured over, s."""
+"""Words of an extreme, its value in its unit, and half of the window that it is measured over,
+s."""
 BLOCKS = "▁▂▃▄▅▆▇█"
 PICTURE = 60
 """Characters of a picture of speed over time."""
@@ -43,7 +46,10 @@ PICTURE = 60
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """One case with all that drove at its point. beside: drives of drivers and of the reference car, by name."""
+    """One case with all that drove at its point.
+
+    beside: drives of drivers and of the reference car, by name.
+    """
 
     case: CaseResult
     ego: Trajectory
@@ -55,7 +61,9 @@ class Scene:
 def driving_words(
     evaluation: Evaluation, case: CaseResult, fact: Fact, logical: LogicalScenario, store: Store
 ) -> list[str]:
-    """Sentences on one case, the gravest first, and a picture of its speed beside that of the drivers."""
+    """Sentences on one case, the gravest first, and a picture of its speed beside that of the
+    drivers.
+    """
     if store.is_let_go(case.case) or not (case.evaluated or case.departed):
         return ["The ADS gave the case up, which counts as doing nothing."] if case.gave_up else []
     scene = _scene(case, fact, store)
@@ -65,22 +73,33 @@ def driving_words(
         people = plausible_people(logical, store, evaluation.settings.method.plausibility).people
         said += likeness_words(scene, people)
     calm = (
-        "It drove as the drivers did, without harm." if scene.drivers else "It had no contact and stayed on the road."
+        "It drove as the drivers did, without harm."
+        if scene.drivers
+        else "It had no contact and stayed on the road."
     )
     sentences = [words for words, _ in said] or [calm]
     moment = said[0][1] if said else None
-    command = f"sumo-eval replay {shlex.quote(str(evaluation.folder))} {shlex.quote(case.case)} --open"
+    command = (
+        f"sumo-eval replay {shlex.quote(str(evaluation.folder))} {shlex.quote(case.case)} --open"
+    )
     return [*sentences, *picture(scene, moment), f"See it: {command}"]
 
 
 def _scene(case: CaseResult, fact: Fact, store: Store) -> Scene:
     vehicles = store.trajectories(case.case)
     points = range(fact.point, fact.point + 1)
-    drives = [*store.facts_at(points, "human", case.scenario), *store.facts_at(points, "task_reference", case.scenario)]
+    drives = [
+        *store.facts_at(points, "human", case.scenario),
+        *store.facts_at(points, "task_reference", case.scenario),
+    ]
     beside = {
-        one.driver: store.trajectory(one.case) for one in drives if one.status == "ok" and not store.is_let_go(one.case)
+        one.driver: store.trajectory(one.case)
+        for one in drives
+        if one.status == "ok" and not store.is_let_go(one.case)
     }
-    humans = tuple(beside[one.driver] for one in drives if one.role == "human" and one.driver in beside)
+    humans = tuple(
+        beside[one.driver] for one in drives if one.role == "human" and one.driver in beside
+    )
     return Scene(case, vehicles.pop(EGO), vehicles, humans, beside)
 
 
@@ -92,10 +111,15 @@ def _incident(scene: Scene, fact: Fact) -> _Said:
     """Contact, departure, or an end that the harness brought, and what the ADS did before."""
     case, hit = scene.case, fact.collision
     if hit is not None:
-        best = "which the ideal vehicle avoids" if case.avoidable else "a contact that the ideal vehicle has as well"
+        best = (
+            "which the ideal vehicle avoids"
+            if case.avoidable
+            else "a contact that the ideal vehicle has as well"
+        )
         best = best if case.ideal_severity is not None else "the ideal vehicle's case is not known"
         yield (
-            f"Hit `{hit.other}` at {3.6 * hit.relative_speed:z.0f} km/h, {hit.time:z.1f} s after the start, {best}.",
+            f"Hit `{hit.other}` at {3.6 * hit.relative_speed:z.0f} km/h, {hit.time:z.1f} s after "
+            f"the start, {best}.",
             hit.time,
         )
         yield _braking_before(scene.ego, hit.time), hit.time
@@ -112,7 +136,8 @@ def _braking_before(ego: Trajectory, contact: float) -> str:
     first = float(since[brakes[0]])
     hardest = -float(ego.acceleration[since <= contact].min())
     return (
-        f"The ADS braked from {first:z.1f} s on, {contact - first:z.1f} s before it, with at most {hardest:z.1f} m/s2."
+        f"The ADS braked from {first:z.1f} s on, {contact - first:z.1f} s before it, with at most "
+        f"{hardest:z.1f} m/s2."
     )
 
 
@@ -121,7 +146,13 @@ def task_words(scene: Scene, logical: LogicalScenario) -> _Said:
     share = scene.case.task_share
     begin = logical.placed(scene.case.values).ego.x
     asked = asked_way(begin, list(scene.beside.values()))
-    if share is None or share >= LOW or scene.case.incident or asked is None or not len(asked.places):
+    if (
+        share is None
+        or share >= LOW
+        or scene.case.incident
+        or asked is None
+        or not len(asked.places)
+    ):
         return
     own = times_at(scene.ego, asked.places)
     who = _people(scene, "reference car")
@@ -131,9 +162,15 @@ def task_words(scene: Scene, logical: LogicalScenario) -> _Said:
         gone = max(scene.ego.x.max() - begin, 0.0)
         last = float(scene.ego.time[np.argmax(scene.ego.x)] - scene.ego.time[0])
         ended = "Stood after" if scene.ego.speed[-1] < STANDING else "Came no further than"
-        yield f"{ended} {gone:z.0f} m of {whole:z.0f} m, from {last:z.1f} s on; {who} drove on.", last
+        yield (
+            f"{ended} {gone:z.0f} m of {whole:z.0f} m, from {last:z.1f} s on; {who} drove on.",
+            last,
+        )
         return
-    late = f"{own[-1]:z.1f} s for {whole:z.0f} m; the slowest of {who} needed {asked.slowest[-1]:z.1f} s"
+    late = (
+        f"{own[-1]:z.1f} s for {whole:z.0f} m; the slowest of {who} needed "
+        f"{asked.slowest[-1]:z.1f} s"
+    )
     yield f"Needed {late}.", float(own[int(np.argmax(own - asked.slowest))])
 
 
@@ -145,7 +182,9 @@ def _people(scene: Scene, car: str) -> str:
 def likeness_words(scene: Scene, people: Quantiles) -> _Said:
     """The factor that lowers H most, in words; each factor below `LOW`, the lowest first."""
     factors = {name: getattr(scene.case, field) for name, field in LIKENESS_FACTORS.items()}
-    low = sorted((value, name) for name, value in factors.items() if value is not None and value < LOW)
+    low = sorted(
+        (value, name) for name, value in factors.items() if value is not None and value < LOW
+    )
     for _, name in low:
         if name == "plausibility":
             yield _extreme(scene, people)
@@ -163,20 +202,33 @@ def likeness_words(scene: Scene, people: Quantiles) -> _Said:
 
 
 def _extreme(scene: Scene, people: Quantiles) -> tuple[str, float]:
-    """The extreme that few people reach: its value and time, the event nearest to it, and how many people do so."""
+    """The extreme that few people reach: its value and time, the event nearest to it, and how many
+    people do so.
+    """
     extremes = extremes_of(scene.ego, scene.actors)
     name, share = least_plausible(extremes, people)
     words, value, half = EXTREME_WORDS[name]
     when = max(0.0, _reached(scene, name, extremes[name]) - half)
-    most = f"{percent(float(f'{share:z.1g}'))} of people do" if share > 0.0 else "none of the recorded people does"
+    most = (
+        f"{percent(float(f'{share:z.1g}'))} of people do"
+        if share > 0.0
+        else "none of the recorded people does"
+    )
     usual = people.values[name][-1]
-    beside = f"half of them stay {'below' if usual < extremes[name] else 'above'} {value.format(usual)}"
+    beside = (
+        f"half of them stay {'below' if usual < extremes[name] else 'above'} {value.format(usual)}"
+    )
     done = words.format(value.format(extremes[name])).capitalize()
-    return f"{done}{_event(scene, when)}; {most}, {beside} ({people.people} people, {people.source}).", when
+    return (
+        f"{done}{_event(scene, when)}; {most}, {beside} ({people.people} people, {people.source}).",
+        when,
+    )
 
 
 def _reached(scene: Scene, name: str, value: float) -> float:
-    """When a drive first reached an extreme, s: the shortest drive from its start that has it, by bisection."""
+    """When a drive first reached an extreme, s: the shortest drive from its start that has it, by
+    bisection.
+    """
     ego, low, high = scene.ego, 2, len(scene.ego.time)
     while low < high:
         middle = (low + high) // 2
@@ -188,11 +240,15 @@ def _reached(scene: Scene, name: str, value: float) -> float:
 
 def _until(drive: Trajectory, samples: int) -> Trajectory:
     channels = (drive.time, drive.x, drive.y, drive.heading, drive.speed, drive.acceleration)
-    return Trajectory(*(channel[:samples] for channel in channels), length=drive.length, width=drive.width)
+    return Trajectory(
+        *(channel[:samples] for channel in channels), length=drive.length, width=drive.width
+    )
 
 
 def _event(scene: Scene, when: float) -> str:
-    """`, at 3.2 s, 2.1 s before `lead` braked`: the move of another road user that is nearest in time."""
+    """`, at 3.2 s, 2.1 s before `lead` braked`: the move of another road user that is nearest in
+    time.
+    """
     moves = []
     for name, actor in scene.actors.items():
         since = actor.time - actor.time[0]
@@ -213,14 +269,18 @@ def _unlike(scene: Scene) -> tuple[str, float]:
     """Where path or speed lies furthest from the drivers' own spread."""
     ego, end = scene.ego, min(float(one.x.max()) for one in (scene.ego, *scene.drivers))
     places = np.arange(float(ego.x[0]), max(end, float(ego.x[0]) + 1.0))
-    worst = max((_furthest(scene, places, channel) for channel in ("y", "speed")), key=lambda found: found[0])
+    worst = max(
+        (_furthest(scene, places, channel) for channel in ("y", "speed")),
+        key=lambda found: found[0],
+    )
     _, place, own, theirs, channel = worst
     when = float(times_at(ego, np.array([place]))[0])
     at = f"At {when:z.1f} s"
     if channel == "speed":
         low, high = 3.6 * theirs.min(), 3.6 * theirs.max()
         return (
-            f"{at} it drove {3.6 * own:z.0f} km/h where {len(theirs)} drivers drove {low:z.0f} to {high:z.0f} km/h.",
+            f"{at} it drove {3.6 * own:z.0f} km/h where {len(theirs)} drivers drove {low:z.0f} to "
+            f"{high:z.0f} km/h.",
             when,
         )
     side = "left" if own > theirs.mean() else "right"
@@ -228,7 +288,9 @@ def _unlike(scene: Scene) -> tuple[str, float]:
     return f"{at} it was {away:z.1f} m further {side} than {len(theirs)} drivers in the mean.", when
 
 
-def _furthest(scene: Scene, places: FloatArray, channel: str) -> tuple[float, float, float, FloatArray, str]:
+def _furthest(
+    scene: Scene, places: FloatArray, channel: str
+) -> tuple[float, float, float, FloatArray, str]:
     """(deviations from the drivers' mean, place x, own value, the drivers' values, channel)."""
     own = _at_places(scene.ego, places, channel)
     theirs = np.array([_at_places(one, places, channel) for one in scene.drivers])
@@ -248,7 +310,9 @@ def _way(drive: Trajectory) -> float:
 
 
 def picture(scene: Scene, moment: float | None) -> list[str]:
-    """Speed over time of the ego and of the drivers in the mean, in blocks; a mark at the moment."""
+    """Speed over time of the ego and of the drivers in the mean, in blocks; a mark at the
+    moment.
+    """
     drives = [scene.ego, *scene.drivers]
     end = min(max(drive.duration for drive in drives), 1.5 * scene.ego.duration) or 1.0
     times = np.linspace(0.0, end, PICTURE)
@@ -264,7 +328,11 @@ def picture(scene: Scene, moment: float | None) -> list[str]:
 
 def _blocks(drives: Sequence[Trajectory], times: FloatArray, top: float) -> str:
     """A block for each time at which all drives last, blank after the first ends."""
-    speeds = np.mean([np.interp(times, one.time - one.time[0], one.speed) for one in drives], axis=0)
+    speeds = np.mean(
+        [np.interp(times, one.time - one.time[0], one.speed) for one in drives], axis=0
+    )
     last = min(one.duration for one in drives)
     level = np.clip(np.round(speeds / top * (len(BLOCKS) - 1)), 0, len(BLOCKS) - 1).astype(int)
-    return "".join(BLOCKS[k] if time <= last + 1e-9 else " " for k, time in zip(level, times, strict=True)).rstrip()
+    return "".join(
+        BLOCKS[k] if time <= last + 1e-9 else " " for k, time in zip(level, times, strict=True)
+    ).rstrip()

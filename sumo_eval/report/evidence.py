@@ -1,7 +1,9 @@
-"""Evidence for a safety case: what a run claims of each ADS, why that follows, what it rests on, and what stays open.
+"""Evidence for a safety case: what a run claims of each ADS, why that follows, what it rests on,
+and what stays open.
 
-Claim - argument - evidence, as assessors of type approval ask for it. A claim that the facts do not bear out is written
-down as such: `supported`, `not supported`, or `open` where nothing could be evaluated.
+Claim - argument - evidence, as assessors of type approval ask for it. A claim that the facts do not
+bear out is written down as such: `supported`, `not supported`, or `open` where nothing could be
+evaluated.
 """
 
 from __future__ import annotations
@@ -35,8 +37,9 @@ Verdict = Literal["supported", "not supported", "open"]
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """interval: of the number that the claim is about, with its level; None: it is about none. cases: keys of those
-    that speak against it, at most `MOST_CASES`. assumptions: what has to be so, and was not shown by the run.
+    """interval: of the number that the claim is about, with its level; None: it is about none.
+    cases: keys of those that speak against it, at most `MOST_CASES`.
+    assumptions: what has to be so, and was not shown by the run.
     """
 
     id: str
@@ -53,7 +56,10 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """claims: of every ADS in every scenario. run: what identifies it. hashes: SHA-256 of its files."""
+    """claims: of every ADS in every scenario.
+    run: what identifies it.
+    hashes: SHA-256 of its files.
+    """
 
     run: dict[str, str]
     hashes: dict[str, str]
@@ -85,10 +91,13 @@ def evidence_of(evaluation: Evaluation) -> Evidence:
     claims = tuple(
         claim
         for score in evaluation.scores
-        for claim in _claims(evaluation, score, next(it for it in evaluation.zones if it.scenario == score.scenario))
+        for claim in _claims(
+            evaluation, score, next(it for it in evaluation.zones if it.scenario == score.scenario)
+        )
     )
     return Evidence(
-        run, hashes, qualification_sentence(manifest), holds(manifest), reference_sentence(evaluation.settings),
+        run, hashes, qualification_sentence(manifest), holds(manifest),
+        reference_sentence(evaluation.settings),
         people_sentence(evaluation), claims,
     )  # fmt: skip
 
@@ -100,7 +109,9 @@ def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
     try:
         out.mkdir(parents=True, exist_ok=True)
         (out / PAGE).write_text(text, encoding="utf-8")
-        (out / PLAIN).write_text(json.dumps(found.plain(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        (out / PLAIN).write_text(
+            json.dumps(found.plain(), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+        )
     except OSError as error:
         raise InputError(f"The evidence cannot be written into {out}: {error}.") from error
     return out / PAGE, out / PLAIN
@@ -123,7 +134,9 @@ def _claims(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> 
 
 
 def _claim(score: ScenarioResult, kind: str, **parts: Any) -> Claim:
-    return Claim(id=f"{score.scenario}/{score.ads}/{kind}", ads=score.ads, scenario=score.scenario, **parts)
+    return Claim(
+        id=f"{score.scenario}/{score.ads}/{kind}", ads=score.ads, scenario=score.scenario, **parts
+    )
 
 
 def _names(cases: CaseTable) -> tuple[str, ...]:
@@ -137,13 +150,17 @@ def _complete(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
         score, "complete",
         claim=f"Every concrete scenario that was chosen for {about} was driven and evaluated.",
         verdict="not supported" if len(missing) else "supported",
-        argument="Cases are counted when they are planned and when they are stored; one without an outcome is named.",
-        evidence=(f"{len(cases) - len(missing)} of {count(len(cases), 'case')} have an outcome that counts.",),
+        argument="Cases are counted when they are planned and when they are stored; one without "
+                 "an outcome is named.",
+        evidence=(f"{len(cases) - len(missing)} of {count(len(cases), 'case')} have an outcome "
+                  "that counts.",),
         cases=_names(missing),
     )  # fmt: skip
 
 
-def _collisions(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
+def _collisions(
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable
+) -> Claim:
     """Collision share < p: p is the upper end of its interval."""
     known = evaluation.exposure_known(score.scenario)
     under = "this exposure" if known else "equal weights of its points"
@@ -160,10 +177,15 @@ def _collisions(evaluation: Evaluation, about: str, score: ScenarioResult, cases
     it = found.collision_probability
     return _claim(
         score, "collisions",
-        claim=f"The collision share of {about} is below {it.high:z.3g} in this space under {under}.",
-        verdict="not supported" if score.not_evaluated else "open" if it.high >= 1.0 else "supported",
-        argument="Upper end of the two-sided interval of the weighted share: a bootstrap over the cases, or, where "
-        "none collided, the exact binomial limit for as many equally frequent cases as tell as much.",
+        claim=f"The collision share of {about} is below {it.high:z.3g} in this space under "
+              f"{under}.",
+        verdict=(
+            "not supported" if score.not_evaluated else "open" if it.high >= 1.0 else "supported"
+        ),
+        argument="Upper end of the two-sided interval of the weighted share: a bootstrap over the "
+                 "cases, or, where "
+        "none collided, the exact binomial limit for as many equally frequent cases as tell as "
+        "much.",
         evidence=(
             f"{count(len(hit), 'collision')} in {count(len(judged), 'evaluated case')}.",
             f"As informative as {found.effective_cases:z.1f} equally frequent cases.",
@@ -173,9 +195,15 @@ def _collisions(evaluation: Evaluation, about: str, score: ScenarioResult, cases
     )  # fmt: skip
 
 
-def _preventable(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
+def _preventable(
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable
+) -> Claim:
     """In the words of assessors: unpreventable for a skilled driver, preventable for the ADS."""
-    row = next(it for it in preventability(evaluation) if (it.ads, it.scenario) == (score.ads, score.scenario))
+    row = next(
+        it
+        for it in preventability(evaluation)
+        if (it.ads, it.scenario) == (score.ads, score.scenario)
+    )
     against = cases[np.isin(verdicts(evaluation, score), ["preventable", "undecided"])]
     skilled = reference_ads(evaluation.settings) or "the ideal vehicle"
     undecided = row.undecided + row.not_evaluated
@@ -184,13 +212,18 @@ def _preventable(evaluation: Evaluation, about: str, score: ScenarioResult, case
         score, "preventability",
         claim=f"{about} has no incident that is preventable for a skilled driver.",
         verdict=verdict,
-        argument=f"The skilled driver is {skilled}, driven through each concrete scenario beside the ADS: an incident "
-        "(collision, leaving the road, giving up) is unpreventable for it where it has one as well.",
+        argument=f"The skilled driver is {skilled}, driven through each concrete scenario beside "
+                 "the ADS: an incident "
+        "(collision, leaving the road, giving up) is unpreventable for it where it has one as "
+        "well.",
         evidence=(
-            f"{count(row.incidents, 'incident')}: {row.preventable} preventable for a skilled driver, "
+            f"{count(row.incidents, 'incident')}: {row.preventable} preventable for a skilled "
+            "driver, "
             f"{row.unpreventable} unpreventable for a skilled driver, {row.undecided} undecided.",
-            f"{count(row.better, 'case')} unpreventable for a skilled driver, preventable for the ADS.",
-            f"{row.off_road} left the road, {row.gave_up} given up, {row.not_evaluated} not evaluated, "
+            f"{count(row.better, 'case')} unpreventable for a skilled driver, preventable for the "
+            "ADS.",
+            f"{row.off_road} left the road, {row.gave_up} given up, {row.not_evaluated} not "
+            "evaluated, "
             f"of {count(row.cases, 'case')}.",
         ),
         cases=_names(against),
@@ -200,11 +233,14 @@ def _preventable(evaluation: Evaluation, about: str, score: ScenarioResult, case
 def _avoided(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
     """The avoided share A is above the lower end of its interval."""
     ends = score.avoided_share_interval
-    if ends is not None and ends[0] >= 1.0:  # what was never seen takes something off wherever there is any harm
+    # what was never seen takes something off wherever there is any harm
+    if ends is not None and ends[0] >= 1.0:
         return _claim(
             score, "avoided", claim=f"{about} had harm to avoid.", verdict="open",
-            argument="Where a car that does nothing hits no harder than the ideal vehicle, A is 1 whoever drives.",
-            evidence=(f"In none of {count(len(cases), 'case')} a car that does nothing does more harm.",),
+            argument="Where a car that does nothing hits no harder than the ideal vehicle, A is 1 "
+                     "whoever drives.",
+            evidence=(f"In none of {count(len(cases), 'case')} a car that does nothing does more "
+                      "harm.",),
 
         )  # fmt: skip
     if score.avoided_share is None or ends is None:
@@ -215,13 +251,16 @@ def _avoided(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
     against = cases[cases.avoidable]
     return _claim(
         score, "avoided",
-        claim=f"{about} avoids at least {ends[0]:z.3g} of the harm that the ideal vehicle avoids and a car that does "
+        claim=f"{about} avoids at least {ends[0]:z.3g} of the harm that the ideal vehicle avoids "
+              "and a car that does "
         "nothing does not.",
         verdict="supported" if ends[0] > 0.0 else "open",
-        argument="Lower end of the interval of A = 1 - sum w max(0, U - Ug) / sum w max(0, U0 - Ug) over all evaluated "
+        argument="Lower end of the interval of A = 1 - sum w max(0, U - Ug) / sum w max(0, U0 - "
+                 "Ug) over all evaluated "
         "cases; cases without an outcome count as worst.",
         evidence=(
-            f"A = {score.avoided_share:z.3g}; {count(score.avoidable_collisions, 'avoidable collision')}, "
+            f"A = {score.avoided_share:z.3g}; "
+            f"{count(score.avoidable_collisions, 'avoidable collision')}, "
             f"{score.unavoidable_collisions} unavoidable.",
         ),
         interval={"estimate": score.avoided_share, "low": ends[0], "high": ends[1],
@@ -243,7 +282,8 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult) -> Claim
         score, "checks",
         claim=f"{about} passes every check of the scenario in every case that was driven.",
         verdict=verdict,
-        argument=f"{count(len(checks), 'condition')} on the whole drive, each evaluated on the recorded trajectories.",
+        argument=f"{count(len(checks), 'condition')} on the whole drive, each evaluated on the "
+                 "recorded trajectories.",
         evidence=(
             f"{passed} of {count(number, 'case')} pass all.",
             *(f"{name}: {text}" for name, text in checks.items()),
@@ -253,18 +293,24 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult) -> Claim
 
 
 def _assumptions(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[str]:
-    """What has to be so for the claims on a scenario to hold on a road, and is not shown by the run."""
+    """What has to be so for the claims on a scenario to hold on a road, and is not shown by the
+    run.
+    """
     settings = evaluation.settings
     names = list(dict.fromkeys(item.scenario for item in evaluation.zones))
     entry = settings.scenario[names.index(score.scenario)]
     method = entry.sampling.method or "the scenario's own"
     yield (
-        f"{count(zone.sampled, 'point')}, chosen by `{method}`, stand for the space; what lies outside of it is not "
+        f"{count(zone.sampled, 'point')}, chosen by `{method}`, stand for the space; what lies "
+        "outside of it is not "
         "claimed."
     )
     if not evaluation.exposure_known(score.scenario):
         yield "Nobody said how often concrete scenarios are met: every point counts the same."
-    yield "Vehicles are rectangles on a single-track model, and SUMO moves the others as their scripts say."
+    yield (
+        "Vehicles are rectangles on a single-track model, and SUMO moves the others as their "
+        "scripts say."
+    )
     if settings.simulation.conditions == type(settings.simulation.conditions)():
         yield "The ADS perceives without error and without delay: no conditions are set."
     if zone.zones == 0:

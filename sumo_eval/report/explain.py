@@ -44,7 +44,10 @@ ROUNDING = 1e-9
 
 
 def find_case(evaluation: Evaluation, key: str) -> CaseResult:
-    """A case by its key. Raises InputError with the nearest known one."""
+    """A case by its key.
+
+    Raises InputError with the nearest known one.
+    """
     found = evaluation.case(key)
     if found is None:
         raise unknown("case", key, evaluation.cases.case.tolist())
@@ -52,7 +55,10 @@ def find_case(evaluation: Evaluation, key: str) -> CaseResult:
 
 
 def known_case(run: Path, key: str) -> Fact:
-    """A drive of an ADS by its case's key. Raises InputError with the nearest known one."""
+    """A drive of an ADS by its case's key.
+
+    Raises InputError with the nearest known one.
+    """
     with open_store(run / FACTS) as store:
         found = store.fact(key)
         if found is None or found.role != "ads":
@@ -60,7 +66,9 @@ def known_case(run: Path, key: str) -> Fact:
     return found
 
 
-def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], key: str) -> list[str]:
+def explain_case(
+    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], key: str
+) -> list[str]:
     """The lines that `sumo-eval explain` prints."""
     case = find_case(evaluation, key)
     zones = partitions[case.scenario]
@@ -93,35 +101,53 @@ def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     largest = float(criticality(zones.logical, row[None], settings).inverse[0])
     peak = "unbounded, ideal braking hits" if math.isinf(largest) else f"{largest:z.4f} 1/s"
     yield (
-        f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} m/s2: {peak}; "
+        f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} m/s2: "
+        f"{peak}; "
         f"hazardous from {settings.critical_inverse_ttc:g} 1/s"
     )
     learnt = float(zones.predicted(row))
-    yield f"Eqs. 7-8: y = {learnt:+z.4f}, {'above' if learnt > 0.0 else 'not above'} 0: the {case.zone} zone"
+    yield (
+        f"Eqs. 7-8: y = {learnt:+z.4f}, {'above' if learnt > 0.0 else 'not above'} 0: the "
+        f"{case.zone} zone"
+    )
 
 
-def _collision(case: CaseResult, fact: Fact, found: Findings, zones: ZonePartition) -> Iterator[str]:
+def _collision(
+    case: CaseResult, fact: Fact, found: Findings, zones: ZonePartition
+) -> Iterator[str]:
     hit = fact.collision
     if hit is None:
         yield "Eqs. 14-17: no contact, so this case has no part in C"
         return
     own, other = hit.ego_velocity, hit.other_velocity
     used = max(hit.overlap, SMALLEST_OVERLAP)
-    floor = f" (recorded {hit.overlap:z.3f}, at least {SMALLEST_OVERLAP:g})" if used != hit.overlap else ""
+    floor = (
+        f" (recorded {hit.overlap:z.3f}, at least {SMALLEST_OVERLAP:g})"
+        if used != hit.overlap
+        else ""
+    )
     yield (
         f"Eq. 15: U = |({own[0]:z.3f}, {own[1]:z.3f}) - ({other[0]:z.3f}, {other[1]:z.3f})| / w = "
-        f"{hit.relative_speed:z.3f} / {used:z.3f}{floor} = {number(case.severity, 3)} m/s, with `{hit.other}` at "
+        f"{hit.relative_speed:z.3f} / {used:z.3f}{floor} = {number(case.severity, 3)} m/s, with "
+        f"`{hit.other}` at "
         f"t = {hit.time:z.2f} s"
     )
     yield f"Eq. 14: L = {number(case.loss, 1)}"
     if case.ideal_severity is None:
         why = because(case.ideal_error)
-        yield f"Eq. 17: the ideal vehicle's case could not be evaluated, so this collision has no part in C.{why}"
+        yield (
+            "Eq. 17: the ideal vehicle's case could not be evaluated, so this collision has no "
+            f"part in C.{why}"
+        )
         return
     loss = found.settings.method.collision.loss
     ratio = ratio_of(case, loss) or 0.0
     what = "Ug/U" if loss == "severity" else "Lg/L"
-    best = f"hits with Ug = {case.ideal_severity:z.3f} m/s" if case.ideal_severity else "avoids, Ug = 0"
+    best = (
+        f"hits with Ug = {case.ideal_severity:z.3f} m/s"
+        if case.ideal_severity
+        else "avoids, Ug = 0"
+    )
     yield (
         f"Eq. 17: the ideal vehicle {best}: {what} = {ratio:z.4f}"
         + (", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else "")
@@ -131,8 +157,10 @@ def _collision(case: CaseResult, fact: Fact, found: Findings, zones: ZonePartiti
     weights, share = _share(case, found.cases, counted, found.cases.weight)
     whole = worth(found.settings.method.score)
     yield (
-        f"Eq. 17: of 1 - C = {1.0 - (found.score.c or 0.0):z.4f} this case took r (1 - {what}) / sum r = "
-        f"{number(case.weight, 4)} x {1.0 - ratio:z.4f} / {math.fsum(weights):z.4f} = {share * (1.0 - ratio):z.4f} "
+        f"Eq. 17: of 1 - C = {1.0 - (found.score.c or 0.0):z.4f} this case took r (1 - {what}) / "
+        "sum r = "
+        f"{number(case.weight, 4)} x {1.0 - ratio:z.4f} / {math.fsum(weights):z.4f} = "
+        f"{share * (1.0 - ratio):z.4f} "
         f"({len(weights)} collisions), {whole.c * share * (1.0 - ratio):z.2f} points of S"
     )
 
@@ -143,7 +171,9 @@ def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
         return
     row = zones.logical.row(case.values)
     star = zones.most_dangerous[int(zones.nearest_zone(row))]
-    away = float(np.linalg.norm(zones.logical.to_unit(row) - zones.logical.to_unit(zones.logical.row(star))))
+    away = float(
+        np.linalg.norm(zones.logical.to_unit(row) - zones.logical.to_unit(zones.logical.row(star)))
+    )
     weight = case.weight or 0.0
     exit_at = f", zone's boundary at {away / weight:z.4f}" if weight > 0.0 else ""
     yield (
@@ -175,10 +205,15 @@ def _likeness(
     if store.is_let_go(case.case):
         factors = [getattr(case, field) for field in FACTORS.values()]
         product = " x ".join(number(value, 4) for value in factors)
-        yield f"Eqs. 11-12: D_i = {product} = {case.index:z.4f}; its trajectories were let go (`[run] keep`)"
+        yield (
+            f"Eqs. 11-12: D_i = {product} = {case.index:z.4f}; its trajectories were let go "
+            "(`[run] keep`)"
+        )
         return
     drives = store.facts_at(range(fact.point, fact.point + 1), "human", case.scenario)
-    job = PointJob(tuple(one.case for one in drives if one.status == "ok"), zones.logical.road, (case.case,))
+    job = PointJob(
+        tuple(one.case for one in drives if one.status == "ok"), zones.logical.road, (case.case,)
+    )
     settings = evaluation.settings.method.anthropomorphic
     with closing(KeptResults(evaluation.folder)) as kept:
         (result,) = compute_points(store.path, [job], settings, map, lambda done: None, kept)
@@ -190,7 +225,8 @@ def _likeness(
     of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
     whole = worth(found.settings.method.score)
     yield (
-        f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {math.fsum(exposures):z.6g} = {share:z.5f} "
+        f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {math.fsum(exposures):z.6g} = "
+        f"{share:z.5f} "
         f"({len(exposures)} cases); of D = {number(found.score.d, 4)} this case gives "
         f"{share * case.index:z.5f} and took {share * (1.0 - case.index):z.5f}, "
         f"{whole.d * share * (1.0 - case.index):z.2f} points of S"
@@ -202,19 +238,28 @@ def _likeness(
 def _factors(index: CaseIndex) -> Iterator[str]:
     made = index.ingredients
     yield (
-        f"Eq. 12: f_L = min(1, L / mean L of {made.drivers} drivers) = min(1, {made.ads_length:z.2f} / "
+        f"Eq. 12: f_L = min(1, L / mean L of {made.drivers} drivers) = min(1, "
+        f"{made.ads_length:z.2f} / "
         f"{made.mean_length:z.2f}) = {index.length_factor:z.4f}"
     )
     ratio = (
-        f"{made.mean_operations:z.2f} / {made.ads_operations}" if made.ads_operations else "no operation by the ADS: 1"
+        f"{made.mean_operations:z.2f} / {made.ads_operations}"
+        if made.ads_operations
+        else "no operation by the ADS: 1"
     )
-    yield f"Eq. 12: f_n = min(1, mean n of the drivers / n) = {ratio} = {index.operation_factor:z.4f}"
     yield (
-        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {made.slices} slices = {index.similarity:z.4f} "
-        f"(path alone {made.centre_similarity:z.4f}, field alone {made.field_similarity:z.4f}; lowest "
+        f"Eq. 12: f_n = min(1, mean n of the drivers / n) = {ratio} = {index.operation_factor:z.4f}"
+    )
+    yield (
+        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {made.slices} slices = "
+        f"{index.similarity:z.4f} "
+        f"(path alone {made.centre_similarity:z.4f}, field alone {made.field_similarity:z.4f}; "
+        "lowest "
         f"{made.lowest:z.4f} at x = {made.lowest_at:z.1f} m)"
     )
-    product = f"{index.length_factor:z.4f} x {index.operation_factor:z.4f} x {index.similarity:z.4f}"
+    product = (
+        f"{index.length_factor:z.4f} x {index.operation_factor:z.4f} x {index.similarity:z.4f}"
+    )
     yield f"Eq. 12: D_i = {product} = {index.value:z.4f}"
 
 
@@ -231,14 +276,22 @@ def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
     ]
     score = found.score
     if unknown or score.avoided_share is None:
-        yield f"A: this case has no part in it; {' and '.join(unknown) or 'it'} could not be evaluated"
+        yield (
+            f"A: this case has no part in it; {' and '.join(unknown) or 'it'} could not be "
+            "evaluated"
+        )
         return
     unit, terms = severity_unit(found.settings), case_terms(found.cases, found.settings.method)
     row = int(np.flatnonzero(found.cases.case == case.case)[0])
-    u, ideal, nothing = (float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting))
+    u, ideal, nothing = (
+        float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting)
+    )
     lost, at_stake = (float(excess(part, ideal)) for part in (u, nothing))
     if case.departed:
-        yield f"A: left the road at t = {case.departure_time:z.2f} s with {case.departure_speed:z.3f} m/s"
+        yield (
+            f"A: left the road at t = {case.departure_time:z.2f} s with "
+            f"{case.departure_speed:z.3f} m/s"
+        )
     if case.gave_up:
         yield "A: the ADS gave the case up, which counts as doing nothing, U0, at least"
     kind = {"caused": "caused by the ADS"}.get(case.kind, case.kind)
@@ -247,8 +300,10 @@ def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
     yield f"A: U = {u:z.3f}{unit}, {beside}{which}"
     taken = float(found.share_lost[row])
     yield (
-        f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = {(case.weight or 0.0) * lost:z.4f}, "
-        f"w max(0, U0 - Ug) = {(case.weight or 0.0) * at_stake:z.4f}; of 1 - A = {1.0 - score.avoided_share:z.4f} this "
+        f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = "
+        f"{(case.weight or 0.0) * lost:z.4f}, "
+        f"w max(0, U0 - Ug) = {(case.weight or 0.0) * at_stake:z.4f}; of 1 - A = "
+        f"{1.0 - score.avoided_share:z.4f} this "
         f"case took {taken:z.4f}; A' = {number(score.avoidance_grade, 4)}"
         + (": below 0, S+ takes 0" if score.avoided_share < 0.0 else "")
     )
@@ -268,14 +323,17 @@ def _task(case: CaseResult, found: Findings) -> Iterator[str]:
     counted = found.cases.safe & np.isfinite(found.cases.task_share)
     exposures, share = _share(case, found.cases, counted, found.cases.exposure)
     yield (
-        f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of {beside} / own "
+        f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest "
+        f"of {beside} / own "
         f"time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
         f"{share * (1.0 - case.task_share):z.4f} ({len(exposures)} cases)"
     )
 
 
 def _human(case: CaseResult, found: Findings) -> Iterator[str]:
-    """What the case gives to H, the mean of f_L f_n+ similarity plausibility over the safe cases."""
+    """What the case gives to H, the mean of f_L f_n+ similarity plausibility over the safe
+    cases.
+    """
     if case.zone != "safe":
         yield "H: the hazardous zone has no part in it"
         return
@@ -292,20 +350,28 @@ def _human(case: CaseResult, found: Findings) -> Iterator[str]:
     else:
         factors = [getattr(case, field) for field in LIKENESS_FACTORS.values()]
         yield (
-            f"H: f_L f_n+ similarity plausibility = {' x '.join(number(value, 4) for value in factors)} = "
-            f"{case.human_likeness:z.4f}; plausibility: 1 where at least 5 % of recorded people go to such extremes"
+            "H: f_L f_n+ similarity plausibility = "
+            f"{' x '.join(number(value, 4) for value in factors)} = "
+            f"{case.human_likeness:z.4f}; plausibility: 1 where at least 5 % of recorded people "
+            "go to such extremes"
         )
     exposures, share = _share(case, found.cases, found.likened, found.cases.exposure)
     if math.fsum(exposures) > 0.0:
         yield (
             f"H: share of the mean {share:z.5f} ({len(exposures)} cases); of H = "
-            f"{number(found.score.human_likeness, 4)} this case gives {share * case.human_likeness:z.5f} "
+            f"{number(found.score.human_likeness, 4)} this case gives "
+            f"{share * case.human_likeness:z.5f} "
             f"and took {share * (1.0 - case.human_likeness):z.5f}"
         )
 
 
-def _share(case: CaseResult, cases: CaseTable, counted: BoolArray, weights: FloatArray) -> tuple[list[float], float]:
-    """The weights of the cases that a mean is over, and what this case weighs in it. counted: those, (n,)."""
+def _share(
+    case: CaseResult, cases: CaseTable, counted: BoolArray, weights: FloatArray
+) -> tuple[list[float], float]:
+    """The weights of the cases that a mean is over, and what this case weighs in it.
+
+    counted: those, (n,).
+    """
     place = int(np.flatnonzero(cases.case[counted] == case.case)[0])
     known = np.nan_to_num(weights[counted])
     return known.tolist(), float(mean_shares(known)[place])

@@ -37,11 +37,14 @@ class Exported:
 
 
 def export_case(run: Path, case: str, out: Path) -> Exported:
-    """Write a case into the folder `out`: SUMO network, routes, view and .sumocfg (opens in sumo-gui), OpenSCENARIO and
+    """Write a case into the folder `out`: SUMO network, routes, view and .sumocfg (opens in
+    sumo-gui), OpenSCENARIO and
     OpenDRIVE, and an evaluation of this one case with its point.
 
-    The files are called like the case, with `_` for what is no letter, digit, dot, plus or single hyphen. The line that
-    drives it again stands in the .xosc header as well. Raises InputError for a case that the run does not have.
+    The files are called like the case, with `_` for what is no letter, digit, dot, plus or single
+    hyphen. The line that drives it again stands in the .xosc header as well.
+
+    Raises InputError for a case that the run does not have.
     """
     resolved = run_folder.resolved_run(run)
     settings, source = resolved.settings, resolved.source
@@ -57,7 +60,8 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
         road: network_xml(concrete.road),
         view: view_xml(concrete.road),
         f"{stem}.rou.xml": routes_xml(
-            concrete, simulation.vehicle, origin=f"{stem}.toml beside this file drives the whole case again."
+            concrete, simulation.vehicle, origin=f"{stem}.toml beside this file drives the whole "
+                                                 "case again."
         ),
         f"{stem}.sumocfg": configuration_xml(
             road, f"{stem}.rou.xml", simulation.step,
@@ -86,7 +90,9 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
 
 
 def _fact(run: Path, case: str) -> tuple[Fact, dict[str, Trajectory] | None]:
-    """What is recorded of a case, and how everybody drove in it; None where it did not come to drive or was let go."""
+    """What is recorded of a case, and how everybody drove in it; None where it did not come to
+    drive or was let go.
+    """
     with open_store(run / run_folder.FACTS) as store:
         fact = store.fact(case)
         if fact is None or fact.role != "ads":
@@ -98,7 +104,9 @@ def _fact(run: Path, case: str) -> tuple[Fact, dict[str, Trajectory] | None]:
 def _evaluation(
     settings: EvaluationSettings, fact: Fact, entry: ScenarioSettings, source: Path, points: str
 ) -> EvaluationSettings:
-    """The run's settings with this scenario, this point and this ADS alone; paths of its files made absolute."""
+    """The run's settings with this scenario, this point and this ADS alone; paths of its files made
+    absolute.
+    """
     ads = next(item for item in settings.ads if item.name == fact.driver)
     sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
     space = str(source / entry.use) if is_file(entry.use) else made_absolute(entry.use, source)
@@ -130,9 +138,13 @@ def _people(drivers: DriverSettings, source: Path) -> DriverSettings:
 
 
 def _importing(alone: EvaluationSettings, source: Path) -> str:
-    """What goes before the command where modules that lie beside the run's own evaluation have to be found."""
+    """What goes before the command where modules that lie beside the run's own evaluation have to
+    be found.
+    """
     named = (alone.scenario[0].use, alone.ads[0].controller, alone.drivers.source)
     modules = [place for place, colon, _ in (locator.rpartition(":") for locator in named) if colon]
     tops = [module.partition(".")[0] for module in modules if not module.endswith(".py")]
-    beside = any((source / f"{top}.py").is_file() or (source / top / "__init__.py").is_file() for top in tops)
+    beside = any(
+        (source / f"{top}.py").is_file() or (source / top / "__init__.py").is_file() for top in tops
+    )
     return f"env PYTHONPATH={shlex.quote(str(source))} " if beside else ""

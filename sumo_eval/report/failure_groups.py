@@ -1,8 +1,10 @@
-"""Failures that are alike: what the cases of a group have in common in their parameters, in words and as ranges.
+"""Failures that are alike: what the cases of a group have in common in their parameters, in words
+and as ranges.
 
-Failures of one ADS and one kind are joined while they stand next to each other among the points that were driven
-(single linkage in the unit box). A group is told by the narrowest ranges that hold all of its cases, for the parameters
-whose values it does not span; beside them stands how many of all cases in these ranges fail in that way.
+Failures of one ADS and one kind are joined while they stand next to each other among the points
+that were driven (single linkage in the unit box). A group is told by the narrowest ranges that hold
+all of its cases, for the parameters whose values it does not span; beside them stands how many of
+all cases in these ranges fail in that way.
 """
 
 from __future__ import annotations
@@ -22,16 +24,20 @@ IntArray = NDArray[np.intp]
 
 MOST_GROUPS = 12  # of one logical scenario
 MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more stand in one group
-APART = 1.6  # steps between neighbouring points: cases further apart than this belong to different groups
+# steps between neighbouring points: cases further apart than this belong to different groups
+APART = 1.6
 SPANNED = 0.999  # share of a parameter's driven range from which on a group does not narrow it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FailureGroup:
-    """Cases of one ADS that fail alike. ranges: parameter -> (least, most) where the group is narrower than the cases.
+    """Cases of one ADS that fail alike.
 
-    places: where its cases stand among all cases, (k,), ascending. alike: cases in these ranges that fail so. inside:
-    all cases of the ADS in them.
+    ranges: parameter -> (least, most) where the group is narrower than the cases.
+
+    places: where its cases stand among all cases, (k,), ascending.
+    alike: cases in these ranges that fail so.
+    inside: all cases of the ADS in them.
     """
 
     ads: str
@@ -44,21 +50,29 @@ class FailureGroup:
 
 
 def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
-    """How each case failed: (n,), places in a list of words, whose first are empty and mean that it did not."""
+    """How each case failed: (n,), places in a list of words, whose first are empty and mean that it
+    did not.
+    """
     words = ["", "off road", "unavoidable collision", "avoidable collision", "caused collision"]
     kinds = np.zeros(len(cases), dtype=np.intp)
-    for code, flags in enumerate((cases.off_road | cases.departed, cases.collided, cases.avoidable, cases.caused), 1):
+    for code, flags in enumerate(
+        (cases.off_road | cases.departed, cases.collided, cases.avoidable, cases.caused), 1
+    ):
         kinds[flags] = code
     codes: dict[str, int] = {}
     lost = np.flatnonzero(~cases.evaluated)
-    for number, status, place in zip(lost.tolist(), cases.status[lost], cases.error_place[lost], strict=True):
+    for number, status, place in zip(
+        lost.tolist(), cases.status[lost], cases.error_place[lost], strict=True
+    ):
         said = f"not evaluated ({status}){f' at {place}' if place else ''}"
         kinds[number] = codes.setdefault(said, len(words) + len(codes))
     return kinds, [*words, *codes]
 
 
 def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGroup]:
-    """The groups of one logical scenario: the gravest kinds first, and of these the largest groups."""
+    """The groups of one logical scenario: the gravest kinds first, and of these the largest
+    groups.
+    """
     found = []
     whose = cases.ads
     rows = cases.parameters(logical.names)
@@ -66,10 +80,14 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
     for ads in dict.fromkeys(chunk.ads for chunk in cases.chunks):
         own = np.flatnonzero(whose == ads)
         its = rows if len(own) == len(rows) else rows[own]
-        for kind in sorted(set(np.unique(kinds[own]).tolist()) - {0}, key=lambda kind: _order(words[kind])):
+        for kind in sorted(
+            set(np.unique(kinds[own]).tolist()) - {0}, key=lambda kind: _order(words[kind])
+        ):
             members = np.flatnonzero(kinds[own] == kind)
             for group in _linked(logical, its, members):
-                found.append(_told(logical, its, group, kinds[own] == kind, ads, words[kind], own[group]))
+                found.append(
+                    _told(logical, its, group, kinds[own] == kind, ads, words[kind], own[group])
+                )
     found.sort(key=lambda group: (_order(group.kind), -len(group.places)))
     return found[:MOST_GROUPS]
 
@@ -84,7 +102,8 @@ def _linked(logical: LogicalScenario, rows: FloatArray, members: np.ndarray) -> 
     """The members of each group, as places among all points of the ADS, (n, k)."""
     if len(members) < 2 or len(members) > MOST_LINKED:
         return [members]
-    from scipy.cluster.hierarchy import fcluster, linkage  # half a second that a replay does not need
+    # half a second that a replay does not need
+    from scipy.cluster.hierarchy import fcluster, linkage
 
     unit = logical.to_unit(rows)
     steps = np.array([_step(column) for column in unit.T])
@@ -94,7 +113,9 @@ def _linked(logical: LogicalScenario, rows: FloatArray, members: np.ndarray) -> 
 
 
 def _step(values: FloatArray) -> float:
-    """The distance that counts as one step along a parameter: between levels, or what so many points come to."""
+    """The distance that counts as one step along a parameter: between levels, or what so many
+    points come to.
+    """
     levels = np.unique(values)
     if len(levels) < 2:
         return 1.0
@@ -110,8 +131,12 @@ def _told(
     kind: str,
     places: IntArray,
 ) -> FailureGroup:
-    """The group in words. rows: all points of the ADS, (n, k). group: which of them are in it. alike_there: which fail
-    so, (n,). places: the group's cases among those of all ADSs.
+    """The group in words.
+
+    rows: all points of the ADS, (n, k).
+    group: which of them are in it.
+    alike_there: which fail so, (n,).
+    places: the group's cases among those of all ADSs.
     """
     least, most = rows[group].min(axis=0), rows[group].max(axis=0)
     driven = np.ptp(rows, axis=0)
@@ -120,10 +145,14 @@ def _told(
     alike = int(np.sum(inside & alike_there))
     ranges = {logical.names[k]: (float(least[k]), float(most[k])) for k in narrow}
     where = ", ".join(
-        f"{name} {low:z.4g}" + ("" if low == high else f" to {high:z.4g}") + logical.parameters[k].behind
+        f"{name} {low:z.4g}"
+        + ("" if low == high else f" to {high:z.4g}")
+        + logical.parameters[k].behind
         for k, (name, (low, high)) in zip(narrow, ranges.items(), strict=True)
     )
     there = int(inside.sum())
-    inside_words = "the only case there" if there == 1 else f"{alike} of all {count(there, 'case')} there"
+    inside_words = (
+        "the only case there" if there == 1 else f"{alike} of all {count(there, 'case')} there"
+    )
     words = f"{where}: {inside_words}" if where else f"anywhere in the space: {inside_words}"
     return FailureGroup(ads, kind, places, ranges, alike, there, words)

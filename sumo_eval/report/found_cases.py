@@ -12,12 +12,19 @@ from sumo_eval.results import Evaluation
 
 
 def nearest_cases(
-    evaluation: Evaluation, values: Mapping[str, float], ads: str | None, scenario: str | None, most: int
+    evaluation: Evaluation,
+    values: Mapping[str, float],
+    ads: str | None,
+    scenario: str | None,
+    most: int,
 ) -> Iterator[str]:
     """Lines on the `most` cases of each ADS that are nearest to parameter values, nearest first.
 
-    Distance: in the unit box, over the parameters that are given. ads, scenario: only those; None: every ADS, and the
-    first scenario that has all of these parameters. Raises InputError for one that the run does not have.
+    Distance: in the unit box, over the parameters that are given.
+
+    ads, scenario: only those; None: every ADS, and the first scenario that has all of these
+        parameters.
+    Raises InputError for one that the run does not have.
     """
     scenarios = evaluation.scenarios
     if scenario is not None and scenario not in scenarios:

@@ -10,7 +10,11 @@ MOST_KEYS = 1_000  # cases that a failed limit names by key
 
 @dataclass(frozen=True, slots=True)
 class CaseChange:
-    """A case that a limit names. point: in words. before, after: the limit's quantity, or how the case ended."""
+    """A case that a limit names.
+
+    point: in words.
+    before, after: the limit's quantity, or how the case ended.
+    """
 
     case: str
     point: str
@@ -30,9 +34,12 @@ class CaseChange:
 class GateResult:
     """One limit applied to one ADS in one logical scenario, or in all that are in `scenario`.
 
-    passed None: the limit could not be judged, and the sentence says why. threshold: the value of the new run at which
-    it would fail, for drawing. cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`. worst: the
-    worst of them. against: the accepted night where only the comparison with that one failed.
+    passed None: the limit could not be judged, and the sentence says why.
+
+    threshold: the value of the new run at which it would fail, for drawing.
+    cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`.
+    worst: the worst of them.
+    against: the accepted night where only the comparison with that one failed.
     """
 
     quantity: str

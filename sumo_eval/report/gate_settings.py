@@ -1,4 +1,6 @@
-"""The gate file: which changes between two runs, or which values of the new one, are not let through."""
+"""The gate file: which changes between two runs, or which values of the new one, are not let
+through.
+"""
 
 from __future__ import annotations
 
@@ -21,22 +23,28 @@ OF_THE_COMPARISON: Final = (
 )  # fmt: skip
 
 QUANTITIES: Final = (
-    *WITH_INTERVAL, "collisions", "avoidable_collisions", "unavoidable_collisions", "caused_collisions",
-    "safe_collisions", "off_road", "departures", "gave_up", "not_evaluated", "requirements_missed", *OF_THE_COMPARISON,
+    *WITH_INTERVAL, "collisions", "avoidable_collisions", "unavoidable_collisions",
+    "caused_collisions",
+    "safe_collisions", "off_road", "departures", "gave_up", "not_evaluated", "requirements_missed",
+    *OF_THE_COMPARISON,
 )  # fmt: skip
 """Numbers of an ADS in a logical scenario that a limit may be about."""
 
 COLUMNS: Final = (*NUMBERS, "d_i", "departed", "incident_severity")
 """Columns of cases.csv that a limit may be about, case by case, beside `QUANTITIES`."""
 HIGHER_COLUMNS: Final = frozenset((
-    "min_ttc", "min_thw", "min_gap", "pet", "conflict_pet", "undisturbed_pet", "time_to_conflict", "index", "d_i",
-    "length_factor", "operation_factor", "similarity", "operation_tolerance", "mixture_similarity", "plausibility",
-    "human_likeness", "manoeuvre_share", "task_share", "beats_ideal", "human_low", "human_mean", "human_high",
+    "min_ttc", "min_thw", "min_gap", "pet", "conflict_pet", "undisturbed_pet", "time_to_conflict",
+    "index", "d_i",
+    "length_factor", "operation_factor", "similarity", "operation_tolerance", "mixture_similarity",
+    "plausibility",
+    "human_likeness", "manoeuvre_share", "task_share", "beats_ideal", "human_low", "human_mean",
+    "human_high",
 ))  # fmt: skip
 """Columns of which a rise is an improvement; of the others it is not."""
 
 TIMED: Final = (
-    "wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99", "latency_reference",
+    "wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99",
+    "latency_reference",
     "latency_relative",
 )  # fmt: skip
 """Columns that no two drives have alike."""
@@ -49,18 +57,32 @@ LAST_DIGIT = 1e-9
 class LimitSettings(Checked):
     """One limit: it fails when any of its bounds is passed."""
 
-    quantity: Annotated[str, About("what is limited: a number of the ADS, or a column of cases.csv in every case")]
+    quantity: Annotated[
+        str, About("what is limited: a number of the ADS, or a column of cases.csv in every case")
+    ]
     ads: Annotated[str | None, About("only this ADS; default: each")] = None
     scenario: Annotated[str | None, About("only this logical scenario; default: each")] = None
     at_least: Annotated[float | None, About("smallest value of the new run")] = None
     at_most: Annotated[float | None, About("largest value of the new run")] = None
-    worse_by: Annotated[float | None, About("largest change for the worse, in the quantity's own unit")] = None
-    worse_by_percent: Annotated[float | None, About("largest change for the worse, of the base's value", "%")] = None
+    worse_by: Annotated[
+        float | None, About("largest change for the worse, in the quantity's own unit")
+    ] = None
+    worse_by_percent: Annotated[
+        float | None, About("largest change for the worse, of the base's value", "%")
+    ] = None
     tolerance: Annotated[
-        float, NotNegative, About("what rounding may change beyond a bound, times the larger of 1 and the base's value")
+        float,
+        NotNegative,
+        About(
+            "what rounding may change beyond a bound, times the larger of 1 and the base's value"
+        ),
     ] = LAST_DIGIT
     only_if_certain: Annotated[
-        bool, About("`worse_by` and `worse_by_percent` count only where the interval of the difference leaves out 0")
+        bool,
+        About(
+            "`worse_by` and `worse_by_percent` count only where the interval of the difference "
+            "leaves out 0"
+        ),
     ] = False
 
 
@@ -69,30 +91,49 @@ class MeasureSettings(Checked):
     """A quantity of a case, and from which change on it counts as worse or better."""
 
     quantity: Annotated[str, About("a column of cases.csv")]
-    absolute: Annotated[float, NotNegative, About("least change that counts, in the quantity's own unit")]
-    share: Annotated[float, NotNegative, About("least change that counts, as a share of the base's value")] = 0.0
-    zone: Annotated[float | None, About("only cases are looked at that are on this limit's bad side in a run")] = None
+    absolute: Annotated[
+        float, NotNegative, About("least change that counts, in the quantity's own unit")
+    ]
+    share: Annotated[
+        float, NotNegative, About("least change that counts, as a share of the base's value")
+    ] = 0.0
+    zone: Annotated[
+        float | None, About("only cases are looked at that are on this limit's bad side in a run")
+    ] = None
     higher_is_better: Annotated[bool, About("whether a rise is an improvement")] = True
 
 
 @dataclass(frozen=True, slots=True)
 class OutcomeSettings(Checked):
-    """Part one of the rule: single cases that ended worse. repeats and bad_of: of an ADS that does not repeat."""
+    """Part one of the rule: single cases that ended worse.
+
+    repeats and bad_of: of an ADS that does not repeat.
+    """
 
     on: Annotated[bool, About("whether this part is judged")] = True
-    severity_by: Annotated[float, NotNegative, About("rise of U from which a case failed", "m/s", "U", "15")] = 0.5
-    floors: Annotated[float, NotNegative, About("rise of U that chance makes, in floors of U")] = 2.0
+    severity_by: Annotated[
+        float, NotNegative, About("rise of U from which a case failed", "m/s", "U", "15")
+    ] = 0.5
+    floors: Annotated[float, NotNegative, About("rise of U that chance makes, in floors of U")] = (
+        2.0
+    )
     repeats: Annotated[int, Ge(0), About("further drives of such a case")] = 4
     bad_of: Annotated[int, Ge(1), About("drives, the first among them, that must be bad")] = 3
 
 
 @dataclass(frozen=True, slots=True)
 class NearMissSettings(Checked):
-    """Part two of the rule: whether more cases came nearer to an accident than went away from it."""
+    """Part two of the rule: whether more cases came nearer to an accident than went away from
+    it.
+    """
 
     on: Annotated[bool, About("whether this part is judged")] = True
-    chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = 0.1
-    kept_margin: Annotated[float, NotNegative, About("share of its margin that a case must keep")] = 0.6
+    chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = (
+        0.1
+    )
+    kept_margin: Annotated[
+        float, NotNegative, About("share of its margin that a case must keep")
+    ] = 0.6
     measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
         MeasureSettings("min_gap", 0.1, 0.1, zone=2.0),
         MeasureSettings("min_ttc", 0.1, 0.1, zone=1.5),
@@ -102,13 +143,20 @@ class NearMissSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ShiftSettings(Checked):
-    """Part three of the rule: whether many cases became a little worse. share_alone: where no case is better."""
+    """Part three of the rule: whether many cases became a little worse.
+
+    share_alone: where no case is better.
+    """
 
     on: Annotated[bool, About("whether this part is judged")] = True
-    chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = 0.02
+    chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = (
+        0.02
+    )
     cases: Annotated[int, Ge(1), About("least number of worse cases")] = 3
     share: Annotated[float, NotNegative, Le(1.0), About("least share of worse cases")] = 0.05
-    share_alone: Annotated[float, NotNegative, Le(1.0), About("share that fails if no case is better")] = 0.15
+    share_alone: Annotated[
+        float, NotNegative, Le(1.0), About("share that fails if no case is better")
+    ] = 0.15
     measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
         MeasureSettings("task_share", 0.01),
         MeasureSettings("simulated_time", 0.25, 0.02, higher_is_better=False),
@@ -122,21 +170,35 @@ class ShiftSettings(Checked):
 class NoiseSettings(Checked):
     """How an ADS that does not repeat bit for bit is found, and what is forgiven to it."""
 
-    cases: Annotated[int, Ge(0), About("cases of an ADS that a night drives twice; 0: each ADS repeats")] = 30
-    quantile: Annotated[float, Gt(0.0), Lt(1.0), About("of the differences between two drives")] = 0.95
-    factor: Annotated[float, NotNegative, About("times that quantile is the floor of a tolerance")] = 1.5
-    chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of all sign tests of a night together (Holm)")] = 0.02
+    cases: Annotated[
+        int, Ge(0), About("cases of an ADS that a night drives twice; 0: each ADS repeats")
+    ] = 30
+    quantile: Annotated[float, Gt(0.0), Lt(1.0), About("of the differences between two drives")] = (
+        0.95
+    )
+    factor: Annotated[
+        float, NotNegative, About("times that quantile is the floor of a tolerance")
+    ] = 1.5
+    chance: Annotated[
+        float, Gt(0.0), Lt(1.0), About("P of all sign tests of a night together (Holm)")
+    ] = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class GateSettings(Checked):
     """How two runs are compared, and what is not let through."""
 
-    confidence: Annotated[float, Gt(0.0), Lt(1.0), About("share that the intervals of differences cover")] = 0.95
-    resamples: Annotated[int, Ge(100), Le(1_000_000), About("resamples of the paired bootstrap")] = 2000
+    confidence: Annotated[
+        float, Gt(0.0), Lt(1.0), About("share that the intervals of differences cover")
+    ] = 0.95
+    resamples: Annotated[
+        int, Ge(100), Le(1_000_000), About("resamples of the paired bootstrap")
+    ] = 2000
     seed: Annotated[int, Ge(0), About("of the resampling")] = 1
     harsher_by: Annotated[
-        float, NotNegative, About("change of U from which a collision is harsher or softer", "m/s", "U", "15")
+        float,
+        NotNegative,
+        About("change of U from which a collision is harsher or softer", "m/s", "U", "15"),
     ] = 0.1
     less_human_by: Annotated[
         float,
@@ -148,7 +210,10 @@ class GateSettings(Checked):
         ),
     ] = 0.01
     lost_share: Annotated[
-        float, NotNegative, Le(1.0), About("share of the base's cases that a night may lose; never an ADS or scenario")
+        float,
+        NotNegative,
+        Le(1.0),
+        About("share of the base's cases that a night may lose; never an ADS or scenario"),
     ] = 0.1
     outcome: OutcomeSettings = field(default_factory=OutcomeSettings)
     near_miss: NearMissSettings = field(default_factory=NearMissSettings)
@@ -158,7 +223,10 @@ class GateSettings(Checked):
 
 
 def read_gate(path: Path | None) -> GateSettings:
-    """The settings in a gate file; without one, the defaults. Raises InputError naming every mistake."""
+    """The settings in a gate file; without one, the defaults.
+
+    Raises InputError naming every mistake.
+    """
     if path is None:
         return GateSettings()
     settings = read_checked(path, GateSettings, "gate file")
@@ -175,13 +243,16 @@ def _check(limit: LimitSettings, where: str) -> None:
         raise unknown(f"quantity of {where}", limit.quantity, (*QUANTITIES, *COLUMNS))
     bounds = (limit.at_least, limit.at_most, limit.worse_by, limit.worse_by_percent)
     if all(bound is None for bound in bounds):
-        raise InputError(f"{where} must have at_least, at_most, worse_by or worse_by_percent, got none of them.")
+        raise InputError(
+            f"{where} must have at_least, at_most, worse_by or worse_by_percent, got none of them."
+        )
     if any(bound is not None and bound < 0.0 for bound in (limit.worse_by, limit.worse_by_percent)):
         raise InputError(f"worse_by and worse_by_percent of {where} must be at least 0.")
     relative = limit.worse_by is not None or limit.worse_by_percent is not None
     if relative and limit.quantity in OF_THE_COMPARISON:
         raise InputError(
-            f"{where} must have at_most for `{limit.quantity}`, which is a change already; it cannot be worse by "
+            f"{where} must have at_most for `{limit.quantity}`, which is a change already; it "
+            "cannot be worse by "
             "something."
         )
     if limit.only_if_certain and not (relative and limit.quantity in WITH_INTERVAL):

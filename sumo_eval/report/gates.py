@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from sumo_eval.report.case_limits import judge_cases
-from sumo_eval.report.comparison import AdsComparison, Change, ChangedCase, Comparison, QuantityChange
+from sumo_eval.report.comparison import (
+    AdsComparison,
+    Change,
+    ChangedCase,
+    Comparison,
+    QuantityChange,
+)
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange
 from sumo_eval.report.gate_result import GateResult as GateResult
 from sumo_eval.report.gate_settings import (
@@ -43,22 +49,28 @@ def judge(
 ) -> tuple[GateResult, ...]:
     """The rule, then every limit of a gate, for every ADS and logical scenario it is about.
 
-    comparison None: there is no base. noise: what is known of ADSs that do not repeat.
-    A limit on missed requirements in all scenarios is about those that have some, if any has.
+    comparison None: there is no base.
+
+    noise: what is known of ADSs that do not repeat. A limit on missed requirements in all scenarios
+        is about those that have some, if any has.
     """
     compared = {(one.ads, one.scenario): one for one in comparison.ads} if comparison else {}
     requiring = {score.scenario for score in new.scores if score.requirements_missed is not None}
     results = judge_rule(comparison, settings, noise) if comparison else []
     for score in new.scores:
         for limit in settings.limit:
-            everywhere = limit.scenario is None and limit.quantity == "requirements_missed" and requiring
+            everywhere = (
+                limit.scenario is None and limit.quantity == "requirements_missed" and requiring
+            )
             scenarios = requiring if everywhere else {limit.scenario or score.scenario}
             if limit.ads in (None, score.ads) and score.scenario in scenarios:
                 beside = compared.get((score.ads, score.scenario))
                 if limit.quantity in QUANTITIES:
                     results += _judge(limit, score, beside, settings.confidence)
                 else:
-                    results += judge_cases(limit, new.cases_of(score.ads, score.scenario), score, beside)
+                    results += judge_cases(
+                        limit, new.cases_of(score.ads, score.scenario), score, beside
+                    )
     return tuple(results)
 
 
@@ -72,7 +84,9 @@ def _judge(
 ) -> Iterator[GateResult]:
     quantity, where = limit.quantity, (limit.quantity, score.ads, score.scenario)
     if quantity in OF_THE_COMPARISON and compared is None:
-        yield GateResult(*where, None, f"{quantity}: there is no base to compare with", None, limit.at_most)
+        yield GateResult(
+            *where, None, f"{quantity}: there is no base to compare with", None, limit.at_most
+        )
         return
     value = _value(quantity, score, compared)
     changed = _cases(quantity, compared)
@@ -80,13 +94,21 @@ def _judge(
         if bound is None:
             continue
         if value is None:
-            yield GateResult(*where, False, f"{quantity} is not computed; it must be {words} {bound:g}", None, bound)
+            yield GateResult(
+                *where,
+                False,
+                f"{quantity} is not computed; it must be {words} {bound:g}",
+                None,
+                bound,
+            )
             continue
         ok = sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
         sentence = f"{quantity} is {_number(quantity, value)}; it must be {words} {bound:g}"
         keys = () if ok else tuple(item.new.case for item in changed[:MOST_KEYS])
         named = () if ok else _worst(quantity, compared)
-        yield GateResult(*where, ok, sentence if ok else sentence + _named(changed), value, bound, keys, named)
+        yield GateResult(
+            *where, ok, sentence if ok else sentence + _named(changed), value, bound, keys, named
+        )
     for bound, percent in ((limit.worse_by, False), (limit.worse_by_percent, True)):
         if bound is not None:
             yield _judge_change(limit, score, compared, bound, percent, confidence)
@@ -103,17 +125,26 @@ def _judge_change(
     quantity, where = limit.quantity, (limit.quantity, score.ads, score.scenario)
     if compared is None:
         return GateResult(
-            *where, None, f"{quantity}: there is no base to compare with", _value(quantity, score, None), None
+            *where,
+            None,
+            f"{quantity}: there is no base to compare with",
+            _value(quantity, score, None),
+            None,
         )
     change = _quantity_change(quantity, compared)
     higher = quantity in HIGHER_IS_BETTER
     if change.base is None:
         return GateResult(
-            *where, True, f"{quantity} was not computed in the base, so it cannot have become worse", change.new, None
+            *where,
+            True,
+            f"{quantity} was not computed in the base, so it cannot have become worse",
+            change.new,
+            None,
         )
     if change.new is None:
         return GateResult(
-            *where, False, f"{quantity} was {_number(quantity, change.base)} and is not computed any more: "
+            *where, False, f"{quantity} was {_number(quantity, change.base)} and is not computed "
+                           "any more: "
             f"{_why_missing(quantity, score)}",
         )  # fmt: skip
     allowed = abs(change.base) * bound / 100.0 if percent else bound
@@ -129,22 +160,35 @@ def _judge_change(
     moved = (
         f"is {_number(quantity, change.new)} as in the base"
         if change.base == change.new and not change.low and not change.high
-        else f"went from {_number(quantity, change.base)} to {_number(quantity, change.new)}{spread}"
+        else f"went from {_number(quantity, change.base)} to "
+        f"{_number(quantity, change.new)}{spread}"
     )
     worst = () if ok else _worst(quantity, compared)
     keys = tuple(one.case for one in worst)
     return GateResult(
-        *where, ok, f"{quantity} {moved}; {_may(limit, bound, percent)}", change.new, threshold, keys, worst
+        *where,
+        ok,
+        f"{quantity} {moved}; {_may(limit, bound, percent)}",
+        change.new,
+        threshold,
+        keys,
+        worst,
     )
 
 
 def _may(limit: LimitSettings, bound: float, percent: bool) -> str:
     """What a limit on a change asks for, in words."""
     way = "fall" if limit.quantity in HIGHER_IS_BETTER else "rise"
-    asked = f"it may {way} by at most {bound:g}{' %' if percent else ''}" if bound else f"it must not {way}"
+    asked = (
+        f"it may {way} by at most {bound:g}{' %' if percent else ''}"
+        if bound
+        else f"it must not {way}"
+    )
     if not limit.only_if_certain:
         return asked
-    return f"{asked}; {'a larger' if bound else 'a'} {way} counts only where the interval leaves out 0"
+    return (
+        f"{asked}; {'a larger' if bound else 'a'} {way} counts only where the interval leaves out 0"
+    )
 
 
 def _value(quantity: str, score: ScenarioResult, compared: AdsComparison | None) -> float | None:
@@ -202,5 +246,11 @@ def _named(cases: Sequence[ChangedCase]) -> str:
 
 
 def _number(quantity: str, value: float) -> str:
-    digits = SCORES[quantity][1] + 1 if quantity in SCORES else 6 if quantity == "collision_probability" else 0
+    digits = (
+        SCORES[quantity][1] + 1
+        if quantity in SCORES
+        else 6
+        if quantity == "collision_probability"
+        else 0
+    )
     return number(value, digits)

@@ -1,4 +1,6 @@
-"""The first words of a run, on terminal and page alike: safest, most human, best by S+, and what must not be missed."""
+"""The first words of a run, on terminal and page alike: safest, most human, best by S+, and what
+must not be missed.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +61,9 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """answers: (question, answer). alarms: (ADS, what its cases must be looked at for)."""
+    """answers: (question, answer).
+    alarms: (ADS, what its cases must be looked at for).
+    """
 
     answers: tuple[tuple[str, str], ...]
     alarms: tuple[tuple[str, str], ...]
@@ -69,14 +73,22 @@ def headline(evaluation: Evaluation) -> Headline:
     """Three answers, and an alarm for each ADS that needs one."""
     order = ranked(evaluation)
     findings = [finding(evaluation, one.ads) for one in order]
-    questions = ("Safest", "Most human", "Best by S+") if len(order) > 1 else ("Safety", "Human-likeness", "S+")
+    questions = (
+        ("Safest", "Most human", "Best by S+")
+        if len(order) > 1
+        else ("Safety", "Human-likeness", "S+")
+    )
     said = _safest(evaluation, findings), _most_human(findings), _best(evaluation, order)
     answers = tuple(zip(questions, said, strict=True))
-    return Headline(answers, tuple((one.ads, words) for one in findings if (words := "; ".join(alarms(one)))))
+    return Headline(
+        answers, tuple((one.ads, words) for one in findings if (words := "; ".join(alarms(one))))
+    )
 
 
 def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
-    """The ADSs in their order; without a ranking by their only score, or as they stand in the evaluation."""
+    """The ADSs in their order; without a ranking by their only score, or as they stand in the
+    evaluation.
+    """
     if evaluation.ranking is not None and evaluation.ranking.ads:
         return evaluation.ranking.ads
     order = []
@@ -88,7 +100,7 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
     return tuple(sorted(order, key=lambda one: -1.0 if one.s_plus is None else -one.s_plus))
 
 
-# --- what was found ---------------------------------------------------------------------------------------------------
+# --- what was found -------------------------------------------------------------------------------
 
 
 def finding(evaluation: Evaluation, ads: str) -> Finding:
@@ -97,22 +109,37 @@ def finding(evaluation: Evaluation, ads: str) -> Finding:
     weights = [_weight(evaluation, score) for score in evaluation.scores if score.ads == ads]
     sums = {
         name: sum(getattr(part, name) for part in parts)
-        for name in ("cases", "avoidable", "departures", "stands", "slower", "gave_up", "not_evaluated")
+        for name in (
+            "cases",
+            "avoidable",
+            "departures",
+            "stands",
+            "slower",
+            "gave_up",
+            "not_evaluated",
+        )
     }
-    human = [(part.human, weight) for part, weight in zip(parts, weights, strict=True) if part.human is not None]
+    human = [
+        (part.human, weight)
+        for part, weight in zip(parts, weights, strict=True)
+        if part.human is not None
+    ]
 
     return Finding(
         ads,
         **sums,
         worst=max(part.worst for part in parts),
-        excess=_mean((part.excess, weight) for part, weight in zip(parts, weights, strict=True)) or 0.0,
+        excess=_mean((part.excess, weight) for part, weight in zip(parts, weights, strict=True))
+        or 0.0,
         grade=_mean((part.grade, weight) for part, weight in zip(parts, weights, strict=True)),
         human=_mean(human),
     )
 
 
 def _weight(evaluation: Evaluation, score: ScenarioResult) -> float:
-    return 1.0 if evaluation.ranking is None else evaluation.ranking.weights.get(score.scenario, 1.0)
+    return (
+        1.0 if evaluation.ranking is None else evaluation.ranking.weights.get(score.scenario, 1.0)
+    )
 
 
 def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
@@ -146,11 +173,13 @@ def _in_scenario(found: Findings) -> Finding:
     )
 
 
-# --- in words ---------------------------------------------------------------------------------------------------------
+# --- in words -------------------------------------------------------------------------------------
 
 
 def alarms(found: Finding) -> list[str]:
-    """What a reader wants to know first of an ADS, the gravest first; nothing of one without any of it."""
+    """What a reader wants to know first of an ADS, the gravest first; nothing of one without any of
+    it.
+    """
     given_up = ", those given up among them" if found.gave_up else ""
     said = (
         (found.departures, f"left the road in {count(found.departures, 'case')}"),
@@ -164,21 +193,34 @@ def alarms(found: Finding) -> list[str]:
 
 
 def safety_words(evaluation: Evaluation, found: Finding) -> str:
-    """`3 avoidable collisions in 192 cases, worst 43 km/h`, and how much excess impact speed that is."""
-    hits = count(found.avoidable, "avoidable collision") if found.avoidable else "no avoidable collision"
+    """`3 avoidable collisions in 192 cases, worst 43 km/h`, and how much excess impact speed that
+    is.
+    """
+    hits = (
+        count(found.avoidable, "avoidable collision")
+        if found.avoidable
+        else "no avoidable collision"
+    )
     hits += f" in {count(found.cases, 'case')}"
     worst = f", worst {3.6 * found.worst:z.0f} km/h" if found.worst else ""
     if not found.excess > 0.0 or not severity_unit(evaluation.settings):
         return hits + worst
-    grids = "this grid" if len({score.scenario for score in evaluation.scores}) == 1 else "these grids"
+    grids = (
+        "this grid" if len({score.scenario for score in evaluation.scores}) == 1 else "these grids"
+    )
     every = max(CONTACT / found.excess, 1.0)
     speed = "excess impact speed" if found.avoidable else "impact speed above the ideal vehicle's"
     joined = ";" if found.avoidable else ", yet"
-    return f"{hits}{worst}{joined} as much {speed} as one 50 km/h contact every {every:z.0f} cases of {grids}"
+    return (
+        f"{hits}{worst}{joined} as much {speed} as one 50 km/h contact every {every:z.0f} cases "
+        f"of {grids}"
+    )
 
 
 def _safest(evaluation: Evaluation, findings: Sequence[Finding]) -> str:
-    known = sorted((one for one in findings if one.grade is not None), key=lambda one: -(one.grade or 0.0))
+    known = sorted(
+        (one for one in findings if one.grade is not None), key=lambda one: -(one.grade or 0.0)
+    )
     if not known:
         return "not known: no case could be evaluated."
     first = known[0]
@@ -190,14 +232,18 @@ def _safest(evaluation: Evaluation, findings: Sequence[Finding]) -> str:
 
 
 def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, int]:
-    """In how many cases of both ADSs the first does less and more avoidable harm than the second."""
+    """In how many cases of both ADSs the first does less and more avoidable harm than the
+    second.
+    """
     less = more = 0
     for scenario in dict.fromkeys(score.scenario for score in evaluation.scores):
         tables = [evaluation.cases_of(ads, scenario) for ads in (first, second)]
         own_points, other_points = point_numbers(tables)
         places = np.intersect1d(own_points, other_points, return_indices=True)[1:]
         terms = [case_terms(table, evaluation.settings.method) for table in tables]
-        own, other = (excess(one.severity, one.ideal)[place] for one, place in zip(terms, places, strict=True))
+        own, other = (
+            excess(one.severity, one.ideal)[place] for one, place in zip(terms, places, strict=True)
+        )
         less += int((own < other).sum())
         more += int((own > other).sum())
     return less, more
@@ -208,11 +254,16 @@ def _told_apart(other: str, less: int, more: int) -> str:
         return f"{other} does the same harm in every case."
     chance = min(1.0, 2.0 * float(bdtr(min(less, more), less + more, 0.5)))
     told = "Told apart" if chance < BY_CHANCE and less > more else "Not told apart"
-    return f"{told} from {other}: less harm in {count(less, 'case')}, more in {more} (sign test, p = {chance:z.2g})."
+    return (
+        f"{told} from {other}: less harm in {count(less, 'case')}, more in {more} (sign test, p = "
+        f"{chance:z.2g})."
+    )
 
 
 def _most_human(findings: Sequence[Finding]) -> str:
-    known = sorted((one for one in findings if one.human is not None), key=lambda one: -(one.human or 0.0))
+    known = sorted(
+        (one for one in findings if one.human is not None), key=lambda one: -(one.human or 0.0)
+    )
     if not known:
         return "not known: no safe case could be compared with drivers."
     beside = f"; next {known[1].ads}, {number(known[1].human, 2)}" if len(known) > 1 else ""
@@ -225,7 +276,10 @@ def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
     if best.s_plus is None:
         return f"none: {REASON_WITHOUT_T}{parts}. Read A' instead."
     interval = span(best.interval, 1)
-    points = f"{best.ads} with {number(best.s_plus, 1)} of 100 points{f' ({interval})' if interval else ''}{parts}."
+    points = (
+        f"{best.ads} with {number(best.s_plus, 1)} of 100 "
+        f"points{f' ({interval})' if interval else ''}{parts}."
+    )
     if ranking is None or len(order) == 1 or order[1].s_plus is None:
         return points
     pair = ranking.pair(best.ads, order[1].ads)

@@ -68,7 +68,8 @@ def write_report(
 ) -> Path:
     """Write `report.html` into the evaluation's folder and return its path.
 
-    partitions: the zones of every logical scenario of the evaluation, by its name. beside: what else there is to show.
+    partitions: the zones of every logical scenario of the evaluation, by its name.
+    beside: what else there is to show.
     """
     path = evaluation.folder / REPORT
     page = template("report.html.j2").render(_context(evaluation, partitions, beside))
@@ -80,8 +81,13 @@ def term(name: str, shown: str = "") -> Markup:
     return Markup('<abbr title="{}">{}</abbr>').format(GLOSSARY[name], shown or name)
 
 
-def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside) -> dict[str, Any]:
-    """What the page's template is filled with. A thread reads and deflates the recorded drives meanwhile."""
+def _context(
+    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside
+) -> dict[str, Any]:
+    """What the page's template is filled with.
+
+    A thread reads and deflates the recorded drives meanwhile.
+    """
     missing = unevaluated(evaluation)
     in_page = shown_cases(evaluation, [one.case for gate in beside.gates for one in gate.worst])
     told = told_cases(evaluation, in_page)
@@ -127,8 +133,17 @@ def _shared(
         "glossary": GLOSSARY,
         "unit": severity_unit(settings),
         "groups": [
-            _group(index, zone, entry.sampling, evaluation, partitions[zone.scenario], in_page[zone.scenario])
-            for index, (zone, entry) in enumerate(zip(evaluation.zones, settings.scenario, strict=True))
+            _group(
+                index,
+                zone,
+                entry.sampling,
+                evaluation,
+                partitions[zone.scenario],
+                in_page[zone.scenario],
+            )
+            for index, (zone, entry) in enumerate(
+                zip(evaluation.zones, settings.scenario, strict=True)
+            )
         ],
         "looks": LOOKS,
         "prevented": preventability(evaluation),
@@ -137,10 +152,13 @@ def _shared(
         "factors": FACTORS,
         "likeness_factors": LIKENESS_FACTORS,
         "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
-        "missing": [(case, why_missing(case)) for case in islice(chain.from_iterable(missing), MOST_LISTED)],
+        "missing": [
+            (case, why_missing(case)) for case in islice(chain.from_iterable(missing), MOST_LISTED)
+        ],
         "all_missing": sum(map(len, missing)),
         "index_notes": index_notes(evaluation),
-        "synthetic": (drivers_are_synthetic(settings) or nobody_recorded(evaluation)) and not nobody_drove(evaluation),
+        "synthetic": (drivers_are_synthetic(settings) or nobody_recorded(evaluation))
+        and not nobody_drove(evaluation),
         "exposure_known": evaluation.exposure_known(),
         "collision_words": collision_words(evaluation.exposure_known()),
         "drivers_sentence": people_sentence(evaluation),
@@ -171,7 +189,9 @@ def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path
 
 
 def _way(page: Path, file: Path) -> str:
-    """The address of a file in a page: relative, so that both can be moved together, where one disk holds both."""
+    """The address of a file in a page: relative, so that both can be moved together, where one disk
+    holds both.
+    """
     try:
         return quote(Path(os.path.relpath(file, page.parent)).as_posix())
     except ValueError:
@@ -203,7 +223,9 @@ def _group(
     cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     scores = [score for score in evaluation.scores if score.scenario == logical.name]
-    found = {verdict for score in scores for verdict in np.unique(verdicts(evaluation, score)).tolist()}
+    found = {
+        verdict for score in scores for verdict in np.unique(verdicts(evaluation, score)).tolist()
+    }
     # Chunk by chunk: words of a million cases would be 50 MB.
     outcomes = {one for chunk in cases.chunks for one in CaseTable([chunk]).outcome.tolist()}
     behind = {item.name: item.behind for item in logical.parameters}
@@ -213,7 +235,9 @@ def _group(
         "about": logical.about,
         "exposure": logical.exposure_about,
         "probability": collision_words(evaluation.exposure_known(logical.name)),
-        "mean": "exposure-weighted mean" if evaluation.exposure_known(logical.name) else "mean over the points",
+        "mean": "exposure-weighted mean"
+        if evaluation.exposure_known(logical.name)
+        else "mean over the points",
         "rows": [_row(Findings.of(evaluation, score)) for score in scores],
         "zone": zone,
         "map_words": view.words,
@@ -230,27 +254,34 @@ def _group(
             for values in zone.most_dangerous
         ],
         "parameters": [
-            f"{item.name}: {item.low:g} to {item.high:g}{item.behind}, {item.about}" for item in logical.parameters
+            f"{item.name}: {item.low:g} to {item.high:g}{item.behind}, {item.about}"
+            for item in logical.parameters
         ],
         "sampling": _sampling(sampling, logical),
     }
 
 
-def _left_out(logical: LogicalScenario, evaluation: Evaluation, shown: Shown, view: View) -> dict[str, Any]:
+def _left_out(
+    logical: LogicalScenario, evaluation: Evaluation, shown: Shown, view: View
+) -> dict[str, Any]:
     """What the page says and draws of a scenario of which it does not have all cases."""
     if shown.places is None:
         return {"left_out": 0, "densities": []}
     everybody = [one.ads for one in evaluation.scores if one.scenario == logical.name]
     there = sum(shown.number(evaluation.cases_of(ads, logical.name)) for ads in everybody)
     densities = [] if view.y is None else [
-        (ads, density_maps(logical, evaluation.cases_of(ads, logical.name), view.x, view.y)) for ads in everybody
+        (ads,
+            density_maps(logical, evaluation.cases_of(ads, logical.name), view.x,
+                view.y)) for ads in everybody
     ]  # fmt: skip
     find = " ".join(f"{item.name}={(item.low + item.high) / 2.0:g}" for item in logical.parameters)
     return {"find": find, "left_out": shown.of - there, "there": there, "densities": densities}
 
 
 def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
-    """How the points were chosen, in words; the rules are those of `sumo_eval.scenario.sampling.samples.sample`."""
+    """How the points were chosen, in words; the rules are those of
+    `sumo_eval.scenario.sampling.samples.sample`.
+    """
     behind = {item.name: item.behind for item in logical.parameters}
     given = sampling.levels is not None or bool(sampling.steps)
     method = sampling.method or ("grid" if given else logical.default_sample)
@@ -264,8 +295,13 @@ def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
         how = f"{sampling.levels} points on each axis"
     else:
         parts = [f"{name}: {levels} points" for name, levels in (sampling.levels or {}).items()]
-        parts += [f"{name}: steps of {step:g}{behind.get(name, '')}" for name, step in (sampling.steps or {}).items()]
-        how = ", ".join([*parts, "the space's own steps" if not parts else "elsewhere the space's own steps"])
+        parts += [
+            f"{name}: steps of {step:g}{behind.get(name, '')}"
+            for name, step in (sampling.steps or {}).items()
+        ]
+        how = ", ".join(
+            [*parts, "the space's own steps" if not parts else "elsewhere the space's own steps"]
+        )
     return f"{method}, {how}"
 
 
@@ -296,7 +332,9 @@ def _row(found: Findings) -> dict[str, Any]:
         "indexed": int(np.count_nonzero(indexed)),
         "collisions": [
             (cases[place], float(avoided), float(lost), float(losses[place]))
-            for place, avoided, lost in zip(hits.places[:MOST_LISTED], hits.avoided, hits.lost, strict=False)
+            for place, avoided, lost in zip(
+                hits.places[:MOST_LISTED], hits.avoided, hits.lost, strict=False
+            )
         ],
         "more_collisions": max(len(hits.places) - MOST_LISTED, 0),
     }

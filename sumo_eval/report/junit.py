@@ -1,4 +1,5 @@
-"""JUnit XML for continuous integration: a failure is the ADS doing badly, an error is a harness that could not tell.
+"""JUnit XML for continuous integration: a failure is the ADS doing badly, an error is a harness
+that could not tell.
 
 Written by lxml in the shape that Jenkins, GitLab and the usual GitHub actions read.
 """
@@ -45,7 +46,11 @@ Verdict = Literal["passed", "failure", "error", "skipped"]
 
 @dataclass(frozen=True, slots=True)
 class Test:
-    """One JUnit test. kind: the machine-readable type of a failure or an error; text: what a person reads of it."""
+    """One JUnit test.
+
+    kind: the machine-readable type of a failure or an error;
+    text: what a person reads of it.
+    """
 
     name: str
     verdict: Verdict
@@ -62,11 +67,15 @@ Properties = Mapping[tuple[str, str], Mapping[str, str]]
 
 
 def run_suites(evaluation: Evaluation) -> Suites:
-    """A suite for each ADS in each logical scenario, with a test for each case or for each cell of the space."""
+    """A suite for each ADS in each logical scenario, with a test for each case or for each cell of
+    the space.
+    """
     report = evaluation.settings.report
     suites: dict[tuple[str, str], Iterable[Test]] = {}
     for one in findings(evaluation):
-        tests: Iterable[Test] = map(partial(_case_test, report=report), one.cases, one.missing.tolist())
+        tests: Iterable[Test] = map(
+            partial(_case_test, report=report), one.cases, one.missing.tolist()
+        )
         if report.junit == "cell":
             tests = _by_cell(one.cases, tests, report.junit_cells)
         suites[_suite_of(one.score)] = tests
@@ -81,7 +90,10 @@ def score_parts(evaluation: Evaluation) -> Properties:
     """The scores of each ADS in each scenario, with how S+ is made of its parts."""
     return {
         _suite_of(score): {
-            **{name: number(getattr(score, SCORES[name][0]), 4) for name in ("T", "A'", "H", "S+", "S")},
+            **{
+                name: number(getattr(score, SCORES[name][0]), 4)
+                for name in ("T", "A'", "H", "S+", "S")
+            },
             "S+ of its parts": explain_s_plus(score, evaluation.settings),
         }
         for score in evaluation.scores
@@ -89,13 +101,17 @@ def score_parts(evaluation: Evaluation) -> Properties:
 
 
 def write_results(evaluation: Evaluation) -> None:
-    """Write what other programs read of a scored run into its folder: scores.json, cases.csv, checks.csv, junit.xml."""
+    """Write what other programs read of a scored run into its folder: scores.json, cases.csv,
+    checks.csv, junit.xml.
+    """
     write_tables(evaluation)
     write_junit(run_suites(evaluation), evaluation.folder / JUNIT, score_parts(evaluation))
 
 
 def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]) -> Suites:
-    """A suite of the gates, and one for each ADS in each logical scenario with a test for each case of both runs."""
+    """A suite of the gates, and one for each ADS in each logical scenario with a test for each case
+    of both runs.
+    """
     suites: dict[tuple[str, str], Iterable[Test]] = {
         ("gates", "gates"): [
             Test(
@@ -124,8 +140,8 @@ def _change_tests(one: AdsComparison) -> Iterator[Test]:
 def write_junit(suites: Suites, path: Path, properties: Properties | None = None) -> Path:
     """Write the suites with their properties to a file and return its path.
 
-    No more than one test of a case is in memory at a time. How many tests there are stands before them, so they wait in
-    a temporary file: to make each twice costs more.
+    No more than one test of a case is in memory at a time. How many tests there are stands before
+    them, so they wait in a temporary file: to make each twice costs more.
     """
     try:
         with TemporaryFile() as body, path.open("wb") as out:
@@ -137,9 +153,14 @@ def write_junit(suites: Suites, path: Path, properties: Properties | None = None
                 attributes = {key: str(totals[key]) for key in _COUNTED}
                 with file.element("testsuites", name="sumo_eval", **attributes):
                     for key, one in suited.items():
-                        name, attributes = key[0], {kind: str(one.counts[kind]) for kind in _COUNTED}
+                        name, attributes = (
+                            key[0],
+                            {kind: str(one.counts[kind]) for kind in _COUNTED},
+                        )
                         file.write("\n  ")
-                        with file.element("testsuite", name=_clean(name), **attributes, time=f"{one.seconds:z.3f}"):
+                        with file.element(
+                            "testsuite", name=_clean(name), **attributes, time=f"{one.seconds:z.3f}"
+                        ):
                             if properties and key in properties:
                                 file.write("\n    ", _properties(properties[key]))
                             file.flush()
@@ -158,7 +179,9 @@ _COPIED = 1 << 20  # bytes at once
 
 @dataclass(frozen=True, slots=True)
 class _Suite:
-    """A suite that waits: its tests by what JUnit calls them, how long they took, s, and how many bytes they are."""
+    """A suite that waits: its tests by what JUnit calls them, how long they took, s, and how many
+    bytes they are.
+    """
 
     counts: Counter[str]
     seconds: float
@@ -176,7 +199,8 @@ def _written(tests: Iterable[Test], classname: str, body: IO[bytes]) -> _Suite:
             found[names[test.verdict]] += 1
         seconds.append(test.seconds)
         size += body.write(
-            b"\n    " + etree.tostring(_element(test, classname), encoding="UTF-8", xml_declaration=False)
+            b"\n    "
+            + etree.tostring(_element(test, classname), encoding="UTF-8", xml_declaration=False)
         )
     return _Suite(found, math.fsum(seconds), size)
 
@@ -198,9 +222,13 @@ def _copy(body: IO[bytes], out: IO[bytes], size: int) -> None:
 
 
 def _element(test: Test, classname: str) -> etree._Element:
-    item = etree.Element("testcase", name=_clean(test.name), classname=_clean(classname), time=f"{test.seconds:z.3f}")
+    item = etree.Element(
+        "testcase", name=_clean(test.name), classname=_clean(classname), time=f"{test.seconds:z.3f}"
+    )
     if test.verdict != "passed":
-        verdict = etree.SubElement(item, test.verdict, type=_clean(test.kind), message=_clean(test.message))
+        verdict = etree.SubElement(
+            item, test.verdict, type=_clean(test.kind), message=_clean(test.message)
+        )
         verdict.text = _clean(test.text) or None
         etree.indent(item, level=2)
     return item
@@ -214,10 +242,13 @@ def _case_test(case: CaseResult, missing: bool, report: ReportSettings) -> Test:
         return Test(name, "error", case.status, _first_line(reason or case.status), text, seconds)
     if case.status == "off_road" or case.departed:
         return Test(name, "failure", "off_road", f"{case.ads} left the road", _facts(case), seconds)
-    # Where the ideal vehicle's case is not known, nobody can say that the collision was unavoidable.
+    # Where the ideal vehicle's case is not known, nobody can say that the collision was
+    # unavoidable.
     if case.collided and (report.junit_failures == "any" or not case.unavoidable):
         which = "collision" if case.kind == "not known" else f"{case.kind} collision"
-        message = f"{which} of {case.ads} in the {case.zone} zone at {number(case.impact_speed, 1)} m/s"
+        message = (
+            f"{which} of {case.ads} in the {case.zone} zone at {number(case.impact_speed, 1)} m/s"
+        )
         return Test(name, "failure", "collision", message, _facts(case), seconds)
     if case.requirements_missed:
         message = f"{case.ads} misses: {case.requirements_missed}"
@@ -235,7 +266,8 @@ def _facts(case: CaseResult) -> str:
             for value in (case.ideal_severity, case.no_reaction_severity)
         )
         lines.append(
-            f"U = {number(case.severity, 2)} m/s, Ug of the ideal vehicle = {ideal}, U0 of doing nothing = {nothing}, "
+            f"U = {number(case.severity, 2)} m/s, Ug of the ideal vehicle = {ideal}, U0 of doing "
+            f"nothing = {nothing}, "
             f"overlap {number(case.overlap, 2)}, hit at the {case.side}"
         )
     return "\n".join([*lines, *_task_and_harm(case)])
@@ -245,7 +277,8 @@ def _task_and_harm(case: CaseResult) -> Iterator[str]:
     """What the case adds to T, A' and H, as far as it has a part in them."""
     if case.departed:
         yield (
-            f"left the road at {number(case.departure_time, 1)} s, {number(case.departure_speed, 1)} m/s: "
+            f"left the road at {number(case.departure_time, 1)} s, "
+            f"{number(case.departure_speed, 1)} m/s: "
             f"U = {number(case.departure_severity, 2)} m/s"
         )
     if case.gave_up:
@@ -269,12 +302,16 @@ def _change_test(case: CaseResult, change: ChangedCase | None) -> Test:
             f"{change.change}: {_first_line(placed(case.error or case.status, case))}",
             case.case,
         )
-    message = f"{change.change} than in the base{by}" if by else f"{change.change}, not so in the base"
+    message = (
+        f"{change.change} than in the base{by}" if by else f"{change.change}, not so in the base"
+    )
     return Test(name, "failure", change.change.replace(" ", "_"), message, _facts(case))
 
 
 def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> list[Test]:
-    """One test a cell of the sampled box: a failure when a case in it failed, an error when only errors are in it."""
+    """One test a cell of the sampled box: a failure when a case in it failed, an error when only
+    errors are in it.
+    """
     if not len(cases):
         return []
     names = list(cases[0].values)
@@ -291,7 +328,8 @@ def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> list[Test]:
 
     def edges(column: int, place: int) -> str:
         width = (high[column] - low[column]) / cells
-        return f"{names[column]} {low[column] + place * width:g}..{low[column] + (place + 1) * width:g}"
+        begin, end = (low[column] + step * width for step in (place, place + 1))
+        return f"{names[column]} {begin:g}..{end:g}"
 
     return [
         _together(", ".join(edges(column, at) for column, at in enumerate(place)), cell)
@@ -301,20 +339,29 @@ def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> list[Test]:
 
 @dataclass(frozen=True, slots=True)
 class _Cell:
-    """Tests of one cell: how long each took, s, and of those that did not pass their kind and what is said of them."""
+    """Tests of one cell: how long each took, s, and of those that did not pass their kind and what
+    is said of them.
+    """
 
     seconds: array[float] = field(default_factory=lambda: array("d"))
-    bad: Mapping[str, list[tuple[str, str]]] = field(default_factory=lambda: {"failure": [], "error": []})
+    bad: Mapping[str, list[tuple[str, str]]] = field(
+        default_factory=lambda: {"failure": [], "error": []}
+    )
 
 
 def _together(name: str, cell: _Cell) -> Test:
     seconds, everyone = math.fsum(cell.seconds), count(len(cell.seconds), "case")
-    verdicts: tuple[tuple[Verdict, str], ...] = (("failure", "failed"), ("error", "could not be evaluated"))
+    verdicts: tuple[tuple[Verdict, str], ...] = (
+        ("failure", "failed"),
+        ("error", "could not be evaluated"),
+    )
     for verdict, words in verdicts:
         bad = cell.bad[verdict]
         if bad:
             text = "\n".join(line for _, line in bad)
-            return Test(name, verdict, bad[0][0], f"{len(bad)} of {everyone} {words}", text, seconds)
+            return Test(
+                name, verdict, bad[0][0], f"{len(bad)} of {everyone} {words}", text, seconds
+            )
     return Test(name, "passed", seconds=seconds)
 
 

@@ -1,8 +1,10 @@
-"""The ledger of a score: where every point went, term by term and case by case, adding up to the printed number.
+"""The ledger of a score: where every point went, term by term and case by case, adding up to the
+printed number.
 
-S+ is 100 times the product of T, A' and (a + b H) / 100: each of the three costs its Shapley value of 100 - S+, which
-its cases share by what they take from T, A and H. S begins with what C = 1 and D = 1 would give; off go what each
-collision and each factor of a case's D_i cost. A case loses 1 minus the product of its factors. A factor's
+S+ is 100 times the product of T, A' and (a + b H) / 100: each of the three costs its Shapley value
+of 100 - S+, which its cases share by what they take from T, A and H. S begins with what C = 1 and D
+= 1 would give; off go what each collision and each factor of a case's D_i cost. A case loses 1
+minus the product of its factors. A factor's
 part of that loss is its Shapley value (`score_terms.product_losses`).
 """
 
@@ -36,9 +38,13 @@ Term = Literal["S+", "T", "A", "H", "C", "D"]
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One term of the ledger. index: in units of T, A, H, C or D; points: of S+ or S.
+    """One term of the ledger.
 
-    entries: its cases, the costliest first. parts: what each adds, in units of the index, at most 0, (m,).
+    index: in units of T, A, H, C or D;
+    points: of S+ or S.
+
+    entries: its cases, the costliest first.
+    parts: what each adds, in units of the index, at most 0, (m,).
     equation: its number in the paper; empty for what is not the paper's.
     """
 
@@ -59,12 +65,20 @@ class Line:
     def worst(self, most: int) -> Iterator[tuple[CaseResult, float]]:
         """The costliest cases that cost anything, each with its points."""
         points = (self.parts[:most] * self.scale).tolist()
-        return ((case, lost) for case, lost in zip(self.entries[:most], points, strict=True) if lost < 0.0)
+        return (
+            (case, lost)
+            for case, lost in zip(self.entries[:most], points, strict=True)
+            if lost < 0.0
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Ledger:
-    """A score of one ADS in one logical scenario. name: `S+` or `S`. total: the sum of all points, the score."""
+    """A score of one ADS in one logical scenario.
+
+    name: `S+` or `S`.
+    total: the sum of all points, the score.
+    """
 
     name: Literal["S+", "S"]
     ads: str
@@ -73,7 +87,9 @@ class Ledger:
     total: float
 
     def index(self, term: Term) -> float:
-        """The sum of a term's lines in units of the index: C or D, 0 without; T - 1, A - 1 or H - 1."""
+        """The sum of a term's lines in units of the index: C or D, 0 without; T - 1, A - 1 or H -
+        1.
+        """
         return math.fsum(line.index for line in self.lines if line.term == term)
 
 
@@ -92,7 +108,9 @@ def ledger_plus(found: Findings) -> Ledger:
     whole = "", "the task driven without avoidable harm, as people drive", 1.0, _NONE
     lines = _scaled("S+", FULL, cases, [whole])
     for term, lost, parts in terms:
-        taken = -math.fsum(alone if not len(places) else float(its.sum()) for _, _, alone, (places, its) in parts)
+        taken = -math.fsum(
+            alone if not len(places) else float(its.sum()) for _, _, alone, (places, its) in parts
+        )
         lines += _scaled(term, lost / taken if taken > 0.0 else 0.0, cases, parts)
     return Ledger("S+", score.ads, score.scenario, tuple(lines), _total(lines))
 
@@ -114,13 +132,16 @@ def _total(lines: Iterable[Line]) -> float:
 
 
 def sentences(found: Ledger) -> list[str]:
-    """The lines that cost points, the costliest first: `H lost 6.1 of 50 points: plausibility in 14 cases.`"""
+    """The lines that cost points, the costliest first: `H lost 6.1 of 50 points: plausibility in 14
+    cases.`
+    """
     whole = {line.term: line.points for line in found.lines if line.index > 0.0}
-    losses = sorted((line for line in found.lines if line.points < 0.0), key=lambda line: line.points)
+    losses = sorted(
+        (line for line in found.lines if line.points < 0.0), key=lambda line: line.points
+    )
     return [
-        f"{line.term} lost {-line.points:z.1f} of {whole.get(line.term, FULL):g} points: {line.words}"
-        + (f" in {count(line.cases, 'case')}" if line.cases else "")
-        + "."
+        f"{line.term} lost {-line.points:z.1f} of {whole.get(line.term, FULL):g} points: "
+        f"{line.words}" + (f" in {count(line.cases, 'case')}" if line.cases else "") + "."
         for line in losses
         if line.points <= -0.05
     ]
@@ -139,7 +160,9 @@ def _scaled(term: Term, scale: float, cases: CaseTable, lines: _Lines) -> list[L
         index = math.fsum(map(float, parts)) if len(places) else alone
         order = np.lexsort((names[places], parts))
         entries = cases[places[order]]
-        scaled.append(Line(term, equation, words, index, index * scale, scale, entries, parts[order]))
+        scaled.append(
+            Line(term, equation, words, index, index * scale, scale, entries, parts[order])
+        )
     return scaled
 
 
@@ -241,9 +264,15 @@ def _shares(cases: CaseTable, counted: BoolArray) -> FloatArray:
 
 
 def _factor_lines(
-    cases: CaseTable, places: IntArray, weights: FloatArray, what: Literal["index", "human_likeness"]
+    cases: CaseTable,
+    places: IntArray,
+    weights: FloatArray,
+    what: Literal["index", "human_likeness"],
 ) -> _Lines:
-    """A line for each factor of D_i, or of a case's human-likeness. weights: each case's share of the mean, (n,)."""
+    """A line for each factor of D_i, or of a case's human-likeness.
+
+    weights: each case's share of the mean, (n,).
+    """
     if not len(places):
         return
     factors, equation = (FACTORS, "11–13") if what == "index" else (LIKENESS_FACTORS, "")

@@ -16,15 +16,21 @@ from sumo_eval.results import Evaluation, ScenarioResult
 
 
 def html_table(evaluation: Evaluation) -> str:
-    """The scores of every ADS in every logical scenario, a row each, and what must be known beside them."""
+    """The scores of every ADS in every logical scenario, a row each, and what must be known beside
+    them.
+    """
     head = "".join(f"<th>{escape(name)}</th>" for name in ("ADS", "scenario", *FIRST, *MORE))
     rows = "".join(
-        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in _row(score))}</tr>" for score in evaluation.scores
+        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in _row(score))}</tr>"
+        for score in evaluation.scores
     )
     said = headline(evaluation)
-    above = "<br>".join(f"<b>{escape(question)}:</b> {escape(answer)}" for question, answer in said.answers)
+    above = "<br>".join(
+        f"<b>{escape(question)}:</b> {escape(answer)}" for question, answer in said.answers
+    )
     alarms = "".join(
-        f'<br><span style="color:#b00">{escape(ads)}: {escape(words)}</span>' for ads, words in said.alarms
+        f'<br><span style="color:#b00">{escape(ads)}: {escape(words)}</span>'
+        for ads, words in said.alarms
     )
     lines = "<br>".join(map(escape, (WORDS, citation(evaluation), *closing_lines(evaluation))))
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
@@ -48,16 +54,22 @@ def score_html(score: ScenarioResult) -> str:
 def case_html(case: CaseResult) -> str:
     """One case: where it lies, how it ended, what it was worth."""
     known = {
-        "case": case.case, "ADS": case.ads, "scenario": case.scenario, "at": point(case.values), "zone": case.zone,
-        "outcome": case.outcome, "U": number(case.severity, 2), "Ug": number(case.ideal_severity, 2),
+        "case": case.case, "ADS": case.ads, "scenario": case.scenario, "at": point(case.values),
+        "zone": case.zone,
+        "outcome": case.outcome, "U": number(case.severity, 2),
+        "Ug": number(case.ideal_severity, 2),
         "D_i": number(case.index, 3), "in H": number(case.human_likeness, 3),
     }  # fmt: skip
-    rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(words)}</td></tr>" for name, words in known.items())
+    rows = "".join(
+        f"<tr><th>{escape(name)}</th><td>{escape(words)}</td></tr>" for name, words in known.items()
+    )
     return f"<table><tbody>{rows}</tbody></table>"
 
 
 def picture(evaluation: Evaluation) -> Any:
-    """S+ of every ADS with its interval, a panel for each logical scenario: a figure of matplotlib."""
+    """S+ of every ADS with its interval, a panel for each logical scenario: a figure of
+    matplotlib.
+    """
     try:
         from sumo_eval.report.drawing import Drawing
     except ImportError as error:

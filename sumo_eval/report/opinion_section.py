@@ -1,4 +1,6 @@
-"""The report's section on people's opinion, from what `sumo-eval humans opinion` has left in the run's folder."""
+"""The report's section on people's opinion, from what `sumo-eval humans opinion` has left in the
+run's folder.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,8 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
         }
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(
-            f"{path} cannot be read ({said(error)}); delete it, or ask again with: sumo-eval humans opinion."
+            f"{path} cannot be read ({said(error)}); delete it, or ask again with: sumo-eval "
+            "humans opinion."
         ) from error
 
 
@@ -59,7 +62,9 @@ def _dots(rows: list[dict[str, Any]], name: str, most: float) -> list[dict[str, 
     for row in rows:
         score, opinion = row["scores"][name], row["opinion"]
         if score is not None:
-            words = f"{row['ads']} in {row['scenario']}: opinion {opinion:z.2f}, {name} {score:z.3g}"
+            words = (
+                f"{row['ads']} in {row['scenario']}: opinion {opinion:z.2f}, {name} {score:z.3g}"
+            )
             dots.append(
                 {
                     "opinion": opinion,

@@ -1,4 +1,6 @@
-"""Text and bytes that travel inside a page: deflated, then base64; `inflated` in templates/field.js unpacks them."""
+"""Text and bytes that travel inside a page: deflated, then base64; `inflated` in templates/field.js
+unpacks them.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,10 @@ def packed_bytes(data: bytes) -> str:
 
 
 def packed(text: str) -> str:
-    """A text, deflated. Nothing in it can be read as markup, whatever names and error texts it holds."""
+    """A text, deflated.
+
+    Nothing in it can be read as markup, whatever names and error texts it holds.
+    """
     return packed_bytes(zlib.compress(text.encode("utf-8"), LEVEL))
 
 

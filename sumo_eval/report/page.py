@@ -25,7 +25,10 @@ _TEMPLATES = "sumo_eval.report"
 
 
 def write_page(path: Path, page: str, what: str) -> Path:
-    """Write a page and return its path. what: it is, as a sentence begins that says that it cannot be written."""
+    """Write a page and return its path.
+
+    what: it is, as a sentence begins that says that it cannot be written.
+    """
     try:
         path.write_text(page, encoding="utf-8")
     except OSError as error:
@@ -68,11 +71,15 @@ def case_key(case: str) -> str:
 
 def asset(name: str) -> Markup:
     """A file of this package that goes into the page as it is."""
-    return Markup((files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8"))  # noqa: S704
+    text = (files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8")
+    return Markup(text)  # noqa: S704
 
 
 def write_csv(path: Path, columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> Path:
-    """Write a table and return its path. Raises InputError where it cannot be written."""
+    """Write a table and return its path.
+
+    Raises InputError where it cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", newline="", encoding="utf-8") as file:

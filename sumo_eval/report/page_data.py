@@ -1,4 +1,6 @@
-"""What the page's JavaScript draws from: cases and zone maps, small enough to travel in one file."""
+"""What the page's JavaScript draws from: cases and zone maps, small enough to travel in one
+file.
+"""
 
 from __future__ import annotations
 
@@ -33,12 +35,15 @@ from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.trajectory import FloatArray
 
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
-SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500  # where the criticality of each point is searched: 3 ms a point
+# where the criticality of each point is searched: 3 ms a point
+SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500
 LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of it
 MAP_CELLS = 72  # cells on each axis of a zone map's background
-MOST_PANELS = 12  # more values than this of the first parameter are gathered in GATHERED_PANELS panels
+# more values than this of the first parameter are gathered in GATHERED_PANELS panels
+MOST_PANELS = 12
 GATHERED_PANELS = 6
-SLICE_WORTH_SHOWING = 0.1  # share of the cases; a slice with fewer shows all cases projected onto it
+# share of the cases; a slice with fewer shows all cases projected onto it
+SLICE_WORTH_SHOWING = 0.1
 
 
 def page_data(
@@ -49,7 +54,8 @@ def page_data(
 ) -> dict[str, Any]:
     """Everything the page draws, as plain JSON values.
 
-    told: the cases that it has, by scenario. sent_drives: gives the drives that travel in it, called last.
+    told: the cases that it has, by scenario.
+    sent_drives: gives the drives that travel in it, called last.
     """
     anthropomorphic = evaluation.settings.method.anthropomorphic
     scenarios = [_scenario(evaluation, partitions[name], cases) for name, cases in told.items()]
@@ -82,7 +88,10 @@ Told = tuple[CaseResult, dict[str, Any]]
 
 
 def told_cases(evaluation: Evaluation, shown: Mapping[str, Shown]) -> dict[str, list[Told]]:
-    """The cases that the page has, by scenario, there ADS by ADS. shown: which these are, by scenario."""
+    """The cases that the page has, by scenario, there ADS by ADS.
+
+    shown: which these are, by scenario.
+    """
     told: dict[str, list[Told]] = {zone.scenario: [] for zone in evaluation.zones}
     for one in findings(evaluation):
         missing, judged = one.missing, verdicts(evaluation, one.score)
@@ -90,7 +99,9 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, Shown]) -> dict[str, 
         numbers[:2, shares.places] = shares.avoided, shares.lost
         numbers[2] = one.share_lost
         for place, case in shown[one.score.scenario].among(one.cases):
-            avoided, c_lost, a_lost = (None if math.isnan(value) else value for value in numbers[:, place].tolist())
+            avoided, c_lost, a_lost = (
+                None if math.isnan(value) else value for value in numbers[:, place].tolist()
+            )
             beside = {
                 "missing": why_missing(case) if missing[place] else None,
                 "avoided": avoided,
@@ -117,11 +128,19 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     return {
         "name": logical.name,
         "parameters": [
-            {"name": item.name, "unit": item.behind.strip(), "low": item.low, "high": item.high, "about": item.about}
+            {
+                "name": item.name,
+                "unit": item.behind.strip(),
+                "low": item.low,
+                "high": item.high,
+                "about": item.about,
+            }
             for item in logical.parameters
         ],
         "ads": everybody,
-        "meanIndex": {ads: _mean_index(evaluation.cases_of(ads, logical.name)) for ads in everybody},
+        "meanIndex": {
+            ads: _mean_index(evaluation.cases_of(ads, logical.name)) for ads in everybody
+        },
         "road": {
             "end": logical.road.length,
             "right": logical.road.right_edge,
@@ -174,9 +193,12 @@ def _mean_index(cases: CaseTable) -> float | None:
 
 
 _SHOWN = (
-    "ads", "zone", "exposure", "status", "outcome", "error", "error_place", "impact_speed", "overlap", "side",
-    "severity", "loss", "ideal_severity", "no_reaction_severity", "human_likeness", "operation_tolerance",
-    "mixture_similarity", "plausibility", "weight", "index", "length_factor", "operation_factor", "similarity", "clips",
+    "ads", "zone", "exposure", "status", "outcome", "error", "error_place", "impact_speed",
+    "overlap", "side",
+    "severity", "loss", "ideal_severity", "no_reaction_severity", "human_likeness",
+    "operation_tolerance",
+    "mixture_similarity", "plausibility", "weight", "index", "length_factor", "operation_factor",
+    "similarity", "clips",
 )  # fmt: skip
 """What the page has of a case as it is."""
 
@@ -194,20 +216,25 @@ def _case(case: CaseResult, row: FloatArray, view: View) -> dict[str, Any]:
         "index_note": index_note_words(case),
         "ttc": case.min_ttc,
         "measures": [
-            [label, value, unit] for name, label, unit in MEASURES if (value := getattr(case, name)) is not None
+            [label, value, unit]
+            for name, label, unit in MEASURES
+            if (value := getattr(case, name)) is not None
         ],
     }
 
 
-# --- which parameters a map shows -------------------------------------------------------------------------------------
+# --- which parameters a map shows -----------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """How a space is drawn on paper: columns of x and y (None: a strip), panels along a third, the rest held fixed.
+    """How a space is drawn on paper: columns of x and y (None: a strip), panels along a third, the
+    rest held fixed.
 
-    panels: values of the `panel` parameter, one panel each; a single None where there is no such parameter.
-    fixed: column -> value of the slice. projected: cases off the slice are drawn on it too.
+    panels: values of the `panel` parameter, one panel each; a single None where there is no such
+        parameter.
+    fixed: column -> value of the slice.
+    projected: cases off the slice are drawn on it too.
     note: what a reader must know of the choice.
     """
 
@@ -223,24 +250,38 @@ class View:
     @property
     def words(self) -> str:
         """`gap against obstacle_speed, one panel for each ego_speed`."""
-        axes = self.names[self.x] if self.y is None else f"{self.names[self.y]} against {self.names[self.x]}"
-        return axes if self.panel is None else f"{axes}, one panel for each {self.names[self.panel]}"
+        axes = (
+            self.names[self.x]
+            if self.y is None
+            else f"{self.names[self.y]} against {self.names[self.x]}"
+        )
+        return (
+            axes if self.panel is None else f"{axes}, one panel for each {self.names[self.panel]}"
+        )
 
     def panel_of(self, row: FloatArray) -> int:
         """The panel nearest to a point of the space."""
         if self.panel is None:
             return 0
-        return int(np.argmin([abs(float(row[self.panel]) - (value or 0.0)) for value in self.panels]))
+        return int(
+            np.argmin([abs(float(row[self.panel]) - (value or 0.0)) for value in self.panels])
+        )
 
     def shows(self, case: CaseResult) -> bool:
         """Whether a case is drawn."""
-        return self.projected or all(case.values[self.names[column]] == value for column, value in self.fixed.items())
+        return self.projected or all(
+            case.values[self.names[column]] == value for column, value in self.fixed.items()
+        )
 
 
-def choose_view(logical: LogicalScenario, cases: CaseTable, axes: tuple[str, str] | None = None) -> View:
-    """One map for two parameters, a panel for each value of the first for three, a slice through more.
+def choose_view(
+    logical: LogicalScenario, cases: CaseTable, axes: tuple[str, str] | None = None
+) -> View:
+    """One map for two parameters, a panel for each value of the first for three, a slice through
+    more.
 
-    axes: the parameters of x and y, where somebody has chosen them; the map then is a slice through the others.
+    axes: the parameters of x and y, where somebody has chosen them; the map then is a slice through
+        the others.
     """
     columns = range(len(logical.parameters))
     if len(columns) == 1:
@@ -266,24 +307,30 @@ def choose_view(logical: LogicalScenario, cases: CaseTable, axes: tuple[str, str
         f"{logical.parameters[column].name} = {value:g}{logical.parameters[column].behind}"
         for column, value in fixed.items()
     )
-    note = f"The map is the slice at {where}, the most common values, or the middle ones where none is. " + (
-        "Nearly every case lies off it, so all cases are drawn where they would fall on it."
-        if projected
-        else f"It holds {on_slice} of {len(cases)} cases; the list of cases reaches all of them."
+    note = (
+        f"The map is the slice at {where}, the most common values, or the middle ones where none "
+        "is. "
+        + (
+            "Nearly every case lies off it, so all cases are drawn where they would fall on it."
+            if projected
+            else f"It holds {on_slice} of {len(cases)} cases; the list of cases reaches all of "
+            "them."
+        )
     )
     return View(logical.names, x, y, None, (None,), fixed, projected, note)
 
 
 def _variety(column: FloatArray) -> tuple[int, float]:
-    """How many values a parameter takes, and the most common one, of equals the least; where each is taken once, the
-    middle one.
+    """How many values a parameter takes, and the most common one, of equals the least; where each
+    is taken once, the middle one.
     """
     values, often = np.unique(column, return_counts=True)
     return len(values), float(values[len(values) // 2 if often.max() == 1 else np.argmax(often)])
 
 
 def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
-    """The slice that a map with a choice of slices opens at, column -> value: the one with most collisions.
+    """The slice that a map with a choice of slices opens at, column -> value: the one with most
+    collisions.
 
     Of equals the first in order of the values. Empty where a view has no slices.
     """
@@ -295,10 +342,13 @@ def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
     return dict(zip(view.fixed, slices[int(np.argmax(collisions))].tolist(), strict=True))
 
 
-def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELLS) -> dict[str, Any]:
+def zone_map(
+    zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELLS
+) -> dict[str, Any]:
     """The zones at the corners of cells over x and y (y slowest).
 
-    gp, exact: what the GP learnt and the closed form, int16 of 32000 y: 0 is the boundary, above it is safe.
+    gp, exact: what the GP learnt and the closed form, int16 of 32000 y: 0 is the boundary, above it
+        is safe.
     rooms: that of each constraint; impossible is where one of them is below 0.
     """
     logical = zones.logical
@@ -315,10 +365,11 @@ def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELL
 
 
 def lattice(zones: ZonePartition) -> dict[str, Any] | None:
-    """The zones on a lattice over the whole space, from which the page draws any slice; None for one parameter.
+    """The zones on a lattice over the whole space, from which the page draws any slice; None for
+    one parameter.
 
-    size: points on each axis, the ends included. gp, exact: int16 as in `zone_map`, the last parameter fastest.
-    rooms: that of each constraint, likewise.
+    size: points on each axis, the ends included. gp, exact: int16 as in `zone_map`, the last
+        parameter fastest. rooms: that of each constraint, likewise.
     """
     logical = zones.logical
     k = len(logical.parameters)
@@ -339,7 +390,9 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     }
 
 
-def slice_points(logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray) -> FloatArray:
+def slice_points(
+    logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray
+) -> FloatArray:
     """Points (len(y), len(x), k) of a panel; x and y in the unit box."""
     unit = np.zeros((len(y), len(x), len(logical.parameters)))
     unit[..., view.x] = x
@@ -355,11 +408,15 @@ def slice_points(logical: LogicalScenario, view: View, panel: int, x: FloatArray
 
 def _axis(logical: LogicalScenario, column: int, unit: FloatArray) -> list[float]:
     parameter = logical.parameters[column]
-    return [round(value, 6) for value in (parameter.low + unit * (parameter.high - parameter.low)).tolist()]
+    return [
+        round(value, 6)
+        for value in (parameter.low + unit * (parameter.high - parameter.low)).tolist()
+    ]
 
 
 def rooms_of(logical: LogicalScenario, rows: FloatArray) -> list[str]:
-    """Each constraint's room at points (n, k), int16 of 32000 the largest: below 0 at those that it rules out.
+    """Each constraint's room at points (n, k), int16 of 32000 the largest: below 0 at those that it
+    rules out.
 
     One that only says yes or no has a room of 1 or -1.
     """
@@ -376,23 +433,27 @@ def rooms_of(logical: LogicalScenario, rows: FloatArray) -> list[str]:
 
 def _levels(y: FloatArray) -> str:
     levels = np.clip(np.round(y * 32000.0), -32000, 32000)
-    levels = np.where((y > 0.0) & (levels == 0.0), 1.0, levels)  # rounding must move no point into the zone
+    # rounding must move no point into the zone
+    levels = np.where((y > 0.0) & (levels == 0.0), 1.0, levels)
     return packed_bytes(levels.astype("<i2").tobytes())
 
 
-# --- trajectories -----------------------------------------------------------------------------------------------------
+# --- trajectories ---------------------------------------------------------------------------------
 
 
 def drawn_shape(road: Road) -> dict[str, Any]:
-    """What of a road is not the same lanes throughout, as pages draw it. gone: where an outermost lane is not there,
-    four points [x, y], m, of which the last three are the edge that is left. solid: lines nobody may cross, [x, x, y].
-    crossings: [x, width, reach].
+    """What of a road is not the same lanes throughout, as pages draw it.
+
+    gone: where an outermost lane is not there, four points [x, y], m, of which the last three are
+    the edge that is left. solid: lines nobody may cross, [x, x, y]. crossings: [x, width, reach].
     """
     gone, solid, last = [], [], road.length + road.run_out
     for span in road.spans:
         opens, is_open, closes, is_gone = span.places
         middle, half = road.lane_centre(span.lane), 0.5 * road.lane_width
-        outer, inner = (middle - half, middle + half) if span.lane == 0 else (middle + half, middle - half)
+        outer, inner = (
+            (middle - half, middle + half) if span.lane == 0 else (middle + half, middle - half)
+        )
         if math.isfinite(is_open):
             gone.append([[0.0, outer], [0.0, inner], [opens, inner], [is_open, outer]])
         if math.isfinite(closes):
@@ -401,11 +462,17 @@ def drawn_shape(road: Road) -> dict[str, Any]:
             solid.append([0.0, span.parted_until, inner])
         if math.isfinite(span.parted_from):
             solid.append([span.parted_from, last, inner])
-    return {"gone": gone, "solid": solid, "crossings": [[it.at, it.width, it.reach] for it in road.crossings]}
+    return {
+        "gone": gone,
+        "solid": solid,
+        "crossings": [[it.at, it.width, it.reach] for it in road.crossings],
+    }
 
 
 def drawn_line(road: Road) -> list[list[float]]:
-    """Where the stretches of a road's line begin, rows of s, x, y, heading, curvature, its rate; [] for none."""
+    """Where the stretches of a road's line begin, rows of s, x, y, heading, curvature, its rate; []
+    for none.
+    """
     return [[float(f"{value:z.9g}") for value in row] for row in knots_of(road.line).tolist()]
 
 

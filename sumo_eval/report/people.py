@@ -1,4 +1,6 @@
-"""What the report says of the human reference: the drivers' own scores beside D, thin references, exposure."""
+"""What the report says of the human reference: the drivers' own scores beside D, thin references,
+exposure.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ STUDY: Final = "study.json"
 
 @dataclass(frozen=True, slots=True)
 class PeopleRow:
-    """One ADS in one scenario beside the drivers who were each left out once; means weighted by exposure."""
+    """One ADS in one scenario beside the drivers who were each left out once; means weighted by
+    exposure.
+    """
 
     scenario: str
     ads: str
@@ -43,7 +47,9 @@ def people_context(evaluation: Evaluation) -> dict[str, Any]:
         "rows": people_rows(evaluation),
         "worst": worst_cases(evaluation),
         "study": study_sentences(evaluation),
-        "exposures": [(name, exposure_sentence(found)) for name, found in evaluation.exposures.items()],
+        "exposures": [
+            (name, exposure_sentence(found)) for name, found in evaluation.exposures.items()
+        ],
     }
 
 
@@ -53,7 +59,8 @@ def drawn_words(drawn: Mapping[str, int]) -> str:
 
 
 def study_sentences(evaluation: Evaluation) -> list[str]:
-    """Who took part in the study that the drivers come from, and what was left out and why; none without a study.
+    """Who took part in the study that the drivers come from, and what was left out and why; none
+    without a study.
 
     Raises InputError where what the study left in its folder can no longer be read.
     """
@@ -68,15 +75,24 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
         told = json.loads(text)
         left = [f"{it['participant']}, {it['case']}: {it['why']}." for it in told["left_out"]]
         drawn = told.get("drawn", {})
-        everybody = f"{count(told['people'], 'person', 'people')} took part in the study {told['study']}"
+        everybody = (
+            f"{count(told['people'], 'person', 'people')} took part in the study {told['study']}"
+        )
         return [
-            f"{everybody}; {count(told['drives'], 'drive')} by {told['with_drives']} of them count, "
-            f"{len(left)} {'is' if len(left) == 1 else 'are'} left out by the study's rules of quality.",
-            *([f"The road was drawn for them in these ways: {drawn_words(drawn)}."] if drawn else []),
+            f"{everybody}; {count(told['drives'], 'drive')} by {told['with_drives']} of them "
+            "count, "
+            f"{len(left)} {'is' if len(left) == 1 else 'are'} left out by the study's rules of "
+            "quality.",
+            *(
+                [f"The road was drawn for them in these ways: {drawn_words(drawn)}."]
+                if drawn
+                else []
+            ),
             *left,
         ]
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} cannot be read ({said(error)}); `sumo-eval drive STUDY.toml --collect` writes it "
+        raise InputError(f"{path} cannot be read ({said(error)}); `sumo-eval drive STUDY.toml "
+                         "--collect` writes it "
                          "anew.") from error  # fmt: skip
 
 
@@ -92,7 +108,10 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
         numbers = np.unique(drivers[np.isfinite(drivers)]).astype(int).tolist()
         recorded, everybody = (int(np.nansum(values)) for values in (own.recorded_drivers, drivers))
         range_ = "–".join(dict.fromkeys(str(n) for n in (*numbers[:1], *numbers[-1:]))) or "no"
-        low, mean, high = (mean_of(getattr(banded, f"human_{end}"), banded.exposure) for end in ("low", "mean", "high"))
+        low, mean, high = (
+            mean_of(getattr(banded, f"human_{end}"), banded.exposure)
+            for end in ("low", "mean", "high")
+        )
         rows.append(
             PeopleRow(
                 scenario=score.scenario,
@@ -102,7 +121,8 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
                 mean=number(mean, 3),
                 high=number(high, 3),
                 below=f"{below} of {len(banded)}",
-                drivers=f"{range_} a case, {percent(recorded / everybody if everybody else 0.0)} recorded",
+                drivers=f"{range_} a case, {percent(recorded / everybody if everybody else 0.0)} "
+                "recorded",
                 warnings=_warnings(own),
             )
         )
@@ -110,7 +130,10 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
 
 
 def _warnings(cases: CaseTable) -> tuple[str, ...]:
-    """What must be known of the safe cases with a D_i before the numbers are believed. cases: these."""
+    """What must be known of the safe cases with a D_i before the numbers are believed.
+
+    cases: these.
+    """
     told = []
     thin = sum(note is not None for note in cases.reference_note)
     outside, bimodal, unusual = (
@@ -123,7 +146,8 @@ def _warnings(cases: CaseTable) -> tuple[str, ...]:
         told.append(f"{count(outside, 'case')} outside the support of the recorded exposure.")
     if bimodal:
         told.append(
-            f"In {count(bimodal, 'case')} some drivers overtook and others followed. D compares the ADS "
+            f"In {count(bimodal, 'case')} some drivers overtook and others followed. D compares "
+            "the ADS "
             "with all of them at once there, so nearly any path between the two counts as human."
         )
     if unusual:

@@ -1,4 +1,6 @@
-"""Points of a space as files: a CSV that can be sampled from again, and a page that draws every pair of parameters."""
+"""Points of a space as files: a CSV that can be sampled from again, and a page that draws every
+pair of parameters.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from sumo_eval.scenario.sampling.samples import Sample
 CHOSEN, REFUSED = "#0072b2", "#9aa1aa"
 
 
-def write_points(logical: LogicalScenario, points: Sample, folder: Path, title: str) -> tuple[Path, Path]:
+def write_points(
+    logical: LogicalScenario, points: Sample, folder: Path, title: str
+) -> tuple[Path, Path]:
     """Write `points.csv` and `points.html` into a folder and return their paths."""
     table, page = folder / "points.csv", folder / "points.html"
     rows = zip(points.points.tolist(), points.exposure.tolist(), strict=True)
@@ -42,18 +46,25 @@ def write_points(logical: LogicalScenario, points: Sample, folder: Path, title: 
 
 def _sentences(points: Sample) -> list[str]:
     """What the page says above the chart."""
-    chosen = f"{count(len(points.points), 'point')} chosen; {count(len(points.refused), 'point')} refused, because a"
+    chosen = (
+        f"{count(len(points.points), 'point')} chosen; {count(len(points.refused), 'point')} "
+        "refused, because a"
+    )
     return [f"{chosen} constraint of the scenario rules them out. A larger mark is met more often."]
 
 
 def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
-    """Every parameter against every later one; chosen points, sized by exposure, over those that constraints refuse."""
+    """Every parameter against every later one; chosen points, sized by exposure, over those that
+    constraints refuse.
+    """
     k = len(logical.parameters)
     pairs = [(x, y) for y in range(1, k) for x in range(y)] or [(0, 0)]
     side = max(1, k - 1)
     figure = make_subplots(rows=side, cols=side, horizontal_spacing=0.08, vertical_spacing=0.1)
     largest = float(points.exposure.max()) if len(points.exposure) else 1.0
-    size = 4.0 + 6.0 * np.sqrt(points.exposure / largest if largest > 0.0 else np.ones(len(points.points)))
+    size = 4.0 + 6.0 * np.sqrt(
+        points.exposure / largest if largest > 0.0 else np.ones(len(points.points))
+    )
     for place, (x, y) in enumerate(pairs):
         row, column = (1, 1) if k == 1 else (y, x + 1)
         for name, rows, colour, symbol, sizes in (

@@ -1,4 +1,6 @@
-"""The qualification that a run names, in words: whether the tool passed, and whether that holds for this run."""
+"""The qualification that a run names, in words: whether the tool passed, and whether that holds for
+this run.
+"""
 
 from __future__ import annotations
 
@@ -9,31 +11,44 @@ from sumo_eval.results import Evaluation
 
 
 def differences(manifest: Mapping[str, Any]) -> list[str]:
-    """In what the qualification's versions and machine are not those of the run: `libsumo 1.27.0 instead of 1.28.0`."""
+    """In what the qualification's versions and machine are not those of the run: `libsumo 1.27.0
+    instead of 1.28.0`.
+    """
     found = manifest["qualification"]
     return [
         f"{name} {there[name]} instead of {value}"
-        for there, here in ((found["versions"], manifest["versions"]), (found["machine"], manifest["machine"]))
+        for there, here in (
+            (found["versions"], manifest["versions"]),
+            (found["machine"], manifest["machine"]),
+        )
         for name, value in here.items()
         if name in there and there[name] != value
     ]
 
 
 def holds(manifest: Mapping[str, Any]) -> bool:
-    """Whether the run names a qualification that passed, with its own versions and on its own machine."""
+    """Whether the run names a qualification that passed, with its own versions and on its own
+    machine.
+    """
     found = manifest.get("qualification")
     return found is not None and not found["failed"] and not differences(manifest)
 
 
 def qualification_sentence(manifest: Mapping[str, Any]) -> str:
-    """Whether this installation was shown to be believable; what to do where nobody has shown it."""
+    """Whether this installation was shown to be believable; what to do where nobody has shown
+    it.
+    """
     found = manifest.get("qualification")
     if found is None:
         return (
-            "No qualification of the tool is named: `sumo-eval qualify` makes one, `qualification` of [run] names it."
+            "No qualification of the tool is named: `sumo-eval qualify` makes one, "
+            "`qualification` of [run] names it."
         )
     passed = found["checks"] - len(found["failed"])
-    text = f"Qualification of {found['created']}: {passed} of {found['checks']} known answers were found again"
+    text = (
+        f"Qualification of {found['created']}: {passed} of {found['checks']} known answers were "
+        "found again"
+    )
     if found["failed"]:
         return f"{text}, so the tool is NOT qualified: {'; '.join(found['failed'][:5])}."
     others = differences(manifest)
@@ -48,7 +63,9 @@ def qualification_content(evaluation: Evaluation) -> Mapping[str, Any] | None:
     found = manifest.get("qualification")
     if found is None:
         return None
-    rows = [(name, value) for name, value in (("file", found["file"]), ("SHA-256", found["sha256"]))]
+    rows = [
+        (name, value) for name, value in (("file", found["file"]), ("SHA-256", found["sha256"]))
+    ]
     rows += list(found["versions"].items()) + list(found["machine"].items())
     return {
         "sentence": qualification_sentence(manifest),

@@ -1,4 +1,6 @@
-"""Where the paper leaves something open, what was done in this run, and every setting with its unit and equation."""
+"""Where the paper leaves something open, what was done in this run, and every setting with its unit
+and equation.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,11 @@ from sumo_eval.settings import About, EvaluationSettings, about
 
 @dataclass(frozen=True, slots=True)
 class SettingRow:
-    """One setting as the report lists it. path: `method.zones.deceleration`; changed: not the default."""
+    """One setting as the report lists it.
+
+    path: `method.zones.deceleration`;
+    changed: not the default.
+    """
 
     path: str
     value: str
@@ -30,7 +36,8 @@ def setting_rows(settings: EvaluationSettings) -> dict[str, list[SettingRow]]:
 
 
 def _rows(settings: Any, kind: type, prefix: str) -> Iterator[SettingRow]:
-    # `kind()` has the defaults; the outermost settings have none, because a name is nobody's default.
+    # `kind()` has the defaults; the outermost settings have none, because a name is nobody's
+    # default.
     defaults = None if kind is EvaluationSettings else kind()
     for item in fields(settings):
         value = getattr(settings, item.name)
@@ -39,7 +46,11 @@ def _rows(settings: Any, kind: type, prefix: str) -> Iterator[SettingRow]:
         elif not isinstance(value, tuple):  # the scenarios and the ADSs have tables of their own
             default = value if defaults is None else getattr(defaults, item.name)
             yield SettingRow(
-                f"{prefix}{item.name}", _word(value), _word(default), value != default, about(kind, item.name)
+                f"{prefix}{item.name}",
+                _word(value),
+                _word(default),
+                value != default,
+                about(kind, item.name),
             )
 
 
@@ -52,87 +63,120 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
     method, simulation = settings.method, settings.simulation
     zones, field, index = method.zones, method.anthropomorphic.field, method.anthropomorphic
     target = (
-        f"The GP learns tanh((T² − T*²) / {zones.target_scale:g} s²), T = 1/max ITTC, smoothly through contact."
+        f"The GP learns tanh((T² − T*²) / {zones.target_scale:g} s²), T = 1/max ITTC, "
+        "smoothly through contact."
         if zones.target == "squared_time"
         else "The GP learns plain labels, +1 safe and −1 hazardous."
     )
     superposition = (
-        "The field sums magnitudes, so its peak lies on the driven path; the printed unit vector would cancel there."
+        "The field sums magnitudes, so its peak lies on the driven path; the printed unit vector "
+        "would cancel there."
         if field.superposition == "magnitude"
         else "The field sums vectors, as printed; it vanishes on the driven path itself."
     )
     loss = (
         "C compares the severity U, as the equation prints, not the loss class L of the text."
         if method.collision.loss == "severity"
-        else "C compares the loss class L, as the text says, not the severity U that the equation prints."
+        else "C compares the loss class L, as the text says, not the severity U that the equation "
+        "prints."
     )
     return [
         (
             "1–6",
-            f"A point is hazardous where ideal braking with {zones.deceleration:g} m/s² meets an inverse TTC of "
+            f"A point is hazardous where ideal braking with {zones.deceleration:g} m/s² meets an "
+            "inverse TTC of "
             f"{zones.critical_inverse_ttc:g} 1/s or more.",
         ),
         (
             "7–8",
-            f"{target} Its kernel works in the unit box, because metres and metres per second have no common length.",
+            f"{target} Its kernel works in the unit box, because metres and metres per second "
+            "have no common length.",
         ),
         ("9", superposition),
-        ("10", f"k1 = {field.k1:g} and k2 = {field.k2:g} s/m; nearer than 1 m the distance counts as 1 m."),
+        (
+            "10",
+            f"k1 = {field.k1:g} and k2 = {field.k2:g} s/m; nearer than 1 m the distance counts as "
+            "1 m.",
+        ),
         (
             "11",
-            f"Slices lie every {index.slice_spacing:g} m; each has {2 * index.points_per_side + 1} points within "
-            f"±{index.side_width:g} m of the ADS's own path, fewer metres where the road ends sooner.",
+            f"Slices lie every {index.slice_spacing:g} m; each has "
+            f"{2 * index.points_per_side + 1} points within "
+            f"±{index.side_width:g} m of the ADS's own path, fewer metres where the road ends "
+            "sooner.",
         ),
         (
             "12",
-            "p/p_2σ = min(1, exp(2 − z²/2)): full marks within two deviations of the drivers. Deviations are at "
-            f"least {index.centre_deviation_floor:g} m (path) and {100 * index.field_deviation_floor:g} % (field).",
+            "p/p_2σ = min(1, exp(2 − z²/2)): full marks within two deviations of the drivers. "
+            "Deviations are at "
+            f"least {index.centre_deviation_floor:g} m (path) and "
+            f"{100 * index.field_deviation_floor:g} % (field).",
         ),
         (
             "12",
-            "f_n = min(1, operations of the drivers / operations of the ADS). The printed fraction is upside down: it "
+            "f_n = min(1, operations of the drivers / operations of the ADS). The printed "
+            "fraction is upside down: it "
             "would reward more operations.",
         ),
         (
             "13",
-            "D is the mean of D_i over the safe zone, weighted by exposure where one was declared or measured. After a "
+            "D is the mean of D_i over the safe zone, weighted by exposure where one was declared "
+            "or measured. After a "
             "collision there that the ideal vehicle avoids, D is not computed.",
         ),
-        ("14–15", "U is the relative speed at first contact over the overlap w, and w is at least 0.5."),
+        (
+            "14–15",
+            "U is the relative speed at first contact over the overlap w, and w is at least 0.5.",
+        ),
         (
             "16",
-            "r is the distance to the most dangerous point over the distance to the zone's boundary, in the unit box; "
+            "r is the distance to the most dangerous point over the distance to the zone's "
+            "boundary, in the unit box; "
             "above 1 in the safe zone, 1 where there is no hazardous zone.",
         ),
         (
             "17",
-            f"{loss} The ideal vehicle brakes at once with {simulation.ideal_deceleration:g} m/s², built up in "
+            f"{loss} The ideal vehicle brakes at once with {simulation.ideal_deceleration:g} "
+            "m/s², built up in "
             f"{simulation.ideal_build_up:g} s. An ADS that hits more gently than it counts 1.",
         ),
         (
             "17",
-            "C averages over collisions only, as the paper has it, so avoiding one can lower it. Read it beside the "
+            "C averages over collisions only, as the paper has it, so avoiding one can lower it. "
+            "Read it beside the "
             "number of collisions. Without a collision C = 1.",
         ),
         (
             "beside 17",
-            "A = 1 − Σ w max(0, U − Ug) / Σ w max(0, U0 − Ug) over all evaluated points, w = r: U0 is that of "
-            "`no_reaction`, U that of the worst incident: contact, departure, giving up. An ADS that is no worse in "
-            "any case and better in one never has a lower A. A' = 1 − ln(1 + x/x0) / ln(1 + 1/x0), x = 1 − A, "
+            "A = 1 − Σ w max(0, U − Ug) / Σ w max(0, U0 − Ug) over all evaluated points, w = r: "
+            "U0 is that of "
+            "`no_reaction`, U that of the worst incident: contact, departure, giving up. An ADS "
+            "that is no worse in "
+            "any case and better in one never has a lower A. A' = 1 − ln(1 + x/x0) / ln(1 + "
+            "1/x0), x = 1 − A, "
             f"x0 = {method.task.sharpness:g}.",
         ),
         (
             "beside 13",
-            "T is the mean over the safe cases of t_i: along the way that the drivers and the reference car "
-            f"`{method.task.task_reference}` drove, the mean of min(1, time of the slowest of them / own time); 0 with "
-            f"an incident. A departure: a corner of the body more than {method.task.road_margin:g} m off the road.",
+            "T is the mean over the safe cases of t_i: along the way that the drivers and the "
+            "reference car "
+            f"`{method.task.task_reference}` drove, the mean of min(1, time of the slowest of "
+            "them / own time); 0 with "
+            "an incident. A departure: a corner of the body more than "
+            f"{method.task.road_margin:g} m off the road.",
         ),
         (
             "beside 13",
-            "H is the mean over the safe cases of f_L, f_n+, the similarity among drivers who make the same kind of "
-            "manoeuvre and the plausibility, multiplied. An avoidable incident there counts 0; a collision that the "
+            "H is the mean over the safe cases of f_L, f_n+, the similarity among drivers who "
+            "make the same kind of "
+            "manoeuvre and the plausibility, multiplied. An avoidable incident there counts 0; a "
+            "collision that the "
             "ideal vehicle has as well is left out.",
         ),
         ("beside 18", f"S+ = T max(0, A') ({method.score.a:g} + {method.score.b:g} H)."),
-        ("18", f"S = {method.score.a:g} k5 C + {method.score.b:g} k6 D. Where D is not computed its term counts 0."),
+        (
+            "18",
+            f"S = {method.score.a:g} k5 C + {method.score.b:g} k6 D. Where D is not computed its "
+            "term counts 0.",
+        ),
     ]

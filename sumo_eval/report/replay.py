@@ -1,4 +1,6 @@
-"""One case, or two side by side, as a page of its own that plays without a server and asks nobody for anything."""
+"""One case, or two side by side, as a page of its own that plays without a server and asks nobody
+for anything.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +28,13 @@ ROLES_BESIDE: Final[tuple[Role, ...]] = ("ads", "human", "ideal")
 """Whose drives may be shown beside an ADS's."""
 
 
-def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *, beside: str | None = None) -> Path:
+def write_replay(
+    run: Path, logical: LogicalScenario, fact: Fact, path: Path, *, beside: str | None = None
+) -> Path:
     """Write the animation of a recorded case to `path` and return it.
 
-    beside: name of another ADS, or of a driver (`driver_03`), to show next to it in the same concrete scenario.
+    beside: name of another ADS, or of a driver (`driver_03`), to show next to it in the same
+        concrete scenario.
     """
     with open_store(run / FACTS) as store:
         trajectories: list[Trajectory] = []
@@ -49,7 +54,8 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
     data = {
         "channels": CHANNEL_STEPS,
         "road": {
-            "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes, "laneWidth": road.lane_width,
+            "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes,
+            "laneWidth": road.lane_width,
             "line": drawn_line(road), **drawn_shape(road),
         },
         "bodies": drawn_bodies(concrete),
@@ -58,26 +64,36 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
         "trajectories": encode_trajectories(trajectories),
     }  # fmt: skip
     page = template("replay.html.j2").render(
-        title=f"{fact.driver} in {fact.scenario}", point=point(fact.values), case=fact.case, end=fact.end_reason or "",
+        title=f"{fact.driver} in "
+              f"{fact.scenario}", point=point(fact.values), case=fact.case,
+              end=fact.end_reason or "",
         status=fact.status, drivers=len(ghosts), data=packed_json(data),
     )  # fmt: skip
     return write_page(path, page, "The replay")
 
 
 def recorded_ego(places: Sequence[tuple[float, float]]) -> Trajectory:
-    """Who was recorded in the ego's place. places: as in `Start`."""
+    """Who was recorded in the ego's place.
+
+    places: as in `Start`.
+    """
     at = np.array(places)
     return Trajectory(np.arange(len(at)) * RECORDED_EVERY, at[:, 0], at[:, 1])
 
 
 def recorded(run: Path, key: str) -> Fact:
-    """A drive that has a recording, by its case's key. Raises InputError."""
+    """A drive that has a recording, by its case's key.
+
+    Raises InputError.
+    """
     found = known_case(run, key)
     with open_store(run / FACTS) as store:
         if store.is_let_go(key):
             raise store.no_trajectory(key)
         if not store.trajectories(key):
-            raise InputError(f"Case `{key}` has no recording to replay: {found.error or found.status}.")
+            raise InputError(
+                f"Case `{key}` has no recording to replay: {found.error or found.status}."
+            )
     return found
 
 
@@ -99,7 +115,12 @@ def _companion(fact: Fact, store: Store, name: str) -> Fact:
         for other in store.facts_at(range(fact.point, fact.point + 1), role, fact.scenario)
         if other.case != fact.case
     ]
-    found = next((other for other in at_point if other.driver == name and store.trajectories(other.case)), None)
+    found = next(
+        (other for other in at_point if other.driver == name and store.trajectories(other.case)),
+        None,
+    )
     if found is None:
-        raise unknown("ADS or driver of this concrete scenario", name, [other.driver for other in at_point])
+        raise unknown(
+            "ADS or driver of this concrete scenario", name, [other.driver for other in at_point]
+        )
     return found

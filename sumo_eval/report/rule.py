@@ -1,6 +1,7 @@
 """The rule by which a build got worse, in three parts: outcome, near miss, shift.
 
-d is by how much a quantity of a case got worse. A case is worse where d is above its tolerance, better where -d is.
+d is by how much a quantity of a case got worse. A case is worse where d is above its tolerance,
+better where -d is.
 """
 
 from __future__ import annotations
@@ -26,7 +27,12 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Repeats:
-    """What driving an ADS twice tells. cases: driven twice; alike: equal to the last bit; floors: by quantity."""
+    """What driving an ADS twice tells.
+
+    cases: driven twice;
+    alike: equal to the last bit;
+    floors: by quantity.
+    """
 
     cases: int
     alike: int
@@ -45,8 +51,9 @@ ALIKE = Repeats(0, 0)
 class Noise:
     """What a night knows of chance, by ADS.
 
-    repeats: of each ADS that was driven twice. bad: by case, how many of its drives tonight were bad, the first among
-    them. shaky: cases that were bad before in some drives of one build.
+    repeats: of each ADS that was driven twice.
+    bad: by case, how many of its drives tonight were bad, the first among them.
+    shaky: cases that were bad before in some drives of one build.
     """
 
     repeats: Mapping[str, Repeats] = field(default_factory=dict)
@@ -61,7 +68,7 @@ class Noise:
 QUIET = Noise()
 
 
-# --- equations --------------------------------------------------------------------------------------------------------
+# --- equations ------------------------------------------------------------------------------------
 
 
 def worsening(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
@@ -86,16 +93,19 @@ def sign_test(worse: int, better: int) -> float:
 
 
 def kept_margin(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
-    """Share of its distance to an accident that a case kept: new / base, of a rate such as DRAC base / new, (n,)."""
+    """Share of its distance to an accident that a case kept: new / base, of a rate such as DRAC
+    base / new, (n,).
+    """
     kept, of = (new, base) if measure.higher_is_better else (base, new)
     return np.divide(kept, of, out=np.ones_like(kept), where=of > 0.0)
 
 
 def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
-    """Holm's method: which tests are rejected so that one false alarm has at most the probability `level`.
+    """Holm's method: which tests are rejected so that one false alarm has at most the probability
+    `level`.
 
-    chances: of each test its P and the least P that it could have had. Tests that could not be rejected however they
-    come out are no tests (Tarone).
+    chances: of each test its P and the least P that it could have had. Tests that could not be
+        rejected however they come out are no tests (Tarone).
     """
     able = list(range(len(chances)))
     while any(chances[i][1] > level / len(able) for i in able):
@@ -109,12 +119,15 @@ def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
     return rejected
 
 
-# --- cases ------------------------------------------------------------------------------------------------------------
+# --- cases ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ends:
-    """How cases ended, (n,) each. severity: U of the contact or of the departure, 0 without one, m/s."""
+    """How cases ended, (n,) each.
+
+    severity: U of the contact or of the departure, 0 without one, m/s.
+    """
 
     collided: BoolArray
     departed: BoolArray
@@ -132,7 +145,9 @@ class Ends:
             gave_up=cases.gave_up,
             not_evaluated=~cases.counted,
             missed=cases.requirements_missed != "",
-            severity=np.maximum(np.nan_to_num(cases.severity), np.nan_to_num(cases.departure_severity)),
+            severity=np.maximum(
+                np.nan_to_num(cases.severity), np.nan_to_num(cases.departure_severity)
+            ),
         )
 
     @property
@@ -142,7 +157,8 @@ class Ends:
 
 
 ENDS = {
-    "collided": "collided", "departed": "left the road", "gave_up": "gave up", "not_evaluated": "not evaluated",
+    "collided": "collided", "departed": "left the road", "gave_up": "gave up",
+    "not_evaluated": "not evaluated",
     "missed": "missed a requirement",
 }  # fmt: skip
 
@@ -151,7 +167,8 @@ ENDS = {
 class Worse:
     """Cases of an ADS in one scenario that are worse in a quantity, the worst first.
 
-    which: their pairs, (w,). before, after: values of all pairs, (n,).
+    which: their pairs, (w,).
+    before, after: values of all pairs, (n,).
     """
 
     one: AdsComparison
@@ -161,27 +178,37 @@ class Worse:
 
 
 def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray]:
-    """Part one: cases that ended in a way in which they did not end before, and those with a higher U, (n,) each.
+    """Part one: cases that ended in a way in which they did not end before, and those with a higher
+    U, (n,) each.
 
-    A case stands under the first of its new ends. severity_by: rise of U that counts, m/s.
+    A case stands under the first of its new ends.
+
+    severity_by: rise of U that counts, m/s.
     """
     fresh = np.zeros(len(base.collided), dtype=np.bool_)
     found = {}
     for name in ENDS:
         found[name] = getattr(new, name) & ~getattr(base, name) & ~fresh
         fresh |= found[name]
-    return found | {"severity": (new.severity - base.severity > severity_by * (1.0 + LAST_DIGIT)) & ~fresh}
+    return found | {
+        "severity": (new.severity - base.severity > severity_by * (1.0 + LAST_DIGIT)) & ~fresh
+    }
 
 
 def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
-    """Floor of U, m/s, of two drives of one build: among cases with a U. All others would hide how much it varies."""
+    """Floor of U, m/s, of two drives of one build: among cases with a U.
+
+    All others would hide how much it varies.
+    """
     contact = (once.severity > 0.0) | (twice.severity > 0.0)
     return floor_of((twice.severity - once.severity)[contact], settings)
 
 
 def severity_limit(settings: GateSettings, repeats: Repeats) -> float:
     """max(0.5 m/s, 2 floors of U)."""
-    return max(settings.outcome.severity_by, settings.outcome.floors * repeats.floors.get("severity", 0.0))
+    return max(
+        settings.outcome.severity_by, settings.outcome.floors * repeats.floors.get("severity", 0.0)
+    )
 
 
 def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
@@ -194,9 +221,11 @@ def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> d
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tally:
-    """Cases of one ADS in all scenarios, by one measure: worse ones by scenario, numbers, and what the sign test says.
+    """Cases of one ADS in all scenarios, by one measure: worse ones by scenario, numbers, and what
+    the sign test says.
 
-    cases: looked at. least_kept: the least share of its margin that a worse case kept.
+    cases: looked at.
+    least_kept: the least share of its margin that a worse case kept.
     """
 
     ads: str
@@ -223,17 +252,29 @@ class Tally:
 
 
 def tally(
-    ads: str, compared: Sequence[AdsComparison], measure: MeasureSettings, repeats: Repeats, *, zone: bool
+    ads: str,
+    compared: Sequence[AdsComparison],
+    measure: MeasureSettings,
+    repeats: Repeats,
+    *,
+    zone: bool,
 ) -> Tally:
-    """Worse and better cases of an ADS. zone: a value that is missing counts as one at the zone's limit."""
+    """Worse and better cases of an ADS.
+
+    zone: a value that is missing counts as one at the zone's limit.
+    """
     worse, better, cases, kept = [], 0, 0, 1.0
     for one in compared:
         before, after, there = values_of(one.changed.paired, measure, fill=zone)
         by = worsening(before, after, measure)
-        limit = tolerance(before, measure, repeats.floors.get(measure.quantity, 0.0)) * (1.0 + LAST_DIGIT)
+        limit = tolerance(before, measure, repeats.floors.get(measure.quantity, 0.0)) * (
+            1.0 + LAST_DIGIT
+        )
 
         if zone and measure.zone is not None:
-            nearest = np.fmin(before, after) if measure.higher_is_better else -np.fmax(before, after)
+            nearest = (
+                np.fmin(before, after) if measure.higher_is_better else -np.fmax(before, after)
+            )
             there &= nearest < (measure.zone if measure.higher_is_better else -measure.zone)
         flags = there & (by > limit)
 
@@ -244,25 +285,37 @@ def tally(
     return Tally(ads, measure, tuple(worse), better, cases, kept)
 
 
-def values_of(paired: Paired, measure: MeasureSettings, *, fill: bool) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """A quantity of all pairs, before and after, and which pairs have it and ended without contact in both runs."""
+def values_of(
+    paired: Paired, measure: MeasureSettings, *, fill: bool
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """A quantity of all pairs, before and after, and which pairs have it and ended without contact
+    in both runs.
+    """
     there = (paired.base.status == "ok") & (paired.new.status == "ok")
-    before, after = (getattr(cases, measure.quantity).astype(np.float64) for cases in (paired.base, paired.new))
+    before, after = (
+        getattr(cases, measure.quantity).astype(np.float64) for cases in (paired.base, paired.new)
+    )
     if fill and measure.zone is not None:
-        before, after = (np.where(np.isnan(values), measure.zone, values) for values in (before, after))
+        before, after = (
+            np.where(np.isnan(values), measure.zone, values) for values in (before, after)
+        )
     return before, after, there & np.isfinite(before) & np.isfinite(after)
 
 
-def _worst(one: AdsComparison, flags: BoolArray, by: FloatArray, before: Column, after: Column) -> Worse:
+def _worst(
+    one: AdsComparison, flags: BoolArray, by: FloatArray, before: Column, after: Column
+) -> Worse:
     which = np.flatnonzero(flags)
     return Worse(one, which[np.argsort(-by[which], kind="stable")].tolist(), before, after)
 
 
-# --- the parts --------------------------------------------------------------------------------------------------------
+# --- the parts ------------------------------------------------------------------------------------
 
 
 def came_nearer(found: Tally, settings: GateSettings) -> bool:
-    """Part two, of an ADS that repeats: W > B and (P < 0.1, or B = 0, or a case kept at most 60 % of its margin)."""
+    """Part two, of an ADS that repeats: W > B and (P < 0.1, or B = 0, or a case kept at most 60 %
+    of its margin).
+    """
     rule = settings.near_miss
     if not found.number > found.better:
         return False
@@ -270,7 +323,9 @@ def came_nearer(found: Tally, settings: GateSettings) -> bool:
 
 
 def shifted(found: Tally, settings: GateSettings, *, noisy: bool = False) -> bool:
-    """Part three: w >= max(3, 5 %) and P < 0.02, or, where the ADS repeats, B = 0 and w >= max(3, 15 %)."""
+    """Part three: w >= max(3, 5 %) and P < 0.02, or, where the ADS repeats, B = 0 and w >= max(3,
+    15 %).
+    """
     rule = settings.shift
     enough = found.number >= _least(found, rule, rule.share)
     if noisy:
@@ -290,22 +345,35 @@ def can_fail(found: Tally, settings: GateSettings, *, near: bool, noisy: bool) -
     return found.cases >= least and chance
 
 
-def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> tuple[list[Tally], list[Tally]]:
+def tallies(
+    comparison: Comparison, settings: GateSettings, noise: Noise
+) -> tuple[list[Tally], list[Tally]]:
     """What parts two and three look at: near misses, and shifts, of every ADS."""
     near, shift = [], []
     for ads in dict.fromkeys(one.ads for one in comparison.ads):
         compared = [one for one in comparison.ads if one.ads == ads]
         repeats = noise.of(ads)
         if settings.near_miss.on:
-            near += [tally(ads, compared, item, repeats, zone=True) for item in settings.near_miss.measure]
+            near += [
+                tally(ads, compared, item, repeats, zone=True)
+                for item in settings.near_miss.measure
+            ]
         if settings.shift.on:
-            shift += [tally(ads, compared, item, repeats, zone=False) for item in settings.shift.measure]
+            shift += [
+                tally(ads, compared, item, repeats, zone=False) for item in settings.shift.measure
+            ]
     return near, shift
 
 
 def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
-    """Whether no paired case is worse in anything, not even below a tolerance, and one is better beyond one."""
-    measures = [one for one in (*settings.near_miss.measure, *settings.shift.measure) if one.quantity not in TIMED]
+    """Whether no paired case is worse in anything, not even below a tolerance, and one is better
+    beyond one.
+    """
+    measures = [
+        one
+        for one in (*settings.near_miss.measure, *settings.shift.measure)
+        if one.quantity not in TIMED
+    ]
     better = False
     for one in comparison.ads:
         base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))

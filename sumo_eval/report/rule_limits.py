@@ -1,4 +1,6 @@
-"""The rule's three parts as limits that passed, failed, or could not be judged, each with its cases."""
+"""The rule's three parts as limits that passed, failed, or could not be judged, each with its
+cases.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,10 @@ from sumo_eval.report.words import count, number, point
 
 WORDS = {
     "min_gap": ("smallest gap", "m"), "min_ttc": ("smallest TTC", "s"), "pet": ("PET", "s"),
-    "max_drac": ("largest DRAC", "m/s2"), "max_jerk": ("largest jerk", "m/s3"), "task_share": ("t_i", ""),
-    "simulated_time": ("time to come through", "s"), "human_likeness": ("H_i", ""), "index": ("D_i", ""),
+    "max_drac": ("largest DRAC", "m/s2"), "max_jerk": ("largest jerk", "m/s3"),
+    "task_share": ("t_i", ""),
+    "simulated_time": ("time to come through", "s"), "human_likeness": ("H_i", ""),
+    "index": ("D_i", ""),
     "latency_relative": ("latency", ""),
 }  # fmt: skip
 """Name and unit of what the rule watches by default."""
@@ -54,7 +58,8 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
 
 
 def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> list[GateResult]:
-    """Whether a night was compared at all, and lost no ADS, no scenario and at most a tenth of its pairs.
+    """Whether a night was compared at all, and lost no ADS, no scenario and at most a tenth of its
+    pairs.
 
     accept: the command that accepts the loss.
     """
@@ -69,7 +74,18 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
     if not missing:
         return []
     sentence = f"{'; '.join(missing)}. If this is meant: {accept}"
-    return [GateResult("pairs", "every ADS", EVERYWHERE, False, sentence, float(of - lost), None, tuple(examples))]
+    return [
+        GateResult(
+            "pairs",
+            "every ADS",
+            EVERYWHERE,
+            False,
+            sentence,
+            float(of - lost),
+            None,
+            tuple(examples),
+        )
+    ]
 
 
 def _gone(comparison: Comparison) -> Iterator[str]:
@@ -80,7 +96,11 @@ def _gone(comparison: Comparison) -> Iterator[str]:
         ("ADS", [one.ads for one in lost], there[0]),
         ("logical scenario", [one.scenario for one in lost], there[1]),
     ):
-        yield from (f"{kind} `{name}` of the base is missing" for name in dict.fromkeys(names) if name not in known)
+        yield from (
+            f"{kind} `{name}` of the base is missing"
+            for name in dict.fromkeys(names)
+            if name not in known
+        )
     yield from (
         f"`{one.ads}` has no case of the base's {one.scenario} any more"
         for one in lost
@@ -88,7 +108,7 @@ def _gone(comparison: Comparison) -> Iterator[str]:
     )
 
 
-# --- outcome ----------------------------------------------------------------------------------------------------------
+# --- outcome --------------------------------------------------------------------------------------
 
 
 def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> Iterator[GateResult]:
@@ -96,7 +116,11 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
         repeats = noise.of(one.ads)
         for quantity, worse in newly_bad(one, settings, repeats).items():
             changes = [_ending(worse, pair) for pair in worse.which[:MOST_KEYS]]
-            shaky = [change.case for change in changes if repeats.noisy and is_shaky(change.case, settings, noise)]
+            shaky = [
+                change.case
+                for change in changes
+                if repeats.noisy and is_shaky(change.case, settings, noise)
+            ]
             bad = [change for change in changes if change.case not in shaky]
             number = len(worse.which) - len(shaky)
             sentence = _outcome_words(quantity, number, settings) + _shaky_words(shaky, noise)
@@ -107,15 +131,22 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
 
 
 def is_shaky(case: str, settings: GateSettings, noise: Noise) -> bool:
-    """Whether a newly bad case of a noisy ADS is chance: bad in too few of tonight's drives, or in some before."""
-    return case in noise.shaky or noise.bad.get(case, settings.outcome.bad_of) < settings.outcome.bad_of
+    """Whether a newly bad case of a noisy ADS is chance: bad in too few of tonight's drives, or in
+    some before.
+    """
+    return (
+        case in noise.shaky
+        or noise.bad.get(case, settings.outcome.bad_of) < settings.outcome.bad_of
+    )
 
 
 def _outcome_words(quantity: str, number: int, settings: GateSettings) -> str:
     if not number:
         return f"{quantity}: no case"
     if quantity == "severity":
-        return f"U rose by more than {settings.outcome.severity_by:g} m/s in {count(number, 'case')}"
+        return (
+            f"U rose by more than {settings.outcome.severity_by:g} m/s in {count(number, 'case')}"
+        )
     return f"{count(number, 'case')} {ENDS[quantity]}, not so in the base"
 
 
@@ -123,7 +154,10 @@ def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
     if not shaky:
         return ""
     named = ", ".join(f"{case} ({noise.bad.get(case, 1)})" for case in shaky[:MOST_NAMED])
-    return f"; not failed, because bad in some drives of this build only (in brackets how many): {named}"
+    return (
+        "; not failed, because bad in some drives of this build only (in brackets how many): "
+        f"{named}"
+    )
 
 
 def _ending(worse: Worse, pair: int) -> CaseChange:
@@ -141,22 +175,33 @@ def end_words(case: CaseResult) -> str:
     return ", ".join(ends) or case.status
 
 
-# --- near miss and shift ----------------------------------------------------------------------------------------------
+# --- near miss and shift --------------------------------------------------------------------------
 
 
 def _result(
-    found: Tally, comparison: Comparison, settings: GateSettings, noise: Noise, *, near: bool, bad: bool
+    found: Tally,
+    comparison: Comparison,
+    settings: GateSettings,
+    noise: Noise,
+    *,
+    near: bool,
+    bad: bool,
 ) -> GateResult:
     quantity = found.measure.quantity
     words, unit = WORDS.get(quantity, (quantity, ""))
     where = _where(found, comparison) if bad else _scenario(comparison, found.ads)
-    inside = f" inside {found.measure.zone:g} {unit}" if near and found.measure.zone is not None else ""
+    inside = (
+        f" inside {found.measure.zone:g} {unit}" if near and found.measure.zone is not None else ""
+    )
     if not can_fail(found, settings, near=near, noisy=noise.of(found.ads).noisy):
         sentence = f"{words}: {CANNOT_SEE} with {count(found.cases, 'case')}{inside}"
         return GateResult(quantity, found.ads, where, None, sentence)
 
     ways = ("nearer", "farther") if near else ("worse", "better")
-    sentence = f"{words}: {found.number} {ways[0]}, {found.better} {ways[1]} of {count(found.cases, 'case')}{inside}"
+    sentence = (
+        f"{words}: {found.number} {ways[0]}, {found.better} {ways[1]} of "
+        f"{count(found.cases, 'case')}{inside}"
+    )
     if not bad:
         return GateResult(quantity, found.ads, where, True, sentence, float(found.number), None)
     sentence += f" (P = {found.chance:z.2g})"
@@ -164,20 +209,25 @@ def _result(
         sentence += f"; one kept {found.least_kept:z.0%} of its margin"
     worst = worst_of(found)
     keys = tuple(_key(one, pair) for one in found.worse for pair in one.which)[:MOST_KEYS]
-    return GateResult(quantity, found.ads, where, False, sentence, float(found.number), None, keys, worst)
+    return GateResult(
+        quantity, found.ads, where, False, sentence, float(found.number), None, keys, worst
+    )
 
 
 def worst_of(found: Tally) -> tuple[CaseChange, ...]:
     """The worst cases of all scenarios, with the values before and after."""
     sign = 1.0 if found.measure.higher_is_better else -1.0
     first = [(sign * float(one.after[pair] - one.before[pair]), place, pair)
-             for place, one in enumerate(found.worse) for pair in one.which[:MOST_NAMED]]  # fmt: skip
+             for place,
+             one in enumerate(found.worse) for pair in one.which[:MOST_NAMED]]  # fmt: skip
     return tuple(_change(found.worse[place], pair) for _, place, pair in sorted(first)[:MOST_NAMED])
 
 
 def _change(worse: Worse, pair: int) -> CaseChange:
     case = _row(worse, pair)
-    return CaseChange(case.case, point(case.values), float(worse.before[pair]), float(worse.after[pair]))
+    return CaseChange(
+        case.case, point(case.values), float(worse.before[pair]), float(worse.after[pair])
+    )
 
 
 def _row(worse: Worse, pair: int) -> CaseResult:

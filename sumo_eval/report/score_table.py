@@ -1,4 +1,6 @@
-"""The scores as text: a first table that fits the terminal, and with `--all` every other number in tables below it."""
+"""The scores as text: a first table that fits the terminal, and with `--all` every other number in
+tables below it.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,10 @@ from sumo_eval.scoring.case_terms import SCORES
 FIRST = ("avoidable\nof all\ncollisions", "T", "A'", "H", "S+ (95 %)", "S")
 """Headings of the first table, beside the ADS and the scenario."""
 MORE = (
-    "cases", "unavoidable\ncollisions", "caused\ncollisions", "collided in\nsafe zone", "left\nthe road", "gave\nup",
-    "not\nevaluated", "T (95 %)", "A' (95 %)", "A (95 %)", "H (95 %)", "C (95 %)", "D (95 %)", "S (95 %)",
+    "cases", "unavoidable\ncollisions", "caused\ncollisions", "collided in\nsafe "
+                                                              "zone", "left\nthe road", "gave\nup",
+    "not\nevaluated", "T (95 %)", "A' (95 %)", "A (95 %)", "H (95 %)", "C (95 %)", "D (95 %)",
+    "S (95 %)",
 )  # fmt: skip
 """Headings of the tables that `--all` adds."""
 KEPT_LONGEST = (FIRST[4], FIRST[0], "T", "A'", "H", "S")
@@ -28,7 +32,8 @@ LONGEST_NAME = 24
 SHORTEST_NAME = 8
 GAP = "  "
 WORDS = (
-    "Avoidable: the ideal vehicle has no collision there. T: share of the driving task done. A': grade of the "
+    "Avoidable: the ideal vehicle has no collision there. T: share of the driving task done. A': "
+    "grade of the "
     "avoidable harm, 1 as the ideal vehicle, 0 as doing nothing. H: human-likeness, 0 to 1. "
     "S+ = T A' (a + b H), of 100 points. S: the paper's score."
 )
@@ -49,12 +54,19 @@ def score_lines(evaluation: Evaluation, width: int = WIDTH, everything: bool = F
             lines += ["", *_fitting(rows, columns, width)]
         return lines
     names = ", ".join(heading.replace("\n", " ") for heading in left_out)
-    return [*lines, *([f"Not shown for want of room: {names}; `--all` prints them."] if left_out else [])]
+    return [
+        *lines,
+        *([f"Not shown for want of room: {names}; `--all` prints them."] if left_out else []),
+    ]
 
 
 def cells_of(score: ScenarioResult) -> dict[str, str]:
     """The cell of every heading."""
-    scores = {heading: _score(score, heading) for heading in (*FIRST, *MORE) if heading.partition(" (")[0] in SCORES}
+    scores = {
+        heading: _score(score, heading)
+        for heading in (*FIRST, *MORE)
+        if heading.partition(" (")[0] in SCORES
+    }
     return {
         FIRST[0]: f"{score.avoidable_collisions} of {score.collisions}",
         "cases": str(score.cases),
@@ -82,7 +94,9 @@ def _first(rows: Sequence[Row], width: int) -> tuple[list[str], tuple[str, ...]]
         columns = [heading for heading in FIRST if heading in KEPT_LONGEST[:most]]
         if most == 1 or _least_width(rows, columns) <= width:
             break
-    return _fitting(rows, columns, width), tuple(heading for heading in FIRST if heading not in columns)
+    return _fitting(rows, columns, width), tuple(
+        heading for heading in FIRST if heading not in columns
+    )
 
 
 def _parts(rows: Sequence[Row], headings: Sequence[str], width: int) -> list[list[str]]:
@@ -96,7 +110,9 @@ def _parts(rows: Sequence[Row], headings: Sequence[str], width: int) -> list[lis
 
 
 def _least_width(rows: Sequence[Row], columns: Sequence[str]) -> int:
-    """Characters of the narrowest table of these columns: scenarios above their rows, long names shortened."""
+    """Characters of the narrowest table of these columns: scenarios above their rows, long names
+    shortened.
+    """
     longest = min(LONGEST_NAME, max(len(ads) for ads, _, _ in rows))
     return longest + sum(len(GAP) + column for column in _widths(rows, columns))
 
@@ -108,25 +124,33 @@ def _widths(rows: Sequence[Row], columns: Sequence[str]) -> list[int]:
 
 
 def _fitting(rows: Sequence[Row], columns: Sequence[str], width: int) -> list[str]:
-    """A table of these columns: names whole and scenarios in a column of their own, as far as there is room."""
+    """A table of these columns: names whole and scenarios in a column of their own, as far as there
+    is room.
+    """
     widths = _widths(rows, columns)
     room = width - sum(len(GAP) + column for column in widths)
     ads = max(len("ADS"), *(len(name) for name, _, _ in rows))
     scenario = max(len("scenario"), *(len(name) for _, name, _ in rows))
     if ads + len(GAP) + scenario <= room:
-        return _heading(columns, widths, (ads, scenario)) + _body(rows, columns, widths, (ads, scenario))
+        return _heading(columns, widths, (ads, scenario)) + _body(
+            rows, columns, widths, (ads, scenario)
+        )
 
     names = (min(ads, max(room, SHORTEST_NAME)),)
     lines = _heading(columns, widths, names)
     for name, own in groupby(rows, key=lambda row: row[1]):
-        lines += [click.style(_shortened(name, width), bold=True), *_body(list(own), columns, widths, names)]
+        lines += [
+            click.style(_shortened(name, width), bold=True),
+            *_body(list(own), columns, widths, names),
+        ]
     return lines
 
 
 def _heading(columns: Sequence[str], widths: Sequence[int], names: Sequence[int]) -> list[str]:
     """The lines above a table.
 
-    widths: characters of its columns. names: of the ADS, and of the scenario where it has a column.
+    widths: characters of its columns.
+    names: of the ADS, and of the scenario where it has a column.
     """
     depth = max(heading.count("\n") + 1 for heading in columns)
     heads = [([""] * depth + heading.split("\n"))[-depth:] for heading in columns]
@@ -140,11 +164,19 @@ def _heading(columns: Sequence[str], widths: Sequence[int], names: Sequence[int]
     return lines
 
 
-def _body(rows: Sequence[Row], columns: Sequence[str], widths: Sequence[int], names: Sequence[int]) -> list[str]:
+def _body(
+    rows: Sequence[Row], columns: Sequence[str], widths: Sequence[int], names: Sequence[int]
+) -> list[str]:
     lines = []
     for *named, cells in rows:
-        own = [_shortened(str(name), size).ljust(size) for name, size in zip(named, names, strict=False)]
-        shown = [_styled(cells[heading], heading, size) for heading, size in zip(columns, widths, strict=True)]
+        own = [
+            _shortened(str(name), size).ljust(size)
+            for name, size in zip(named, names, strict=False)
+        ]
+        shown = [
+            _styled(cells[heading], heading, size)
+            for heading, size in zip(columns, widths, strict=True)
+        ]
         lines.append(GAP.join(own + shown))
     return lines
 

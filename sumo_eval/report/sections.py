@@ -1,7 +1,10 @@
-"""The sections of the report, in their order. A new one is a line in SECTIONS and a file in templates/sections/.
+"""The sections of the report, in their order.
 
-A section's template sees what all sections share (`html._context`) and, as `content.<name>`, what its own function
-returned. A section whose function returns None is left out, so optional data has a section only where it exists.
+A new one is a line in SECTIONS and a file in templates/sections/.
+
+A section's template sees what all sections share (`html._context`) and, as `content.<name>`, what
+its own function returned. A section whose function returns None is left out, so optional data has a
+section only where it exists.
 """
 
 from __future__ import annotations
@@ -36,10 +39,13 @@ MOST_CHANGED = 200  # cases in the table of changes
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """What a report shows besides the evaluation itself; a section whose part is missing here is left out.
+    """What a report shows besides the evaluation itself; a section whose part is missing here is
+    left out.
 
-    comparison, gates: the change since an earlier run. since: when failed limits began to fail, in words, by their
-    names. notes: whole sentences about it. confidence: how far the scores can be trusted.
+    comparison, gates: the change since an earlier run.
+    since: when failed limits began to fail, in words, by their names.
+    notes: whole sentences about it.
+    confidence: how far the scores can be trusted.
     """
 
     comparison: Comparison | None = None
@@ -54,9 +60,11 @@ Content = Callable[[Evaluation, Beside], Mapping[str, Any] | None]
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One section: name of its template and anchor, words in the navigation, and what only it needs to know.
+    """One section: name of its template and anchor, words in the navigation, and what only it needs
+    to know.
 
-    about: what a reader finds in it, beside its title while it is folded. folded: whether it opens on demand.
+    about: what a reader finds in it, beside its title while it is folded.
+    folded: whether it opens on demand.
     """
 
     name: str
@@ -77,7 +85,9 @@ def summary_section(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
 
 
 def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
-    """Verdict, gates, flipped cases and differences; nothing where no earlier run was looked for."""
+    """Verdict, gates, flipped cases and differences; nothing where no earlier run was looked
+    for.
+    """
     comparison = beside.comparison
     if comparison is None and not beside.gates and not beside.notes:
         return None
@@ -95,18 +105,32 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         "notes": (*beside.notes, *(comparison.notes if comparison else ())),
         "gates": [
             (gate, beside.since.get(gate.name, ""), _alone(gate, comparison))
-            for gate in sorted(beside.gates, key=lambda gate: (gate.passed is not False, gate.passed is None))
+            for gate in sorted(
+                beside.gates, key=lambda gate: (gate.passed is not False, gate.passed is None)
+            )
         ],
         "counts": [
             (
                 one,
-                [(kind, one.count(kind), kind in WORSE) for kind in (*WORSE, *BETTER) if one.count(kind)],
                 [
-                    (name, quantity_words(name, value, confidence).replace("->", "→"), _standing(name, value))
+                    (kind, one.count(kind), kind in WORSE)
+                    for kind in (*WORSE, *BETTER)
+                    if one.count(kind)
+                ],
+                [
+                    (
+                        name,
+                        quantity_words(name, value, confidence).replace("->", "→"),
+                        _standing(name, value),
+                    )
                     for name, value in one.quantities.items()
                     if not value.unchanged
                 ],
-                [name.replace("_", " ") for name, value in one.quantities.items() if value.unchanged],
+                [
+                    name.replace("_", " ")
+                    for name, value in one.quantities.items()
+                    if value.unchanged
+                ],
             )
             for one in ads
         ],
@@ -151,7 +175,11 @@ def _outcome(case: CaseResult) -> str:
 
 def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """Where the points of every S+, and of the S beside it, went."""
-    return {"ledgers": [(_ledger(ledger_plus(one)), _ledger(ledger(one))) for one in findings(evaluation)]}
+    return {
+        "ledgers": [
+            (_ledger(ledger_plus(one)), _ledger(ledger(one))) for one in findings(evaluation)
+        ]
+    }
 
 
 def _ledger(found: Ledger) -> dict[str, Any]:
@@ -199,16 +227,32 @@ SECTIONS = (
     Section("summary", "In short", summary_section, folded=False),
     Section("change", "Change", change_content, folded=False),
     Section("verdict", "Scores", always, "every score with its interval, and why it is what it is"),
-    Section("ranking", "Ranking", ranking_content, "the order of the ADSs, and which differences may be chance"),
+    Section(
+        "ranking",
+        "Ranking",
+        ranking_content,
+        "the order of the ADSs, and which differences may be chance",
+    ),
     Section("ledger", "Ledger", ledger_content, "where the points of each score went"),
     Section(
-        "maps", "Maps and cases", always, "every case in its place; choose axes and slices, filter, groups of failures"
+        "maps",
+        "Maps and cases",
+        always,
+        "every case in its place; choose axes and slices, filter, groups of failures",
     ),
     Section("case", "One case", always, "replay, paths, speed, fields and measures of a case"),
     Section("likeness", "Human-likeness", always, "H, D and their factors, case by case"),
-    Section("people", "The drivers", lambda evaluation, _: people_context(evaluation), "how human the humans are"),
     Section(
-        "opinion", "Opinion", lambda evaluation, _: opinion_content(evaluation.folder), "what people gave the ADSs"
+        "people",
+        "The drivers",
+        lambda evaluation, _: people_context(evaluation),
+        "how human the humans are",
+    ),
+    Section(
+        "opinion",
+        "Opinion",
+        lambda evaluation, _: opinion_content(evaluation.folder),
+        "what people gave the ADSs",
     ),
     Section(
         "checks",
@@ -219,7 +263,12 @@ SECTIONS = (
     Section("collisions", "Collisions", always, "every collision and what it cost"),
     Section("preventability", "Preventability", always, "which collisions the reference avoids"),
     Section("missing", "Not evaluated", always, "cases that left the means, and why"),
-    Section("confidence", "Confidence", confidence_section, "where the intervals come from, what the cases cover"),
+    Section(
+        "confidence",
+        "Confidence",
+        confidence_section,
+        "where the intervals come from, what the cases cover",
+    ),
     Section(
         "qualification",
         "Qualification",
@@ -228,5 +277,7 @@ SECTIONS = (
     ),
     Section("zones", "Zones", always, "safe and hazardous parts of each space"),
     Section("glossary", "Glossary", always, "every term in plain words"),
-    Section("settings", "Settings", always, "readings of the method, every setting, how to reproduce"),
+    Section(
+        "settings", "Settings", always, "readings of the method, every setting, how to reproduce"
+    ),
 )

@@ -1,8 +1,8 @@
 """Which recorded drives travel in a page, and how: small enough for one file.
 
-Trajectories keep their recorded samples. Every channel is rounded to its step in `CHANNEL_STEPS`, written as
-differences of whole numbers, and deflated; what these differences cannot hold travels beside them as it is.
-`decodeTrajectories` in templates/field.js is the other half.
+Trajectories keep their recorded samples. Every channel is rounded to its step in `CHANNEL_STEPS`,
+written as differences of whole numbers, and deflated; what these differences cannot hold travels
+beside them as it is. `decodeTrajectories` in templates/field.js is the other half.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ CHANNEL_STEPS = {
 """Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s, m/s2, rad."""
 
 MOST_WHOLE = 2**30 - 1
-"""The largest whole number of steps that a channel's differences hold: any difference of two fits in 32 bits."""
+"""The largest whole number of steps that a channel's differences hold: any difference of two fits
+in 32 bits."""
 
 Point = tuple[str, int]
 """A concrete scenario: the logical scenario's name and the point's number."""
@@ -37,7 +38,9 @@ Point = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Embedded:
-    """Points whose trajectories travel in the page: of the ADSs and the other vehicles, and of the drivers too."""
+    """Points whose trajectories travel in the page: of the ADSs and the other vehicles, and of the
+    drivers too.
+    """
 
     points: frozenset[Point]
     with_drivers: frozenset[Point]
@@ -53,7 +56,8 @@ BYTES_OF_A_RUN_BEYOND = 40  # about, of an entry of `beyond`
 class Drives:
     """The recorded drives that travel in a page of one scenario.
 
-    trajectories: as the page reads them. rows: what is said of them beside each case, in the order of the cases.
+    trajectories: as the page reads them.
+    rows: what is said of them beside each case, in the order of the cases.
     drivers: of each point, the places of its drivers' among the trajectories.
     """
 
@@ -71,18 +75,24 @@ class SentDrives:
 
 
 def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> SentDrives:
-    """The drives that a page of these cases, by scenario, has room for. facts: where they are recorded.
+    """The drives that a page of these cases, by scenario, has room for.
 
-    Reading, rounding and deflating hold the interpreter's lock for a quarter of the time, so this is for a thread.
+    facts: where they are recorded.
+
+    Reading, rounding and deflating hold the interpreter's lock for a quarter of the time, so this
+    is for a thread.
     """
     runs = MOST_BYTES // BYTES_OF_A_RUN
     with open_store(facts) as store:
         while True:
             embedded = worth_embedding(cases_of, store, runs)
-            found = {name: _drives(name, store, embedded, cases) for name, cases in cases_of.items()}
-            sizes = (len(one.trajectories["data"]) + BYTES_OF_A_RUN_BEYOND * len(one.trajectories["beyond"])
-                     for one in found.values())  # fmt: skip
-            size = sum(sizes)
+            found = {
+                name: _drives(name, store, embedded, cases) for name, cases in cases_of.items()
+            }
+            size = sum(
+                len(table["data"]) + BYTES_OF_A_RUN_BEYOND * len(table["beyond"])
+                for table in (one.trajectories for one in found.values())
+            )
             if size <= MOST_BYTES or not embedded.points:
                 break
             runs = int(runs * 0.95 * MOST_BYTES / size)  # as many as fit, by what these really took
@@ -94,7 +104,9 @@ def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[Cas
     rows: list[dict[str, Any]] = []
     points = _points_of(store, {one.case for one in cases}, scenario)
     there = set(points.values())
-    numbers = {at: drives for at, drives, _ in store.drivers_at_points(scenario, RECORDED) if at in there}
+    numbers = {
+        at: drives for at, drives, _ in store.drivers_at_points(scenario, RECORDED) if at in there
+    }
     for case in (one.case for one in cases):
         number = points[case]
         here = (scenario, number) in embedded.points
@@ -109,17 +121,23 @@ def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[Cas
     drivers: dict[int, list[int]] = {}
     for number in sorted(number for name, number in embedded.with_drivers if name == scenario):
         for fact in store.facts_at(range(number, number + 1), "human", scenario):
-            if fact.status == "ok" and not store.is_let_go(fact.case):  # D_i is made of those that ended well
+            # D_i is made of those that ended well
+            if fact.status == "ok" and not store.is_let_go(fact.case):
                 drivers.setdefault(number, []).append(len(trajectories))
                 trajectories.append(store.trajectory(fact.case, EGO))
     return Drives(encode_trajectories(trajectories), rows, drivers)
 
 
-def worth_embedding(cases_of: Mapping[str, Sequence[CaseResult]], store: Store, most_runs: int) -> Embedded:
-    """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the most telling first.
+def worth_embedding(
+    cases_of: Mapping[str, Sequence[CaseResult]], store: Store, most_runs: int
+) -> Embedded:
+    """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the
+    most telling first.
 
-    Collisions and cases that could not be evaluated come first, without their drivers where not all fit, then the least
-    human-like. cases_of: those that the page has, by scenario.
+    Collisions and cases that could not be evaluated come first, without their drivers where not all
+    fit, then the least human-like.
+
+    cases_of: those that the page has, by scenario.
     """
     own: Counter[Point] = Counter()
     humans: Counter[Point] = Counter()
@@ -128,7 +146,9 @@ def worth_embedding(cases_of: Mapping[str, Sequence[CaseResult]], store: Store, 
         points = _points_of(store, {case.case for case in cases}, name)
         there = set(points.values())
         own.update((name, number) for _, number, _ in store.names("ads", name) if number in there)
-        humans.update((name, number) for _, number, _ in store.names("human", name) if number in there)
+        humans.update(
+            (name, number) for _, number, _ in store.names("human", name) if number in there
+        )
         for case in cases:
             at = name, points[case.case]
             matters = case.collided or not case.evaluated
@@ -154,22 +174,28 @@ def worth_embedding(cases_of: Mapping[str, Sequence[CaseResult]], store: Store, 
 
 
 def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | None:
-    """Where the replay shows a contact: time since the recording began, the other's name, the side that was hit."""
+    """Where the replay shows a contact: time since the recording began, the other's name, the side
+    that was hit.
+    """
     if hit is None or ego is None:
         return None
     return {"time": round(hit.time - float(ego.time[0]), 4), "other": hit.other, "side": hit.side}
 
 
 def _points_of(store: Store, cases: Set[str], scenario: str) -> dict[str, int]:
-    """The points of some of a scenario's cases, by case; no more is held of the facts: there may be millions."""
+    """The points of some of a scenario's cases, by case; no more is held of the facts: there may be
+    millions.
+    """
     return {case: number for case, number, _ in store.names("ads", scenario) if case in cases}
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
-    """Many trajectories in one string; lengths, counts and bodies beside it. `time` starts where the recording did.
+    """Many trajectories in one string; lengths, counts and bodies beside it.
 
-    beyond: samples that differences of 32 bits cannot hold, as they are: [channel, the first's place among all samples,
-    how many, their value].
+    `time` starts where the recording did.
+
+    beyond: samples that differences of 32 bits cannot hold, as they are: [channel, the first's
+        place among all samples, how many, their value].
     """
     counts = [len(trajectory) for trajectory in trajectories]
     planes = []
@@ -185,7 +211,8 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
         held = np.abs(whole) <= MOST_WHOLE
         beyond += [[name, *run] for run in _runs_of_one_value(channel, ~held)]
         change = np.diff(np.where(held, whole, 0.0).astype("<i4"), prepend=np.int32(0))
-        folded = change << 1 ^ change >> 31  # 2 c, and -2 c - 1 below 0: small numbers of either sign
+        # 2 c, and -2 c - 1 below 0: small numbers of either sign
+        folded = change << 1 ^ change >> 31
         planes.append(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes())
     return {
         "counts": counts,
@@ -200,7 +227,8 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
 def _runs_of_one_value(channel: FloatArray, chosen: BoolArray) -> Iterator[tuple[int, int, float]]:
     """(place of the first, how many, value) of chosen samples, equal neighbours together."""
     for (value, _), run in groupby(
-        enumerate(np.flatnonzero(chosen).tolist()), key=lambda pair: (float(channel[pair[1]]), pair[1] - pair[0])
+        enumerate(np.flatnonzero(chosen).tolist()),
+        key=lambda pair: (float(channel[pair[1]]), pair[1] - pair[0]),
     ):
         places = [place for _, place in run]
         yield places[0], len(places), value

@@ -1,4 +1,6 @@
-"""Which cases a page has where a run has more than a page can hold, and where all of them lie: density and shares."""
+"""Which cases a page has where a run has more than a page can hold, and where all of them lie:
+density and shares.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,12 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.trajectory import FloatArray
 
-MOST_SHOWN = 5_000  # cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
+# cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
+MOST_SHOWN = 5_000
 TILES = 40  # on each axis
 _SIDE = 6  # of a tile, px
-_NAMED, _LOST, _HIT = 5.0, 4.0, 2.0  # a case of a failed limit, not evaluated, collided; others at most 1
+# a case of a failed limit, not evaluated, collided; others at most 1
+_NAMED, _LOST, _HIT = 5.0, 4.0, 2.0
 _FAINTEST = 0.12  # how dark a tile is that holds the least
 
 IntArray = NDArray[np.intp]
@@ -26,8 +30,10 @@ IntArray = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """Which cases of a scenario the page has. places: of each ADS's cases, in their order; None: all. of: how many
-    there are.
+    """Which cases of a scenario the page has.
+
+    places: of each ADS's cases, in their order; None: all.
+    of: how many there are.
     """
 
     places: IntArray | None
@@ -40,19 +46,27 @@ class Shown:
 
     def number(self, cases: CaseTable) -> int:
         """How many of one ADS's there are."""
-        return len(cases) if self.places is None else int(np.count_nonzero(self.places < len(cases)))
+        return (
+            len(cases) if self.places is None else int(np.count_nonzero(self.places < len(cases)))
+        )
 
 
 def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, Shown]:
-    """By scenario. Half of those that the page has tell most: not evaluated, collisions by U, the least human-like; the
-    other half lie evenly among the rest. The ADSs of a scenario are shown at the same points.
+    """By scenario.
+
+    Half of those that the page has tell most: not evaluated, collisions by U, the least human-like;
+    the other half lie evenly among the rest. The ADSs of a scenario are shown at the same points.
 
     named: cases of failed limits, which tell more than all others.
     """
     every = {
-        zone.scenario: [one for one in evaluation.scores if one.scenario == zone.scenario] for zone in evaluation.zones
+        zone.scenario: [one for one in evaluation.scores if one.scenario == zone.scenario]
+        for zone in evaluation.zones
     }
-    numbers = {name: sum(len(evaluation.cases_of(one.ads, name)) for one in scores) for name, scores in every.items()}
+    numbers = {
+        name: sum(len(evaluation.cases_of(one.ads, name)) for one in scores)
+        for name, scores in every.items()
+    }
     if sum(numbers.values()) <= MOST_SHOWN:
         return {name: Shown(None, number) for name, number in numbers.items()}
     quota = max(MOST_SHOWN // max(len(evaluation.scores), 1), 2)
@@ -83,9 +97,13 @@ def _telling(cases: CaseTable, named: Collection[str]) -> FloatArray:
     return tells
 
 
-def density_maps(logical: LogicalScenario, cases: CaseTable, x: int, y: int) -> list[tuple[str, Markup]]:
-    """Pictures of where all cases of an ADS lie in two parameters, with what each shows: how many there are in each
-    part of the plane, and which share of them collided. x, y: columns of the parameters.
+def density_maps(
+    logical: LogicalScenario, cases: CaseTable, x: int, y: int
+) -> list[tuple[str, Markup]]:
+    """Pictures of where all cases of an ADS lie in two parameters, with what each shows: how many
+    there are in each part of the plane, and which share of them collided.
+
+    x, y: columns of the parameters.
     """
     across, up = (logical.parameters[column] for column in (x, y))
     tile = []
@@ -96,12 +114,21 @@ def density_maps(logical: LogicalScenario, cases: CaseTable, x: int, y: int) -> 
     number = np.bincount(place, minlength=TILES * TILES)
     hits = np.bincount(place, cases.collided, TILES * TILES)
     share = np.divide(hits, number, out=np.zeros(len(hits)), where=number > 0)
-    axes = " against ".join(f"{item.name} ({item.low:g} to {item.high:g}{item.behind})" for item in (up, across))
+    axes = " against ".join(
+        f"{item.name} ({item.low:g} to {item.high:g}{item.behind})" for item in (up, across)
+    )
     most = int(number.max(initial=0))
     return [
         (
             f"how many cases, up to {most:,} in a tile; {axes}",
-            _tiles(number / max(most, 1), number, number, "--c", f"number of cases, {axes}", (across, up)),
+            _tiles(
+                number / max(most, 1),
+                number,
+                number,
+                "--c",
+                f"number of cases, {axes}",
+                (across, up),
+            ),
         ),
         (
             f"share of them that collided, up to {share.max(initial=0.0):z.0%}; {axes}",
@@ -118,9 +145,14 @@ def _tiles(
     words: str,
     axes: tuple[Parameter, Parameter],
 ) -> Markup:
-    """A square for each tile with something in it, which carries its middle and what it says for the saved table."""
+    """A square for each tile with something in it, which carries its middle and what it says for
+    the saved table.
+    """
     size = TILES * _SIDE
-    middle = [[item.low + (item.high - item.low) * (k + 0.5) / TILES for k in range(TILES)] for item in axes]
+    middle = [
+        [item.low + (item.high - item.low) * (k + 0.5) / TILES for k in range(TILES)]
+        for item in axes
+    ]
     made = [
         Markup(
             '<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}" '
@@ -139,7 +171,8 @@ def _tiles(
         for place in np.flatnonzero(number > 0).tolist()
     ]
     return Markup(
-        '<svg class="density" data-chart="{}" data-head="{}" role="img" aria-label="{}" viewBox="0 0 {} {}">{}</svg>'
+        '<svg class="density" data-chart="{}" data-head="{}" role="img" aria-label="{}" '
+        'viewBox="0 0 {} {}">{}</svg>'
     ).format(
         words,
         json.dumps([*(item.name for item in axes), words.partition(",")[0]]),

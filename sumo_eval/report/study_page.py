@@ -1,4 +1,6 @@
-"""The page of a study: a few sentences, charts that can be saved, and their table, in the style of the report."""
+"""The page of a study: a few sentences, charts that can be saved, and their table, in the style of
+the report.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +27,18 @@ def write_study(
 ) -> Path:
     """Write the page and return its path.
 
-    figures: the charts by what stands over them; each stays whole on paper where a sheet has room for it. rows: the
-    table below them, its head first. least_width: of a chart, px; it scrolls on narrower screens.
+    figures: the charts by what stands over them; each stays whole on paper where a sheet has room
+        for it.
+    rows: the table below them, its head first.
+    least_width: of a chart, px; it scrolls on narrower screens.
     """
     for figure in figures.values():
-        figure.update_layout(title=None, width=None, template="none", margin={"l": 60, "r": 20, "t": 60, "b": 50})
-        figure.update_layout(legend={"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "top", "yref": "container"})
+        figure.update_layout(
+            title=None, width=None, template="none", margin={"l": 60, "r": 20, "t": 60, "b": 50}
+        )
+        figure.update_layout(
+            legend={"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "top", "yref": "container"}
+        )
     drawn = ",".join(figure.to_json() for figure in figures.values())
     page = template("study.html.j2").render(
         kicker=kicker, title=title, sentences=sentences, head=list(rows[0]) if rows else [],

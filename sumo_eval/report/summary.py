@@ -1,4 +1,6 @@
-"""The report's first screen: the first words of a run, the case to look at first, and the ADSs in their order."""
+"""The report's first screen: the first words of a run, the case to look at first, and the ADSs in
+their order.
+"""
 
 from __future__ import annotations
 
@@ -31,25 +33,37 @@ def summary_content(
     gates: Sequence[GateResult],
     since: Mapping[tuple[str, str, str], str],
 ) -> Mapping[str, Any]:
-    """What templates/sections/summary.html.j2 shows. since: when failed limits began to fail, in words."""
+    """What templates/sections/summary.html.j2 shows.
+
+    since: when failed limits began to fail, in words.
+    """
     order = ranked(evaluation)
     said = headline(evaluation)
     scenarios = [zone.scenario for zone in evaluation.zones]
-    digits = 0 if any(one.interval is None or one.interval[1] - one.interval[0] > WIDE for one in order) else 1
+    digits = (
+        0
+        if any(one.interval is None or one.interval[1] - one.interval[0] > WIDE for one in order)
+        else 1
+    )
     compared = comparison is not None or bool(gates)
     failing = [(gate, gate.worst[0]) for gate in gates if gate.passed is False and gate.worst]
-    changes = [(f"{gate.quantity} of {gate.ads}: {one.point}: {one.words}", f"#case:{case_key(one.case)}")
+    changes = [(f"{gate.quantity} of {gate.ads}: {one.point}: "
+                f"{one.words}", f"#case:{case_key(one.case)}")
                for gate, one in failing[:MOST_CHANGES]]  # fmt: skip
     builds = builds_besides(evaluation.manifest.get("builds", {}), comparison)
 
     return {
         "verdict": verdict(comparison, gates, evaluation).sentence if compared else "",
         "failed": any(gate.passed is False for gate in gates),
-        "failures": [(since.get(gate.name, ""), gate) for gate in gates if gate.passed is False] if compared else [],
+        "failures": [(since.get(gate.name, ""), gate) for gate in gates if gate.passed is False]
+        if compared
+        else [],
         "beside": [*builds, *(one.words for one in comparison.differences)] if comparison else [],
         "answers": said.answers,
         "alarms": said.alarms,
-        "worst": failing[0][1].case if failing else worst_case(evaluation, [one.ads for one in order]),
+        "worst": failing[0][1].case
+        if failing
+        else worst_case(evaluation, [one.ads for one in order]),
         "looks": [*changes, *_looks(evaluation, order[0].ads)],
         "rows": [_row(evaluation, one, scenarios, digits) for one in order],
         "scenarios": scenarios,
@@ -57,7 +71,9 @@ def summary_content(
 
 
 def worst_case(evaluation: Evaluation, order: Sequence[str]) -> str:
-    """The case that takes most from A, of the first ADS that loses any; else the least human-like one of the first."""
+    """The case that takes most from A, of the first ADS that loses any; else the least human-like
+    one of the first.
+    """
     hit = next((case for ads in order if (case := _costliest(evaluation, ads)) is not None), None)
     worst = hit or _least_human(evaluation, order[0])
     return "" if worst is None else worst.case
@@ -70,7 +86,9 @@ def _looks(evaluation: Evaluation, best: str) -> list[tuple[str, str]]:
         looks.append((f"{count(missing, 'case')} that could not be evaluated", "#missing"))
     least = _least_human(evaluation, best)
     if least is not None:
-        looks.append((f"the least human-like case of {best}: {_at(least)}", f"#case:{case_key(least.case)}"))
+        looks.append(
+            (f"the least human-like case of {best}: {_at(least)}", f"#case:{case_key(least.case)}")
+        )
     if (evaluation.cases.collided | ~evaluation.cases.evaluated).any():
         looks.append(("failures that are alike, in the maps", "#maps"))
     return looks
@@ -96,7 +114,9 @@ def _least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
             cases = one.cases
             likeness = np.where(cases.collided, np.nan, cases.human_likeness)
             if np.isfinite(likeness).any():
-                found.append(min(cases[likeness == np.nanmin(likeness)], key=lambda case: case.case))
+                found.append(
+                    min(cases[likeness == np.nanmin(likeness)], key=lambda case: case.case)
+                )
     return min(found, key=lambda case: (case.human_likeness or 0.0, case.case), default=None)
 
 
@@ -105,7 +125,9 @@ def _at(case: CaseResult) -> str:
     return ", ".join(f"{name} {value:z.4g}" for name, value in case.values.items())
 
 
-def _row(evaluation: Evaluation, one: RankedAds, scenarios: Sequence[str], digits: int) -> dict[str, Any]:
+def _row(
+    evaluation: Evaluation, one: RankedAds, scenarios: Sequence[str], digits: int
+) -> dict[str, Any]:
     scores = [score for score in evaluation.scores if score.ads == one.ads]
     own = {score.scenario: score.s_plus for score in scores}
     return {

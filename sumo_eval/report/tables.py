@@ -36,15 +36,18 @@ _IN_WORDS: dict[str, Callable[[CaseResult], str]] = {
     "reference_note": reference_note_words,
     "exposure_note": exposure_note_words,
 }
-_FIRST = ("case", "scenario", "ads")  # the parameters come behind these, everything else behind the parameters
+# the parameters come behind these, everything else behind the parameters
+_FIRST = ("case", "scenario", "ads")
 _REST = tuple(item.name for item in fields(CaseResult) if item.name not in (*_FIRST, "values"))
 
 
 def cases_csv(evaluation: Evaluation, path: Path) -> None:
-    """Write one row a case, empty where a value does not apply. SI units, as in `sumo_eval.results.CaseResult`.
+    """Write one row a case, empty where a value does not apply.
 
-    Parameters have a column each under their own name; one that is called like another column is `parameter_<name>`.
-    Text that a spreadsheet would run as a formula begins with `'`.
+    SI units, as in `sumo_eval.results.CaseResult`.
+
+    Parameters have a column each under their own name; one that is called like another column is
+    `parameter_<name>`. Text that a spreadsheet would run as a formula begins with `'`.
     """
     parameters = list(
         dict.fromkeys(
@@ -54,7 +57,9 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
             for name in case.values
         )
     )
-    headings = [f"parameter_{name}" if name in (*_FIRST, *_REST, *_ALSO) else name for name in parameters]
+    headings = [
+        f"parameter_{name}" if name in (*_FIRST, *_REST, *_ALSO) else name for name in parameters
+    ]
     cases = evaluation.cases
     worst = (None if math.isnan(value) else value for value in cases.incident_severity.tolist())
     also = zip(cases.departed.tolist(), cases.gave_up.tolist(), worst, strict=True)
@@ -68,7 +73,9 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
         )
         for case, more in zip(cases, also, strict=True)
     )
-    write_csv(path, map(cell, (*_FIRST, *headings, *_REST, *_ALSO)), (map(cell, row) for row in rows))
+    write_csv(
+        path, map(cell, (*_FIRST, *headings, *_REST, *_ALSO)), (map(cell, row) for row in rows)
+    )
 
 
 def _shown(case: CaseResult, name: str) -> Any:
@@ -77,7 +84,9 @@ def _shown(case: CaseResult, name: str) -> Any:
 
 
 def write_tables(evaluation: Evaluation) -> None:
-    """Write scores.json and cases.csv into the evaluation's folder; checks.csv where a scenario has requirements."""
+    """Write scores.json and cases.csv into the evaluation's folder; checks.csv where a scenario has
+    requirements.
+    """
     scores = json.dumps(scores_json(evaluation), indent=2, allow_nan=False)
     path = evaluation.folder / "scores.json"
     try:
@@ -101,7 +110,9 @@ def checks_csv(evaluation: Evaluation, path: Path) -> None:
 
 
 def scores_json(evaluation: Evaluation) -> dict[str, Any]:
-    """The scores as plain values that are valid JSON: None where a number is not known or was not computed."""
+    """The scores as plain values that are valid JSON: None where a number is not known or was not
+    computed.
+    """
     settings = evaluation.settings
     content = {
         "name": evaluation.name,
@@ -136,7 +147,9 @@ def _score_json(score: ScenarioResult) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A value made of dicts, lists, texts and finite numbers only; None for a number that is not finite."""
+    """A value made of dicts, lists, texts and finite numbers only; None for a number that is not
+    finite.
+    """
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -48,12 +48,14 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     """What a person must know besides the table, one sentence a line."""
     lines = ranking_lines(evaluation.ranking)
     lines += [
-        f"C of {score.ads} in {score.scenario} is not computed: {REASON_WITHOUT_C}. Its term counts 0 points."
+        f"C of {score.ads} in {score.scenario} is not computed: {REASON_WITHOUT_C}. Its term "
+        "counts 0 points."
         for score in evaluation.scores
         if score.c is None
     ]
     lines += [
-        f"D of {score.ads} in {score.scenario} is not computed: {reason_without_d(score)}. Its term counts 0 points."
+        f"D of {score.ads} in {score.scenario} is not computed: {reason_without_d(score)}. Its "
+        "term counts 0 points."
         for score in evaluation.scores
         if score.d is None and not score.nobody_compared
     ]
@@ -66,11 +68,21 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     alone = [score for score in evaluation.scores if score.nobody_compared]
     if alone:
         names = ", ".join(dict.fromkeys(score.scenario for score in alone))
-        lines.append(f"D and H are not computed in {names}: {reason_without_h(alone[0])}. They count 0 points.")
-    taskless = list(dict.fromkeys(score.scenario for score in evaluation.scores if score.task_share is None))
+        lines.append(
+            f"D and H are not computed in {names}: {reason_without_h(alone[0])}. They count 0 "
+            "points."
+        )
+    taskless = list(
+        dict.fromkeys(score.scenario for score in evaluation.scores if score.task_share is None)
+    )
     if taskless:
-        lines.append(f"T and S+ are not computed in {', '.join(taskless)}: {REASON_WITHOUT_T}. Read A' there.")
-    if any(not score.task_reference and score.task_share is not None for score in evaluation.scores):
+        lines.append(
+            f"T and S+ are not computed in {', '.join(taskless)}: {REASON_WITHOUT_T}. Read A' "
+            "there."
+        )
+    if any(
+        not score.task_reference and score.task_share is not None for score in evaluation.scores
+    ):
         lines.append(WITHOUT_REFERENCE_CAR)
     missing = unevaluated(evaluation)
     if number_of := sum(map(len, missing)):
@@ -87,12 +99,15 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     ]
     lines += check_lines(evaluation)
     lines += [
-        f"The sample of {zone.scenario} leaves out {zone.refused} of {count(zone.sampled + zone.refused, 'point')}: "
+        f"The sample of {zone.scenario} leaves out {zone.refused} of "
+        f"{count(zone.sampled + zone.refused, 'point')}: "
         "impossible by its constraints."
         for zone in evaluation.zones
         if zone.refused
     ]
-    lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
+    lines += [
+        f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes
+    ]
     lines += [
         f"Not supported in the catalogue: {why}"
         if Path(file).name in why
@@ -100,7 +115,10 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         for entry in evaluation.settings.scenario
         for file, why in entry.not_played.items()
     ]
-    if drivers_are_synthetic(evaluation.settings) or evaluation.settings.drivers.source == "recorded":
+    if (
+        drivers_are_synthetic(evaluation.settings)
+        or evaluation.settings.drivers.source == "recorded"
+    ):
         lines.append(people_sentence(evaluation))
     if "qualification" in evaluation.manifest:
         lines.append(qualification_sentence(evaluation.manifest))
@@ -110,7 +128,9 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
 
 @dataclass(slots=True)
 class _Kind:
-    """Cases that are missing from a mean in one way: the first of them, why it is, and how many more there are."""
+    """Cases that are missing from a mean in one way: the first of them, why it is, and how many
+    more there are.
+    """
 
     case: CaseResult
     sentence: str
@@ -118,10 +138,12 @@ class _Kind:
 
 
 def _by_kind(missing: Iterable[CaseResult]) -> tuple[list[_Kind], int]:
-    """The first `MOST_LISTED` kinds of cases that are missing from a mean, and how many are of no such kind.
+    """The first `MOST_LISTED` kinds of cases that are missing from a mean, and how many are of no
+    such kind.
 
-    Those are of one kind that one ADS lost at one place of its code, or with one sentence, of who drove well whatever
-    its numbers. Of a kind only the first case is held: a million may be missing.
+    Those are of one kind that one ADS lost at one place of its code, or with one sentence, of who
+    drove well whatever its numbers. Of a kind only the first case is held: a million may be
+    missing.
     """
     kinds: dict[tuple[str, str, str], _Kind] = {}
     rest = 0
@@ -139,24 +161,31 @@ def _by_kind(missing: Iterable[CaseResult]) -> tuple[list[_Kind], int]:
 
 
 def _of_a_kind(kind: _Kind) -> str:
-    """The first case of a kind and its sentence, how many more there are, and where in the ADS's code it happened."""
+    """The first case of a kind and its sentence, how many more there are, and where in the ADS's
+    code it happened.
+    """
     more = f" and {kind.more} more" if kind.more else ""
     place = f" At {one_line(kind.case.error_place)}." if kind.case.error_place else ""
     return f"{one_line(kind.case.case)}{more}: {_shortened(one_line(kind.sentence))}{place}"
 
 
 def _shortened(sentence: str) -> str:
-    return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[: LONGEST_SENTENCE - 2]} …"
+    return (
+        sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[: LONGEST_SENTENCE - 2]} …"
+    )
 
 
 def ranking_lines(ranking: Ranking | None) -> list[str]:
-    """The ADSs in the order of S+, each with the difference to the one above it; nothing of a single ADS."""
+    """The ADSs in the order of S+, each with the difference to the one above it; nothing of a
+    single ADS.
+    """
     if ranking is None or len(ranking.ads) < 2:
         return []
     weighed = set(ranking.weights.values()) != {1.0}
     weights = ", ".join(f"{name} {weight:g}" for name, weight in ranking.weights.items())
     lines = [
-        f"Ranking by S+ over all scenarios{f' (weights: {weights})' if weighed else ''}{parts_of_total(ranking)}; "
+        "Ranking by S+ over all "
+        f"scenarios{f' (weights: {weights})' if weighed else ''}{parts_of_total(ranking)}; "
         f"{ranking.level:z.0%} intervals:"
     ]
     above = ""
@@ -165,11 +194,22 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
             lines.append(f"  not ranked: {one_line(one.ads)} has no S+ in some scenario")
             continue
         interval = interval_words(one.interval, 1)
-        words = f"  {one.place}. {one_line(one.ads)}  {number(one.s_plus, 1)}{f' ({interval})' if interval else ''}"
+        words = (
+            f"  {one.place}. {one_line(one.ads)}  "
+            f"{number(one.s_plus, 1)}{f' ({interval})' if interval else ''}"
+        )
         if above:
             pair = ranking.pair(above, one.ads)
-            ends = "" if pair.interval is None else f" ({number(-pair.interval[1], 1)}..{number(-pair.interval[0], 1)})"
-            why = "scored alike in every case" if pair.scored_alike and one.s_plus else "not told apart"
+            ends = (
+                ""
+                if pair.interval is None
+                else f" ({number(-pair.interval[1], 1)}..{number(-pair.interval[0], 1)})"
+            )
+            why = (
+                "scored alike in every case"
+                if pair.scored_alike and one.s_plus
+                else "not told apart"
+            )
             told = "" if pair.told_apart else f": {why}, the place is shared"
             words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}{told}"
         lines.append(words)
@@ -177,20 +217,27 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
     return lines
 
 
-# --- two runs ---------------------------------------------------------------------------------------------------------
+# --- two runs -------------------------------------------------------------------------------------
 
 MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
 
 
-def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evaluation: Evaluation) -> list[str]:
-    """What changed between two runs: verdict first, then what flipped, then the quantities, then the gates."""
+def comparison_lines(
+    comparison: Comparison, gates: Sequence[GateResult], evaluation: Evaluation
+) -> list[str]:
+    """What changed between two runs: verdict first, then what flipped, then the quantities, then
+    the gates.
+    """
     lines = [verdict(comparison, gates, evaluation).sentence]
     lines += [
-        f"{'DIFFERS' if other.decides else 'differs'}: {one_line(other.words)}" for other in comparison.differences
+        f"{'DIFFERS' if other.decides else 'differs'}: {one_line(other.words)}"
+        for other in comparison.differences
     ]
     lines += [one_line(note) for note in comparison.notes]
     for one in comparison.ads:
-        lines.append(f"{one_line(one.ads)} in {one.scenario}: {count(one.pairs, 'case')} side by side")
+        lines.append(
+            f"{one_line(one.ads)} in {one.scenario}: {count(one.pairs, 'case')} side by side"
+        )
         for kind in (*WORSE, *BETTER):
             found = one.changed.of(kind)
             if not len(found):
@@ -198,7 +245,9 @@ def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evalua
             lines.append(f"  {kind}: {len(found)}")
             for item in found[:MOST_CHANGES]:
                 by = "".join(f", {words}" for words in moved_words(item))
-                lines.append(f"    {one_line(item.new.case)}: {one_line(point(item.new.values))}{by}")
+                lines.append(
+                    f"    {one_line(item.new.case)}: {one_line(point(item.new.values))}{by}"
+                )
             if len(found) > MOST_CHANGES:
                 lines.append(f"    and {len(found) - MOST_CHANGES} more, all in the report.")
         for name, change in one.quantities.items():
@@ -211,19 +260,23 @@ _SEEN = 5e-4
 
 
 def moved_words(item: ChangedCase) -> list[str]:
-    """By how much what the change is about moved, and everything else in the case that moves a score."""
+    """By how much what the change is about moved, and everything else in the case that moves a
+    score.
+    """
     about_impact = item.change in ("harsher", "softer")
     words = [f"U {item.by:+z.3g} m/s"] if about_impact and item.by is not None else []
     return [*words, *(f"{name} {by:+z.3g}" for name, by in item.moved.items() if abs(by) >= _SEEN)]
 
 
 def gate_lines(
-    gates: Sequence[GateResult], run: Path | None = None, since: Mapping[tuple[str, str, str], str] | None = None
+    gates: Sequence[GateResult],
+    run: Path | None = None,
+    since: Mapping[tuple[str, str, str], str] | None = None,
 ) -> list[str]:
     """Limits that failed with their worst cases, what could not be judged, and how many passed.
 
-    run: the folder whose cases they are, for the command that drives one of them again. since: when each of them began
-    to fail, by the limit's name.
+    run: the folder whose cases they are, for the command that drives one of them again.
+    since: when each of them began to fail, by the limit's name.
     """
     lines = []
     for gate in gates:
@@ -231,10 +284,16 @@ def gate_lines(
             beside = [f"beside the accepted {gate.against}"] if gate.against else []
             beside += [(since or {})[gate.name]] if gate.name in (since or {}) else []
             when = f" ({', '.join(beside)})" if beside else ""
-            lines.append(f"gate FAILED: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}{when}")
+            lines.append(
+                f"gate FAILED: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}{when}"
+            )
             lines += [f"    {line}" for line in worst_lines(gate, run)]
 
-    return [*lines, *_unjudged_lines(gates), f"{count(sum(gate.passed is True for gate in gates), 'gate')} passed."]
+    return [
+        *lines,
+        *_unjudged_lines(gates),
+        f"{count(sum(gate.passed is True for gate in gates), 'gate')} passed.",
+    ]
 
 
 def worst_lines(gate: GateResult, run: Path | None) -> list[str]:
@@ -273,7 +332,9 @@ def _unjudged_line(ads: str, reason: str, alike: Sequence[GateResult]) -> str:
     if ads:
         names = ", ".join(gate.sentence.partition(": ")[0] for gate in alike)
         inside = " inside the zone of interest" if " inside " in alike[0].sentence else ""
-        return f"{one_line(ads)}: {reason.replace(CANNOT_SEE, f'{CANNOT_SEE} in {names}', 1)}{inside}"
+        return (
+            f"{one_line(ads)}: {reason.replace(CANNOT_SEE, f'{CANNOT_SEE} in {names}', 1)}{inside}"
+        )
     if len(alike) > 1:
         return f"{count(len(alike), 'gate')} not judged: {reason}"
     return f"gate not judged: {one_line(alike[0].ads)} in {alike[0].scenario}: {alike[0].sentence}"
@@ -285,17 +346,21 @@ def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     if change.base is None and change.new is None:
         return f"{NOT_COMPUTED} in either run"
     values = " -> ".join(
-        NOT_COMPUTED if value is None else f"{value:z.{digits}f}" for value in (change.base, change.new)
+        NOT_COMPUTED if value is None else f"{value:z.{digits}f}"
+        for value in (change.base, change.new)
     )
     if change.difference is None or change.low is None or change.high is None:
         return values
     if change.unchanged:
         return f"{change.new:z.{digits}f}, unchanged"
     interval = f"{change.low:+z.{digits}f} to {change.high:+z.{digits}f}"
-    return f"{values}, {change.difference:+z.{digits}f} ({confidence:z.0%} interval of the difference: {interval})"
+    return (
+        f"{values}, {change.difference:+z.{digits}f} ({confidence:z.0%} interval of the "
+        f"difference: {interval})"
+    )
 
 
-# --- where the points went --------------------------------------------------------------------------------------------
+# --- where the points went ------------------------------------------------------------------------
 
 MOST_ENTRIES = 3  # cases of a line of the ledger on a terminal
 
@@ -305,7 +370,8 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
     return [
         line
         for one in findings(evaluation)
-        for made in (ledger_plus, ledger)  # one after the other: each holds what every case adds to every line
+        # one after the other: each holds what every case adds to every line
+        for made in (ledger_plus, ledger)
         for line in _ledger_lines(made(one))
     ]
 
@@ -316,7 +382,9 @@ def _ledger_lines(found: Ledger) -> list[str]:
     for line in found.lines:
         cases = f", {count(line.cases, 'case')}" if line.entries else ""
         equation = f"Eq. {line.equation}: " if line.equation else ""
-        lines.append(f"  {line.points:+z8.2f}  {line.term} {line.index:+z.4f}  {equation}{line.words}{cases}")
+        lines.append(
+            f"  {line.points:+z8.2f}  {line.term} {line.index:+z.4f}  {equation}{line.words}{cases}"
+        )
         lines += [
             f"            {points:+z8.2f}  {one_line(case.case)}: {one_line(point(case.values))}"
             for case, points in line.worst(MOST_ENTRIES)

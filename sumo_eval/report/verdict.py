@@ -17,13 +17,17 @@ Word = Literal["first", "same", "no_limit_failed", "worse", "incomplete"]
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """word: first (no base), same (equal to the bit), no_limit_failed, worse, or incomplete (cases have no partner)."""
+    """word: first (no base), same (equal to the bit), no_limit_failed, worse, or incomplete (cases
+    have no partner).
+    """
 
     word: Word
     sentence: str
 
 
-def verdict(comparison: Comparison | None, gates: Sequence[GateResult], evaluation: Evaluation) -> Verdict:
+def verdict(
+    comparison: Comparison | None, gates: Sequence[GateResult], evaluation: Evaluation
+) -> Verdict:
     """Limits, changes, and avoidable collisions of the newer run."""
     word, standing = _standing(comparison, gates)
     avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
@@ -35,7 +39,10 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
     bad = [gate for gate in gates if gate.passed is False]
     if comparison is None:
         alone = "there is no earlier good run to compare with"
-        return "first", f"NOT GOOD: {count(len(bad), 'limit')} failed; {alone}" if bad else f"FIRST: {alone}"
+        return (
+            "first",
+            f"NOT GOOD: {count(len(bad), 'limit')} failed; {alone}" if bad else f"FIRST: {alone}",
+        )
 
     base = Path(comparison.base_folder).name
     if bad and all(gate.quantity == "pairs" for gate in bad):
@@ -44,15 +51,23 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
         moved = f"{count(comparison.worse, 'case')} got worse, {comparison.better} better"
         return "worse", f"WORSE than {base}: {count(len(bad), 'limit')} failed; {moved}"
     if comparison.identical:
-        return "same", f"THE SAME as {base}: {count(comparison.pairs, 'case')} equal to the last bit"
+        return (
+            "same",
+            f"THE SAME as {base}: {count(comparison.pairs, 'case')} equal to the last bit",
+        )
     return "no_limit_failed", f"NO LIMIT FAILED beside {base}: {_changes(comparison)}"
 
 
 def _changes(comparison: Comparison) -> str:
-    """`2 cases got worse, 1 better, 5 changed by less than the tolerances`, or how many are equal to the last bit."""
+    """`2 cases got worse, 1 better, 5 changed by less than the tolerances`, or how many are equal
+    to the last bit.
+    """
     worse, better = comparison.worse, comparison.better
     equal = sum(one.identical for one in comparison.ads)
-    less, lost = comparison.pairs - equal - worse - better, sum(one.lost for one in comparison.unpaired)
+    less, lost = (
+        comparison.pairs - equal - worse - better,
+        sum(one.lost for one in comparison.unpaired),
+    )
     words = [f"{count(worse, 'case')} got worse, {better} better"] if worse or better else []
     words += [f"{count(less, 'case')} changed by less than the tolerances"] if less > 0 else []
     words = words or [f"{count(equal, 'case')} equal to the last bit"]

@@ -1,4 +1,6 @@
-"""The sentences that the HTML report and the terminal share: what happened in a run, and why a score is so."""
+"""The sentences that the HTML report and the terminal share: what happened in a run, and why a
+score is so.
+"""
 
 from __future__ import annotations
 
@@ -60,52 +62,72 @@ LIKENESS_FACTORS = {
 """Meaning of the factors of a case's part in H."""
 
 GLOSSARY = {
-    "A": "avoided share: how much of the collision severity that doing nothing would bring and the ideal vehicle would "
-    "not was avoided, over all cases. 1: as the ideal vehicle; 0: as doing nothing; below 0: worse than that",
-    "H": "human-likeness: mean over the safe cases of length factor, operations factor, similarity and plausibility "
+    "A": "avoided share: how much of the collision severity that doing nothing would bring and "
+    "the ideal vehicle would "
+    "not was avoided, over all cases. 1: as the ideal vehicle; 0: as doing nothing; below 0: "
+    "worse than that",
+    "H": "human-likeness: mean over the safe cases of length factor, operations factor, "
+    "similarity and plausibility "
     "multiplied; 0 for a safe case with an avoidable incident",
-    "T": "share of the driving task done: mean over the safe cases of t_i, how much of the way that the drivers and "
-    "the reference car drove was driven in no more time than the slowest of them; 0 with an incident",
-    "A'": "grade of A: each ten times as much avoidable harm costs 0.37 to 0.48 of it. 1: as the ideal vehicle; 0: as "
+    "T": "share of the driving task done: mean over the safe cases of t_i, how much of the way "
+    "that the drivers and "
+    "the reference car drove was driven in no more time than the slowest of them; 0 with an "
+    "incident",
+    "A'": "grade of A: each ten times as much avoidable harm costs 0.37 to 0.48 of it. 1: as the "
+    "ideal vehicle; 0: as "
     "doing nothing",
     "S+": "the score that orders: T A' (a + b H), 0 to 100 points; an A' below 0 counts 0",
-    "departure": "a corner of the body is more than 0.5 m off the road; it weighs as a full-width contact with a "
+    "departure": "a corner of the body is more than 0.5 m off the road; it weighs as a full-width "
+    "contact with a "
     "standing car at that speed",
-    "gave up": "the ADS failed, ran out of time or ended its process: as bad as doing nothing, no task done",
-    "regret": "by how much severity the ADS exceeds the ideal vehicle: mean over all cases, weighted by r; 0 is best",
-    "C": "collision avoidance of the paper, Eq. 17: mean of Ug/U over the collisions alone; 1 without a collision",
-    "D": "human-likeness index of the paper, Eq. 13: mean of D_i over the safe cases; none after an avoidable "
+    "gave up": "the ADS failed, ran out of time or ended its process: as bad as doing nothing, no "
+    "task done",
+    "regret": "by how much severity the ADS exceeds the ideal vehicle: mean over all cases, "
+    "weighted by r; 0 is best",
+    "C": "collision avoidance of the paper, Eq. 17: mean of Ug/U over the collisions alone; 1 "
+    "without a collision",
+    "D": "human-likeness index of the paper, Eq. 13: mean of D_i over the safe cases; none after "
+    "an avoidable "
     "collision among them",
     "S": "score of the paper, Eq. 18: a C + b D, 0 to 100 points",
     "avoidable": "a collision that the ideal vehicle does not have in the same concrete scenario",
     "unavoidable": "a collision that the ideal vehicle has as well",
     "caused": "an avoidable collision that even a car that does nothing would not have had",
-    "ideal vehicle": "knows what actors will do, sees what is in sight, brakes at once with its full deceleration",
+    "ideal vehicle": "knows what actors will do, sees what is in sight, brakes at once with its "
+    "full deceleration",
     "doing nothing": "the driver `no_reaction`: keeps speed and lane whatever happens",
-    "U": "severity of a collision, Eq. 15: relative speed at first contact over the overlap of the bumpers, m/s",
+    "U": "severity of a collision, Eq. 15: relative speed at first contact over the overlap of "
+    "the bumpers, m/s",
     "Ug": "severity of the ideal vehicle in the same concrete scenario, m/s; 0 where it avoids",
     "U0": "severity of doing nothing in the same concrete scenario, m/s; 0 where nothing is hit",
     "L": "loss class of a collision, Eq. 14: 1, 0.7, 0.4 by severity, 0.1 without one",
-    "r": "weight of a case, Eq. 16: its distance from the most dangerous point, 1 at the border of the hazardous zone",
+    "r": "weight of a case, Eq. 16: its distance from the most dangerous point, 1 at the border "
+    "of the hazardous zone",
     "TTC": "time to collision: gap over closing speed, s",
     "ITTC": "inverse time to collision, 1/s: the larger, the more critical",
     "THW": "time headway: gap over own speed, s",
     "DRAC": "deceleration needed to avoid a crash, m/s²",
-    "exposure": "how often a concrete scenario is met in traffic, where somebody declared or measured it; else each "
+    "exposure": "how often a concrete scenario is met in traffic, where somebody declared or "
+    "measured it; else each "
     "counts the same",
     "slice": "a cross-section of the road, every half metre, at which paths are compared",
     "trajectory field": "how strongly a vehicle claims the space around its path, Eqs. 9–10",
-    "plausibility": "share of recorded people who go to such extremes of headway, time to collision, braking, jerk and "
+    "plausibility": "share of recorded people who go to such extremes of headway, time to "
+    "collision, braking, jerk and "
     "lateral motion, 1 from 5 % on",
-    "safe zone, hazardous zone": "where braking as set (5 m/s²) keeps the inverse time to collision below 0.7 1/s",
-    "interval": "a range that would hold the true number in 95 of 100 evaluations with other cases and drivers",
+    "safe zone, hazardous zone": "where braking as set (5 m/s²) keeps the inverse time to "
+    "collision below 0.7 1/s",
+    "interval": "a range that would hold the true number in 95 of 100 evaluations with other "
+    "cases and drivers",
 }
 """The terms of the report in plain words; what the page explains of a term stands here once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How a verdict appears: words, the letter in a cell of the map (so that nothing hangs on colour), colours."""
+    """How a verdict appears: words, the letter in a cell of the map (so that nothing hangs on
+    colour), colours.
+    """
 
     words: str
     letter: str
@@ -180,7 +202,7 @@ NEGLIGIBLE_LIMIT = 0.995  # a factor above this limits nothing that three digits
 SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
 
 
-# --- words for values -------------------------------------------------------------------------------------------------
+# --- words for values -----------------------------------------------------------------------------
 
 
 def number(value: float | None, digits: int) -> str:
@@ -190,7 +212,9 @@ def number(value: float | None, digits: int) -> str:
 
 def interval_words(interval: tuple[float, float] | None, digits: int) -> str:
     """`0.912..1.000`; nothing where there is no interval."""
-    return "" if interval is None else f"{number(interval[0], digits)}..{number(interval[1], digits)}"
+    return (
+        "" if interval is None else f"{number(interval[0], digits)}..{number(interval[1], digits)}"
+    )
 
 
 def span(interval: tuple[float, float] | None, digits: int) -> str:
@@ -221,7 +245,10 @@ def point(values: Mapping[str, float]) -> str:
 
 
 def collision_words(known: bool) -> str:
-    """What the collision probability is called. known: whether exposures were declared or measured."""
+    """What the collision probability is called.
+
+    known: whether exposures were declared or measured.
+    """
     return "Collision probability" if known else "Share of the points with a collision"
 
 
@@ -238,7 +265,9 @@ def end_reason(case: CaseResult) -> str:
 def nobody_recorded(evaluation: Evaluation) -> bool:
     """Whether recorded people were asked for, and none stands behind any D_i."""
     behind = people_behind(evaluation)
-    return evaluation.settings.drivers.source == "recorded" and not any(one.drives for one in behind)
+    return evaluation.settings.drivers.source == "recorded" and not any(
+        one.drives for one in behind
+    )
 
 
 def nobody_drove(evaluation: Evaluation) -> bool:
@@ -251,11 +280,14 @@ def people_sentence(evaluation: Evaluation) -> str:
     settings = evaluation.settings
     if nobody_drove(evaluation):
         return (
-            "D and H have no drivers to compare with: synthetic drivers do not cover these scenes, and no recorded "
+            "D and H have no drivers to compare with: synthetic drivers do not cover these "
+            "scenes, and no recorded "
             "driver matches them."
         )
     if settings.drivers.source != "recorded":
-        alone = ", ".join(dict.fromkeys(score.scenario for score in evaluation.scores if score.nobody_compared))
+        alone = ", ".join(
+            dict.fromkeys(score.scenario for score in evaluation.scores if score.nobody_compared)
+        )
         return drivers_sentence(settings) + (f" There are none in {alone}." if alone else "")
     behind = people_behind(evaluation)
     source = ", ".join(settings.drivers.recordings) or settings.drivers.cases
@@ -266,7 +298,8 @@ def people_sentence(evaluation: Evaluation) -> str:
         who = "no driver" if fills else f"fewer than {settings.drivers.least} drivers"
         return (
             f"D and H use no recorded driver: {source} has {who} in a situation like any of these "
-            f"{count(points, 'safe concrete scenario')}; {instead}. `recorded_drivers` in cases.csv counts them."
+            f"{count(points, 'safe concrete scenario')}; {instead}. `recorded_drivers` in "
+            "cases.csv counts them."
         )
     rest = "synthetic drivers fill up" if fills else "the others are left out"
     each = "; ".join(
@@ -275,7 +308,10 @@ def people_sentence(evaluation: Evaluation) -> str:
         for one in behind
     )
     least = settings.drivers.least
-    return f"Recorded people ({source}) stand behind D and H in {each}. Where they are fewer than {least}, {rest}."
+    return (
+        f"Recorded people ({source}) stand behind D and H in {each}. Where they are fewer than "
+        f"{least}, {rest}."
+    )
 
 
 def drivers_are_synthetic(settings: EvaluationSettings) -> bool:
@@ -287,13 +323,17 @@ def drivers_sentence(settings: EvaluationSettings) -> str:
     """Who the human drivers are: nobody may take synthetic ones for recorded people."""
     if drivers_are_synthetic(settings):
         return (
-            f"The {settings.drivers.count} human drivers of each concrete scenario are synthetic: drawn from "
+            f"The {settings.drivers.count} human drivers of each concrete scenario are synthetic: "
+            "drawn from "
             "distributions fitted to recorded traffic. They are not recorded people."
         )
-    return f"The human drivers come from `{settings.drivers.source}`, which this evaluation names as its reference."
+    return (
+        f"The human drivers come from `{settings.drivers.source}`, which this evaluation names as "
+        "its reference."
+    )
 
 
-# --- what could not be evaluated --------------------------------------------------------------------------------------
+# --- what could not be evaluated ------------------------------------------------------------------
 
 
 def why_missing(case: CaseResult) -> str:
@@ -301,7 +341,10 @@ def why_missing(case: CaseResult) -> str:
     if not case.evaluated:
         return case.error or _STATUS.get(case.status, f"Its status is {case.status}.")
     if case.ideal_severity is None:
-        return f"The ideal vehicle's case here could not be evaluated, so Ug is not known.{because(case.ideal_error)}"
+        return (
+            "The ideal vehicle's case here could not be evaluated, so Ug is not "
+            f"known.{because(case.ideal_error)}"
+        )
     if case.no_reaction_severity is None:
         why = because(case.no_reaction_error)
         return f"The case of `no_reaction` here could not be evaluated, so U0 is not known.{why}"
@@ -314,30 +357,41 @@ def why_missing(case: CaseResult) -> str:
 
 
 def because(error: str) -> str:
-    """What was recorded of a reference's drive, behind the sentence that says that it could not be evaluated."""
+    """What was recorded of a reference's drive, behind the sentence that says that it could not be
+    evaluated.
+    """
     return f" Recorded of it: {_STATUS.get(error, error)}" if error else ""
 
 
 def placed(sentence: str, case: CaseResult) -> str:
-    """A sentence about a case with the place in the user's code that its exception came from, where there is one."""
+    """A sentence about a case with the place in the user's code that its exception came from, where
+    there is one.
+    """
     return f"{sentence} At {case.error_place}." if case.error_place else sentence
 
 
 def severity_unit(settings: EvaluationSettings) -> str:
-    """Unit of U, Ug, U0 and the regret, with a blank before it; a loss in 0..1 in their place has none."""
+    """Unit of U, Ug, U0 and the regret, with a blank before it; a loss in 0..1 in their place has
+    none.
+    """
     chosen = settings.method.collision
     return " m/s" if chosen.severity == "severity" and chosen.loss == "severity" else ""
 
 
-# --- why A, H and S+ are what they are --------------------------------------------------------------------------------
+# --- why A, H and S+ are what they are ------------------------------------------------------------
 
 
 def collisions_sentence(score: ScenarioResult) -> str:
     """`5 collisions: 3 avoidable (1 of them caused by the ADS), 2 unavoidable.`"""
     if score.collisions == 0:
         return f"{score.ads} did not collide."
-    caused = f" ({score.caused_collisions} of them caused by the ADS)" if score.caused_collisions else ""
-    parts = [f"{score.avoidable_collisions} avoidable{caused}", f"{score.unavoidable_collisions} unavoidable"]
+    caused = (
+        f" ({score.caused_collisions} of them caused by the ADS)" if score.caused_collisions else ""
+    )
+    parts = [
+        f"{score.avoidable_collisions} avoidable{caused}",
+        f"{score.unavoidable_collisions} unavoidable",
+    ]
     unknown = score.collisions - score.avoidable_collisions - score.unavoidable_collisions
     if unknown:
         parts.append(f"{unknown} where the ideal vehicle could not be evaluated")
@@ -374,18 +428,25 @@ def explain_h(found: Findings) -> list[str]:
     score, likened = found.score, found.likened
     if score.human_likeness is None:
         return [f"H is not computed: {reason_without_h(score)}. Its term counts 0 points."]
-    counted, hits = (int(np.count_nonzero(flags)) for flags in (likened, likened & found.cases.incident))
+    counted, hits = (
+        int(np.count_nonzero(flags)) for flags in (likened, likened & found.cases.incident)
+    )
     means = found.likeness_means
     limit = f", {_limit(means, '{}')}" if means else ""
     said = f"H = {number(score.human_likeness, 3)}: mean over {count(counted, 'safe case')}{limit}"
-    lost = f"{count(hits, 'case')} with an avoidable incident {'counts' if hits == 1 else 'count'} 0."
+    lost = (
+        f"{count(hits, 'case')} with an avoidable incident {'counts' if hits == 1 else 'count'} 0."
+    )
     return [f"{said}.", *([lost] if hits else [])]
 
 
 def explain_s_plus(score: ScenarioResult, settings: EvaluationSettings) -> str:
     """How S+ is made of T, A' and H."""
     if score.s_plus is None:
-        return f"S+ is not computed: {REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_C}."
+        return (
+            "S+ is not computed: "
+            f"{REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_C}."
+        )
     points = settings.method.score
     done = f"{score.task_share:z.3f} x {max(score.avoidance_grade or 0.0, 0.0):z.3f}"
     human = 0.0 if score.human_likeness is None else score.human_likeness
@@ -398,13 +459,19 @@ def explain_t(score: ScenarioResult) -> list[str]:
     """Why T is what it is."""
     if score.task_share is None:
         return [f"T is not computed: {REASON_WITHOUT_T}."]
-    beside = f"`{score.task_reference}`" if score.task_reference else "the drivers alone: the run has no reference car"
+    beside = (
+        f"`{score.task_reference}`"
+        if score.task_reference
+        else "the drivers alone: the run has no reference car"
+    )
     lost = [
         f"{count(number, 'case')} {words}"
         for number, words in ((score.departures, "left the road"), (score.gave_up, "given up"))
         if number
     ]
-    return [f"T = {number(score.task_share, 3)} beside {beside}{'; ' if lost else ''}{', '.join(lost)}."]
+    return [
+        f"T = {number(score.task_share, 3)} beside {beside}{'; ' if lost else ''}{', '.join(lost)}."
+    ]
 
 
 def reason_without_h(score: ScenarioResult) -> str:
@@ -416,14 +483,18 @@ def reference_sentence(settings: EvaluationSettings) -> str:
     """Who the reference is, and why."""
     ads = reference_ads(settings)
     if ads is not None:
-        return f"The reference is “{ads}”, driven through the same concrete scenarios as every other ADS of this run."
+        return (
+            f"The reference is “{ads}”, driven through the same concrete scenarios as every other "
+            "ADS of this run."
+        )
     return (
-        f"No ADS of this run is “{settings.report.reference}”, so the reference is the ideal vehicle, which brakes at "
+        f"No ADS of this run is “{settings.report.reference}”, so the reference is the ideal "
+        "vehicle, which brakes at "
         "once at the limit, driven through the same concrete scenarios."
     )
 
 
-# --- why C, D and S are what they are ---------------------------------------------------------------------------------
+# --- why C, D and S are what they are -------------------------------------------------------------
 
 
 def ratio_of(case: CaseResult, loss: str) -> float | None:
@@ -443,14 +514,20 @@ def explain_c(found: Findings) -> list[str]:
         return [f"C is not computed: {REASON_WITHOUT_C}. Its term counts 0 points."]
     if score.collisions == 0:
         judged = int(np.count_nonzero(found.cases.evaluated))
-        return [f"{score.ads} did not collide in any of {count(judged, 'evaluated case')}, so C = 1."]
+        return [
+            f"{score.ads} did not collide in any of {count(judged, 'evaluated case')}, so C = 1."
+        ]
     risky = score.collisions - score.safe_collisions
-    zones = ((risky, score.hazardous_cases, "hazardous case"), (score.safe_collisions, score.safe_cases, "safe case"))
+    zones = (
+        (risky, score.hazardous_cases, "hazardous case"),
+        (score.safe_collisions, score.safe_cases, "safe case"),
+    )
     where = " and in ".join(f"{hits} of {count(of, noun)}" for hits, of, noun in zones if hits)
     ratio = "Ug/U" if loss == "severity" else "Lg/L"
     shares = found.collisions
     return [
-        f"{score.ads} collided in {where}; the ideal vehicle avoids {score.avoidable_collisions} of these.",
+        f"{score.ads} collided in {where}; the ideal vehicle avoids {score.avoidable_collisions} "
+        "of these.",
         f"C = {score.c:z.3f}: the mean of {ratio} over the collisions, weighted by r. "
         + (
             f"A collision that the ideal vehicle avoids has {ratio} = 0."
@@ -467,11 +544,16 @@ def explain_d(found: Findings) -> list[str]:
     if score.d is None:
         return [f"D is not computed: {reason_without_d(score)}. Its term counts 0 points."]
     means, indexed = found.factor_means, int(np.count_nonzero(counted))
-    sentences = [f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, {_limit(means, 'the {} factor')}."]
+    sentences = [
+        f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, "
+        f"{_limit(means, 'the {} factor')}."
+    ]
     low = int(np.count_nonzero(counted & (cases.index < 0.1)))
     if 0 < low < indexed:
         sentences.append(f"{low} of them {'scores' if low == 1 else 'score'} below 0.1.")
-    split = sum(any(one.kind == "two_groups" for one in notes) for notes in cases.index_note[cases.safe])
+    split = sum(
+        any(one.kind == "two_groups" for one in notes) for notes in cases.index_note[cases.safe]
+    )
     if split:
         sentences.append(
             f"In {split} of them some drivers overtook and others followed. D compares the ADS "
@@ -481,7 +563,10 @@ def explain_d(found: Findings) -> list[str]:
 
 
 def _limit(means: Mapping[str, float], words: str) -> str:
-    """Which factor limits a mean most, with the mean of each. words: `{}`, or around it."""
+    """Which factor limits a mean most, with the mean of each.
+
+    words: `{}`, or around it.
+    """
     name = min(means, key=lambda factor: means[factor])
     if means[name] >= NEGLIGIBLE_LIMIT:
         return "no factor limits it"
@@ -499,7 +584,8 @@ def parts_of_total(ranking: Ranking) -> str:
     parts = [
         f"{why} in {', '.join(names)}"
         for names, why in (
-            (ranking.without_task, "no task, so no S+,"), (ranking.without_people, "H counts 0, without people,"),
+            (ranking.without_task, "no task, so no S+,"),
+            (ranking.without_people, "H counts 0, without people,"),
         )
         if names
     ]  # fmt: skip
@@ -512,7 +598,8 @@ def _reason(found: NotComputed | None, what: str) -> str:
     return {
         "collisions": f"{count(found.collisions, 'collision')} in the safe zone",
         "no_safe_case": "no case lies in the safe zone",
-        "no_drivers": "no drivers for it: the synthetic ones do not know this scene, and none are recorded in it",
+        "no_drivers": "no drivers for it: the synthetic ones do not know this scene, and none are "
+        "recorded in it",
         "nothing_compared": "no safe case could be evaluated and compared with drivers",
         "no_exposure": f"every safe case with a {what} has exposure 0",
     }[found.why]
@@ -524,23 +611,33 @@ def not_computed(reason: str) -> str:
 
 
 _INDEX_NOTES: dict[NoteKind, str] = {
-    "manoeuvre_made_by": "Compared with the {count} of {of} drivers who made the same manoeuvre ({done}).",
-    "manoeuvre_made_by_nobody": "No driver made the ADS's manoeuvre ({done}), so its similarity is 0.",
+    "manoeuvre_made_by": "Compared with the {count} of {of} drivers who made the same manoeuvre "
+    "({done}).",
+    "manoeuvre_made_by_nobody": "No driver made the ADS's manoeuvre ({done}), so its similarity "
+    "is 0.",
     "centre_floor": "Deviation floor of the centre applied at {count} of {of} slices.",
     "field_floor": "Deviation floor of the field applied at {count} of {of} points.",
-    "two_groups": "At {count} of {of} slices the drivers are in two groups, over half a lane apart (bimodal).",
+    "two_groups": "At {count} of {of} slices the drivers are in two groups, over half a lane "
+    "apart (bimodal).",
     "driver_not_so_far": "At {count} of {of} slices some drivers had not got that far.",
-    "drivers_hold_last_y": "At {count} of {of} slices fewer than two drivers had got that far; the others hold their "
+    "drivers_hold_last_y": "At {count} of {of} slices fewer than two drivers had got that far; "
+    "the others hold their "
     "last y.",
-    "ads_off_road": "At {count} of {of} slices the ADS's centre is off the road; that side's points collapse on it.",
-    "past_the_road": "{count} of {of} trajectories go on past the road's end and are read up to it.",
-    "drivers_start_late": "{count} of {of} drivers start beyond the ADS's start and hold their first y up to there.",
-    "drivers_still_driving": "{count} of {of} drivers were still driving when last seen: their length counts to the "
+    "ads_off_road": "At {count} of {of} slices the ADS's centre is off the road; that side's "
+    "points collapse on it.",
+    "past_the_road": "{count} of {of} trajectories go on past the road's end and are read up to "
+    "it.",
+    "drivers_start_late": "{count} of {of} drivers start beyond the ADS's start and hold their "
+    "first y up to there.",
+    "drivers_still_driving": "{count} of {of} drivers were still driving when last seen: their "
+    "length counts to the "
     "road's end.",
-    "ads_still_driving": "The ADS was still driving when last seen: its length counts to the road's end, and slices "
+    "ads_still_driving": "The ADS was still driving when last seen: its length counts to the "
+    "road's end, and slices "
     "end there.",
     "ads_left_the_road": "The ADS left the road: its length is what it drove.",
-    "drivers_without_operation": "The drivers made no operation at all, so the ADS's operations make D zero.",
+    "drivers_without_operation": "The drivers made no operation at all, so the ADS's operations "
+    "make D zero.",
 }
 
 
@@ -563,30 +660,44 @@ def index_note_words(case: CaseResult) -> str:
 
 
 def reference_note_words(case: CaseResult) -> str:
-    """Why the drivers of a case are too few, and what is done about it; nothing where they are enough."""
+    """Why the drivers of a case are too few, and what is done about it; nothing where they are
+    enough.
+    """
     note = case.reference_note
     if note is None:
         return ""
     ending = "left out." if note.filled is None else f"filled with {note.filled} synthetic ones."
-    return f"Reference too thin: {note.recorded} of at least {note.least} recorded drivers; {ending}"
+    return (
+        f"Reference too thin: {note.recorded} of at least {note.least} recorded drivers; {ending}"
+    )
 
 
 def exposure_note_words(case: CaseResult) -> str:
     """Whether nobody was recorded in anything like a case; nothing where somebody was."""
-    known = {"": "", "outside_support": "Outside the data's support: no recorded event is like this concrete scenario."}
+    known = {
+        "": "",
+        "outside_support": "Outside the data's support: no recorded event is like this concrete "
+        "scenario.",
+    }
     return known[case.exposure_note]
 
 
 _COUNTED = {
-    "actors_left": "In {cases} an actor reached the end of the network and left it; the case continued without it "
+    "actors_left": "In {cases} an actor reached the end of the network and left it; the case "
+    "continued without it "
     "(clip `actor_left_the_network`).",
     "outside_support": "{number} of {of} cases lie outside the support of the recorded exposure.",
-    "struck_from_behind": "In {cases} an actor that reacts ran into the ego's rear: its own fault, counted apart, no "
+    "struck_from_behind": "In {cases} an actor that reacts ran into the ego's rear: its own "
+    "fault, counted apart, no "
     "collision for C and A (`method.collision.rear_end`).",
-    "gentler_than_ideal": "In {hits} the ADS hit more softly than the ideal vehicle; each has the ratio 1.",
-    "references_collide": "The space is called safe at {of_points}, yet drivers or the reference car collide at "
-    "{number} of them: check `zone.obstacle` of the scenario, the actor that ideal braking has to avoid.",
-    "ideal_collides_too": "The ideal vehicle has {number} of {of_hits} in the safe zone as well: C and A count them, D "
+    "gentler_than_ideal": "In {hits} the ADS hit more softly than the ideal vehicle; each has the "
+    "ratio 1.",
+    "references_collide": "The space is called safe at {of_points}, yet drivers or the reference "
+    "car collide at "
+    "{number} of them: check `zone.obstacle` of the scenario, the actor that ideal braking has to "
+    "avoid.",
+    "ideal_collides_too": "The ideal vehicle has {number} of {of_hits} in the safe zone as well: "
+    "C and A count them, D "
     "and H leave them out.",
 }
 
@@ -595,16 +706,21 @@ def score_note(note: ScoreNote) -> str:
     """What a reader must know of a score, as sentences."""
     match note:
         case DrivesLeftOut(left_out, drives, statuses):
-            how = ", ".join(f"{number} {_LEFT_OUT.get(status, status)}" for status, number in statuses)
+            how = ", ".join(
+                f"{number} {_LEFT_OUT.get(status, status)}" for status, number in statuses
+            )
             return f"The reference leaves out {left_out} of the drivers' {drives} drives: {how}."
         case DrivenAlone(alone):
             why = " ".join(f"{number} x: {reason}" for reason, number in alone)
             drives = sum(number for _, number in alone)
-            ran = f"{count(drives, 'drive')} could not share one simulation with others and ran alone"
+            ran = (
+                f"{count(drives, 'drive')} could not share one simulation with others and ran alone"
+            )
             return f"{ran}, which changes results of policies over arrays only. {why}"
         case DrivenInBlocks(drives, sizes):
             return (
-                f"Its policy over arrays received cases in fixed batches of {' and '.join(map(str, sizes))} "
+                "Its policy over arrays received cases in fixed batches of "
+                f"{' and '.join(map(str, sizes))} "
                 f"({count(drives, 'drive')}). The last bits of its answers may depend on the batch."
             )
         case BeyondRange(severity, reasons):
@@ -613,29 +729,39 @@ def score_note(note: ScoreNote) -> str:
             return f"{count(hits, 'collision')} outside the range of `{severity}`: {why}."
         case ThinReferences(thin, safe, left_out):
             return (
-                f"Reference too thin in {thin} of {safe} safe cases: {thin - left_out} filled with synthetic drivers, "
+                f"Reference too thin in {thin} of {safe} safe cases: {thin - left_out} filled "
+                "with synthetic drivers, "
                 f"{left_out} left out of D."
             )
         case Counted(what, counted, of):
             return _COUNTED[what].format(
-                number=counted, of=of, cases=count(counted, "case"), hits=count(counted, "collision"),
+                number=counted, of=of, cases=count(counted, "case"),
+                hits=count(counted, "collision"),
                 of_points=count(of, "point"), of_hits=count(of, "collision"),
             )  # fmt: skip
         case PlausibleTo(scenario, people, drives, least, instead):
             if instead is None:
-                return f"Plausibility compares with {people} recorded drivers of the run ({drives} drives)."
+                return (
+                    f"Plausibility compares with {people} recorded drivers of the run ({drives} "
+                    "drives)."
+                )
             return (
-                f"Plausibility compares with {instead} people on a motorway: the run has {people} recorded drivers in "
+                f"Plausibility compares with {instead} people on a motorway: the run has {people} "
+                "recorded drivers in "
                 f"`{scenario}`, and a table needs {least}."
             )
         case CasesMissing(zones):
             places = " and ".join(f"{number} in the {zone} zone" for zone, number in zones)
             missing = count(note.cases, "case")
-            return f"{missing} could not be evaluated ({places}); the scores are means over the others."
+            return (
+                f"{missing} could not be evaluated ({places}); the scores are means over the "
+                "others."
+            )
         case ReferenceMissing(who, reason, cases, example):
             drove, unknown = _REFERENCES[who]
             return (
-                f"In {count(cases, 'case')}, e.g. {example}, {drove} could not be evaluated, so {unknown} is not "
+                f"In {count(cases, 'case')}, e.g. {example}, {drove} could not be evaluated, so "
+                f"{unknown} is not "
                 f"known.{because(reason)}"
             )
         case WorstAndBest(c, d, s):
@@ -652,7 +778,9 @@ def score_note(note: ScoreNote) -> str:
 
 @dataclass(frozen=True, slots=True)
 class GatheredNote:
-    """A note that D_i left in several cases of one ADS and scenario; numbers that differ stand as a range."""
+    """A note that D_i left in several cases of one ADS and scenario; numbers that differ stand as a
+    range.
+    """
 
     ads: str
     scenario: str
@@ -670,7 +798,9 @@ def index_notes(evaluation: Evaluation) -> list[GatheredNote]:
             alike.setdefault((note.kind, note.manoeuvre), []).append(note)
         cases = {kind: sum(found[note] for note in notes) for kind, notes in alike.items()}
         gathered += [
-            GatheredNote(one.score.ads, one.score.scenario, cases[kind], _notes_sentence(alike[kind]))
+            GatheredNote(
+                one.score.ads, one.score.scenario, cases[kind], _notes_sentence(alike[kind])
+            )
             for kind in sorted(alike, key=lambda kind: (-cases[kind], kind))
         ]
     return gathered
@@ -687,6 +817,8 @@ def explain_s(score: ScenarioResult, settings: EvaluationSettings) -> str:
         return "S is not computed: nothing could be evaluated."
     terms = settings.method.score
     d_term = f"D gives {score.d_points:z.1f}" if score.d is not None else "D, not computed, gives 0"
-    scales = "" if terms.k5 == terms.k6 == 1.0 else f" (scaled by k5 = {terms.k5:g}, k6 = {terms.k6:g})"
+    scales = (
+        "" if terms.k5 == terms.k6 == 1.0 else f" (scaled by k5 = {terms.k5:g}, k6 = {terms.k6:g})"
+    )
     c_term = f"C gives {score.c_points:z.1f} of {terms.a:g} points"
     return f"S = {score.s:z.1f}: {c_term}, {d_term} of {terms.b:g} points{scales}."

@@ -34,5 +34,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Never:
     if name in NAMES:
-        raise ImportError(f"`{name}` was removed: `Actor(acts=({NAMES[name]}(...), ...))` says what a vehicle does.")
+        raise ImportError(
+            f"`{name}` was removed: `Actor(acts=({NAMES[name]}(...), ...))` says what a vehicle "
+            "does."
+        )
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

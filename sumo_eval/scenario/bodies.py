@@ -1,7 +1,8 @@
 """Bodies of other road users: standard sizes, and the class under which SUMO knows them.
 
-Sizes are SUMO's own defaults for the class where it has one (Vehicle_Type_Parameter_Defaults), of the car the
-project's; a child's are those of Euro NCAP's child target (EPTc), rounded. A scenario may give its own.
+Sizes are SUMO's own defaults for the class where it has one (Vehicle_Type_Parameter_Defaults), of
+the car the project's; a child's are those of Euro NCAP's child target (EPTc), rounded. A scenario
+may give its own.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ CAR = "car"
 
 
 class Standard(NamedTuple):
-    """length, width: m. sumo_class: SUMO's vClass. shape: how sumo-gui draws it."""
+    """length, width: m.
+    sumo_class: SUMO's vClass.
+    shape: how sumo-gui draws it.
+    """
 
     length: float
     width: float

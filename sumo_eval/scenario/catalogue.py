@@ -1,4 +1,5 @@
-"""The logical scenarios that ship: the scenario files in `sumo_eval/scenario/files`; and how a user names one.
+"""The logical scenarios that ship: the scenario files in `sumo_eval/scenario/files`; and how a user
+names one.
 
 A file is read when its scenario is asked for, once.
 """
@@ -41,10 +42,11 @@ SCENARIOS: Final[Mapping[str, LogicalScenario]] = _Shipped()
 
 
 def find(use: str, folder: Path | None = None) -> LogicalScenario:
-    """A logical scenario by its shipped name, or `file.toml`, a file of another installed format, `module:name`,
-    `file.py:name` relative to `folder`.
+    """A logical scenario by its shipped name, or `file.toml`, a file of another installed format,
+    `module:name`, `file.py:name` relative to `folder`.
 
-    After the name of a shipped one or of a file options may stand: `cut_in?lateral_acceleration=1.5`.
+    After the name of a shipped one or of a file options may stand:
+    `cut_in?lateral_acceleration=1.5`.
     """
     plain, given = options_of(use)
     if plain.endswith(".toml"):
@@ -57,7 +59,9 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
         return load(use)
     found = load_object(use, folder, "Logical scenario")
     if not isinstance(found, LogicalScenario):
-        raise InputError(f"Logical scenario `{use}` must be a LogicalScenario, got {type(found).__name__}.")
+        raise InputError(
+            f"Logical scenario `{use}` must be a LogicalScenario, got {type(found).__name__}."
+        )
     return found
 
 
@@ -69,16 +73,23 @@ def is_file(use: str) -> bool:
 
 @cache
 def load(name: str) -> LogicalScenario:
-    """The shipped logical scenario of that name, with options if it has any: `cut_in?lateral_acceleration=1.5`."""
+    """The shipped logical scenario of that name, with options if it has any:
+    `cut_in?lateral_acceleration=1.5`.
+    """
     plain, given = options_of(name)
     files = scenario_files()
     if plain not in files:
         _, dot, ending = plain.rpartition(".")
         if not dot:
             raise unknown("logical scenario", plain, files)
-        again = " It is one of sumo_eval's own: `pip install -e .` once more." if ending == "xosc" else ""
+        again = (
+            " It is one of sumo_eval's own: `pip install -e .` once more."
+            if ending == "xosc"
+            else ""
+        )
         raise InputError(
-            f"Unknown logical scenario `{plain}`: no installed package reads `.{ending}` files, which the entry point "
+            f"Unknown logical scenario `{plain}`: no installed package reads `.{ending}` files, "
+            "which the entry point "
             f"`{ending}` of the group `{GROUP}` would do.{again}"
         )
     return read_scenario(files[plain], given)

@@ -1,7 +1,9 @@
-"""A concrete scenario: one point of a space, as plain data for SUMO to be set up from and a child process to receive.
+"""A concrete scenario: one point of a space, as plain data for SUMO to be set up from and a child
+process to receive.
 
-Positions are vehicle centres in road coordinates: x along the road, y to the left, y = 0 on the right lane's centre
-line, headings from the road's direction. On a road that bends x is the distance along that line.
+Positions are vehicle centres in road coordinates: x along the road, y to the left, y = 0 on the
+right lane's centre line, headings from the road's direction. On a road that bends x is the distance
+along that line.
 """
 
 from __future__ import annotations
@@ -26,10 +28,14 @@ from sumo_eval.trajectory import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class NetworkFile:
-    """A SUMO network of the user's. edges: those of its edges that are driven along, in order; together straight.
+    """A SUMO network of the user's.
 
-    path: of the .net.xml, absolute. sha256: of its content, so that a changed file is another road. first_lane: SUMO's
-    index of the first edge's right-hand lane for cars: a pavement is to the right of it.
+    edges: those of its edges that are driven along, in order; together straight.
+
+    path: of the .net.xml, absolute.
+    sha256: of its content, so that a changed file is another road.
+    first_lane: SUMO's index of the first edge's right-hand lane for cars: a pavement is to the
+        right of it.
     """
 
     path: str
@@ -40,11 +46,14 @@ class NetworkFile:
 
 @dataclass(frozen=True, slots=True)
 class Road:
-    """A road. The ego is judged from its start to x = `length`; `run_out` lets faster vehicles drive on, m.
+    """A road. The ego is judged from its start to x = `length`; `run_out` lets faster vehicles
+    drive on, m.
 
-    network: the user's network that holds it; None: a network is written for it. line: the right lane's centre line
-    from x = 0 on, piece by piece, behind which the road is straight; none: it is straight throughout. spans: the lanes
-    that are not there throughout. crossings: roads that cross it.
+    network: the user's network that holds it; None: a network is written for it.
+    line: the right lane's centre line from x = 0 on, piece by piece, behind which the road is
+        straight; none: it is straight throughout.
+    spans: the lanes that are not there throughout.
+    crossings: roads that cross it.
     """
 
     name: str
@@ -88,11 +97,15 @@ class Road:
 
     def left_edge_at(self, x: ArrayLike) -> FloatArray:
         """y of the left road edge at x (any shape), m."""
-        return np.asarray(self.left_edge - self.lane_width * missing_at(self.span(self.lanes - 1), x))
+        return np.asarray(
+            self.left_edge - self.lane_width * missing_at(self.span(self.lanes - 1), x)
+        )
 
     def lanes_at(self, x: float) -> tuple[int, ...]:
         """The lanes that have their full width at x."""
-        return tuple(lane for lane in range(self.lanes) if self.span(lane).begin <= x <= self.span(lane).end)
+        return tuple(
+            lane for lane in range(self.lanes) if self.span(lane).begin <= x <= self.span(lane).end
+        )
 
     def lane_centre(self, lane: int) -> float:
         """y of a lane's centre line, m; lane 0 is the right-hand one."""
@@ -100,7 +113,8 @@ class Road:
 
 
 CHANGE_TIME = 4.0
-"""s at the ego's first speed that the lane change of a way takes: its lateral acceleration then peaks at 1.26 m/s2."""
+"""s at the ego's first speed that the lane change of a way takes: its lateral acceleration then
+peaks at 1.26 m/s2."""
 RECORDED_EVERY = 0.1  # s between two places of a recorded ego
 LEAST_CHANGE = 20.0  # m of road that it takes at least
 _PIECES = 64  # straight ones as which the length of a lane change is taken
@@ -108,9 +122,11 @@ _PIECES = 64  # straight ones as which the length of a lane change is taken
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """The lane change that the ego has to make: `offset` m to the left, from x = `begin` on, finished by x = `by`, m.
+    """The lane change that the ego has to make: `offset` m to the left, from x = `begin` on,
+    finished by x = `by`, m.
 
-    ends: whether the lane that it starts in ends there, so that it must wait there; else it drives past.
+    ends: whether the lane that it starts in ends there, so that it must wait there; else it drives
+        past.
     """
 
     offset: float
@@ -127,9 +143,11 @@ class Way:
 class Start:
     """Where a vehicle begins: centre (x, y) m and speed m/s, heading along the road.
 
-    lateral_speed: m/s to the left, below `speed`, with which the ego begins; it then heads that way. way: the lane
-    change that the ego has to make. recorded: where somebody was who drove here in its place, x and y of the centre, m,
-    every `RECORDED_EVERY` s from the start on.
+    lateral_speed: m/s to the left, below `speed`, with which the ego begins; it then heads that
+        way.
+    way: the lane change that the ego has to make.
+    recorded: where somebody was who drove here in its place, x and y of the centre, m, every
+        `RECORDED_EVERY` s from the start on.
     """
 
     x: float
@@ -140,7 +158,9 @@ class Start:
     recorded: tuple[tuple[float, float], ...] = ()
 
     def y_at(self, x: ArrayLike) -> FloatArray:
-        """y of its way at x (any shape), m: the lane that it starts in, the fixed lane change, the other lane."""
+        """y of its way at x (any shape), m: the lane that it starts in, the fixed lane change, the
+        other lane.
+        """
         places = np.asarray(x, dtype=np.float64)
         if self.way is None:
             return np.full(places.shape, self.y)
@@ -148,12 +168,18 @@ class Start:
         return np.asarray(self.y + self.way.offset * smooth_step(share))
 
     def x_after(self, distance: ArrayLike) -> FloatArray:
-        """x after so much of its way (any shape), m: a lane change is longer than the road beside it."""
+        """x after so much of its way (any shape), m: a lane change is longer than the road beside
+        it.
+        """
         driven = np.asarray(distance, dtype=np.float64)
         if self.way is None:
             return np.asarray(self.x + driven)
         x = np.linspace(self.way.begin, self.way.begin + self.way.length(self.speed), _PIECES + 1)
-        along = self.way.begin - self.x + np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(self.y_at(x)))))
+        along = (
+            self.way.begin
+            - self.x
+            + np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(self.y_at(x)))))
+        )
         longer = np.interp(driven, along, along - (x - self.x))
         return np.asarray(self.x + driven - longer)
 
@@ -163,8 +189,11 @@ class Start:
         return math.asin(self.lateral_speed / self.speed) if self.lateral_speed else 0.0
 
 
-def departures(recorded: Sequence[tuple[float, float]], time: ArrayLike, x: ArrayLike, y: ArrayLike) -> FloatArray:
-    """How far places x, y (n,) m are from where a recorded ego was at times (n,) s since the start, m.
+def departures(
+    recorded: Sequence[tuple[float, float]], time: ArrayLike, x: ArrayLike, y: ArrayLike
+) -> FloatArray:
+    """How far places x, y (n,) m are from where a recorded ego was at times (n,) s since the start,
+    m.
 
     recorded: as in `Start`. After its end its last place counts.
     """
@@ -175,7 +204,9 @@ def departures(recorded: Sequence[tuple[float, float]], time: ArrayLike, x: Arra
 
 
 def smooth_step(share: FloatArray | float) -> FloatArray:
-    """Share of a lateral move done after a share of its duration: 10 s^3 - 15 s^4 + 6 s^5, at rest at both ends."""
+    """Share of a lateral move done after a share of its duration: 10 s^3 - 15 s^4 + 6 s^5, at rest
+    at both ends.
+    """
     return np.asarray(motion.quintic(np.clip(share, 0.0, 1.0)))
 
 
@@ -185,17 +216,21 @@ def smooth_step_rate(share: FloatArray | float) -> FloatArray:
 
 
 def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = False) -> Act:
-    """A smooth lateral move: begins at `begin` s, takes `duration` s, ends `offset` m to the left (negative: right).
+    """A smooth lateral move: begins at `begin` s, takes `duration` s, ends `offset` m to the left
+    (negative: right).
 
-    cosine: it covers the share (1 - cos(pi s)) / 2 of its offset after the share s of its duration, OpenSCENARIO's
-    `sinusoidal`, peak rate pi/2 offset/duration; else that of `smooth_step`, peak rate 1.875 offset/duration.
+    cosine: it covers the share (1 - cos(pi s)) / 2 of its offset after the share s of its duration,
+        OpenSCENARIO's `sinusoidal`, peak rate pi/2 offset/duration; else that of `smooth_step`,
+        peak rate 1.875 offset/duration.
     """
     return Act(played.COSINE if cosine else played.SMOOTH, begin, duration, 0.0, offset)
 
 
-def constant_lateral(begin: float, speed: float, offset: float, acceleration: float = math.inf) -> Act:
-    """A lateral move at constant speed, as UN R157 has it: from `begin` s, at `speed` m/s > 0, until it has covered
-    `offset` m to the left (negative: right).
+def constant_lateral(
+    begin: float, speed: float, offset: float, acceleration: float = math.inf
+) -> Act:
+    """A lateral move at constant speed, as UN R157 has it: from `begin` s, at `speed` m/s > 0,
+    until it has covered `offset` m to the left (negative: right).
 
     acceleration: m/s2 with which the lateral speed builds up from 0 at `begin`; inf: at once.
     """
@@ -212,7 +247,9 @@ def constant_lateral(begin: float, speed: float, offset: float, acceleration: fl
 
 
 def brake_to_stop(begin: float, deceleration: float, jerk: float = math.inf) -> Act:
-    """Braking to a standstill: from `begin` s, deceleration rises at `jerk` m/s3 to `deceleration` m/s2 > 0."""
+    """Braking to a standstill: from `begin` s, deceleration rises at `jerk` m/s3 to `deceleration`
+    m/s2 > 0.
+    """
     if not (math.isfinite(deceleration) and deceleration > 0.0):
         raise must_be("`deceleration`", "a brake", "finite and greater than 0 m/s2", deceleration)
     if not jerk > 0.0:
@@ -221,12 +258,15 @@ def brake_to_stop(begin: float, deceleration: float, jerk: float = math.inf) -> 
 
 
 def keeps_on(acts: Sequence[Act]) -> Act:
-    """An act that changes nothing beside others, and lets a vehicle be where timed ones may not: beside the lanes."""
+    """An act that changes nothing beside others, and lets a vehicle be where timed ones may not:
+    beside the lanes.
+    """
     return Act(played.KEEP, math.inf if acts else 0.0)
 
 
 def braked_speed(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> FloatArray:
-    """Speed `time` s after a vehicle at `speed` m/s began to brake to a standstill with `deceleration`, m/s2.
+    """Speed `time` s after a vehicle at `speed` m/s began to brake to a standstill with
+    `deceleration`, m/s2.
 
     Arrays broadcast; before that, its own speed.
     """
@@ -235,7 +275,9 @@ def braked_speed(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> 
 
 
 def braked_distance(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> FloatArray:
-    """Distance driven `time` s after the brake was touched, m (negative before); arguments as in `braked_speed`."""
+    """Distance driven `time` s after the brake was touched, m (negative before); arguments as in
+    `braked_speed`.
+    """
     v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
     t = np.minimum(np.asarray(time, dtype=np.float64), v0 / a)
     return np.asarray(v0 * t - a * (np.maximum(t, 0.0) ** 2 / 2.0))
@@ -243,9 +285,12 @@ def braked_distance(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A car-following model of SUMO's that drives a vehicle: it reacts to the ego and to all others.
+    """A car-following model of SUMO's that drives a vehicle: it reacts to the ego and to all
+    others.
 
-    name: SUMO's. numbers: its parameters by SUMO's name. desired: the speed that it wants to drive, m/s.
+    name: SUMO's.
+    numbers: its parameters by SUMO's name.
+    desired: the speed that it wants to drive, m/s.
     """
 
     name: str
@@ -257,12 +302,16 @@ class Model:
 class Actor:
     """Another vehicle: keeps its speed along the road until one of its acts says otherwise.
 
-    slides: it keeps its heading while it moves across, like the upright rectangles that UN R157's tables are made with;
-    otherwise it points where it goes. body: what it is (`scenario.bodies`). heading: at the start, rad to the left of
-    the road. One with a `model` is driven by SUMO, from the start on or from when its act `FOLLOW` begins.
+    slides: it keeps its heading while it moves across, like the upright rectangles that UN R157's
+        tables are made with; otherwise it points where it goes.
+    body: what it is (`scenario.bodies`).
+    heading: at the start, rad to the left of the road. One with a `model` is driven by SUMO, from
+        the start on or from when its act `FOLLOW` begins.
 
-    on_map: on a road that bends, x m, y m and heading rad of its start on the map, from where its line
-    leads straight on the map, and not along the road: who comes across the way of an ego that turns. None: its line is
+    on_map: on a road that bends, x m, y m and heading rad of its start on the map, from where its
+        line
+    leads straight on the map, and not along the road: who comes across the way of an ego that
+    turns. None: its line is
     along the road. `start` and `heading` are in the road's frame all the same.
 
     The methods below are of one that is not `lively`; of others they know the start alone.
@@ -300,7 +349,11 @@ class Actor:
     @property
     def braking(self) -> Act | None:
         """Its braking to a standstill, of one that is not lively; else None."""
-        return None if self.lively else next((act for act in self.acts if act.kind == played.SPEED), None)
+        return (
+            None
+            if self.lively
+            else next((act for act in self.acts if act.kind == played.SPEED), None)
+        )
 
     @property
     def script_end(self) -> float:
@@ -316,7 +369,8 @@ class Actor:
         stands = self.braking.begin + motion.time_to_stand(self.braking, self.start.speed)
         if self.script_end > stands:
             raise must_be(
-                "The lane changes", f"vehicle `{self.name}`", f"over when it stands, at {stands:.2f} s",
+                "The lane changes", f"vehicle `{self.name}`", "over when it stands, at "
+                                                              f"{stands:.2f} s",
                 round(self.script_end, 2),
             )  # fmt: skip
 
@@ -351,11 +405,14 @@ class EgoBody:
 
 @dataclass(frozen=True, slots=True)
 class ConcreteScenario:
-    """One point of a logical scenario: parameter values by name, exposure p_i, the road and every vehicle's start.
+    """One point of a logical scenario: parameter values by name, exposure p_i, the road and every
+    vehicle's start.
 
-    ego_body: the body that the ego has here; None: the one of the vehicle settings. time_limit: simulated time after
-    which the case is over, s; None: the simulation's own, which holds as well. standstill_time: how long the ego must
-    stand for the case to be over, s; None: the simulation's own.
+    ego_body: the body that the ego has here; None: the one of the vehicle settings.
+    time_limit: simulated time after which the case is over, s; None: the simulation's own, which
+        holds as well.
+    standstill_time: how long the ego must stand for the case to be over, s; None: the simulation's
+        own.
     """
 
     scenario: str
@@ -371,19 +428,33 @@ class ConcreteScenario:
     def __post_init__(self) -> None:
         names = ["ego", *(actor.name for actor in self.actors)]
         if len(set(names)) < len(names):
-            raise must_be("The names of the vehicles", f"scenario `{self.scenario}`", "distinct", ", ".join(names))
+            raise must_be(
+                "The names of the vehicles",
+                f"scenario `{self.scenario}`",
+                "distinct",
+                ", ".join(names),
+            )
 
     @property
     def lively(self) -> bool:
-        """Whether the others are played, and not SUMO's to move: somebody does what is no function of time alone, or
-        the lanes are not the same throughout, which SUMO counts from the begin of each edge.
+        """Whether the others are played, and not SUMO's to move: somebody does what is no function
+        of time alone, or the lanes are not the same throughout, which SUMO counts from the begin of
+        each edge.
         """
-        return self.road.shaped or self.ego.way is not None or any(actor.lively for actor in self.actors)
+        return (
+            self.road.shaped
+            or self.ego.way is not None
+            or any(actor.lively for actor in self.actors)
+        )
 
     @property
     def script_end(self) -> float:
         """When the others have done all that they do, s; inf where that is not known."""
-        return math.inf if self.lively else max((actor.script_end for actor in self.actors), default=-math.inf)
+        return (
+            math.inf
+            if self.lively
+            else max((actor.script_end for actor in self.actors), default=-math.inf)
+        )
 
     @property
     def reacts(self) -> bool:
@@ -403,11 +474,20 @@ class ConcreteScenario:
         return _with_body(vehicle, body)
 
     def simulation(self, settings: SimulationSettings) -> SimulationSettings:
-        """The settings with which this case is simulated: the given ones, with the scenario's ego and time limit."""
-        limit = settings.time_limit if self.time_limit is None else min(settings.time_limit, self.time_limit)
+        """The settings with which this case is simulated: the given ones, with the scenario's ego
+        and time limit.
+        """
+        limit = (
+            settings.time_limit
+            if self.time_limit is None
+            else min(settings.time_limit, self.time_limit)
+        )
         stood = settings.standstill_time if self.standstill_time is None else self.standstill_time
         vehicle = self.ego_vehicle(settings.vehicle)
-        if vehicle is settings.vehicle and (limit, stood) == (settings.time_limit, settings.standstill_time):
+        if vehicle is settings.vehicle and (limit, stood) == (
+            settings.time_limit,
+            settings.standstill_time,
+        ):
             return settings
         return replace(settings, vehicle=vehicle, time_limit=limit, standstill_time=stood)
 

@@ -1,6 +1,8 @@
-"""How often the values of a parameter are met: a distribution of scipy.stats by its name there, cut to the range.
+"""How often the values of a parameter are met: a distribution of scipy.stats by its name there, cut
+to the range.
 
-scipy.stats is imported when a distribution is used: it takes 0.7 s, and every child process imports this module.
+scipy.stats is imported when a distribution is used: it takes 0.7 s, and every child process imports
+this module.
 """
 
 from __future__ import annotations
@@ -18,18 +20,28 @@ from sumo_eval.trajectory import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """A continuous distribution of scipy.stats. arguments: its shape parameters, `loc` and `scale`, by name, sorted."""
+    """A continuous distribution of scipy.stats.
+
+    arguments: its shape parameters, `loc` and `scale`, by name, sorted.
+    """
 
     name: str
     arguments: tuple[tuple[str, float], ...]
 
     @classmethod
     def of(cls, name: str, arguments: Mapping[str, float], owner: str) -> Distribution:
-        """A checked one. Raises InputError for a name that scipy.stats does not have and for wrong arguments."""
+        """A checked one.
+
+        Raises InputError for a name that scipy.stats does not have and for wrong arguments.
+        """
         known = _continuous()
         if name not in known:
             raise unknown(f"distribution of {owner}", name, known)
-        shapes = [part.strip() for part in (getattr(_stats(), name).shapes or "").split(",") if part.strip()]
+        shapes = [
+            part.strip()
+            for part in (getattr(_stats(), name).shapes or "").split(",")
+            if part.strip()
+        ]
         allowed = [*shapes, "loc", "scale"]
         for given in arguments:
             if given not in allowed:
@@ -39,12 +51,18 @@ class Distribution:
                 raise InputError(f"Distribution `{name}` of {owner} must be given `{shape}`.")
         found = cls(name, tuple(sorted((key, float(value)) for key, value in arguments.items())))
         if not np.isfinite(found._frozen().ppf(0.5)):
-            raise InputError(f"Distribution `{name}` of {owner} does not exist with {dict(found.arguments)}.")
+            raise InputError(
+                f"Distribution `{name}` of {owner} does not exist with {dict(found.arguments)}."
+            )
         return found
 
     def density(self, values: ArrayLike, low: float, high: float) -> FloatArray:
-        """Probability density within the range low..high, per unit of the parameter; it integrates to 1 there."""
-        return np.asarray(self._frozen().pdf(np.asarray(values, dtype=np.float64)) / self.inside(low, high))
+        """Probability density within the range low..high, per unit of the parameter; it integrates
+        to 1 there.
+        """
+        return np.asarray(
+            self._frozen().pdf(np.asarray(values, dtype=np.float64)) / self.inside(low, high)
+        )
 
     def inside(self, low: float, high: float) -> float:
         """Probability of low..high."""
@@ -55,7 +73,9 @@ class Distribution:
         """Values below which these shares of the probability within low..high lie."""
         frozen = self._frozen()
         begin = frozen.cdf(low)
-        found = frozen.ppf(begin + np.asarray(shares, dtype=np.float64) * (frozen.cdf(high) - begin))
+        found = frozen.ppf(
+            begin + np.asarray(shares, dtype=np.float64) * (frozen.cdf(high) - begin)
+        )
         return np.asarray(np.clip(found, low, high))
 
     def __str__(self) -> str:
@@ -67,7 +87,9 @@ class Distribution:
 
 def _continuous() -> list[str]:
     stats = _stats()
-    return sorted(name for name in dir(stats) if isinstance(getattr(stats, name), stats.rv_continuous))
+    return sorted(
+        name for name in dir(stats) if isinstance(getattr(stats, name), stats.rv_continuous)
+    )
 
 
 def _stats() -> Any:

@@ -1,8 +1,10 @@
-"""A small language of arithmetic and comparisons for scenario files: `3.5 * ego_speed`, `lead_speed < ego_speed`.
+"""A small language of arithmetic and comparisons for scenario files: `3.5 * ego_speed`, `lead_speed
+< ego_speed`.
 
-Python's parser reads the text, and only the node types listed here are understood: numbers, names, + - * / **,
-comparisons (chains too), and, or, not, and the functions below. There are no attributes, no subscripts, no calls of
-anything else and no `eval`. One expression serves a whole space, on numpy arrays, and one point, on plain floats.
+Python's parser reads the text, and only the node types listed here are understood: numbers, names,
++ - * / **, comparisons (chains too), and, or, not, and the functions below. There are no
+attributes, no subscripts, no calls of anything else and no `eval`. One expression serves a whole
+space, on numpy arrays, and one point, on plain floats.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError)
 
 
 def _quiet(function: Callable[..., Any]) -> Callable[..., float]:
-    """A function of numpy's on plain floats: what is not defined is nan or inf, without a warning."""
+    """A function of numpy's on plain floats: what is not defined is nan or inf, without a
+    warning.
+    """
 
     def of_floats(*values: float) -> float:
         with np.errstate(all="ignore"):
@@ -61,7 +65,8 @@ _Pair = tuple[Callable[..., Any], Callable[..., Any]]
 
 _ARITHMETIC: dict[type[ast.operator], _Pair] = {
     ast.Add: (operator.add, operator.add), ast.Sub: (operator.sub, operator.sub),
-    ast.Mult: (operator.mul, operator.mul), ast.Div: (np.divide, _divide), ast.Pow: (np.power, _quiet(np.power)),
+    ast.Mult: (operator.mul, operator.mul), ast.Div: (np.divide, _divide),
+    ast.Pow: (np.power, _quiet(np.power)),
 }  # fmt: skip
 _COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
@@ -77,7 +82,10 @@ _FUNCTIONS: dict[str, tuple[_Pair, int | None]] = {
     "tanh": ((np.tanh, _quiet(np.tanh)), 1),
     "where": ((np.where, lambda holds, then, other: then if holds else other), 3),
 }
-"""Functions by name and how many values they take (None: two or more). `where(condition, then, else)`."""
+"""Functions by name and how many values they take (None: two or more).
+
+`where(condition, then, else)`.
+"""
 _ARRAYS, _FLOATS = 0, 1
 _NOT: _Pair = (np.logical_not, operator.not_)
 _AND: _Pair = (np.logical_and, lambda a, b: a and b)
@@ -86,7 +94,10 @@ _OR: _Pair = (np.logical_or, lambda a, b: a or b)
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A checked expression. Two of the same text are equal, and one can be sent to another process."""
+    """A checked expression.
+
+    Two of the same text are equal, and one can be sent to another process.
+    """
 
     text: str
 
@@ -97,7 +108,9 @@ class Expression:
     def names(self) -> frozenset[str]:
         """The names it needs a value for."""
         return frozenset(
-            node.id for node in ast.walk(_tree(self.text)) if isinstance(node, ast.Name) and node.id not in _FUNCTIONS
+            node.id
+            for node in ast.walk(_tree(self.text))
+            if isinstance(node, ast.Name) and node.id not in _FUNCTIONS
         )
 
     @property
@@ -106,24 +119,33 @@ class Expression:
         return _is_condition(_tree(self.text))
 
     def value(self, values: Mapping[str, ArrayLike]) -> Any:
-        """The value at the given values by name, which broadcast. Where it is not defined (1 / 0) it is inf or nan."""
+        """The value at the given values by name, which broadcast.
+
+        Where it is not defined (1 / 0) it is inf or nan.
+        """
         with np.errstate(all="ignore"):
             return np.asarray(self._worked_out(values, _ARRAYS))
 
     def room(self, values: Mapping[str, ArrayLike]) -> Any:
-        """How far a condition is from its limit, in the unit of what it compares: below 0 where it does not hold."""
+        """How far a condition is from its limit, in the unit of what it compares: below 0 where it
+        does not hold.
+        """
         with np.errstate(all="ignore"):
             return np.asarray(_compiled_room(self.text)(values))
 
     def at(self, values: Mapping[str, float]) -> Any:
-        """The value at one point, given as plain floats: the number (or truth) that `value` has there, faster."""
+        """The value at one point, given as plain floats: the number (or truth) that `value` has
+        there, faster.
+        """
         return self._worked_out(values, _FLOATS)
 
     def _worked_out(self, values: Mapping[str, Any], kind: int) -> Any:
         try:
             return _compiled(self.text, kind)(values)
         except KeyError as error:
-            raise unknown(f"name in expression `{self.text}`:", str(error.args[0]), sorted(values)) from None
+            raise unknown(
+                f"name in expression `{self.text}`:", str(error.args[0]), sorted(values)
+            ) from None
 
 
 def checked_names(expression: Expression, known: Iterable[str], owner: str) -> Expression:
@@ -177,12 +199,22 @@ def _check(node: ast.expr, text: str, depth: int) -> None:
         raise InputError(f"Expression `{text}` must not be nested more than {DEEPEST} deep.")
     match node:
         case ast.Constant(value=value):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
-                raise InputError(f"Expression `{text}` must hold finite numbers and names only, got {shown(value)}.")
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, int | float)
+                or not _is_finite(value)
+            ):
+                raise InputError(
+                    f"Expression `{text}` must hold finite numbers and names only, got "
+                    f"{shown(value)}."
+                )
             return
         case ast.Name(id=name):
             if name in _FUNCTIONS:
-                raise InputError(f"`{name}` in expression `{text}` is a function: it must be given values in brackets.")
+                raise InputError(
+                    f"`{name}` in expression `{text}` is a function: it must be given values in "
+                    "brackets."
+                )
             return
         case ast.UnaryOp(op=ast.Not(), operand=operand):
             parts, wants_condition = [operand], True
@@ -192,7 +224,9 @@ def _check(node: ast.expr, text: str, depth: int) -> None:
             parts, wants_condition = [left, right], False
         case ast.BoolOp(values=values):
             parts, wants_condition = values, True
-        case ast.Compare(left=left, ops=ops, comparators=others) if all(type(op) in _COMPARISONS for op in ops):
+        case ast.Compare(left=left, ops=ops, comparators=others) if all(
+            type(op) in _COMPARISONS for op in ops
+        ):
             parts, wants_condition = [left, *others], False
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
             if name not in _FUNCTIONS:
@@ -200,7 +234,9 @@ def _check(node: ast.expr, text: str, depth: int) -> None:
             count = _FUNCTIONS[name][1]
             if len(args) != count and (count is not None or len(args) < 2):
                 wanted = "at least 2" if count is None else str(count)
-                raise must_be(f"`{name}`", f"expression `{text}`", f"given {wanted} values", len(args))
+                raise must_be(
+                    f"`{name}`", f"expression `{text}`", f"given {wanted} values", len(args)
+                )
             if name == "where":
                 _check_kind(args[0], text, wants_condition=True)
                 _check(args[0], text, depth + 1)
@@ -208,8 +244,10 @@ def _check(node: ast.expr, text: str, depth: int) -> None:
             parts, wants_condition = args, False
         case _:
             raise InputError(
-                f"Expression `{text}` holds `{ast.unparse(node)}`, which the language does not have. It has numbers, "
-                f"names, + - * / **, comparisons, and, or, not, and the functions {', '.join(_FUNCTIONS)}."
+                f"Expression `{text}` holds `{ast.unparse(node)}`, which the language does not "
+                "have. It has numbers, "
+                "names, + - * / **, comparisons, and, or, not, and the functions "
+                f"{', '.join(_FUNCTIONS)}."
             )
     for part in parts:
         _check_kind(part, text, wants_condition=wants_condition)
@@ -240,7 +278,10 @@ _Work = Callable[[Mapping[str, Any]], Any]
 
 @lru_cache(maxsize=2048)
 def _compiled(text: str, kind: int) -> _Work:
-    """The expression as nested functions of the values by name. kind: `_ARRAYS` or `_FLOATS`."""
+    """The expression as nested functions of the values by name.
+
+    kind: `_ARRAYS` or `_FLOATS`.
+    """
     return _work(_tree(text), kind)
 
 
@@ -250,15 +291,21 @@ def _compiled_room(text: str) -> _Work:
 
 
 def _room(node: ast.expr) -> ast.expr:
-    """A condition as a number that is below 0 where it does not hold: the least room of those that must all hold."""
+    """A condition as a number that is below 0 where it does not hold: the least room of those that
+    must all hold.
+    """
     match node:
         case ast.UnaryOp(operand=operand):
             return ast.UnaryOp(ast.USub(), _room(operand))
         case ast.BoolOp(op=op, values=values):
-            return _one_of("min" if isinstance(op, ast.And) else "max", [_room(value) for value in values])
+            return _one_of(
+                "min" if isinstance(op, ast.And) else "max", [_room(value) for value in values]
+            )
         case ast.Compare(left=left, ops=ops, comparators=others):
             sides = [left, *others]
-            return _one_of("min", [_between(*pair) for pair in zip(ops, sides[:-1], sides[1:], strict=True)])
+            return _one_of(
+                "min", [_between(*pair) for pair in zip(ops, sides[:-1], sides[1:], strict=True)]
+            )
     raise AssertionError(ast.dump(node))  # `_is_condition` knows no other
 
 
@@ -286,7 +333,8 @@ def _work(node: ast.expr, kind: int) -> _Work:
 def _operation(node: ast.expr, kind: int) -> _Work:
     match node:
         case ast.Constant(value=value):
-            constant = float(value) if kind == _FLOATS else np.float64(value)  # type: ignore[arg-type]
+            exact = float if kind == _FLOATS else np.float64
+            constant = exact(value)  # type: ignore[arg-type]
             return lambda values: constant
         case ast.Name(id=name):
             if kind == _FLOATS:
@@ -295,7 +343,10 @@ def _operation(node: ast.expr, kind: int) -> _Work:
         case ast.UnaryOp(op=ast.UAdd(), operand=operand):
             return _work(operand, kind)
         case ast.UnaryOp(op=op, operand=operand):
-            inner, turn = _work(operand, kind), _NOT[kind] if isinstance(op, ast.Not) else operator.neg
+            inner, turn = (
+                _work(operand, kind),
+                _NOT[kind] if isinstance(op, ast.Not) else operator.neg,
+            )
             return lambda values: turn(inner(values))
         case ast.BinOp(left=left, op=op, right=right):
             return _joined(_ARITHMETIC[type(op)][kind], _work(left, kind), _work(right, kind))

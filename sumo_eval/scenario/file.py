@@ -1,4 +1,6 @@
-"""A scenario file in TOML: read into a `LogicalScenario`, and checked with vehicles at every point of its sample."""
+"""A scenario file in TOML: read into a `LogicalScenario`, and checked with vehicles at every point
+of its sample.
+"""
 
 from __future__ import annotations
 
@@ -20,17 +22,23 @@ from sumo_eval.trajectory import FloatArray
 
 
 def read_scenario(path: Path, given: Mapping[str, str] | None = None) -> LogicalScenario:
-    """The logical scenario in a TOML file. given: options by name, as written.
+    """The logical scenario in a TOML file.
+
+    given: options by name, as written.
 
     Raises InputError naming what is wrong.
     """
-    return scenario_from(read_toml(path, "scenario file"), f"scenario file {path}", path.parent, given)
+    return scenario_from(
+        read_toml(path, "scenario file"), f"scenario file {path}", path.parent, given
+    )
 
 
 def scenario_from(
     content: Mapping[str, Any], where: str, folder: Path, given: Mapping[str, str] | None = None
 ) -> LogicalScenario:
-    """The logical scenario in a plain mapping. `where` names it in errors; `folder`: where its paths start.
+    """The logical scenario in a plain mapping.
+
+    `where` names it in errors; `folder`: where its paths start.
 
     given: as in `read_scenario`.
     """
@@ -38,10 +46,14 @@ def scenario_from(
     return table.logical(options, where, folder)
 
 
-def _with_options(table: ScenarioFile, given: Mapping[str, str]) -> tuple[ScenarioFile, dict[str, float]]:
+def _with_options(
+    table: ScenarioFile, given: Mapping[str, str]
+) -> tuple[ScenarioFile, dict[str, float]]:
     """The file as it is with the options that are given, and the value of every option by name."""
     owner = f"scenario `{table.name}`"
-    values = {item.name: math.inf if item.default is None else item.default for item in table.option}
+    values = {
+        item.name: math.inf if item.default is None else item.default for item in table.option
+    }
     for key in given:
         if key not in values:
             raise unknown(f"option of {owner}", key, values)
@@ -54,15 +66,20 @@ def _with_options(table: ScenarioFile, given: Mapping[str, str]) -> tuple[Scenar
             value = float(given[item.name])
         except ValueError:
             raise must_be(
-                f"`{item.name}`", owner, f"a number of {item.unit}" if unit else "a number", given[item.name]
+                f"`{item.name}`",
+                owner,
+                f"a number of {item.unit}" if unit else "a number",
+                given[item.name],
             ) from None
         if not (math.isfinite(value) and (item.above is None or value > item.above)):
             raise must_be(f"`{item.name}`", owner, wanted, value)
         values[item.name] = value
         then = item.given
+        suffix = then.suffix
+        suffix = item.name if suffix is None else suffix.replace("{value}", _worded(value))
         table = replace(
             table,
-            name=f"{table.name}_{item.name if then.suffix is None else then.suffix.replace('{value}', _worded(value))}",
+            name=f"{table.name}_{suffix}",
             about=table.about if then.about is None else then.about,
             road=table.road if then.road is None else then.road,
             vehicle=(*table.vehicle, *then.vehicle),
@@ -76,21 +93,29 @@ def _worded(value: float) -> str:
 
 
 def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str, ...]:
-    """Read a scenario file, place vehicles at every point of its own sample, and say in sentences what it holds.
+    """Read a scenario file, place vehicles at every point of its own sample, and say in sentences
+    what it holds.
 
-    given: options by name, as written. Raises InputError with what is wrong, at the first point where something is.
+    given: options by name, as written.
+    Raises InputError with what is wrong, at the first point where something is.
     """
     from sumo_eval.scenario.sampling.samples import sample
 
     logical = read_scenario(Path(path), given)
     chosen = sample(logical)
     if not len(chosen.points):
-        raise InputError(f"Scenario `{logical.name}` must have possible points, got none of {len(chosen.refused)}.")
+        raise InputError(
+            f"Scenario `{logical.name}` must have possible points, got none of "
+            f"{len(chosen.refused)}."
+        )
     check_points(logical, chosen.points)
-    ranges = ", ".join(f"{item.name} {item.low:g}..{item.high:g}{item.behind}" for item in logical.parameters)
+    ranges = ", ".join(
+        f"{item.name} {item.low:g}..{item.high:g}{item.behind}" for item in logical.parameters
+    )
     return (
         f"Logical scenario `{logical.name}`: {ranges}.",
-        f"Its own sample has {len(chosen.points)} possible points; constraints refuse {len(chosen.refused)} more.",
+        f"Its own sample has {len(chosen.points)} possible points; constraints refuse "
+        f"{len(chosen.refused)} more.",
         f"Exposure: {logical.exposure_about}.",
         *leaving(logical, chosen.points),
         *chosen.notes,
@@ -98,7 +123,9 @@ def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str,
 
 
 def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
-    """A sentence for each vehicle whose script leads beyond the road at some of the points (n, k)."""
+    """A sentence for each vehicle whose script leads beyond the road at some of the points (n,
+    k).
+    """
     limit = SimulationSettings().time_limit if logical.time_limit is None else logical.time_limit
     end = logical.road.length + logical.road.run_out
     left: dict[str, list[tuple[float, str]]] = {}
@@ -109,13 +136,17 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
         time, where = min(times)
         yield (
             f"Vehicle `{name}` comes to the end of the road, x = {end:g} m, before the ego is at "
-            f"x = {logical.road.length:g} m at {len(times)} of {len(points)} points, after {time:.1f} s at {where}: "
+            f"x = {logical.road.length:g} m at {len(times)} of {len(points)} points, after "
+            f"{time:.1f} s at {where}: "
             "a case that still lasts goes on without it, and records `actor_left_the_network`."
         )
 
 
 def check_points(logical: LogicalScenario, points: FloatArray) -> None:
-    """Place every vehicle at every point (n, k), and work out the approach there. InputError at the first fault."""
+    """Place every vehicle at every point (n, k), and work out the approach there.
+
+    InputError at the first fault.
+    """
     for concrete in logical.concretes(points):
         start, end = concrete.ego.x, logical.road.length
         if start >= end:
@@ -123,12 +154,15 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
             raise must_be("`end.x`", at, f"beyond the ego's start, x = {start:g} m", end)
         ego_body = logical.ego_body or STANDARD_EGO
         for wrong in misplaced(logical.road, concrete.ego, ego_body, concrete.actors):
-            raise must_be(wrong.what, f"scenario `{logical.name}` at {concrete.label}", wrong.must, wrong.got)
+            raise must_be(
+                wrong.what, f"scenario `{logical.name}` at {concrete.label}", wrong.must, wrong.got
+            )
         limit = math.inf if logical.time_limit is None else logical.time_limit
         for actor, index in never_begin(concrete, limit):
             name = actor.acts[index].name or f"number {index + 1}"
             raise InputError(
-                f"The condition of manoeuvre {name} of vehicle `{actor.name}` of scenario `{logical.name}` at "
+                f"The condition of manoeuvre {name} of vehicle `{actor.name}` of scenario "
+                f"`{logical.name}` at "
                 f"{concrete.label} can never hold, whoever drives: the manoeuvre would never begin."
             )
     if logical.approach is not None:

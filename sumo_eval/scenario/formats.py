@@ -1,6 +1,8 @@
-"""Scenario files of other formats than ours: each format is an entry point of the group `sumo_eval.scenarios`.
+"""Scenario files of other formats than ours: each format is an entry point of the group
+`sumo_eval.scenarios`.
 
-Its name is the ending, `xosc`; its object a `Format`, or a function `(path, options) -> LogicalScenario`.
+Its name is the ending, `xosc`; its object a `Format`, or a function `(path, options) ->
+LogicalScenario`.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ class Format:
     read: the scenario of a file, by its path and the options behind its name.
     expand: the entries in place of one, for files and catalogues that hold several scenarios.
     catalogues: what `use` may say instead of a file.
-    samplings: ways to choose points: name -> function of a space and a `Request`, and the keys that it takes.
+    samplings: ways to choose points: name -> function of a space and a `Request`, and the keys that
+        it takes.
     """
 
     read: Callable[[Path, Mapping[str, str]], LogicalScenario]
@@ -41,7 +44,8 @@ class Format:
 def format_of(path: str) -> Format | None:
     """The format of a file by its ending; None where no installed package reads it."""
     _, dot, ending = path.rpartition(".")
-    return _loaded(ending) if dot and ending in _points() else None  # a shipped name looks at no other package
+    # a shipped name looks at no other package
+    return _loaded(ending) if dot and ending in _points() else None
 
 
 def formats() -> Iterator[Format]:
@@ -50,7 +54,10 @@ def formats() -> Iterator[Format]:
 
 
 def expanded(entries: Entries, folder: Path) -> Entries:
-    """One entry for each scenario: of catalogues, and of files that hold several. folder: where paths start."""
+    """One entry for each scenario: of catalogues, and of files that hold several.
+
+    folder: where paths start.
+    """
     found: list[ScenarioSettings] = []
     for entry in entries:
         if is_use_case(entry.use):
@@ -64,7 +71,9 @@ def expanded(entries: Entries, folder: Path) -> Entries:
 
 
 def _form_of(use: str) -> Format | None:
-    """The format of an entry's file or catalogue; None for a shipped name, a file of ours and Python."""
+    """The format of an entry's file or catalogue; None for a shipped name, a file of ours and
+    Python.
+    """
     plain = use.partition("?")[0]
     if "." in plain or ":" in plain or plain in scenario_files():
         return format_of(plain)

@@ -1,15 +1,17 @@
-"""How often points of a space are met, from events that were met: densities that keep how parameters go together.
+"""How often points of a space are met, from events that were met: densities that keep how
+parameters go together.
 
 Two kinds over the same events, both cut to the box of the space:
 
 - kde: a Gaussian at each event, with the events' covariance times the squared bandwidth.
-- copula: each parameter by a one-dimensional KDE of its own, cut to its range; together by the correlation of their
+- copula: each parameter by a one-dimensional KDE of its own, cut to its range; together by the
+  correlation of their
   normal scores (a Gaussian copula).
 
-A sum of kernels is wider than the events, by sqrt(1 + h^2) for a bandwidth h, and has too often what is rare among
-events whose tails are normal. The narrow form of either kind draws events and kernels together about the events' mean
-by that factor, and varies as much as the events do (Silverman, Density Estimation, 1986, 6.4.1). It has too rarely what
-lies in a long tail.
+A sum of kernels is wider than the events, by sqrt(1 + h^2) for a bandwidth h, and has too often
+what is rare among events whose tails are normal. The narrow form of either kind draws events and
+kernels together about the events' mean by that factor, and varies as much as the events do
+(Silverman, Density Estimation, 1986, 6.4.1). It has too rarely what lies in a long tail.
 
 scipy.stats is not needed: what is used of scipy is loaded when a density is asked for.
 """
@@ -40,10 +42,14 @@ LEAST_SHARE = 1e-9  # of probability: normal scores lie within +-6
 class Joint:
     """A density over parameters, from events.
 
-    names: parameters, in the order of the columns. events: rows. weights: how much each counts, one a row; none: alike.
-    low, high: the box it is cut to. bandwidth: kernel deviation over the data's own; None: Scott's n^(-1/(k+4)), where
-    a copula's k is 1. narrow: whether events and kernels are drawn together. source: the file it was read from, for
-    sentences.
+    names: parameters, in the order of the columns.
+    events: rows.
+    weights: how much each counts, one a row; none: alike.
+    low, high: the box it is cut to.
+    bandwidth: kernel deviation over the data's own; None: Scott's n^(-1/(k+4)), where a copula's k
+        is 1.
+    narrow: whether events and kernels are drawn together.
+    source: the file it was read from, for sentences.
     """
 
     kind: JointKind
@@ -64,8 +70,15 @@ class Joint:
         rows = np.array(self.events)
         if rows.shape != (n, k) or not np.isfinite(rows).all():
             raise must_be("Each event", owner, f"{k} finite numbers", rows.shape)
-        if np.linalg.matrix_rank((rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-12), tol=1e-6) < k:
-            raise InputError(f"The events of {owner} must vary in each of {', '.join(self.names)} on its own.")
+        if (
+            np.linalg.matrix_rank(
+                (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-12), tol=1e-6
+            )
+            < k
+        ):
+            raise InputError(
+                f"The events of {owner} must vary in each of {', '.join(self.names)} on its own."
+            )
 
     @property
     def factor(self) -> float:
@@ -96,32 +109,42 @@ class Joint:
         """Points (count, k) of this density within the box."""
         prepared = _prepared(self)
         if self.kind == "copula":
-            return prepared.from_scores(stream.standard_normal((count, len(self.names))) @ prepared.root.T)
+            return prepared.from_scores(
+                stream.standard_normal((count, len(self.names))) @ prepared.root.T
+            )
         parts: list[FloatArray] = []
         have = 0
         while have < count:
             rows = prepared.draw(2 * count, stream)
             rows = rows[self._inside(rows)]
             if not len(rows):
-                raise InputError(f"No draw of the joint distribution {self.source} lies within the ranges.")
+                raise InputError(
+                    f"No draw of the joint distribution {self.source} lies within the ranges."
+                )
             parts.append(rows)
             have += len(rows)
         return np.concatenate(parts)[:count]
 
     def _inside(self, rows: FloatArray) -> BoolArray:
         """Which points (n, k) lie within the box."""
-        within: BoolArray = np.all((rows >= np.array(self.low)) & (rows <= np.array(self.high)), axis=1)
+        within: BoolArray = np.all(
+            (rows >= np.array(self.low)) & (rows <= np.array(self.high)), axis=1
+        )
         return within
 
     def __str__(self) -> str:
-        what = "a Gaussian KDE" if self.kind == "kde" else "a Gaussian copula of one-dimensional KDEs"
+        what = (
+            "a Gaussian KDE" if self.kind == "kde" else "a Gaussian copula of one-dimensional KDEs"
+        )
         where = f" of {self.source}" if self.source else ""
-        return f"{what} over {len(self.events)} recorded events{where} (bandwidth {self.factor:.3f})"
+        return (
+            f"{what} over {len(self.events)} recorded events{where} (bandwidth {self.factor:.3f})"
+        )
 
 
 class _Prepared(NamedTuple):
-    """rows (n, k): where the kernels of a KDE stand, or the events of a copula; shares (n,) that sum to 1; root (k, k)
-    of the kernel's covariance or of the scores' correlation.
+    """rows (n, k): where the kernels of a KDE stand, or the events of a copula; shares (n,) that
+    sum to 1; root (k, k) of the kernel's covariance or of the scores' correlation.
 
     Of a copula: grids, density and distribution of each parameter at `GRID` places, (k, GRID).
     """
@@ -142,7 +165,10 @@ class _Prepared(NamedTuple):
         """Normal scores (n, k) of points."""
         from scipy.special import ndtri
 
-        shares = [np.interp(points[:, j], self.grids[j], self.distributions[j]) for j in range(points.shape[1])]
+        shares = [
+            np.interp(points[:, j], self.grids[j], self.distributions[j])
+            for j in range(points.shape[1])
+        ]
         return np.asarray(ndtri(np.clip(np.column_stack(shares), LEAST_SHARE, 1.0 - LEAST_SHARE)))
 
     def from_scores(self, scores: FloatArray) -> FloatArray:
@@ -150,7 +176,10 @@ class _Prepared(NamedTuple):
         from scipy.special import ndtr
 
         shares = ndtr(scores)
-        columns = [np.interp(shares[:, j], self.distributions[j], self.grids[j]) for j in range(scores.shape[1])]
+        columns = [
+            np.interp(shares[:, j], self.distributions[j], self.grids[j])
+            for j in range(scores.shape[1])
+        ]
         return np.column_stack(columns)
 
 
@@ -165,7 +194,9 @@ def _share_inside(joint: Joint) -> float:
 def _prepared(joint: Joint) -> _Prepared:
     rows = np.array(joint.events)
     n, k = rows.shape
-    shares = np.full(n, 1.0 / n) if not joint.weights else np.array(joint.weights) / sum(joint.weights)
+    shares = (
+        np.full(n, 1.0 / n) if not joint.weights else np.array(joint.weights) / sum(joint.weights)
+    )
     if joint.kind == "kde":
         covariance = np.atleast_2d(np.cov(rows.T, aweights=shares)) * joint.factor**2
         root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
@@ -205,7 +236,9 @@ def _correlation(scores: FloatArray, shares: FloatArray) -> FloatArray:
 
 
 def _spread(values: FloatArray) -> float:
-    """Deviation of values, by the quartiles where that is less: a tail must not smear the middle."""
+    """Deviation of values, by the quartiles where that is less: a tail must not smear the
+    middle.
+    """
     low, high = np.quantile(values, [0.25, 0.75])
     deviation = float(values.std(ddof=1))
     return min(deviation, float(high - low) / 1.34) or deviation
@@ -219,7 +252,9 @@ def _kde_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
     found = np.zeros(len(points))
     for first in range(0, len(points), 4096):
         white = points[first : first + 4096] @ whiten.T
-        squared = (white**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * white @ centres.T
+        squared = (
+            (white**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * white @ centres.T
+        )
         found[first : first + 4096] = np.exp(-0.5 * np.maximum(squared, 0.0)) @ prepared.shares
     return np.asarray(found * norm)
 
@@ -227,7 +262,9 @@ def _kde_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
 def _copula_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
     scores = prepared.scores(points)
     whitened = np.linalg.solve(prepared.root, scores.T).T
-    found = np.exp(0.5 * (scores**2 - whitened**2).sum(axis=1)) / np.abs(np.prod(np.diag(prepared.root)))
+    found = np.exp(0.5 * (scores**2 - whitened**2).sum(axis=1)) / np.abs(
+        np.prod(np.diag(prepared.root))
+    )
     for j in range(points.shape[1]):
         found = found * np.interp(points[:, j], prepared.grids[j], prepared.densities[j])
     return np.asarray(found)
@@ -247,19 +284,27 @@ def read_joint(
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The events {path} cannot be read: {error}.") from error
     if missing := [f"`{name}`" for name in names if not rows or name not in rows[0]]:
-        what = f"a column {missing[0]}" if len(missing) == 1 else f"the columns {', '.join(missing)}"
+        what = (
+            f"a column {missing[0]}" if len(missing) == 1 else f"the columns {', '.join(missing)}"
+        )
         raise InputError(f"The events {path} must have {what}.")
     events = []
     for number, row in enumerate(rows, start=2):
         try:
             events.append(tuple(float(row[name]) for name in names))
         except (TypeError, ValueError):
-            raise InputError(f"Row {number} of the events {path} must have a number for each parameter.") from None
-    return Joint(kind, tuple(names), tuple(events), tuple(box[0]), tuple(box[1]), bandwidth, path.name)
+            raise InputError(
+                f"Row {number} of the events {path} must have a number for each parameter."
+            ) from None
+    return Joint(
+        kind, tuple(names), tuple(events), tuple(box[0]), tuple(box[1]), bandwidth, path.name
+    )
 
 
 def of_values(joint: Joint, values: Mapping[str, ArrayLike]) -> FloatArray:
     """The density at values by name, arrays that broadcast."""
-    columns = np.broadcast_arrays(*(np.asarray(values[name], dtype=np.float64) for name in joint.names))
+    columns = np.broadcast_arrays(
+        *(np.asarray(values[name], dtype=np.float64) for name in joint.names)
+    )
     shape = columns[0].shape
     return joint.density(np.column_stack([column.ravel() for column in columns])).reshape(shape)

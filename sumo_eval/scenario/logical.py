@@ -1,4 +1,6 @@
-"""A logical scenario: a scenario type with a parameter space, and how one point of it becomes a concrete scenario."""
+"""A logical scenario: a scenario type with a parameter space, and how one point of it becomes a
+concrete scenario.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +22,16 @@ from sumo_eval.scenario.requirement import Requirements
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
-DIGITS = 6  # of a range, to which drawn values are rounded: the last digit of a machine decides nothing
+# of a range, to which drawn values are rounded: the last digit of a machine decides nothing
+DIGITS = 6
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """One axis of a space: [low, high] in `unit`, sampled every `step` by default.
 
-    values: the only values it can take, ascending, from low to high; empty: any value of the range. distribution: how
-    often values are met, where that is known.
+    values: the only values it can take, ascending, from low to high; empty: any value of the range.
+    distribution: how often values are met, where that is known.
     """
 
     name: str
@@ -41,8 +44,13 @@ class Parameter:
     distribution: Distribution | None = None
 
     def __post_init__(self) -> None:
-        owner, ascending = f"parameter `{self.name}`", all(a < b for a, b in itertools.pairwise(self.values))
-        if self.values and not (ascending and self.values[0] == self.low and self.values[-1] == self.high):
+        owner, ascending = (
+            f"parameter `{self.name}`",
+            all(a < b for a, b in itertools.pairwise(self.values)),
+        )
+        if self.values and not (
+            ascending and self.values[0] == self.low and self.values[-1] == self.high
+        ):
             raise must_be("`values`", owner, "ascending, from low to high", self.values)
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise must_be("The range", owner, "finite, low < high", f"{self.low}..{self.high}")
@@ -50,7 +58,9 @@ class Parameter:
             raise must_be("`step`", owner, "greater than 0", self.step)
 
     def from_shares(self, shares: FloatArray) -> FloatArray:
-        """Values (n,) at shares 0..1 of the range; of listed values each has an equal part of the shares."""
+        """Values (n,) at shares 0..1 of the range; of listed values each has an equal part of the
+        shares.
+        """
         if self.values:
             place = np.minimum((shares * len(self.values)).astype(np.intp), len(self.values) - 1)
             return np.asarray(np.array(self.values, dtype=np.float64)[place])
@@ -64,35 +74,47 @@ class Parameter:
 
     @property
     def behind(self) -> str:
-        """The unit as it stands behind a number, with a space before it; nothing where the number has none."""
+        """The unit as it stands behind a number, with a space before it; nothing where the number
+        has none.
+        """
         return "" if self.unit == "1" else f" {self.unit}"
 
     @property
     def title(self) -> str:
-        """Name and unit for an axis or a column: `gap (m)`; the name alone where the number has no unit."""
+        """Name and unit for an axis or a column: `gap (m)`; the name alone where the number has no
+        unit.
+        """
         return self.name if self.unit == "1" else f"{self.name} ({self.unit})"
 
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """Which points of the box exist. `holds` takes the values by name (broadcasting arrays) and says True or False.
+    """Which points of the box exist.
 
-    room: how far a point is from the constraint's limit, below 0 where it does not hold; None where that is not known.
+    `holds` takes the values by name (broadcasting arrays) and says True or False.
+
+    room: how far a point is from the constraint's limit, below 0 where it does not hold; None where
+        that is not known.
     """
 
     about: str
     holds: Callable[[Values], BoolArray]
-    room: Callable[[Values], FloatArray] | None = field(default=None, compare=False)  # it follows from `holds`
+    # it follows from `holds`
+    room: Callable[[Values], FloatArray] | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Approach:
     """What the criticality of a point depends on: arrays that broadcast to one shape (Eqs. 1-6).
 
-    ego_speed, obstacle_speed: at t = 0, m/s. gap: bumper to bumper at t = 0, m. delay: s before ideal braking.
-    obstacle_deceleration: m/s2 with which the obstacle brakes to a standstill from t = 0 on; 0: it keeps its speed.
-    conflict_begin: s before which the obstacle is not in the ego's way. passing_length: m, both bodies; an ego that is
-    further ahead than that when the conflict begins has passed. With the last two criticality is searched numerically.
+    ego_speed, obstacle_speed: at t = 0, m/s.
+    gap: bumper to bumper at t = 0, m.
+    delay: s before ideal braking.
+    obstacle_deceleration: m/s2 with which the obstacle brakes to a standstill from t = 0 on; 0: it
+        keeps its speed.
+    conflict_begin: s before which the obstacle is not in the ego's way.
+    passing_length: m, both bodies; an ego that is further ahead than that when the conflict begins
+        has passed. With the last two criticality is searched numerically.
     """
 
     ego_speed: FloatArray
@@ -110,7 +132,9 @@ class Approach:
 
 
 class Search(Protocol):
-    """What zones are searched from: the motion of one of the others while the ego brakes ideally along its path."""
+    """What zones are searched from: the motion of one of the others while the ego brakes ideally
+    along its path.
+    """
 
     @property
     def obstacle(self) -> int:
@@ -118,7 +142,9 @@ class Search(Protocol):
 
     @property
     def conflict(self) -> bool:
-        """Whether the time until both would touch on their ways counts, and not the gap along the road."""
+        """Whether the time until both would touch on their ways counts, and not the gap along the
+        road.
+        """
 
     def delay(self, values: Mapping[str, float]) -> float:
         """From its first move, or the start where it makes none, until ideal braking, s."""
@@ -126,10 +152,12 @@ class Search(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ZoneCoordinates:
-    """Coordinates in which criticality is smooth, where the parameters themselves are not: they may be fewer.
+    """Coordinates in which criticality is smooth, where the parameters themselves are not: they may
+    be fewer.
 
-    of: values by name (arrays) -> one array for each of `names`. A cut-in's criticality depends on the closing speed
-    and the gap that is left when the lane is entered; seen over four parameters that is a thin and bent sheet.
+    of: values by name (arrays) -> one array for each of `names`. A cut-in's criticality depends on
+        the closing speed and the gap that is left when the lane is entered; seen over four
+        parameters that is a thin and bent sheet.
     """
 
     names: tuple[str, ...]
@@ -147,7 +175,9 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class NamedSample:
-    """A list of points that somebody prescribes, rows in the order of `LogicalScenario.parameters`."""
+    """A list of points that somebody prescribes, rows in the order of
+    `LogicalScenario.parameters`.
+    """
 
     name: str
     about: str
@@ -158,8 +188,11 @@ class NamedSample:
 class Counterpart:
     """Which events of recordings a scenario is met as.
 
-    event: kind of event. columns: (parameter, column of the events). tolerance: (parameter, how far it may be off).
-    start: column with the time that is the scenario's t = 0; empty: the event's own. only: (column, value it has).
+    event: kind of event.
+    columns: (parameter, column of the events).
+    tolerance: (parameter, how far it may be off).
+    start: column with the time that is the scenario's t = 0; empty: the event's own.
+    only: (column, value it has).
     """
 
     event: str
@@ -171,7 +204,10 @@ class Counterpart:
 
 @dataclass(frozen=True, slots=True)
 class Met:
-    """How often a scenario was met on the road. vehicle_km: driven by all vehicles that might have met it."""
+    """How often a scenario was met on the road.
+
+    vehicle_km: driven by all vehicles that might have met it.
+    """
 
     events: int
     vehicle_km: float
@@ -188,16 +224,23 @@ class LogicalScenario:
     """A scenario type over a parameter space.
 
     place: values of one point -> (ego's start, the other vehicles).
-    approach: values by name (arrays) -> `Approach`, what the zones are computed from. search: instead, where scripts
-    depend on what happens. margin: instead, values by name (arrays) -> what is left to spare of a limit that is known,
-    m, hazardous from 0 down. None of them: no zone can be defined, and everything is safe.
+    approach: values by name (arrays) -> `Approach`, what the zones are computed from.
+    search: instead, where scripts depend on what happens.
+    margin: instead, values by name (arrays) -> what is left to spare of a limit that is known, m,
+        hazardous from 0 down. None of them: no zone can be defined, and everything is safe.
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
-    ego_body, time_limit, standstill_time: as in `ConcreteScenario`. samples: prescribed points. default_sample: how
-    points are chosen where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP
-    sees instead of the parameters. options: what may be given where the scenario is named. notes: sentences that stand
-    with its zones in every report. recorded: the events of recordings that it is met as; met: how often it was; None:
-    nobody says. has_drivers: whether the synthetic drivers know the scene; where not, only recorded ones
-    make a D. requirements: what must hold in every drive; None: nothing.
+    ego_body, time_limit, standstill_time: as in `ConcreteScenario`.
+    samples: prescribed points.
+    default_sample: how points are chosen where nobody says: `grid`, or the name of one of
+        `samples`.
+    zone_coordinates: what the zones' GP sees instead of the parameters.
+    options: what may be given where the scenario is named.
+    notes: sentences that stand with its zones in every report.
+    recorded: the events of recordings that it is met as;
+    met: how often it was; None: nobody says.
+    has_drivers: whether the synthetic drivers know the scene; where not, only recorded ones make a
+        D.
+    requirements: what must hold in every drive; None: nothing.
     """
 
     name: str
@@ -233,12 +276,15 @@ class LogicalScenario:
     def _repr_html_(self) -> str:
         """What a notebook shows: what happens, and the parameters with their ranges."""
         rows = "".join(
-            f"<tr><th>{escape(item.name)}</th><td>{item.low:g} to {item.high:g} {escape(item.unit)}</td>"
+            f"<tr><th>{escape(item.name)}</th><td>{item.low:g} to {item.high:g} "
+            f"{escape(item.unit)}</td>"
             f"<td>{item.step:g}</td><td>{escape(item.about)}</td></tr>"
             for item in self.parameters
         )
         head = "<tr><th>parameter</th><th>range</th><th>step</th><th></th></tr>"
-        ruled = "".join(f"<p>A possible point is {escape(one.about)}.</p>" for one in self.constraints)
+        ruled = "".join(
+            f"<p>A possible point is {escape(one.about)}.</p>" for one in self.constraints
+        )
         about = f"<p><b>{escape(self.name)}</b>: {escape(self.about)}</p>"
         return f"{about}<table><thead>{head}</thead><tbody>{rows}</tbody></table>{ruled}"
 
@@ -262,15 +308,19 @@ class LogicalScenario:
         return (np.asarray(points, dtype=np.float64) - self.low) / (self.high - self.low)
 
     def from_unit(self, unit_points: ArrayLike) -> FloatArray:
-        """Points (n, k) of the unit box in the parameters' own units, also between the values of those that are listed:
-        `from_shares` has points that exist.
+        """Points (n, k) of the unit box in the parameters' own units, also between the values of
+        those that are listed: `from_shares` has points that exist.
         """
         return self.low + np.asarray(unit_points, dtype=np.float64) * (self.high - self.low)
 
     def from_shares(self, shares: ArrayLike) -> FloatArray:
-        """Points (n, k) at these shares 0..1 of each axis; a parameter with listed values takes one of them."""
+        """Points (n, k) at these shares 0..1 of each axis; a parameter with listed values takes one
+        of them.
+        """
         rows = np.asarray(shares, dtype=np.float64)
-        return np.column_stack([item.from_shares(rows[:, column]) for column, item in enumerate(self.parameters)])
+        return np.column_stack(
+            [item.from_shares(rows[:, column]) for column, item in enumerate(self.parameters)]
+        )
 
     def column(self, name: str) -> int:
         """Which column of `points` a parameter is."""
@@ -307,7 +357,9 @@ class LogicalScenario:
         return holds
 
     def concrete(self, **values: float) -> ConcreteScenario:
-        """The concrete scenario at a point; refuses unknown, missing, out-of-range and impossible values."""
+        """The concrete scenario at a point; refuses unknown, missing, out-of-range and impossible
+        values.
+        """
         owner, names = f"scenario `{self.name}`", self.names
         for name in values:
             if name not in names:
@@ -323,17 +375,26 @@ class LogicalScenario:
                 raise must_be(f"`{parameter.name}`", owner, within, float(value))
             if parameter.values and float(value) not in parameter.values:
                 allowed = ", ".join(f"{known:g}" for known in parameter.values)
-                raise must_be(f"`{parameter.name}`", owner, f"one of {allowed}{parameter.behind}", float(value))
+                raise must_be(
+                    f"`{parameter.name}`",
+                    owner,
+                    f"one of {allowed}{parameter.behind}",
+                    float(value),
+                )
         point = {name: float(values[name]) for name in names}
         arrays = {name: np.float64(value) for name, value in point.items()}
         for constraint in self.constraints:
             if not np.asarray(constraint.holds(arrays)).all():  # type: ignore[arg-type]
                 at = ", ".join(f"{name}={value:g}" for name, value in point.items())
                 raise must_be("The point", owner, constraint.about, at)
-        return replace(self.placed(point), exposure=float(np.asarray(self.exposure(arrays))))  # type: ignore[arg-type]
+        exposure = float(np.asarray(self.exposure(arrays)))  # type: ignore[arg-type]
+        return replace(self.placed(point), exposure=exposure)
 
     def placed(self, point: Mapping[str, float]) -> ConcreteScenario:
-        """The scene at values by name, which nobody checks: constraints may forbid it. Its exposure is 1."""
+        """The scene at values by name, which nobody checks: constraints may forbid it.
+
+        Its exposure is 1.
+        """
         ego, actors = self.place(point)
         return ConcreteScenario(
             self.name,
@@ -349,4 +410,7 @@ class LogicalScenario:
 
     def concretes(self, points: ArrayLike) -> list[ConcreteScenario]:
         """The concrete scenarios at the rows of `points` (n, k)."""
-        return [self.concrete(**dict(zip(self.names, row, strict=True))) for row in np.asarray(points).tolist()]
+        return [
+            self.concrete(**dict(zip(self.names, row, strict=True)))
+            for row in np.asarray(points).tolist()
+        ]

@@ -1,4 +1,5 @@
-"""Moves of other vehicles as functions of time: across the road and braking, for one vehicle at an instant.
+"""Moves of other vehicles as functions of time: across the road and braking, for one vehicle at an
+instant.
 
 `move` and `brake` are acts (`scenario.played`), or records with their fields.
 """
@@ -45,9 +46,11 @@ def build_up(move: Any) -> float:
 
 @kernel
 def swing(move: Any, time: float) -> tuple[float, float, float]:
-    """Offset m, speed m/s and acceleration m/s2 of a swing to one side and back, then to the other, A (1 - cos wt) / 2.
+    """Offset m, speed m/s and acceleration m/s2 of a swing to one side and back, then to the other,
+    A (1 - cos wt) / 2.
 
-    A is `offset`, and A w^2 / 2 the largest acceleration, `acceleration`. It begins and ends at rest.
+    A is `offset`, and A w^2 / 2 the largest acceleration, `acceleration`. It begins and ends at
+    rest.
     """
     since = time - move.begin
     if not 0.0 < since < move.duration:
@@ -65,7 +68,11 @@ def lateral(move: Any, time: float) -> float:
     """Offset already covered by a lateral move at a time, m."""
     if move.kind == CONSTANT:
         since, rise = max(time - move.begin, 0.0), build_up(move)
-        covered = 0.5 * move.speed * since * since / rise if since < rise else (since - 0.5 * rise) * move.speed
+        covered = (
+            0.5 * move.speed * since * since / rise
+            if since < rise
+            else (since - 0.5 * rise) * move.speed
+        )
         return math.copysign(min(covered, abs(move.offset)), move.offset)
     if move.kind == SINUS:
         return swing(move, time)[0]
@@ -76,7 +83,9 @@ def lateral(move: Any, time: float) -> float:
 
 @kernel
 def lateral_speed(move: Any, time: float) -> float:
-    """Lateral speed of a move at a time, m/s; at the very instants at which it jumps, the speed after them."""
+    """Lateral speed of a move at a time, m/s; at the very instants at which it jumps, the speed
+    after them.
+    """
     if move.kind == CONSTANT:
         since, rise = time - move.begin, build_up(move)
         if not 0.0 <= since < move.duration:
@@ -85,7 +94,9 @@ def lateral_speed(move: Any, time: float) -> float:
     if move.kind == SINUS:
         return swing(move, time)[1]
     if move.kind == COSINE:
-        return float(0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * share_done(move, time)))
+        return float(
+            0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * share_done(move, time))
+        )
     return float(move.offset / move.duration * quintic_rate(share_done(move, time)))
 
 
@@ -102,7 +113,9 @@ def lateral_acceleration(move: Any, time: float) -> float:
             return 0.0
         rate = math.pi / move.duration
         return float(0.5 * move.offset * rate * rate * math.cos(rate * (time - move.begin)))
-    return float(move.offset / (move.duration * move.duration) * quintic_bend(share_done(move, time)))
+    return float(
+        move.offset / (move.duration * move.duration) * quintic_bend(share_done(move, time))
+    )
 
 
 @kernel
@@ -135,7 +148,9 @@ def braked_distance_at(brake: Any, speed: float, time: float) -> float:
     rising = min(t, rise)
     share = rising / rise if rise > 0.0 else 0.0
     plateau = max(t - rise, 0.0)
-    lost = brake.acceleration * (rising * rising * share / 6.0 + rise * plateau / 2.0 + plateau * plateau / 2.0)
+    lost = brake.acceleration * (
+        rising * rising * share / 6.0 + rise * plateau / 2.0 + plateau * plateau / 2.0
+    )
     return float(speed * brake.begin + (speed * t - lost))
 
 

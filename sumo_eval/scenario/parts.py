@@ -1,6 +1,8 @@
-"""Formulas of a scenario file: read, checked against the names that are known, worked out at points.
+"""Formulas of a scenario file: read, checked against the names that are known, worked out at
+points.
 
-They are plain data throughout: two readings of one file are equal, and all of it can be sent to another process.
+They are plain data throughout: two readings of one file are equal, and all of it can be sent to
+another process.
 """
 
 from __future__ import annotations
@@ -28,7 +30,10 @@ Formula = str | float
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Which values a formula may have; stands in the annotation of its key. endless: inf as well."""
+    """Which values a formula may have; stands in the annotation of its key.
+
+    endless: inf as well.
+    """
 
     at_least: float = -math.inf
     above: float = -math.inf
@@ -40,7 +45,10 @@ ANY, NOT_BELOW_0, ABOVE_0 = Limits(), Limits(at_least=0.0), Limits(above=0.0)
 
 @dataclass(frozen=True, slots=True)
 class Definitions:
-    """Names for expressions, worked out in order. options: names of plain numbers."""
+    """Names for expressions, worked out in order.
+
+    options: names of plain numbers.
+    """
 
     entries: tuple[tuple[str, Expression], ...]
     options: tuple[tuple[str, float], ...] = ()
@@ -91,7 +99,9 @@ class Formulas:
         """An array for each expression, of the values' shape."""
         known = self.definitions.extend(values)
         shape = np.broadcast_shapes(*map(np.shape, values.values()))
-        return tuple(np.broadcast_to(expression.value(known), shape) for expression in self.expressions)
+        return tuple(
+            np.broadcast_to(expression.value(known), shape) for expression in self.expressions
+        )
 
     def at(self, values: Mapping[str, float]) -> Any:
         """The value of the first expression at a point."""
@@ -106,8 +116,11 @@ class Condition:
 
     def __call__(self, values: Values) -> BoolArray:
         """Whether it holds."""
-        if _FLOATS.issuperset(map(type, values.values())):  # one point, as `LogicalScenario.concrete` asks
-            return np.asarray(self.formulas.at(dict(zip(values, map(float, values.values()), strict=True))))
+        # one point, as `LogicalScenario.concrete` asks
+        if _FLOATS.issuperset(map(type, values.values())):
+            return np.asarray(
+                self.formulas.at(dict(zip(values, map(float, values.values()), strict=True)))
+            )
         return np.asarray(self.formulas(values)[0], dtype=np.bool_)
 
     def room(self, values: Values) -> FloatArray:
@@ -118,7 +131,9 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Density: the product of the parameters' distributions in their ranges, or a joint one, times an expression."""
+    """Density: the product of the parameters' distributions in their ranges, or a joint one, times
+    an expression.
+    """
 
     parameters: tuple[Parameter, ...]
     expression: Expression | None
@@ -128,21 +143,30 @@ class Exposure:
     def __call__(self, values: Values) -> FloatArray:
         """The density, up to a factor."""
         shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
-        density: FloatArray = np.ones(shape) if self.joint is None else of_values(self.joint, values)
+        density: FloatArray = (
+            np.ones(shape) if self.joint is None else of_values(self.joint, values)
+        )
         for item in self.parameters:
             if item.distribution is not None:
-                density = density * item.distribution.density(values[item.name], item.low, item.high)
+                density = density * item.distribution.density(
+                    values[item.name], item.low, item.high
+                )
         if self.expression is not None:
             factor = self.expression.value(self.definitions.extend(values))
             if not np.all(np.isfinite(factor) & (factor >= 0.0)):
-                raise must_be(f"`{self.expression.text}`", "the exposure", "finite and at least 0", factor)
+                raise must_be(
+                    f"`{self.expression.text}`", "the exposure", "finite and at least 0", factor
+                )
             density = density * factor
         return density
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A number of a concrete scenario. what, owner: they name it in sentences."""
+    """A number of a concrete scenario.
+
+    what, owner: they name it in sentences.
+    """
 
     what: str
     owner: str
@@ -150,7 +174,10 @@ class Quantity:
     limits: Limits = ANY
 
     def at(self, known: Mapping[str, float]) -> float:
-        """Its value where these names have these values. Raises InputError for one that it must not have."""
+        """Its value where these names have these values.
+
+        Raises InputError for one that it must not have.
+        """
         found: float = self.expression.at(known)
         least, above, endless = self.limits.at_least, self.limits.above, self.limits.endless
         if least <= found and above < found and (found < math.inf or endless):
@@ -159,7 +186,9 @@ class Quantity:
         wanted += f" and at least {least:g}" if least > -math.inf else ""
         wanted += f" and above {above:g}" if above > -math.inf else ""
         at = ", ".join(f"{name}={value:g}" for name, value in known.items())
-        raise must_be(f"{self.what} = `{self.expression.text}`", self.owner, wanted, f"{found:g} at {at}")
+        raise must_be(
+            f"{self.what} = `{self.expression.text}`", self.owner, wanted, f"{found:g} at {at}"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +209,11 @@ class Quantities:
 class Names:
     """What formulas and conditions of a file may name.
 
-    where: how errors call the file. owner: how they call the scenario. known: parameters, options and definitions.
-    vehicles: numbers of manoeuvres by name, of each of the other vehicles by name. scene: what the scene has been found
-    to depend on so far.
+    where: how errors call the file.
+    owner: how they call the scenario.
+    known: parameters, options and definitions.
+    vehicles: numbers of manoeuvres by name, of each of the other vehicles by name.
+    scene: what the scene has been found to depend on so far.
     """
 
     where: str
@@ -192,7 +223,11 @@ class Names:
     scene: list[Expression] = field(default_factory=list)
 
     def expression(self, formula: Formula, what: str) -> Expression:
-        """A number's expression. what: its place in the file. Raises InputError for a name that is not known."""
+        """A number's expression.
+
+        what: its place in the file.
+        Raises InputError for a name that is not known.
+        """
         owner = f"{what} of {self.where}"
         refuse_unit(formula, owner)
         return checked_names(number(formula, owner), self.known, owner)
@@ -203,20 +238,31 @@ class Names:
         return Quantity(what, self.owner, self.scene[-1], limits)
 
     def quantities(self, table: Any, what: str, **others: Limits) -> Quantities:
-        """The formulas that a table has. others: limits of keys, in the place of those in their annotations."""
+        """The formulas that a table has.
+
+        others: limits of keys, in the place of those in their annotations.
+        """
         found = []
-        for key, limits in _formulas(type(table)):  # type: ignore[arg-type]  # every class can be hashed
+        # every class can be hashed
+        for key, limits in _formulas(type(table)):  # type: ignore[arg-type]
             if (value := getattr(table, key)) is not None:
-                found.append((key, self.quantity(value, f"{key} of {what}", others.get(key, limits))))
+                found.append(
+                    (key, self.quantity(value, f"{key} of {what}", others.get(key, limits)))
+                )
         return Quantities(tuple(found))
 
     def distinct(self, names: Iterable[str], kind: str, owner: str = "") -> list[str]:
-        """The names, if none of them stands twice. owner: of them; default: the file."""
+        """The names, if none of them stands twice.
+
+        owner: of them; default: the file.
+        """
         seen: list[str] = []
         for name in names:
             if name in seen:
                 where = owner or self.where
-                raise InputError(f"Every {kind} of {where} must have a name of its own, got `{name}` twice.")
+                raise InputError(
+                    f"Every {kind} of {where} must have a name of its own, got `{name}` twice."
+                )
             seen.append(name)
         return seen
 

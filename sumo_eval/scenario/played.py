@@ -1,9 +1,11 @@
-"""Scripts that depend on what happens: moves that begin when a condition holds, paths, speeds by time or by place.
+"""Scripts that depend on what happens: moves that begin when a condition holds, paths, speeds by
+time or by place.
 
-A played vehicle drives along a line: straight on in its heading, or a path of points. Its speed is a list of pieces of
-constant jerk, its lateral moves are offsets across the line. Every move is a function of the time since it began, so a
-move that begins within a step has the place that it would have had with any other step. Records are plain numbers, and
-the loops over them are kernels: a case has the same bits alone and beside others.
+A played vehicle drives along a line: straight on in its heading, or a path of points. Its speed is
+a list of pieces of constant jerk, its lateral moves are offsets across the line. Every move is a
+function of the time since it began, so a move that begins within a step has the place that it would
+have had with any other step. Records are plain numbers, and the loops over them are kernels: a case
+has the same bits alone and beside others.
 """
 
 from __future__ import annotations
@@ -21,15 +23,18 @@ from sumo_eval.scenario.road.reference_line import line_at, to_frame
 
 Records = NDArray[Any]
 
-SMOOTH, CONSTANT, SINUS, COSINE = 0, 1, 2, 3  # kinds of moves across the line, as in `scenario.motion`
+# kinds of moves across the line, as in `scenario.motion`
+SMOOTH, CONSTANT, SINUS, COSINE = 0, 1, 2, 3
 SPEED, BY_TIME, BY_PLACE, PATH, KEEP = 10, 11, 12, 13, 14  # kinds of moves along it
 FOLLOW = 15  # from its begin on SUMO drives the vehicle
-WAITS, KNOWN, BEGUN = 0, 1, 2  # what has become of a move: its begin is not known, is to come, has been
+# what has become of a move: its begin is not known, is to come, has been
+WAITS, KNOWN, BEGUN = 0, 1, 2
 ALWAYS, EGO = -1, -1
 AT_ONCE, HANDED_OVER = 1, 2  # since when SUMO drives a vehicle
 
 (
-    VALUE, TIME, X, Y, ALONG, ACROSS, GAP, DISTANCE, TTC, THW, ENDED, ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, SMALLER,
+    VALUE, TIME, X, Y, ALONG, ACROSS, GAP, DISTANCE, TTC, THW, ENDED, ADD, SUBTRACT, MULTIPLY,
+    DIVIDE, NEGATE, SMALLER,
     LARGER, ABSOLUTE, BELOW, AT_MOST, AND, OR, DEPARTED,
 ) = range(24)  # fmt: skip
 """What a step of a condition's program does, on a stack."""
@@ -37,31 +42,70 @@ DEEPEST = 24  # values on the stack of a condition
 
 ACT = np.dtype(
     [
-        *((name, "f8") for name in ("begin", "duration", "speed", "offset", "acceleration", "jerk", "delay", "end")),
+        *(
+            (name, "f8")
+            for name in (
+                "begin",
+                "duration",
+                "speed",
+                "offset",
+                "acceleration",
+                "jerk",
+                "delay",
+                "end",
+            )
+        ),
         *((name, "i8") for name in ("kind", "first", "count", "program", "steps", "state")),
     ]
 )
-"""A move. begin: s, inf while it waits; delay: s after its condition holds. speed: the one it leads to, m/s, or of a
-lateral move its own. first, count: its places in `TABLE`; program, steps: of its condition, in `PROGRAM`."""
+"""A move.
+
+begin: s, inf while it waits; delay: s after its condition holds. speed: the one it leads to, m/s,
+or of a lateral move its own. first, count: its places in `TABLE`; program, steps: of its condition,
+in `PROGRAM`.
+"""
 PIECE = np.dtype([(name, "f8") for name in ("duration", "acceleration", "jerk", "speed")])
 """A piece of motion: acceleration at its begin, jerk, and the speed at its end."""
 TABLE = np.dtype([("one", "f8"), ("two", "f8")])
-"""Points of a path (x, y), knots of a profile (time or place, speed), or where a recorded ego was (x, y)."""
+"""Points of a path (x, y), knots of a profile (time or place, speed), or where a recorded ego was
+(x, y)."""
 PROGRAM = np.dtype([("value", "f8"), ("op", "i8"), ("one", "i8"), ("two", "i8")])
 PLAY = np.dtype(
     [
-        *((name, "f8") for name in ("x", "y", "heading", "line_s", "line_time", "since", "s", "v", "first_begin")),
-        *((name, "i8") for name in ("acts", "pieces", "path", "points", "slides", "model", "on_map")),
+        *(
+            (name, "f8")
+            for name in (
+                "x",
+                "y",
+                "heading",
+                "line_s",
+                "line_time",
+                "since",
+                "s",
+                "v",
+                "first_begin",
+            )
+        ),
+        *(
+            (name, "i8")
+            for name in ("acts", "pieces", "path", "points", "slides", "model", "on_map")
+        ),
     ]
 )
-"""How a vehicle drives at the moment. x, y, heading: where its line begins and leads; on_map: 1 if that is said on the
-map of a road that bends, and not along and across it. line_s, line_time: what it had
-driven by then, and when. since, s, v: from when its pieces count, what it had driven, how fast it was. first_begin:
-when its first move began, s. model: `AT_ONCE` if SUMO drives it from the start, `HANDED_OVER` if it does by now."""
+"""How a vehicle drives at the moment.
+
+x, y, heading: where its line begins and leads; on_map: 1 if that is said on the map of a road that
+bends, and not along and across it. line_s, line_time: what it had
+driven by then, and when. since, s, v: from when its pieces count, what it had driven, how fast it
+was. first_begin: when its first move began, s. model: `AT_ONCE` if SUMO drives it from the start,
+`HANDED_OVER` if it does by now."""
 
 
 class Act(NamedTuple):
-    """A move of a played vehicle as plain numbers; fields as in `ACT`. program: steps (op, one, two, value)."""
+    """A move of a played vehicle as plain numbers; fields as in `ACT`.
+
+    program: steps (op, one, two, value).
+    """
 
     kind: int
     begin: float = 0.0
@@ -76,12 +120,14 @@ class Act(NamedTuple):
 
     @property
     def timed(self) -> bool:
-        """Whether its begin and its end are known before the drive: a move across, or braking to a standstill."""
+        """Whether its begin and its end are known before the drive: a move across, or braking to a
+        standstill.
+        """
         stops = self.kind == SPEED and self.speed == 0.0
         return not self.program and (stops or self.kind in (SMOOTH, CONSTANT, COSINE))
 
 
-# -- along the line ----------------------------------------------------------------------------------------------------
+# -- along the line --------------------------------------------------------------------------------
 
 
 @kernel
@@ -101,16 +147,25 @@ def driven(play: Any, pieces: Any, time: float) -> tuple[float, float, float]:
 
 
 @kernel
-def _put(pieces: Any, k: int, duration: float, acceleration: float, jerk: float, speed: float) -> int:
+def _put(
+    pieces: Any, k: int, duration: float, acceleration: float, jerk: float, speed: float
+) -> int:
     if duration <= 0.0:
         return k
-    pieces[k].duration, pieces[k].acceleration, pieces[k].jerk, pieces[k].speed = duration, acceleration, jerk, speed
+    pieces[k].duration, pieces[k].acceleration, pieces[k].jerk, pieces[k].speed = (
+        duration,
+        acceleration,
+        jerk,
+        speed,
+    )
     return k + 1
 
 
 @kernel
 def _speed_up(pieces: Any, v: float, act: Any) -> int:
-    """Pieces from speed v to the act's, the acceleration building up at its jerk and ending at once; how many."""
+    """Pieces from speed v to the act's, the acceleration building up at its jerk and ending at
+    once; how many.
+    """
     change = abs(act.speed - v)
     sign = 1.0 if act.speed > v else -1.0
     rise = act.acceleration / act.jerk
@@ -120,7 +175,9 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
     k = 0
     if rise > 0.0:
         k = _put(pieces, k, rise, 0.0, sign * act.jerk, v + sign * in_rise)
-    return _put(pieces, k, (change - in_rise) / act.acceleration, sign * act.acceleration, 0.0, act.speed)
+    return _put(
+        pieces, k, (change - in_rise) / act.acceleration, sign * act.acceleration, 0.0, act.speed
+    )
 
 
 @kernel
@@ -154,7 +211,7 @@ def lasts(play: Any, pieces: Any) -> float:
     return total
 
 
-# -- where it is -------------------------------------------------------------------------------------------------------
+# -- where it is -----------------------------------------------------------------------------------
 
 
 @kernel
@@ -176,11 +233,17 @@ def on_line(play: Any, table: Any, s: float) -> tuple[float, float, float]:
 
 
 @kernel
-def place(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float, line: Any) -> None:
-    """Put a played vehicle where it is at a time. line: the road's, of no knots if it is straight.
+def place(
+    other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float, line: Any
+) -> None:
+    """Put a played vehicle where it is at a time.
 
-    On a bend its place and its line are along and across the road, as scripts are: a metre along the road's line is
-    1 - curvature y metres of ground, so heading and speed are those over the ground. One whose line is on the map is
+    line: the road's, of no knots if it is straight.
+
+    On a bend its place and its line are along and across the road, as scripts are: a metre along
+    the road's line is
+    1 - curvature y metres of ground, so heading and speed are those over the ground. One whose line
+    is on the map is
     looked for in the frame beside where it was last, its heading without a jump.
     """
     s, v, a = driven(play, pieces, time)
@@ -227,7 +290,7 @@ def _over_ground(other: Any, line: Any) -> None:
     other.acceleration *= stretched
 
 
-# -- conditions --------------------------------------------------------------------------------------------------------
+# -- conditions ------------------------------------------------------------------------------------
 
 
 @kernel
@@ -249,13 +312,26 @@ def _half_along(body: Any, length: float, width: float) -> float:
 
 @kernel
 def _between(
-    what: int, one: Any, two: Any, one_length: float, one_width: float, two_length: float, two_width: float
+    what: int,
+    one: Any,
+    two: Any,
+    one_length: float,
+    one_width: float,
+    two_length: float,
+    two_width: float,
 ) -> float:
-    """A number of two bodies, the first seen as the one that follows: gap m, distance m, TTC s, THW s."""
+    """A number of two bodies, the first seen as the one that follows: gap m, distance m, TTC s, THW
+    s.
+    """
     if what == DISTANCE:
         dx, dy = two.x - one.x, two.y - one.y
         return math.sqrt(dx * dx + dy * dy)
-    gap = two.x - one.x - _half_along(one, one_length, one_width) - _half_along(two, two_length, two_width)
+    gap = (
+        two.x
+        - one.x
+        - _half_along(one, one_length, one_width)
+        - _half_along(two, two_length, two_width)
+    )
     if what == GAP:
         return float(gap)
     speed = _of(one, ALONG)
@@ -267,7 +343,9 @@ def _between(
 
 @kernel
 def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: int) -> None:
-    """Write to the stack whether a margin was, and is, positive, and at which share of the step it became so."""
+    """Write to the stack whether a margin was, and is, positive, and at which share of the step it
+    became so.
+    """
     was = margin_before > 0.0 or (equal != 0 and margin_before == 0.0)
     holds = margin > 0.0 or (equal != 0 and margin == 0.0)
     stack[k, 0], stack[k, 1], stack[k, 2] = 1.0 if was else 0.0, 1.0 if holds else 0.0, 0.0
@@ -278,11 +356,21 @@ def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: int
 
 @kernel
 def holds_from(
-    program: Any, act: Any, ego: Any, others: Any, acts: Any, table: Any, now: float, before: float, stack: Any
+    program: Any,
+    act: Any,
+    ego: Any,
+    others: Any,
+    acts: Any,
+    table: Any,
+    now: float,
+    before: float,
+    stack: Any,
 ) -> float:
-    """Share of the step from `before` to `now` at which a condition came to hold, 0 if it held before; -1: it does not.
+    """Share of the step from `before` to `now` at which a condition came to hold, 0 if it held
+    before; -1: it does not.
 
-    Numbers are interpolated linearly between both ends of the step. Where a number was not defined, the end counts.
+    Numbers are interpolated linearly between both ends of the step. Where a number was not defined,
+    the end counts.
     """
     k = -1
     for q in range(act.program, act.program + act.steps):
@@ -337,7 +425,8 @@ def holds_from(
 
 @kernel
 def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
-    """How far a place is from where the recorded ego was at a time, m; the end of its recording counts after it.
+    """How far a place is from where the recorded ego was at a time, m; the end of its recording
+    counts after it.
 
     act: a move whose places in `table` are those of the recorded ego, `duration` s apart.
     """
@@ -359,7 +448,9 @@ def _pair(stack: Any, k: int, op: int, one: Any, two: Any) -> None:
 
 @kernel
 def _join(stack: Any, k: int, op: int) -> None:
-    """And, or of the two conditions on top of the stack: it holds from the later, or the earlier, of both instants."""
+    """And, or of the two conditions on top of the stack: it holds from the later, or the earlier,
+    of both instants.
+    """
     a, b = stack[k, 1] > 0.0, stack[k + 1, 1] > 0.0
     share_a, share_b = stack[k, 2], stack[k + 1, 2]
     if op == AND:
@@ -390,7 +481,7 @@ def _arithmetic(op: int, a: float, b: float) -> float:
     return max(a, b)
 
 
-# -- what begins -------------------------------------------------------------------------------------------------------
+# -- what begins -----------------------------------------------------------------------------------
 
 
 @kernel
@@ -445,7 +536,12 @@ def _path_ended(play: Any, acts: Any, pieces: Any, table: Any, before: float, no
     """Put down when the path that is driven came to its last point, if it did in this step."""
     for q in range(play.acts):
         act = acts[q]
-        if act.kind == PATH and act.state == BEGUN and math.isinf(act.end) and act.first == play.path:
+        if (
+            act.kind == PATH
+            and act.state == BEGUN
+            and math.isinf(act.end)
+            and act.first == play.path
+        ):
             length, x, y = 0.0, play.x, play.y
             for p in range(play.path, play.path + play.points):
                 dx, dy = table[p].one - x, table[p].two - y
@@ -461,10 +557,14 @@ def _path_ended(play: Any, acts: Any, pieces: Any, table: Any, before: float, no
 
 @kernel
 def wake(
-    ego: Any, others: Any, plays: Any, acts: Any, pieces: Any, table: Any, program: Any, now: float, before: float,
+    ego: Any, others: Any, plays: Any, acts: Any, pieces: Any, table: Any, program: Any,
+    now: float, before: float,
     stack: Any, line: Any,
 ) -> int:  # fmt: skip
-    """Look at every waiting move of a case at the end of a step; how many began. Who has begun is placed anew."""
+    """Look at every waiting move of a case at the end of a step; how many began.
+
+    Who has begun is placed anew.
+    """
     count = 0
     for j in range(len(others)):
         for q in range(plays[j].acts):
@@ -486,17 +586,30 @@ def wake(
     return count
 
 
-# -- rows --------------------------------------------------------------------------------------------------------------
+# -- rows ------------------------------------------------------------------------------------------
 
 
 @rows
 def begin_play_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, program: Records,
+    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records,
+    program: Records,
     stack: NDArray[np.float64], line: Records,
 ) -> None:  # fmt: skip
     """Begin what begins at the start of the cases, where every vehicle is as it starts."""
     for i in range(len(egos)):
-        wake(egos[i], others[i], plays[i], acts[i], pieces[i], table[i], program[i], 0.0, 0.0, stack, line)
+        wake(
+            egos[i],
+            others[i],
+            plays[i],
+            acts[i],
+            pieces[i],
+            table[i],
+            program[i],
+            0.0,
+            0.0,
+            stack,
+            line,
+        )
         for j in range(len(others[i])):
             if plays[i][j].model == 0:
                 place(others[i][j], plays[i][j], acts[i][j], pieces[i][j], table[i][j], 0.0, line)
@@ -504,7 +617,8 @@ def begin_play_rows(
 
 @rows
 def play_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, steps: int,
+    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records,
+    steps: int,
     step: float, line: Records,
 ) -> None:  # fmt: skip
     """Move the others of every live case to the end of so many steps."""
@@ -522,14 +636,27 @@ def play_rows(
 
 @rows
 def wake_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, program: Records,
+    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records,
+    program: Records,
     now: float, before: float, stack: NDArray[np.float64], line: Records,
 ) -> None:  # fmt: skip
     """Look at the conditions of every live case at the end of a step from `before` to `now`, s."""
     for i in range(len(egos)):
         if egos[i].live == 0 or egos[i].reason != 0:
             continue
-        wake(egos[i], others[i], plays[i], acts[i], pieces[i], table[i], program[i], now, before, stack, line)
+        wake(
+            egos[i],
+            others[i],
+            plays[i],
+            acts[i],
+            pieces[i],
+            table[i],
+            program[i],
+            now,
+            before,
+            stack,
+            line,
+        )
 
 
 class Players(NamedTuple):
@@ -559,14 +686,18 @@ class Players(NamedTuple):
 
 
 def players(cases: Sequence[Sequence[Any]]) -> Players:
-    """Records of the vehicles of cases, as they are before anything has begun. cases: the actors of each."""
+    """Records of the vehicles of cases, as they are before anything has begun.
+
+    cases: the actors of each.
+    """
     n, m = len(cases), len(cases[0])
     actors = [actor for case in cases for actor in case]
     most = max((len(actor.acts) for actor in actors), default=0)
     tables = max((sum(len(act.table) for act in actor.acts) for actor in actors), default=0)
     steps = max((sum(len(act.program) for act in actor.acts) for actor in actors), default=0)
     found = Players(
-        np.zeros((n, m), PLAY), np.zeros((n, m, max(most, 1)), ACT), np.zeros((n, m, max(tables, 1) + 2), PIECE),
+        np.zeros((n, m), PLAY), np.zeros((n, m, max(most, 1)), ACT),
+        np.zeros((n, m, max(tables, 1) + 2), PIECE),
         np.zeros((n, m, max(tables, 1)), TABLE), np.zeros((n, m, max(steps, 1)), PROGRAM),
     )  # fmt: skip
     for i, case in enumerate(cases):
@@ -581,7 +712,8 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
             for q, act in enumerate(actor.acts):
                 waits = bool(act.program)
                 found.acts[i, j, q] = (
-                    math.inf if waits else act.begin, act.duration, act.speed, act.offset, act.acceleration, act.jerk,
+                    math.inf if waits else act.begin, act.duration, act.speed, act.offset,
+                    act.acceleration, act.jerk,
                     act.begin, math.inf, act.kind, first, len(act.table), step, len(act.program),
                     WAITS if waits else KNOWN,
                 )  # fmt: skip

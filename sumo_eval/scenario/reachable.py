@@ -1,9 +1,10 @@
-"""Whether a condition can come to hold at all, as far as that can be known before anybody has driven.
+"""Whether a condition can come to hold at all, as far as that can be known before anybody has
+driven.
 
-Every number of the moment is taken as the range that it can ever have (time up to the case's end, the ego between its
-start and the end of the road, distances not below 0, a script no faster than its fastest speed); sums, products and
-comparisons of ranges are ranges again. What comes out false for all of them never holds. What may hold still need not:
-that depends on who drives.
+Every number of the moment is taken as the range that it can ever have (time up to the case's end,
+the ego between its start and the end of the road, distances not below 0, a script no faster than
+its fastest speed); sums, products and comparisons of ranges are ranges again. What comes out false
+for all of them never holds. What may hold still need not: that depends on who drives.
 """
 
 from __future__ import annotations
@@ -38,22 +39,31 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         fastest = math.inf if road.bent else _fastest(actor)
         known[played.ALONG, number] = (-fastest, fastest)
     acts = {
-        (number, index): act for number, actor in enumerate(concrete.actors) for index, act in enumerate(actor.acts)
+        (number, index): act
+        for number, actor in enumerate(concrete.actors)
+        for index, act in enumerate(actor.acts)
     }
     keeps = {place for place, act in acts.items() if act.kind == played.KEEP}
     endless: set[tuple[int, int]] = set()
     while True:  # a move that waits for the end of one that never ends never begins either
-        never = {place for place, act in acts.items() if act.program and not _may_hold(act.program, known, endless)}
+        never = {
+            place
+            for place, act in acts.items()
+            if act.program and not _may_hold(act.program, known, endless)
+        }
         if never | keeps <= endless:
             return [(concrete.actors[number], index) for number, index in sorted(never)]
         endless |= never | keeps
 
 
-def leaves_at(concrete: ConcreteScenario, end: float, time_limit: float) -> Iterator[tuple[str, float]]:
-    """The vehicles whose scripts lead to x = `end`, m, within `time_limit` s and before the ego is done; and when.
+def leaves_at(
+    concrete: ConcreteScenario, end: float, time_limit: float
+) -> Iterator[tuple[str, float]]:
+    """The vehicles whose scripts lead to x = `end`, m, within `time_limit` s and before the ego is
+    done; and when.
 
-    The ego keeps its speed, or follows a slower vehicle at a headway of `_HEADWAY`. A vehicle that reacts counts with
-    the speed that it begins with.
+    The ego keeps its speed, or follows a slower vehicle at a headway of `_HEADWAY`. A vehicle that
+    reacts counts with the speed that it begins with.
     """
     ego, road = concrete.ego, concrete.road
     alone = (road.length - ego.x) / max(ego.speed, _CREEPS)
@@ -65,35 +75,59 @@ def leaves_at(concrete: ConcreteScenario, end: float, time_limit: float) -> Iter
             yield actor.name, time
 
 
-def _reach(concrete: ConcreteScenario, end: float, alone: float, times: Sequence[float]) -> list[float]:
-    """The first of the times at which the front of each vehicle is beyond x = `end`, m; inf where none is.
+def _reach(
+    concrete: ConcreteScenario, end: float, alone: float, times: Sequence[float]
+) -> list[float]:
+    """The first of the times at which the front of each vehicle is beyond x = `end`, m; inf where
+    none is.
 
     alone: when an ego that nothing holds up is done, s; later, only a slower vehicle counts.
     """
     ends = [end - 0.5 * actor.length for actor in concrete.actors]
     last_time = times[-1]
     ways = [max(_fastest(actor), 0.0) * last_time for actor in concrete.actors]
-    if not any(actor.start.x + way > last for actor, way, last in zip(concrete.actors, ways, ends, strict=True)):
+    if not any(
+        actor.start.x + way > last
+        for actor, way, last in zip(concrete.actors, ways, ends, strict=True)
+    ):
         return [math.inf] * len(ends)
     slower = any(actor.start.speed < concrete.ego.speed for actor in concrete.actors)
     until = last_time if slower else min(last_time, alone + times[1])
-    x = tracks([concrete], [(0.0, 0.0)], times[1], until).others[0, :, :, 0]  # the ego's body moves nothing here
+    # the ego's body moves nothing here
+    x = tracks([concrete], [(0.0, 0.0)], times[1], until).others[0, :, :, 0]
     return [
-        times[int(np.argmax(row > last))] if row.max() > last else math.inf for row, last in zip(x, ends, strict=True)
+        times[int(np.argmax(row > last))] if row.max() > last else math.inf
+        for row, last in zip(x, ends, strict=True)
     ]
 
 
 def _fastest(actor: Actor) -> float:
-    """The highest speed that a script has on a straight road, m/s; inf where SUMO drives, or it moves across."""
-    across = actor.start.lateral_speed != 0.0 or any(act.kind <= played.COSINE for act in actor.acts)
+    """The highest speed that a script has on a straight road, m/s; inf where SUMO drives, or it
+    moves across.
+    """
+    across = actor.start.lateral_speed != 0.0 or any(
+        act.kind <= played.COSINE for act in actor.acts
+    )
     if across or actor.model is not None or any(act.kind == played.FOLLOW for act in actor.acts):
         return math.inf
-    told = [speed for act in actor.acts if act.kind in (played.BY_TIME, played.BY_PLACE) for _, speed in act.table]
-    return max(actor.start.speed, *told, *(act.speed for act in actor.acts if act.kind == played.SPEED), 0.0)
+    told = [
+        speed
+        for act in actor.acts
+        if act.kind in (played.BY_TIME, played.BY_PLACE)
+        for _, speed in act.table
+    ]
+    return max(
+        actor.start.speed,
+        *told,
+        *(act.speed for act in actor.acts if act.kind == played.SPEED),
+        0.0,
+    )
 
 
 def _may_hold(
-    program: Sequence[tuple[int, int, int, float]], known: dict[tuple[int, int], Range], endless: set[tuple[int, int]]
+    program: Sequence[tuple[int, int, int, float]],
+    known: dict[tuple[int, int], Range],
+    endless: set[tuple[int, int]],
 ) -> bool:
     stack: list[Range] = []
     for op, one, two, value in program:
@@ -120,7 +154,9 @@ def _absolute(low: float, high: float) -> Range:
 
 
 def _joined(op: int, first: Range, second: Range) -> Range:
-    """The range of what two ranges come to; of comparisons 1 where it may hold, 0 where it cannot."""
+    """The range of what two ranges come to; of comparisons 1 where it may hold, 0 where it
+    cannot.
+    """
     (a, b), (c, d) = first, second
     if op == played.BELOW:
         return 0.0, float(a < d)

@@ -1,7 +1,9 @@
-"""Requirements of a scenario: conditions on the whole drive, such as `min(gap) > 2 and max(abs(offset)) <= 0.15`.
+"""Requirements of a scenario: conditions on the whole drive, such as `min(gap) > 2 and
+max(abs(offset)) <= 0.15`.
 
-`min`, `max` and `at_end` of one value are taken over the drive of the ego; what stands in them may combine the numbers
-of the moment below with parameters and definitions. The rest is the language of scenario files.
+`min`, `max` and `at_end` of one value are taken over the drive of the ego; what stands in them may
+combine the numbers of the moment below with parameters and definitions. The rest is the language of
+scenario files.
 """
 
 from __future__ import annotations
@@ -36,15 +38,21 @@ OUTCOMES = {
 }
 """What it may ask of the whole."""
 OF_OTHERS = ("x", "y", "speed", "lateral_speed")
-"""What it may ask of another vehicle at each moment, as `x(lead)`; y and lateral_speed are across the road, to the left
-of the right lane's centre line."""
-_OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {"min": np.min, "max": np.max, "at_end": lambda values: values[-1]}
+"""What it may ask of another vehicle at each moment, as `x(lead)`; y and lateral_speed are across
+the road, to the left of the right lane's centre line."""
+_OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {
+    "min": np.min,
+    "max": np.max,
+    "at_end": lambda values: values[-1],
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """A checked requirement. parts: placeholder, function and what it is taken of, for each value over time. asks:
-    placeholder, function and vehicle for each number of another vehicle.
+    """A checked requirement.
+
+    parts: placeholder, function and what it is taken of, for each value over time.
+    asks: placeholder, function and vehicle for each number of another vehicle.
     """
 
     name: str
@@ -60,14 +68,18 @@ class Requirement:
         return (self.outer, *(inner for _, _, inner in self.parts))
 
     def holds(self, series: Mapping[str, FloatArray], known: Mapping[str, float]) -> bool:
-        """Whether it holds in a drive. series: by the names of `SERIES` and of `asks`, (n,) each; known: all other
-        numbers.
+        """Whether it holds in a drive.
+
+        series: by the names of `SERIES` and of `asks`, (n,) each;
+        known: all other numbers.
         """
         numbers = dict(known)
         for placeholder, function, inner in self.parts:
             over = np.broadcast_to(inner.value({**known, **series}), series["time"].shape)
             if np.isnan(over).any():
-                raise InputError(f"`{inner.text}` of requirement `{self.name}` must be a number at every moment.")
+                raise InputError(
+                    f"`{inner.text}` of requirement `{self.name}` must be a number at every moment."
+                )
             numbers[placeholder] = float(_OVER_TIME[function](over))
         return bool(self.outer.at(numbers))
 
@@ -94,7 +106,10 @@ class Requirements:
 def requirement(
     name: str, text: str, about: str, owner: str, known: Iterable[str], vehicles: Sequence[str] = ()
 ) -> Requirement:
-    """The requirement in a text. known: names of parameters, options and definitions; vehicles: of the others.
+    """The requirement in a text.
+
+    known: names of parameters, options and definitions;
+    vehicles: of the others.
 
     InputError with what is wrong.
     """
@@ -103,7 +118,10 @@ def requirement(
     names = [*known, *OUTCOMES]
     for taken in (*SERIES, *OUTCOMES, *_OVER_TIME):
         if taken in list(known):
-            raise InputError(f"`{taken}` of {owner} must have another name: requirements ask for the drive by it.")
+            raise InputError(
+                f"`{taken}` of {owner} must have another name: requirements ask for the drive by "
+                "it."
+            )
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except UNREADABLE:
@@ -114,17 +132,29 @@ def requirement(
         moments = [*SERIES, *(placeholder for placeholder, _, _ in found.asks)]
         checked_names(inner, [*names, *moments], owner)
         if not inner.names & set(moments):
-            raise must_be(f"`{inner.text}`", f"requirement `{name}` of {owner}", f"of {', '.join(SERIES)}", inner.text)
+            raise must_be(
+                f"`{inner.text}`",
+                f"requirement `{name}` of {owner}",
+                f"of {', '.join(SERIES)}",
+                inner.text,
+            )
     for asked in sorted(outer.names - {part[0] for part in found.parts}):
         if asked in SERIES:
-            raise must_be(f"`{asked}`", f"requirement `{name}` of {owner}", "within min(), max() or at_end()", text)
+            raise must_be(
+                f"`{asked}`",
+                f"requirement `{name}` of {owner}",
+                "within min(), max() or at_end()",
+                text,
+            )
         if asked not in names:
             raise unknown(f"name in requirement `{name}` of {owner}:", asked, [*names, *SERIES])
     return Requirement(name, text, about, outer, tuple(found.parts), tuple(found.asks))
 
 
 class _Parts(ast.NodeTransformer):
-    """Puts a placeholder where a value over time stands, and within one where a number of another vehicle does."""
+    """Puts a placeholder where a value over time stands, and within one where a number of another
+    vehicle does.
+    """
 
     def __init__(self, text: str, owner: str, vehicles: Sequence[str]) -> None:
         self.text, self.owner, self.vehicles = text, owner, vehicles
@@ -135,7 +165,12 @@ class _Parts(ast.NodeTransformer):
     def visit_Call(self, node: ast.Call) -> ast.AST:
         if self.within:
             return self._of_other(node)
-        if isinstance(node.func, ast.Name) and node.func.id in _OVER_TIME and len(node.args) == 1 and not node.keywords:
+        if (
+            isinstance(node.func, ast.Name)
+            and node.func.id in _OVER_TIME
+            and len(node.args) == 1
+            and not node.keywords
+        ):
             placeholder = f"over_time_{len(self.parts)}"
             self.within = True
             inner = ast.unparse(self.visit(node.args[0]))
@@ -145,13 +180,19 @@ class _Parts(ast.NodeTransformer):
         return self.generic_visit(node)
 
     def _of_other(self, node: ast.Call) -> ast.AST:
-        """`x(lead)` as a name whose series is worked out for the drive; other calls are arithmetic."""
+        """`x(lead)` as a name whose series is worked out for the drive; other calls are
+        arithmetic.
+        """
         match node:
             case ast.Call(func=ast.Name(id=function), args=[ast.Name(id=vehicle)], keywords=[]) if (
                 function in OF_OTHERS
             ):
                 if vehicle not in self.vehicles:
-                    raise unknown(f"vehicle in requirement `{self.text}` of {self.owner}:", vehicle, self.vehicles)
+                    raise unknown(
+                        f"vehicle in requirement `{self.text}` of {self.owner}:",
+                        vehicle,
+                        self.vehicles,
+                    )
                 placeholder = f"{function}_of_{vehicle}"
                 if (placeholder, function, vehicle) not in self.asks:
                     self.asks.append((placeholder, function, vehicle))

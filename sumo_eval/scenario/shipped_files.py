@@ -1,4 +1,5 @@
-"""Where the shipped files are: SUMO networks and routes, and the shipped scenarios written as scenario files.
+"""Where the shipped files are: SUMO networks and routes, and the shipped scenarios written as
+scenario files.
 
 Networks and routes are inside the package once installed, beside it in the source tree.
 """
@@ -28,10 +29,14 @@ def scenario_files() -> dict[str, Path]:
 
 
 def _find(name: str, package: Path = _PACKAGE) -> Path:
-    # a wheel has them inside the package; a source tree, known by its pyproject.toml, has them at its top
+    # a wheel has them inside the package; a source tree, known by its pyproject.toml, has them at
+    # its top
     installed, source = package / name, package.parent / name
     if installed.is_dir():
         return installed
     if source.is_dir() and (package.parent / "pyproject.toml").is_file():
         return source
-    raise InputError(f"The shipped {name} are missing: neither {installed} nor {source} is there. Reinstall sumo_eval.")
+    raise InputError(
+        f"The shipped {name} are missing: neither {installed} nor {source} is there. Reinstall "
+        "sumo_eval."
+    )

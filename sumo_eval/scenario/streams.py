@@ -1,4 +1,6 @@
-"""Streams of traffic: where their vehicles start and how fast they want to drive, drawn once from a declared seed."""
+"""Streams of traffic: where their vehicles start and how fast they want to drive, drawn once from a
+declared seed.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +22,32 @@ MOST = 200  # vehicles of one stream
 
 @dataclass(frozen=True, slots=True)
 class StreamTable(Checked):
-    """Traffic of a given density: vehicles one behind the other in a lane, each driven by a model of SUMO's."""
+    """Traffic of a given density: vehicles one behind the other in a lane, each driven by a model
+    of SUMO's.
+    """
 
-    name: Annotated[str, MinLen(1), About("name; its vehicles are name_1, name_2, ... from the foremost back")]
+    name: Annotated[
+        str, MinLen(1), About("name; its vehicles are name_1, name_2, ... from the foremost back")
+    ]
     lane: Annotated[int, Ge(0), About("lane; 0 is the right-hand one")]
-    begin: Annotated[Formula, About("its end at the back, ahead of the ego's centre; negative: behind", "m")]
+    begin: Annotated[
+        Formula, About("its end at the back, ahead of the ego's centre; negative: behind", "m")
+    ]
     end: Annotated[Formula, About("its end at the front, ahead of the ego's centre", "m")]
     density: Annotated[Formula, ABOVE_0, About("vehicles on a kilometre of the lane", "1/km")]
-    speed: Annotated[Formula, ABOVE_0, About("mean speed, which each keeps where nobody is in its way", "m/s")]
-    speed_spread: Annotated[float, Ge(0.0), About("speeds differ by at most that, evenly", "m/s")] = 0.0
-    spacing_spread: Annotated[float, Ge(0.0), About("distances differ by at most that share of their mean")] = 0.3
+    speed: Annotated[
+        Formula, ABOVE_0, About("mean speed, which each keeps where nobody is in its way", "m/s")
+    ]
+    speed_spread: Annotated[
+        float, Ge(0.0), About("speeds differ by at most that, evenly", "m/s")
+    ] = 0.0
+    spacing_spread: Annotated[
+        float, Ge(0.0), About("distances differ by at most that share of their mean")
+    ] = 0.3
     seed: Annotated[int, Ge(0), About("what speeds and distances are drawn from")] = 0
-    model: Annotated[Literal["Krauss", "IDM", "EIDM"], About("SUMO's car-following model, without noise")] = "IDM"
+    model: Annotated[
+        Literal["Krauss", "IDM", "EIDM"], About("SUMO's car-following model, without noise")
+    ] = "IDM"
     headway: Annotated[Formula, ABOVE_0, About("time headway that each keeps", "s")] = 1.0
     min_gap: Annotated[Formula, ABOVE_0, About("gap to a standing vehicle", "m")] = 2.5
     acceleration: Annotated[Formula, ABOVE_0, About("largest acceleration", "m/s2")] = 2.6
@@ -39,7 +55,10 @@ class StreamTable(Checked):
     body: Annotated[Literal["car", "van", "truck", "motorcycle"], About("what they are")] = "car"
 
     def read(self, names: Names, road: Road) -> Quantities:
-        """Its numbers. Raises InputError for a lane that the road does not have."""
+        """Its numbers.
+
+        Raises InputError for a lane that the road does not have.
+        """
         what = f"stream `{self.name}`"
         check_name("`name`", f"a stream of {names.where}", self.name)
         if self.lane >= road.lanes:
@@ -47,11 +66,15 @@ class StreamTable(Checked):
         return names.quantities(self, what)
 
     def actors(self, ego: Start, road: Road, numbers: Mapping[str, float]) -> Iterator[Actor]:
-        """Its vehicles from the foremost back. numbers: of the table, by key.
+        """Its vehicles from the foremost back.
 
-        The draws depend on the seed and on the vehicle's number alone, so that a point of the space changes nothing but
-        what its parameters say. Raises InputError for a stream that is denser than its lane holds, or longer than
-        anybody needs.
+        numbers: of the table, by key.
+
+        The draws depend on the seed and on the vehicle's number alone, so that a point of the space
+        changes nothing but what its parameters say.
+
+        Raises InputError for a stream that is denser than its lane holds, or longer than anybody
+        needs.
         """
         owner, body, wanted = f"stream `{self.name}`", BODIES[self.body], numbers["speed"]
         begin, end, mean = numbers["begin"], numbers["end"], 1000.0 / numbers["density"]
@@ -60,11 +83,20 @@ class StreamTable(Checked):
         least, room = mean * (1.0 - self.spacing_spread), body.length + numbers["min_gap"]
         if least < room:
             most = 1000.0 * (1.0 - self.spacing_spread) / room
-            raise must_be("`density`", owner, f"at most {most:g} a km, which the lane holds", numbers["density"])
+            raise must_be(
+                "`density`",
+                owner,
+                f"at most {most:g} a km, which the lane holds",
+                numbers["density"],
+            )
         if (end - begin) / least > MOST:
-            raise must_be("The vehicles", owner, f"at most {MOST}", f"up to {(end - begin) / least:.0f}")
+            raise must_be(
+                "The vehicles", owner, f"at most {MOST}", f"up to {(end - begin) / least:.0f}"
+            )
         if self.speed_spread >= wanted:
-            raise must_be("`speed_spread`", owner, f"below `speed` ({wanted:g} m/s)", self.speed_spread)
+            raise must_be(
+                "`speed_spread`", owner, f"below `speed` ({wanted:g} m/s)", self.speed_spread
+            )
         draws = np.random.Generator(np.random.PCG64(self.seed)).uniform(-1.0, 1.0, (2, MOST + 1))
         place = end
         for count, (slow, close) in enumerate(draws.T.tolist(), 1):
@@ -73,7 +105,15 @@ class StreamTable(Checked):
             speed = wanted + self.speed_spread * slow
             start = Start(ego.x + place, road.lane_width * self.lane, speed)
             model = sumo_model(self.model, speed, numbers)
-            yield Actor(f"{self.name}_{count}", start, (), body.length, body.width, body=self.body, model=model)
+            yield Actor(
+                f"{self.name}_{count}",
+                start,
+                (),
+                body.length,
+                body.width,
+                body=self.body,
+                model=model,
+            )
             place -= mean * (1.0 + self.spacing_spread * close)
 
 

@@ -1,10 +1,10 @@
 """A road inside a SUMO network of the user's: found, checked, and laid along the x axis.
 
-Everything in this package drives along x with the right lane's centre line at y = 0. Where the chosen edges are
-straight, the whole network is turned and moved, as one rigid body, until they lie there; its topology stays as it is.
-Where they bend, the line along their lanes is fitted (`fitted_line`), and the road is one with that line, for which a
-network is written as for every other that bends. The outermost lanes may begin and end where edges meet: square, as
-SUMO has them.
+Everything in this package drives along x with the right lane's centre line at y = 0. Where the
+chosen edges are straight, the whole network is turned and moved, as one rigid body, until they lie
+there; its topology stays as it is. Where they bend, the line along their lanes is fitted
+(`fitted_line`), and the road is one with that line, for which a network is written as for every
+other that bends. The outermost lanes may begin and end where edges meet: square, as SUMO has them.
 """
 
 from __future__ import annotations
@@ -28,13 +28,20 @@ from sumo_eval.scenario.concrete import NetworkFile, Road
 from sumo_eval.scenario.road.fitted_line import WITHIN, fitted_line, onto_the_line
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Piece, drawn_points, frame_places, length_of, map_places
+from sumo_eval.scenario.road.reference_line import (
+    Piece,
+    drawn_points,
+    frame_places,
+    length_of,
+    map_places,
+)
 from sumo_eval.scenario.road.table import bend_name, check_line
 from sumo_eval.text import shown
 from sumo_eval.trajectory import FloatArray
 
 STRAIGHT = 0.1  # m that a lane may be off its straight line; netconvert writes centimetres
-SPEED_LIMIT = 60.0  # m/s on the driven edges: the scenario says how fast vehicles are, not the network's signs
+# m/s on the driven edges: the scenario says how fast vehicles are, not the network's signs
+SPEED_LIMIT = 60.0
 _INDEX_DIGITS = 3  # of the index of a lane
 _DEFAULT_LANE_WIDTH = 3.2  # m, SUMO's
 _ONE_PLACE = 0.05  # m: corners nearer than that are netconvert's rounding
@@ -56,10 +63,11 @@ class _Lane:
 
 
 def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
-    """The road along `edges` of a .net.xml, judged until x = `end`, m from the begin of the first edge.
+    """The road along `edges` of a .net.xml, judged until x = `end`, m from the begin of the first
+    edge.
 
-    Raises InputError where the file is no network, an edge is not in it, or the edges are not one road with the same
-    lanes throughout.
+    Raises InputError where the file is no network, an edge is not in it, or the edges are not one
+    road with the same lanes throughout.
     """
     path = path.resolve()
     owner = f"network {path.name}"
@@ -85,7 +93,9 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     width = lanes[0][0].width
     if any(lane.width != width for of_edge in lanes for lane in of_edge):
         widths = ", ".join(f"{lane.id} {lane.width:g} m" for of_edge in lanes for lane in of_edge)
-        raise InputError(f"The lanes of edges {', '.join(edges)} of {owner} must have one width, got {widths}.")
+        raise InputError(
+            f"The lanes of edges {', '.join(edges)} of {owner} must have one width, got {widths}."
+        )
     _check_junctions(root, [by_id[name] for name in edges[1:]], owner)
     bare = path.name.removesuffix(".net.xml").removesuffix(".xml")
     if not _is_straight(lanes):
@@ -95,7 +105,9 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     count = max(places.values()) + 1
     begins = [turn(of_edge[0].shape[0])[0] for of_edge in lanes]
     ends = [turn(of_edge[0].shape[-1])[0] for of_edge in lanes]
-    spans = _spans(edges, [{places[lane.id] for lane in of_edge} for of_edge in lanes], begins, ends, owner)
+    spans = _spans(
+        edges, [{places[lane.id] for lane in of_edge} for of_edge in lanes], begins, ends, owner
+    )
     _check_end(end, length, owner)
     return Road(
         name=f"{bare}_{network.sha256[:8]}",
@@ -110,11 +122,13 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
 
 
 def _laid(lanes: Sequence[Sequence[_Lane]]) -> tuple[Turn, dict[str, int]]:
-    """The rigid motion that lays the driven edges along the x axis, the right-hand lane of all on it; and which place
-    from the right each lane has, by its id.
+    """The rigid motion that lays the driven edges along the x axis, the right-hand lane of all on
+    it; and which place from the right each lane has, by its id.
     """
     turn, width = _turn(lanes[0][0]), lanes[0][0].width
-    places = {lane.id: round(turn(lane.shape[0])[1] / width) for of_edge in lanes for lane in of_edge}
+    places = {
+        lane.id: round(turn(lane.shape[0])[1] / width) for of_edge in lanes for lane in of_edge
+    }
     lowest = min(places.values())
 
     def moved(point: Point) -> Point:
@@ -125,10 +139,16 @@ def _laid(lanes: Sequence[Sequence[_Lane]]) -> tuple[Turn, dict[str, int]]:
 
 
 def _spans(
-    edges: Sequence[str], there: Sequence[set[int]], begins: Sequence[float], ends: Sequence[float], owner: str
+    edges: Sequence[str],
+    there: Sequence[set[int]],
+    begins: Sequence[float],
+    ends: Sequence[float],
+    owner: str,
 ) -> tuple[LaneSpan, ...]:
-    """Where outermost lanes are that are not there throughout. there: the places from the right that each edge has
-    lanes in. begins, ends: of each edge along the road, m.
+    """Where outermost lanes are that are not there throughout.
+
+    there: the places from the right that each edge has lanes in.
+    begins, ends: of each edge along the road, m.
     """
     count, found = max(set().union(*there)) + 1, []
     for lane in sorted({0, count - 1}):
@@ -139,7 +159,8 @@ def _spans(
         if not all(has[first : last + 1]):
             gap = edges[first + has[first:].index(False)]
             raise InputError(
-                f"Edge `{gap}` of {owner} must have the outermost lane that edges before and behind it have."
+                f"Edge `{gap}` of {owner} must have the outermost lane that edges before and "
+                "behind it have."
             )
         begin = begins[first] if first else -math.inf
         end = ends[last] if last + 1 < len(has) else math.inf
@@ -147,21 +168,33 @@ def _spans(
     inner = set(range(count)) - {span.lane for span in found}
     for name, of_edge in zip(edges, there, strict=True):
         if missing := inner - of_edge:
-            raise must_be(f"Edge `{name}`", owner, "without lanes only on the outside, and not all of one side's",
+            raise must_be(f"Edge `{name}`", owner, "without lanes only on the outside, and not "
+                                                   "all of one side's",
                           f"none in place {min(missing)}")  # fmt: skip
     return tuple(found)
 
 
 def _check_junctions(root: etree._Element, edges: Sequence[etree._Element], owner: str) -> None:
-    """Refuse a junction before one of the edges that has incoming lanes and no right of way: SUMO crashes there."""
+    """Refuse a junction before one of the edges that has incoming lanes and no right of way: SUMO
+    crashes there.
+    """
     junctions = {junction.get("id"): junction for junction in root.iter("junction")}
     for edge in edges:
         junction = junctions.get(edge.get("from"))
-        if junction is None or junction.get("type") in _WITHOUT_RIGHT_OF_WAY or not junction.get("incLanes"):
+        if (
+            junction is None
+            or junction.get("type") in _WITHOUT_RIGHT_OF_WAY
+            or not junction.get("incLanes")
+        ):
             continue
         if junction.find("request") is None:
-            must = "have a <request> for each of its connections, as netconvert writes it, or be of type `unregulated`"
-            raise InputError(f"Junction `{junction.get('id')}` of {owner} must {must}: it has none.")
+            must = (
+                "have a <request> for each of its connections, as netconvert writes it, or be of "
+                "type `unregulated`"
+            )
+            raise InputError(
+                f"Junction `{junction.get('id')}` of {owner} must {must}: it has none."
+            )
 
 
 def _check_end(end: float, length: float, owner: str) -> None:
@@ -170,7 +203,9 @@ def _check_end(end: float, length: float, owner: str) -> None:
 
 
 def _is_straight(lanes: Sequence[Sequence[_Lane]]) -> bool:
-    """Whether all lanes are within `STRAIGHT` of places beside the line from end to end of the first one."""
+    """Whether all lanes are within `STRAIGHT` of places beside the line from end to end of the
+    first one.
+    """
     first, width = lanes[0][0], lanes[0][0].width
     if math.dist(first.shape[0], first.shape[-1]) < width:  # it comes back to where it began
         return False
@@ -181,23 +216,33 @@ def _is_straight(lanes: Sequence[Sequence[_Lane]]) -> bool:
     )  # fmt: skip
 
 
-# -- a road that bends -------------------------------------------------------------------------------------------------
+# -- a road that bends -----------------------------------------------------------------------------
 
 
 def _bent_road(
-    root: etree._Element, network: NetworkFile, lanes: Sequence[Sequence[_Lane]], end: float, owner: str, bare: str
+    root: etree._Element,
+    network: NetworkFile,
+    lanes: Sequence[Sequence[_Lane]],
+    end: float,
+    owner: str,
+    bare: str,
 ) -> Road:
     """The road along edges that bend, of the line along a lane that all of them have."""
     edges, width = network.edges, lanes[0][0].width
     links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
     shifts = list(itertools.accumulate((link.shift for link in links), initial=0))
-    there = [{shift + it.index for it in of_edge} for shift, of_edge in zip(shifts, lanes, strict=True)]
+    there = [
+        {shift + it.index for it in of_edge} for shift, of_edge in zip(shifts, lanes, strict=True)
+    ]
     common = set.intersection(*there)
     if not common:
         raise InputError(f"The edges of {owner} must have a lane that goes through all of them.")
     lane, lowest = min(common), min(set().union(*there))
     shapes = [
-        it.shape for shift, of_edge in zip(shifts, lanes, strict=True) for it in of_edge if it.index + shift == lane
+        it.shape
+        for shift, of_edge in zip(shifts, lanes, strict=True)
+        for it in of_edge
+        if it.index + shift == lane
     ]
     between = [
         tuple(p for name in link.vias.get(lane - shift, ()) for p in _shape(root, name))
@@ -208,7 +253,8 @@ def _bent_road(
         way += [*via, *shape]
     what = f"the road along {', '.join(edges)} of {owner}"
     line, begins = _line_along(np.array(way), what)
-    if lane > lowest:  # the right-hand lane of all begins or ends on the way: its line is beside this one
+    # the right-hand lane of all begins or ends on the way: its line is beside this one
+    if lane > lowest:
         s = drawn_points(line, 0.0, length_of(line), 2.0)
         x, y, _ = map_places(line, s, -width * (lane - lowest))
         line, beside = _line_along(np.column_stack([x, y]), what)
@@ -220,13 +266,21 @@ def _bent_road(
             _, across, _ = frame_places(line, *onto_the_line(np.array(it.shape), begins).T)
             off = float(np.abs(across - width * (shift + it.index - lowest)).max())
             if off > PARALLEL:
-                raise must_be(f"Lane `{it.id}`", owner, f"beside the first within {PARALLEL:g} m", f"{off:.2f} m")
+                raise must_be(
+                    f"Lane `{it.id}`",
+                    owner,
+                    f"beside the first within {PARALLEL:g} m",
+                    f"{off:.2f} m",
+                )
     joints = onto_the_line(np.array([p for shape in shapes for p in (shape[0], shape[-1])]), begins)
     along = frame_places(line, *joints.T)[0].tolist()
-    spans = _spans(edges, [{k - lowest for k in of_edge} for of_edge in there], along[::2], along[1::2], owner)
+    spans = _spans(
+        edges, [{k - lowest for k in of_edge} for of_edge in there], along[::2], along[1::2], owner
+    )
     _check_end(end, along[-1], owner)
     return Road(
-        name=f"{bare}_{network.sha256[:8]}{bend_name(line, named=True)}", length=end, lanes=count, lane_width=width,
+        name=f"{bare}_{network.sha256[:8]}{bend_name(line, named=True)}", length=end, lanes=count,
+        lane_width=width,
         run_out=along[-1] - end, speed_limit=SPEED_LIMIT, line=line, spans=spans,
     )  # fmt: skip
 
@@ -234,18 +288,25 @@ def _bent_road(
 def _line_along(way: FloatArray, what: str) -> tuple[tuple[Piece, ...], Pose]:
     """The line along places (n, 2), of which those that are nearly one count once."""
     kept = [way[0]]
-    kept += [place for place in way[1:] if math.dist(place, kept[-1]) > _ONE_PLACE and math.dist(place, way[-1]) > 0.0]
+    kept += [
+        place
+        for place in way[1:]
+        if math.dist(place, kept[-1]) > _ONE_PLACE and math.dist(place, way[-1]) > 0.0
+    ]
     line, begins, off = fitted_line(np.array([*kept, way[-1]]))
     if off > WITHIN:
         raise must_be(
-            "The lanes", what, f"without corners, so that a line can follow them within {WITHIN:g} m", f"{off:.2f} m"
+            "The lanes",
+            what,
+            f"without corners, so that a line can follow them within {WITHIN:g} m",
+            f"{off:.2f} m",
         )
     return line, begins
 
 
 class _Link(NamedTuple):
-    """How the lanes of an edge go on in the next one: the index of each is greater by `-shift`; the lanes within the
-    junction between, by the index before it.
+    """How the lanes of an edge go on in the next one: the index of each is greater by `-shift`; the
+    lanes within the junction between, by the index before it.
     """
 
     shift: int
@@ -253,11 +314,18 @@ class _Link(NamedTuple):
 
 
 def _links(root: etree._Element, one: str, other: str, owner: str) -> _Link:
-    found = [it for it in root.iter("connection") if it.get("from") == one and it.get("to") == other]
+    found = [
+        it for it in root.iter("connection") if it.get("from") == one and it.get("to") == other
+    ]
     if not found:
-        raise InputError(f"Edge `{one}` of {owner} must lead to edge `{other}`: no lane of it does.")
+        raise InputError(
+            f"Edge `{one}` of {owner} must lead to edge `{other}`: no lane of it does."
+        )
     ends = f"A lane of the connection from edge `{one}` to edge `{other}` in {owner}"
-    told = [(_index(it.get("fromLane", "0"), ends), _index(it.get("toLane", "0"), ends), it.get("via")) for it in found]
+    told = [
+        (_index(it.get("fromLane", "0"), ends), _index(it.get("toLane", "0"), ends), it.get("via"))
+        for it in found
+    ]
     shifts = Counter(before - after for before, after, _ in told)
     shift = min(shifts, key=lambda it: (-shifts[it], abs(it)))
     vias = {before: _vias(root, via) for before, after, via in told if before - after == shift}
@@ -270,23 +338,33 @@ def _vias(root: etree._Element, via: str | None) -> tuple[str, ...]:
     while via is not None and via not in found:
         found.append(via)
         edge, _, index = via.rpartition("_")
-        further = [it for it in root.iter("connection") if it.get("from") == edge and it.get("fromLane") == index]
+        further = [
+            it
+            for it in root.iter("connection")
+            if it.get("from") == edge and it.get("fromLane") == index
+        ]
         via = further[0].get("via") if further else None
     return tuple(found)
 
 
 def _shape(root: etree._Element, name: str) -> tuple[Point, ...]:
-    return next((_points(it.get("shape", "")) for it in root.iter("lane") if it.get("id") == name), ())
+    return next(
+        (_points(it.get("shape", "")) for it in root.iter("lane") if it.get("id") == name), ()
+    )
 
 
-# -- a straight one ----------------------------------------------------------------------------------------------------
+# -- a straight one --------------------------------------------------------------------------------
 
 
 @functools.lru_cache(maxsize=16)
 def laid_along_x(network: NetworkFile) -> str:
-    """The network as text, turned and moved so that its driven edges lie along the x axis from x = 0."""
+    """The network as text, turned and moved so that its driven edges lie along the x axis from x =
+    0.
+    """
     root = _parsed(network)
-    driven = {str(edge.get("id")): edge for edge in root.iter("edge") if edge.get("id") in network.edges}
+    driven = {
+        str(edge.get("id")): edge for edge in root.iter("edge") if edge.get("id") in network.edges
+    }
     of_each = [_lanes(driven[name]) for name in network.edges]
     turn, places = _laid(of_each)
     for element in root.iter():
@@ -302,7 +380,8 @@ def laid_along_x(network: NetworkFile) -> str:
         elements = {element.get("id"): element for element in edge.iter("lane")}
         for lane in _lanes(edge):
             element = elements[lane.id]
-            y = places[lane.id] * lane.width  # exactly: the start of every vehicle is checked to a millimetre
+            # exactly: the start of every vehicle is checked to a millimetre
+            y = places[lane.id] * lane.width
             begin, end = lane.shape[0][0], lane.shape[-1][0]
             element.set("shape", _text(((begin, y), (end, y))))
             element.set("length", repr(end - begin))
@@ -316,7 +395,8 @@ def laid_along_x(network: NetworkFile) -> str:
             f"{max(x for x, _ in corners):.2f},{max(y for _, y in corners):.2f}"
         )
         for key, value in (
-            ("netOffset", "0.00,0.00"), ("convBoundary", bounds), ("origBoundary", bounds), ("projParameter", "!"),
+            ("netOffset", "0.00,0.00"), ("convBoundary", bounds), ("origBoundary", bounds),
+            ("projParameter", "!"),
         ):  # fmt: skip
             location.set(key, value)
     return etree.tostring(root.getroottree(), xml_declaration=True, encoding="UTF-8").decode()
@@ -337,7 +417,9 @@ def _parsed(network: NetworkFile) -> etree._Element:
 
 
 def _lanes(edge: etree._Element) -> list[_Lane]:
-    """The lanes of an edge on which cars may drive, from the right: a pavement or a bicycle lane is none."""
+    """The lanes of an edge on which cars may drive, from the right: a pavement or a bicycle lane is
+    none.
+    """
     return sorted(
         (
             _Lane(
@@ -356,7 +438,9 @@ def _lanes(edge: etree._Element) -> list[_Lane]:
 def _index(text: str, owner: str) -> int:
     """The index of a lane, 0 to 999."""
     if not (text.isdecimal() and len(text) <= _INDEX_DIGITS):
-        raise InputError(f"{owner} must be a whole number of at most {_INDEX_DIGITS} digits, got {shown(text)}.")
+        raise InputError(
+            f"{owner} must be a whole number of at most {_INDEX_DIGITS} digits, got {shown(text)}."
+        )
     return int(text)
 
 

@@ -1,4 +1,6 @@
-"""What may stand in a scenario file: its tables and keys, each with its unit, and what each table makes of itself."""
+"""What may stand in a scenario file: its tables and keys, each with its unit, and what each table
+makes of itself.
+"""
 
 from __future__ import annotations
 
@@ -56,14 +58,22 @@ class ParameterTable(Checked):
     low: Annotated[float | None, About("lower end of the range")] = None
     high: Annotated[float | None, About("upper end of the range")] = None
     step: Annotated[float | None, About("step of the default grid")] = None
-    values: Annotated[tuple[float, ...], About("instead of low, high and step: the only values there are")] = ()
+    values: Annotated[
+        tuple[float, ...], About("instead of low, high and step: the only values there are")
+    ] = ()
     distribution: Annotated[
         dict[str, str | float] | None,
-        About("how often values are met: `name` of a continuous distribution of scipy.stats, and its arguments"),
+        About(
+            "how often values are met: `name` of a continuous distribution of scipy.stats, and "
+            "its arguments"
+        ),
     ] = None
 
     def read(self, where: str) -> Parameter:
-        """The axis. where: how errors call the file."""
+        """The axis.
+
+        where: how errors call the file.
+        """
         owner = f"parameter `{self.name}` of {where}"
         if not self.name.isidentifier():
             raise must_be("The name", owner, "letters, digits and underscores", self.name)
@@ -71,7 +81,9 @@ class ParameterTable(Checked):
         check_unit(self.unit, owner, ranged)
         low, high, step = self.low, self.high, self.step
         if bool(self.values) == any(value is not None for value in ranged.values()):
-            raise InputError(f"{owner} must have either low, high and step, or values.".capitalize())
+            raise InputError(
+                f"{owner} must have either low, high and step, or values.".capitalize()
+            )
         if self.values:
             if len(self.values) < 2:
                 raise must_be("`values`", owner, "at least two numbers", list(self.values))
@@ -83,9 +95,13 @@ class ParameterTable(Checked):
         assert high is not None
         assert step is not None
         spread = self._spread(owner)
-        parameter = Parameter(self.name, low, high, step, self.unit, self.about, self.values, spread)
+        parameter = Parameter(
+            self.name, low, high, step, self.unit, self.about, self.values, spread
+        )
         if spread is not None and not spread.inside(low, high) > 0.0:
-            raise must_be(f"Distribution {spread}", owner, f"possible within {low:g}..{high:g}", 0.0)
+            raise must_be(
+                f"Distribution {spread}", owner, f"possible within {low:g}..{high:g}", 0.0
+            )
         return parameter
 
     def _spread(self, owner: str) -> Distribution | None:
@@ -98,7 +114,8 @@ class ParameterTable(Checked):
         for key, value in arguments.items():
             if isinstance(value, str):
                 raise must_be(f"`{key}`", f"the distribution of {owner}", "a number", value)
-        return Distribution.of(name, arguments, owner)  # type: ignore[arg-type]  # no texts are left
+        # no texts are left
+        return Distribution.of(name, arguments, owner)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,12 +139,19 @@ class RoadTable(Checked):
     name: Annotated[str | None, About("name of its files; default: from its measures")] = None
     lanes: Annotated[int, Ge(1), About("number of lanes")] = 2
     lane_width: Annotated[float, Positive, About("width of each lane", "m")] = 3.5
-    length: Annotated[float, Positive, About("length of the road; the end of the case is in [end]", "m")] = 6000.0
+    length: Annotated[
+        float, Positive, About("length of the road; the end of the case is in [end]", "m")
+    ] = 6000.0
     network: Annotated[str | None, About("a .net.xml instead, relative to this file")] = None
-    edges: Annotated[tuple[str, ...], About("the edges of that network to drive along, in order")] = ()
+    edges: Annotated[
+        tuple[str, ...], About("the edges of that network to drive along, in order")
+    ] = ()
     line: Annotated[
         tuple[PieceTable, ...],
-        About("the right lane's centre line from x = 0 on, piece by piece; behind the last one it is straight"),
+        About(
+            "the right lane's centre line from x = 0 on, piece by piece; behind the last one it "
+            "is straight"
+        ),
     ] = ()
     opendrive: Annotated[
         str | None,
@@ -135,30 +159,48 @@ class RoadTable(Checked):
     ] = None
     opendrive_road: Annotated[
         str | tuple[str, ...] | None,
-        About("id of the road in that file, where it has several; or of those to drive along one behind the other"),
+        About(
+            "id of the road in that file, where it has several; or of those to drive along one "
+            "behind the other"
+        ),
     ] = None
-    lane: Annotated[tuple[LaneTable, ...], About("lanes that open, end, or are ramps; `lanes` counts them")] = ()
+    lane: Annotated[
+        tuple[LaneTable, ...], About("lanes that open, end, or are ramps; `lanes` counts them")
+    ] = ()
     crossing: Annotated[tuple[CrossingTable, ...], About("roads that cross this one")] = ()
 
-    def read(self, end: float, options: Mapping[str, float], where: str, folder: Path, *, reacts: bool) -> Road:
-        """The road, judged to x = `end`, m. reacts: whether a model of SUMO's drives somebody on it."""
+    def read(
+        self, end: float, options: Mapping[str, float], where: str, folder: Path, *, reacts: bool
+    ) -> Road:
+        """The road, judged to x = `end`, m.
+
+        reacts: whether a model of SUMO's drives somebody on it.
+        """
         owner = f"[road] of {where}"
         for source in ("network", "opendrive"):
             for key in ("lane", "crossing", "line") if getattr(self, source) is not None else ():
                 if getattr(self, key):
-                    does = f"`road.{key}` of {where} {'draws' if key == 'line' else 'shapes'} a road that is written"
+                    does = (
+                        f"`road.{key}` of {where} {'draws' if key == 'line' else 'shapes'} a road "
+                        "that is written"
+                    )
                     raise InputError(f"{does}, and there is one already: `{source}`.")
         if self.opendrive_road is not None and self.opendrive is None:
-            raise InputError(f"`road.opendrive_road` of {where} names a road of an `opendrive`: there is none.")
+            raise InputError(
+                f"`road.opendrive_road` of {where} names a road of an `opendrive`: there is none."
+            )
         if self.opendrive is not None:
             if self.network is not None or self.edges:
                 raise InputError(f"{owner} must have either `network` or `opendrive`.")
             return self._of_opendrive(folder / self.opendrive, end, where)
         if self.network is not None:
             read = read_road(folder / self.network, self.edges, end)
-            return replace(read, network=None) if reacts else read  # shadows of bodies have lanes in ours alone
+            # shadows of bodies have lanes in ours alone
+            return replace(read, network=None) if reacts else read
         if self.edges:
-            raise InputError(f"`road.edges` of {where} name edges of a `network`, and there is none.")
+            raise InputError(
+                f"`road.edges` of {where} name edges of a `network`, and there is none."
+            )
         if end > self.length:
             raise must_be("`end.x`", where, f"at most the road's length {self.length:g}", end)
         line = line_of(self.line, options, self.lanes, self.lane_width, self.length, where)
@@ -169,7 +211,14 @@ class RoadTable(Checked):
         if self.name is None and (spans or crossings):
             name += _hashed((spans, crossings))
         return Road(
-            name, end, self.lanes, self.lane_width, self.length - end, line=line, spans=spans, crossings=crossings
+            name,
+            end,
+            self.lanes,
+            self.lane_width,
+            self.length - end,
+            line=line,
+            spans=spans,
+            crossings=crossings,
         )
 
     def _of_opendrive(self, path: Path, end: float, where: str) -> Road:
@@ -178,10 +227,20 @@ class RoadTable(Checked):
             raise must_be("`end.x`", where, f"at most the road's length {read.length:.1f} m", end)
         check_line(read.line, read.lanes, read.lane_width, f"the road of {path.name}")
         if read.spans and read.line:
-            raise InputError(f"The road of {path.name} must be straight where its outermost lane opens or ends.")
+            raise InputError(
+                f"The road of {path.name} must be straight where its outermost lane opens or ends."
+            )
         name = (self.name or path.stem) + bend_name(read.line, named=False)
         name += _hashed(read.spans) if read.spans else ""
-        return Road(name, end, read.lanes, read.lane_width, read.length - end, line=read.line, spans=read.spans)
+        return Road(
+            name,
+            end,
+            read.lanes,
+            read.lane_width,
+            read.length - end,
+            line=read.line,
+            spans=read.spans,
+        )
 
 
 def _hashed(shape: object) -> str:
@@ -194,54 +253,78 @@ class EndTable(Checked):
     """When a case is over, besides contact, standstill and leaving the road."""
 
     x: Annotated[float, Positive, About("the ego's centre reaches this place", "m")] = 600.0
-    time: Annotated[float | None, Positive, About("simulated time; default: the simulation's own", "s")] = None
+    time: Annotated[
+        float | None, Positive, About("simulated time; default: the simulation's own", "s")
+    ] = None
     standstill: Annotated[
         float | None,
         Positive,
-        About("how long the ego must stand, for scenes in which it has to go on; default: the simulation's own", "s"),
+        About(
+            "how long the ego must stand, for scenes in which it has to go on; default: the "
+            "simulation's own",
+            "s",
+        ),
     ] = None
 
 
 @dataclass(frozen=True, slots=True)
 class SampleTable(Checked):
-    """Points that somebody prescribes: rows, at each value of further parameters, with others worked out."""
+    """Points that somebody prescribes: rows, at each value of further parameters, with others
+    worked out.
+    """
 
     name: Annotated[str, MinLen(1), About("name, for `method` of an evaluation's sampling")]
     points: Annotated[tuple[tuple[float, ...], ...], About("the rows")]
     about: Annotated[str, About("what they are")] = ""
     columns: Annotated[
-        tuple[str, ...], About("the parameters that a row holds; default: all that `each` and `set` do not, in order")
+        tuple[str, ...],
+        About(
+            "the parameters that a row holds; default: all that `each` and `set` do not, in order"
+        ),
     ] = ()
-    units: Annotated[dict[str, str], About("units of columns that are not the parameters': km/h instead of m/s")] = (
-        field(default_factory=dict)
-    )
-    each: Annotated[dict[str, tuple[float, ...]], About("parameter = values: every row with each of them")] = field(
-        default_factory=dict
-    )
-    set: Annotated[dict[str, Formula], About("parameter = expression of those that rows and `each` hold")] = field(
-        default_factory=dict
-    )
+    units: Annotated[
+        dict[str, str], About("units of columns that are not the parameters': km/h instead of m/s")
+    ] = field(default_factory=dict)
+    each: Annotated[
+        dict[str, tuple[float, ...]], About("parameter = values: every row with each of them")
+    ] = field(default_factory=dict)
+    set: Annotated[
+        dict[str, Formula], About("parameter = expression of those that rows and `each` hold")
+    ] = field(default_factory=dict)
 
     def read(self, names: Names, units: Mapping[str, str]) -> NamedSample:
-        """The points, each in the order of the parameters. units: of the parameters by name."""
+        """The points, each in the order of the parameters.
+
+        units: of the parameters by name.
+        """
         owner = f"sample `{self.name}` of {names.where}"
         for name in (*self.columns, *self.each, *self.set):
             if name not in units:
                 raise unknown(f"parameter in {owner}:", name, units)
-        columns = self.columns or [name for name in units if name not in self.each and name not in self.set]
+        columns = self.columns or [
+            name for name in units if name not in self.each and name not in self.set
+        ]
         held = names.distinct([*columns, *self.each, *self.set], "parameter", owner)
         for name in units:
             if name not in held:
-                raise InputError(f"Parameter `{name}` of {owner} is missing: `columns`, `each` or `set` must have it.")
+                raise InputError(
+                    f"Parameter `{name}` of {owner} is missing: `columns`, `each` or `set` must "
+                    "have it."
+                )
         for name in self.units:
             if name not in columns:
                 raise unknown(f"column in `units` of {owner}:", name, columns)
         factors = [
-            factor_to(units[name], self.units.get(name, units[name]), f"column `{name}` of {owner}") for name in columns
+            factor_to(units[name], self.units.get(name, units[name]), f"column `{name}` of {owner}")
+            for name in columns
         ]
         given = [*self.each, *columns]
         derived = {
-            name: Quantity(name, owner, checked_names(number(formula, f"`set.{name}` of {owner}"), given, owner))
+            name: Quantity(
+                name,
+                owner,
+                checked_names(number(formula, f"`set.{name}` of {owner}"), given, owner),
+            )
             for name, formula in self.set.items()
         }
         points = []
@@ -263,47 +346,73 @@ class GivenTable(Checked):
         str | None,
         MinLen(1),
         About(
-            "appended to the scenario's name after `_`, `{value}` in it is what is given; default: the option's name"
+            "appended to the scenario's name after `_`, `{value}` in it is what is given; "
+            "default: the option's name"
         ),
     ] = None
-    about: Annotated[str | None, About("what happens then, instead of the scenario's own `about`")] = None
+    about: Annotated[
+        str | None, About("what happens then, instead of the scenario's own `about`")
+    ] = None
     road: Annotated[RoadTable | None, About("the road then, instead of the scenario's own")] = None
-    vehicle: Annotated[tuple[VehicleTable, ...], About("who is there then, besides the scenario's own")] = ()
+    vehicle: Annotated[
+        tuple[VehicleTable, ...], About("who is there then, besides the scenario's own")
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class OptionTable(Checked):
-    """A number that whoever uses the scenario may give: `use = "cut_in?lateral_acceleration=1.5"`."""
+    """A number that whoever uses the scenario may give: `use =
+    "cut_in?lateral_acceleration=1.5"`.
+    """
 
     name: Annotated[str, MinLen(1), About("name, for expressions and in `use`")]
     unit: Annotated[str, MinLen(1), About("unit; `1` for a share")]
     about: Annotated[str, About("what it is")] = ""
-    default: Annotated[float | None, About("its value where nobody gives one; default: infinite")] = None
+    default: Annotated[
+        float | None, About("its value where nobody gives one; default: infinite")
+    ] = None
     above: Annotated[float | None, About("what is given must be greater than that")] = None
-    given: Annotated[GivenTable, About("what else is different where it is given")] = field(default_factory=GivenTable)
+    given: Annotated[GivenTable, About("what else is different where it is given")] = field(
+        default_factory=GivenTable
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class JointTable(Checked):
     """How often points are met, by events that were met: keeps how parameters go together."""
 
-    events: Annotated[str, MinLen(1), About("CSV with a row an event and a column a parameter, relative to this file")]
+    events: Annotated[
+        str,
+        MinLen(1),
+        About("CSV with a row an event and a column a parameter, relative to this file"),
+    ]
     kind: Annotated[
         Literal["kde", "copula"],
-        About("kde: a Gaussian at each event; copula: each parameter by a KDE of its own, and their correlation"),
+        About(
+            "kde: a Gaussian at each event; copula: each parameter by a KDE of its own, and their "
+            "correlation"
+        ),
     ] = "kde"
-    bandwidth: Annotated[float | None, Positive, About("kernel deviation over the data's; default: Scott's")] = None
+    bandwidth: Annotated[
+        float | None, Positive, About("kernel deviation over the data's; default: Scott's")
+    ] = None
 
     def read(self, parameters: Sequence[Parameter], where: str, folder: Path) -> Joint:
-        """The density. folder: where the path of its events starts."""
+        """The density.
+
+        folder: where the path of its events starts.
+        """
         for item in parameters:
             if item.distribution is not None or item.values:
                 raise InputError(
-                    f"Parameter `{item.name}` of {where} must have a range and no distribution: [joint] says how often "
+                    f"Parameter `{item.name}` of {where} must have a range and no distribution: "
+                    "[joint] says how often "
                     "its values are met."
                 )
         box = [item.low for item in parameters], [item.high for item in parameters]
-        return read_joint(folder / self.events, self.kind, [item.name for item in parameters], box, self.bandwidth)
+        return read_joint(
+            folder / self.events, self.kind, [item.name for item in parameters], box, self.bandwidth
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,7 +420,9 @@ class MetTable(Checked):
     """How often the scenario was met on the road, whatever its parameters were."""
 
     events: Annotated[int, Ge(0), About("how many times")]
-    vehicle_km: Annotated[float, Positive, About("driven by all vehicles that might have met it", "km")]
+    vehicle_km: Annotated[
+        float, Positive, About("driven by all vehicles that might have met it", "km")
+    ]
     where: Annotated[str, About("on which roads, when")] = ""
 
 
@@ -320,16 +431,23 @@ class RecordedTable(Checked):
     """Which events of recordings are this scenario, met on the road."""
 
     event: Annotated[
-        Literal["approach", "cut_out", "cut_in", "lead_braking"], About("kind of event, as `humans events` finds them")
+        Literal["approach", "cut_out", "cut_in", "lead_braking"],
+        About("kind of event, as `humans events` finds them"),
     ]
     columns: Annotated[
-        dict[str, str], About("parameter = column of the events; default: the column of the parameter's name")
+        dict[str, str],
+        About("parameter = column of the events; default: the column of the parameter's name"),
     ] = field(default_factory=dict)
     tolerance: Annotated[
-        dict[str, float], About("how far a parameter may be from the event's; default: a tenth of its range")
+        dict[str, float],
+        About("how far a parameter may be from the event's; default: a tenth of its range"),
     ] = field(default_factory=dict)
-    start: Annotated[str, About("column with the time that is the scenario's t = 0; default by event")] = ""
-    only: Annotated[dict[str, str], About("column = value that an event must have")] = field(default_factory=dict)
+    start: Annotated[
+        str, About("column with the time that is the scenario's t = 0; default by event")
+    ] = ""
+    only: Annotated[dict[str, str], About("column = value that an event must have")] = field(
+        default_factory=dict
+    )
 
     def read(self, parameters: Sequence[Parameter], where: str) -> Counterpart:
         """The events by the parameters' names."""
@@ -337,12 +455,17 @@ class RecordedTable(Checked):
         for name in (*self.columns, *self.tolerance):
             if name not in names:
                 raise unknown(f"parameter in [recorded] of {where}:", name, names)
-        tolerance = {item.name: self.tolerance.get(item.name, (item.high - item.low) / 10.0) for item in parameters}
+        tolerance = {
+            item.name: self.tolerance.get(item.name, (item.high - item.low) / 10.0)
+            for item in parameters
+        }
         for name, within in tolerance.items():
             if not within > 0.0:
                 raise must_be(f"`recorded.tolerance.{name}`", where, "above 0", within)
         columns = tuple((name, self.columns.get(name, name)) for name in names)
-        return Counterpart(self.event, columns, tuple(tolerance.items()), self.start, tuple(self.only.items()))
+        return Counterpart(
+            self.event, columns, tuple(tolerance.items()), self.start, tuple(self.only.items())
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,8 +475,10 @@ class RequireTable(Checked):
     check: Annotated[
         str,
         About(
-            "a condition on the whole drive: min, max, at_end of time, x, offset, speed, acceleration, jerk, "
-            "lateral_speed, gap, thw, ttc, and x, y, speed, lateral_speed of another vehicle, as `x(lead)`; collided, "
+            "a condition on the whole drive: min, max, at_end of time, x, offset, speed, "
+            "acceleration, jerk, "
+            "lateral_speed, gap, thw, ttc, and x, y, speed, lateral_speed of another vehicle, as "
+            "`x(lead)`; collided, "
             "reached_end; e.g. `min(gap) > 2 and collided == 0`"
         ),
     ]
@@ -370,34 +495,50 @@ class ScenarioFile(Checked):
     ego: Annotated[EgoTable, About("the vehicle under test")]
     zone: Annotated[
         ZoneTable | Literal["none"],
-        About("zone rule; `none`: no zone can be defined, everything is safe, C and A are by outcome"),
+        About(
+            "zone rule; `none`: no zone can be defined, everything is safe, C and A are by outcome"
+        ),
     ]
     vehicle: Annotated[tuple[VehicleTable, ...], About("the others")] = ()
     stream: Annotated[tuple[StreamTable, ...], About("traffic of a given density")] = ()
     about: Annotated[str, About("what happens, in one sentence")] = ""
     source: Annotated[str, About("where it comes from")] = "a scenario file"
-    define: Annotated[dict[str, Formula], About("names for expressions, each may use those above it")] = field(
-        default_factory=dict
-    )
-    option: Annotated[tuple[OptionTable, ...], About("numbers that whoever uses the scenario may give")] = ()
+    define: Annotated[
+        dict[str, Formula], About("names for expressions, each may use those above it")
+    ] = field(default_factory=dict)
+    option: Annotated[
+        tuple[OptionTable, ...], About("numbers that whoever uses the scenario may give")
+    ] = ()
     constraint: Annotated[tuple[ConstraintTable, ...], About("which points of the box exist")] = ()
-    exposure: Annotated[str | None, About("density, an expression; multiplies the parameters' distributions")] = None
-    joint: Annotated[JointTable | None, About("density by events, instead of the parameters' distributions")] = None
+    exposure: Annotated[
+        str | None, About("density, an expression; multiplies the parameters' distributions")
+    ] = None
+    joint: Annotated[
+        JointTable | None, About("density by events, instead of the parameters' distributions")
+    ] = None
     met: Annotated[MetTable | None, About("how often it was met on the road")] = None
-    recorded: Annotated[RecordedTable | None, About("the events of recordings that are this scenario")] = None
+    recorded: Annotated[
+        RecordedTable | None, About("the events of recordings that are this scenario")
+    ] = None
     road: Annotated[RoadTable, About("the road")] = field(default_factory=RoadTable)
     end: Annotated[EndTable, About("when a case is over")] = field(default_factory=EndTable)
     sample: Annotated[tuple[SampleTable, ...], About("prescribed points")] = ()
     default_sample: Annotated[str, About("grid, or the name of a sample")] = "grid"
     people: Annotated[
         Literal["drivers", "none"],
-        About("none: no synthetic driver knows this scene, so without recorded ones there is no D and no H"),
+        About(
+            "none: no synthetic driver knows this scene, so without recorded ones there is no D "
+            "and no H"
+        ),
     ] = "drivers"
     require: Annotated[tuple[RequireTable, ...], About("what must hold in every drive")] = ()
 
     def logical(self, options: Mapping[str, float], where: str, folder: Path) -> LogicalScenario:
-        """The logical scenario. options: the value of every option. where: how errors call the file. folder: where its
-        paths start.
+        """The logical scenario.
+
+        options: the value of every option.
+        where: how errors call the file.
+        folder: where its paths start.
         """
         parameters = tuple(item.read(where) for item in self.parameter)
         if not parameters:
@@ -411,7 +552,9 @@ class ScenarioFile(Checked):
         searched = place.lively or road.shaped or self.ego.goal_lane is not None
         zones: dict[str, Any] = {"notes": ("It declares no zones, so every point counts as safe.",)}
         if self.zone != "none":
-            zones = self.zone.read(names, definitions, place, searched=searched or self.zone.conflict)
+            zones = self.zone.read(
+                names, definitions, place, searched=searched or self.zone.conflict
+            )
         units = {item.name: item.unit for item in parameters}
         return LogicalScenario(
             name=self.name,
@@ -422,7 +565,9 @@ class ScenarioFile(Checked):
             road=road,
             place=place,
             recorded=None if self.recorded is None else self.recorded.read(parameters, where),
-            met=None if self.met is None else Met(self.met.events, self.met.vehicle_km, self.met.where),
+            met=None
+            if self.met is None
+            else Met(self.met.events, self.met.vehicle_km, self.met.where),
             ego_body=self.ego.body,
             time_limit=self.end.time,
             standstill_time=self.end.standstill,
@@ -440,21 +585,33 @@ class ScenarioFile(Checked):
     ) -> tuple[Names, Definitions]:
         """What formulas may name, and the definitions."""
         for option in self.option:
-            check_unit(option.unit, f"option `{option.name}` of {where}", {"default": option.default})
+            check_unit(
+                option.unit, f"option `{option.name}` of {where}", {"default": option.default}
+            )
             if not option.name.isidentifier():
-                raise must_be("The name", f"an option of {where}", "letters, digits and underscores", option.name)
+                raise must_be(
+                    "The name",
+                    f"an option of {where}",
+                    "letters, digits and underscores",
+                    option.name,
+                )
         moves = {
             item.name: {move.name: index for index, move in enumerate(item.manoeuvre) if move.name}
             for item in self.vehicle
         }
         names = Names(where, f"scenario `{self.name}`", [], moves)
-        units = [*((item.name, item.unit) for item in parameters), *((item.name, item.unit) for item in self.option)]
+        units = [
+            *((item.name, item.unit) for item in parameters),
+            *((item.name, item.unit) for item in self.option),
+        ]
         names.known.extend(names.distinct((name for name, _ in units), "parameter and option"))
         check_uses(self, dict(units), where)
         entries = []
         for name, formula in self.define.items():
             if name in names.known:
-                raise InputError(f"`{name}` in [define] of {where} must differ from parameters and options.")
+                raise InputError(
+                    f"`{name}` in [define] of {where} must differ from parameters and options."
+                )
             entries.append((name, names.expression(formula, f"[define] {name}")))
             names.known.append(name)
         return names, Definitions(tuple(entries), tuple(options.items()))
@@ -474,41 +631,68 @@ class ScenarioFile(Checked):
     def _reacts(self) -> bool:
         """Whether somebody in it is driven by a model of SUMO's."""
         vehicles = [*self.vehicle, *(it for option in self.option for it in option.given.vehicle)]
-        return bool(self.stream) or any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
+        return bool(self.stream) or any(
+            move.do == "follow" for it in vehicles for move in it.manoeuvre
+        )
 
     def _requirements(self, names: Names, definitions: Definitions) -> Requirements | None:
         if not self.require:
             return None
         found = tuple(
-            requirement(item.name or item.check, item.check, item.about, names.where, names.known, list(names.vehicles))
+            requirement(
+                item.name or item.check,
+                item.check,
+                item.about,
+                names.where,
+                names.known,
+                list(names.vehicles),
+            )
             for item in self.require
         )
         names.distinct((item.name for item in found), "requirement")
         return Requirements(found, definitions)
 
-    def _check_used(self, names: Names, definitions: Definitions, requirements: Requirements | None) -> None:
+    def _check_used(
+        self, names: Names, definitions: Definitions, requirements: Requirements | None
+    ) -> None:
         """A parameter that nothing depends on would only repeat cases. InputError naming it."""
         zone = self.zone
         texts = [] if zone == "none" else [zone.delay, zone.gap, zone.conflict_begin, zone.margin]
         texts += [text for item in self.sample for text in item.set.values()]
-        expressions = [*names.scene, *(number(text, names.where) for text in texts if text is not None)]
+        expressions = [
+            *names.scene,
+            *(number(text, names.where) for text in texts if text is not None),
+        ]
         for one in () if requirements is None else requirements.all:
             expressions += one.expressions
         needed = definitions.needed_by(*expressions)
-        used = set().union(*(it.names for it in expressions), *(it.names for _, it in needed.entries))
+        used = set().union(
+            *(it.names for it in expressions), *(it.names for _, it in needed.entries)
+        )
         for item in self.parameter:
             if item.name not in used:
                 raise InputError(
-                    f"Parameter `{item.name}` of {names.where} must be used: nothing in the scene depends on it."
+                    f"Parameter `{item.name}` of {names.where} must be used: nothing in the scene "
+                    "depends on it."
                 )
 
     def _exposure(
-        self, parameters: tuple[Parameter, ...], names: Names, definitions: Definitions, folder: Path
+        self,
+        parameters: tuple[Parameter, ...],
+        names: Names,
+        definitions: Definitions,
+        folder: Path,
     ) -> dict[str, Any]:
-        """`exposure` of the logical scenario and what it is in words; nothing where all points count the same."""
+        """`exposure` of the logical scenario and what it is in words; nothing where all points
+        count the same.
+        """
         density = None if self.exposure is None else names.expression(self.exposure, "`exposure`")
         joint = None if self.joint is None else self.joint.read(parameters, names.where, folder)
-        about = [f"{item.name} as {item.distribution}" for item in parameters if item.distribution is not None]
+        about = [
+            f"{item.name} as {item.distribution}"
+            for item in parameters
+            if item.distribution is not None
+        ]
         about += [] if joint is None else [str(joint)]
         about += [] if density is None else [f"times `{density.text}`"]
         exposure = Exposure(parameters, density, definitions, joint)

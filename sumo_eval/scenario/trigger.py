@@ -1,8 +1,9 @@
-"""Conditions on what happens: `ttc(ego, child) < 2 and y(child) > 1`, made into steps that a kernel can do.
+"""Conditions on what happens: `ttc(ego, child) < 2 and y(child) > 1`, made into steps that a kernel
+can do.
 
-Numbers of the point (parameters, definitions, options) may stand in one beside numbers of the moment: `time`, s since
-the start, `departed`, m between the ego and where the recorded one was at the time, and the functions below. What it
-says in plain numbers is worked out once for a case.
+Numbers of the point (parameters, definitions, options) may stand in one beside numbers of the
+moment: `time`, s since the start, `departed`, m between the ego and where the recorded one was at
+the time, and the functions below. What it says in plain numbers is worked out once for a case.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ FUNCTIONS = {
     "y": "y(a): its centre across the road, m",
     "speed": "speed(a): along the road, m/s",
     "lateral_speed": "lateral_speed(a): across the road, m/s, to the left",
-    "gap": "gap(a, b): along the road from a's front to b's rear, m; negative once a is beside or past b",
+    "gap": "gap(a, b): along the road from a's front to b's rear, m; negative once a is beside or "
+    "past b",
     "distance": "distance(a, b): between the centres, m",
     "ttc": "ttc(a, b): gap over closing speed, s; inf where they do not close",
     "thw": "thw(a, b): gap over a's speed, s; inf behind b",
@@ -31,7 +33,8 @@ FUNCTIONS = {
 }
 """What a condition may ask of vehicles, `ego` among them."""
 _ARITHMETIC: dict[type[ast.operator], int] = {
-    ast.Add: played.ADD, ast.Sub: played.SUBTRACT, ast.Mult: played.MULTIPLY, ast.Div: played.DIVIDE,
+    ast.Add: played.ADD, ast.Sub: played.SUBTRACT, ast.Mult: played.MULTIPLY,
+    ast.Div: played.DIVIDE,
 }  # fmt: skip
 OF_NUMBERS = {"min": played.SMALLER, "max": played.LARGER}
 EGO_NAME = "ego"
@@ -41,7 +44,9 @@ Step = tuple[int, int, int, Expression | None]
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """A checked condition: what a kernel does for it, with the expressions of the numbers that a point decides."""
+    """A checked condition: what a kernel does for it, with the expressions of the numbers that a
+    point decides.
+    """
 
     text: str
     steps: tuple[Step, ...]
@@ -49,15 +54,16 @@ class Trigger:
     def at(self, known: Mapping[str, float]) -> tuple[tuple[int, int, int, float], ...]:
         """Its steps at a point."""
         return tuple(
-            (op, one, two, 0.0 if value is None else float(value.at(known))) for op, one, two, value in self.steps
+            (op, one, two, 0.0 if value is None else float(value.at(known)))
+            for op, one, two, value in self.steps
         )
 
 
 def trigger(text: str, owner: str, names: Names, *, departs: bool) -> Trigger:
     """The condition in a text.
 
-    departs: whether it may ask how far the ego is from a recorded one. Raises InputError naming what is wrong, and the
-    nearest word.
+    departs: whether it may ask how far the ego is from a recorded one.
+    Raises InputError naming what is wrong, and the nearest word.
     """
     try:
         tree = ast.parse(text.strip(), mode="eval").body
@@ -92,7 +98,10 @@ class _Writer:
                 sides = [left, *others]
                 found: list[Step] = []
                 for number_of, compared in enumerate(ops):
-                    a, b = self.number(sides[number_of], depth + 1), self.number(sides[number_of + 1], depth + 1)
+                    a, b = (
+                        self.number(sides[number_of], depth + 1),
+                        self.number(sides[number_of + 1], depth + 1),
+                    )
                     if isinstance(compared, ast.Gt | ast.GtE):
                         a, b = b, a
                     elif not isinstance(compared, ast.Lt | ast.LtE):
@@ -102,13 +111,21 @@ class _Writer:
                     if number_of:
                         found.append(_step(played.AND))
                 return found
-            case ast.Call(func=ast.Name(id="ended"), args=[ast.Name(id=vehicle), ast.Name(id=move)], keywords=[]):
+            case ast.Call(
+                func=ast.Name(id="ended"),
+                args=[ast.Name(id=vehicle), ast.Name(id=move)],
+                keywords=[],
+            ):
                 one = self._vehicle(vehicle)
                 if one == played.EGO:
                     raise self._wrong(node, "of a vehicle with manoeuvres: the ego has none")
                 named = self.names.vehicles[vehicle]
                 if move not in named:
-                    raise unknown(f"manoeuvre of vehicle `{vehicle}` in `{self.text}` of {self.owner}:", move, named)
+                    raise unknown(
+                        f"manoeuvre of vehicle `{vehicle}` in `{self.text}` of {self.owner}:",
+                        move,
+                        named,
+                    )
                 return [(played.ENDED, one, named[move], None)]
         raise self._wrong(node, "a condition such as `ttc(ego, child) < 2`")
 
@@ -118,7 +135,9 @@ class _Writer:
         if not self._of_the_moment(node):
             text = ast.unparse(node)
             owner = f"`{self.text}` of {self.owner}"
-            self.names.scene.append(checked_names(number(text, owner), [*self.names.known, "time"], owner))
+            self.names.scene.append(
+                checked_names(number(text, owner), [*self.names.known, "time"], owner)
+            )
             return [(played.VALUE, 0, 0, self.names.scene[-1])]
         match node:
             case ast.Name(id="time"):
@@ -126,7 +145,8 @@ class _Writer:
             case ast.Name(id="departed"):
                 if not self.departs:
                     raise InputError(
-                        f"`departed` in the condition `{self.text[:200]}` of {self.owner} may stand in one of a "
+                        f"`departed` in the condition `{self.text[:200]}` of {self.owner} may "
+                        "stand in one of a "
                         "`follow` alone, where [ego] has `recorded` places."
                     )
                 return [_step(played.DEPARTED)]
@@ -134,32 +154,53 @@ class _Writer:
                 return [*self.number(operand, depth + 1), _step(played.NEGATE)]
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _ARITHMETIC:
                 return [
-                    *self.number(left, depth + 1), *self.number(right, depth + 1), _step(_ARITHMETIC[type(op)]),
+                    *self.number(left, depth + 1), *self.number(right, depth + 1),
+                    _step(_ARITHMETIC[type(op)]),
                 ]  # fmt: skip
             case ast.Call(func=ast.Name(id="abs"), args=[one], keywords=[]):
                 return [*self.number(one, depth + 1), _step(played.ABSOLUTE)]
             case ast.Call(func=ast.Name(id="min" | "max" as name), args=[one, two], keywords=[]):
-                return [*self.number(one, depth + 1), *self.number(two, depth + 1), _step(OF_NUMBERS[name])]
-            case ast.Call(func=ast.Name(id=name), args=[ast.Name(id=one)], keywords=[]) if name in OF_ONE:
-                return [(OF_ONE[name], self._vehicle(one), 0, None)]
-            case ast.Call(func=ast.Name(id=name), args=[ast.Name(id=one), ast.Name(id=two)], keywords=[]) if (
-                name in OF_TWO
+                return [
+                    *self.number(one, depth + 1),
+                    *self.number(two, depth + 1),
+                    _step(OF_NUMBERS[name]),
+                ]
+            case ast.Call(func=ast.Name(id=name), args=[ast.Name(id=one)], keywords=[]) if (
+                name in OF_ONE
             ):
+                return [(OF_ONE[name], self._vehicle(one), 0, None)]
+            case ast.Call(
+                func=ast.Name(id=name), args=[ast.Name(id=one), ast.Name(id=two)], keywords=[]
+            ) if name in OF_TWO:
                 if one == two:
                     raise self._wrong(node, "of two vehicles")
                 return [(OF_TWO[name], self._vehicle(one), self._vehicle(two), None)]
-            case ast.Call(func=ast.Name(id=name)) if name not in FUNCTIONS and name not in (*OF_NUMBERS, "abs"):
-                raise unknown(f"function in `{self.text}` of {self.owner}:", name, [*FUNCTIONS, *OF_NUMBERS, "abs"])
+            case ast.Call(func=ast.Name(id=name)) if name not in FUNCTIONS and name not in (
+                *OF_NUMBERS,
+                "abs",
+            ):
+                raise unknown(
+                    f"function in `{self.text}` of {self.owner}:",
+                    name,
+                    [*FUNCTIONS, *OF_NUMBERS, "abs"],
+                )
             case ast.Call(func=ast.Name(id=name)) if name in FUNCTIONS:
                 raise self._wrong(node, f"as in {FUNCTIONS[name]}")
-        raise self._wrong(node, "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(FUNCTIONS))
+        raise self._wrong(
+            node, "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(FUNCTIONS)
+        )
 
     def _of_the_moment(self, node: ast.expr) -> bool:
         for part in ast.walk(node):
-            if isinstance(part, ast.Name) and part.id in ("time", "departed") and part.id not in self.names.known:
+            if (
+                isinstance(part, ast.Name)
+                and part.id in ("time", "departed")
+                and part.id not in self.names.known
+            ):
                 return True
             if isinstance(part, ast.Call) and not (
-                isinstance(part.func, ast.Name) and part.func.id in ("min", "max", "abs", "sqrt", "exp", "log", "tanh")
+                isinstance(part.func, ast.Name)
+                and part.func.id in ("min", "max", "abs", "sqrt", "exp", "log", "tanh")
             ):
                 return True
         return False
@@ -168,7 +209,9 @@ class _Writer:
         if name == EGO_NAME:
             return played.EGO
         if name not in self.names.vehicles:
-            raise unknown(f"vehicle in `{self.text}` of {self.owner}:", name, [EGO_NAME, *self.names.vehicles])
+            raise unknown(
+                f"vehicle in `{self.text}` of {self.owner}:", name, [EGO_NAME, *self.names.vehicles]
+            )
         return list(self.names.vehicles).index(name)
 
     def _shallow(self, depth: int) -> None:
@@ -176,7 +219,9 @@ class _Writer:
             raise InputError(f"Condition `{self.text[:200]}` of {self.owner} is nested too deep.")
 
     def _wrong(self, node: ast.expr, wanted: str) -> InputError:
-        return must_be(f"`{ast.unparse(node)}` in the condition", self.owner, wanted, self.text[:200])
+        return must_be(
+            f"`{ast.unparse(node)}` in the condition", self.owner, wanted, self.text[:200]
+        )
 
 
 def _step(op: int) -> Step:

@@ -1,6 +1,8 @@
-"""What the others do while the ego keeps its speed, or brakes ideally along its path: no simulation, the scripts alone.
+"""What the others do while the ego keeps its speed, or brakes ideally along its path: no
+simulation, the scripts alone.
 
-Whoever reacts is taken to keep its speed here: what SUMO's models would do is known only once SUMO has driven them.
+Whoever reacts is taken to keep its speed here: what SUMO's models would do is known only once SUMO
+has driven them.
 """
 
 from __future__ import annotations
@@ -31,16 +33,20 @@ from sumo_eval.trajectory import FloatArray
 _STATE = [(name, "f8") for name in ("x", "y", "heading", "speed", "across")]
 _EGO = np.dtype(
     [
-        *_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE), ("start_x", "f8"), ("start_y", "f8"),
+        *_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE), ("start_x", "f8"),
+        ("start_y", "f8"),
         ("start_speed", "f8"), ("brakes_from", "f8"),
     ]
 )  # fmt: skip
-_OTHER = np.dtype([*_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE), ("acceleration", "f8")])
+_OTHER = np.dtype(
+    [*_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE), ("acceleration", "f8")]
+)
 CHANNELS = ("x", "y", "heading", "speed", "across")
 
 
 class Tracks(NamedTuple):
-    """Where everybody is at times k * step: (n, T, 5) of the egos, (n, m, T, 5) of the others; channels `CHANNELS`.
+    """Where everybody is at times k * step: (n, T, 5) of the egos, (n, m, T, 5) of the others;
+    channels `CHANNELS`.
 
     begins: when each of the others made its first move, s, inf where it made none, (n, m).
     """
@@ -58,7 +64,9 @@ def tracks(
     *,
     in_python: bool = False,
 ) -> Tracks:
-    """Tracks of cases with as many others each, while the egos keep their speed. bodies: of each, length and width.
+    """Tracks of cases with as many others each, while the egos keep their speed.
+
+    bodies: of each, length and width.
 
     in_python: for a single case, whose caller shall not wait for machine code.
     """
@@ -66,26 +74,40 @@ def tracks(
     egos, others, found = _begun(concretes, bodies)
     way, theirs = np.zeros((n, count, 5)), np.zeros((n, m, count, 5))
     run = interpreted(_run_rows) if in_python else _run_rows
-    run(egos, others, *found, way, theirs, step, np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line))
+    run(
+        egos,
+        others,
+        *found,
+        way,
+        theirs,
+        step,
+        np.zeros((DEEPEST, 3)),
+        knots_of(concretes[0].road.line),
+    )
     return Tracks(way, theirs, found.plays["first_begin"].copy())
 
 
 def meetings(
-    concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]], step: float, until: float,
+    concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]], step: float,
+    until: float,
     deceleration: float, obstacle: int, delays: Sequence[float],
 ) -> FloatArray:  # fmt: skip
-    """What becomes of each case if its ego brakes ideally: largest inverse TTC, 1/s, impact speed, m/s, and the
+    """What becomes of each case if its ego brakes ideally: largest inverse TTC, 1/s, impact speed,
+    m/s, and the
     smallest gap while the obstacle is in the ego's way, m: (n, 3).
 
-    The ego brakes to a standstill with `deceleration` m/s2 from the first move of the other number `obstacle` plus its
-    delay (s, one a case) on; from the start on where that one waits for nothing. The inverse TTC is inf where both
-    touch. step: s between two looks.
+    The ego brakes to a standstill with `deceleration` m/s2 from the first move of the other number
+    `obstacle` plus its delay (s, one a case) on; from the start on where that one waits for
+    nothing. The inverse TTC is inf where both touch.
+
+    step: s between two looks.
     """
     egos, others, found = _begun(concretes, bodies)
     met = np.zeros((len(concretes), 3))
     _meet_rows(
         egos, others, *found, met, _looks(until, step), step, deceleration, obstacle,
-        np.array(delays, dtype=np.float64), np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line),
+        np.array(delays, dtype=np.float64), np.zeros((DEEPEST, 3)),
+        knots_of(concretes[0].road.line),
     )  # fmt: skip
     return met
 
@@ -123,7 +145,8 @@ def _braking_from(play: Any, acts: Any, delay: float) -> float:
 
 @kernel
 def _look(
-    ego: Any, others: Any, plays: Any, acts: Any, pieces: Any, table: Any, program: Any, now: float, before: float,
+    ego: Any, others: Any, plays: Any, acts: Any, pieces: Any, table: Any, program: Any,
+    now: float, before: float,
     deceleration: float, stack: Any, line: Any,
 ) -> None:  # fmt: skip
     """Move a case from one look to the next."""
@@ -158,7 +181,8 @@ def _look(
 
 @rows
 def _run_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, program: Records,
+    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records,
+    program: Records,
     way: FloatArray, theirs: FloatArray, step: float, stack: FloatArray, line: Records,
 ) -> None:  # fmt: skip
     """Fill the tracks of every row."""
@@ -166,23 +190,37 @@ def _run_rows(
         ego = egos[i]
         for k in range(way.shape[1]):
             _look(
-                ego, others[i], plays[i], acts[i], pieces[i], table[i], program[i], k * step, max(k - 1, 0) * step, 0.0,
+                ego, others[i], plays[i], acts[i], pieces[i], table[i], program[i], k * step,
+                max(k - 1, 0) * step, 0.0,
                 stack, line,
             )  # fmt: skip
-            way[i, k, 0], way[i, k, 1], way[i, k, 2], way[i, k, 3] = ego.x, ego.y, ego.heading, ego.speed
+            way[i, k, 0], way[i, k, 1], way[i, k, 2], way[i, k, 3] = (
+                ego.x,
+                ego.y,
+                ego.heading,
+                ego.speed,
+            )
             for j in range(len(others[i])):
                 other = others[i][j]
-                theirs[i, j, k, 0], theirs[i, j, k, 1], theirs[i, j, k, 2] = other.x, other.y, other.heading
+                theirs[i, j, k, 0], theirs[i, j, k, 1], theirs[i, j, k, 2] = (
+                    other.x,
+                    other.y,
+                    other.heading,
+                )
                 theirs[i, j, k, 3], theirs[i, j, k, 4] = other.speed, other.across
 
 
 @rows
 def _meet_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, program: Records,
-    met: FloatArray, looks: int, step: float, deceleration: float, obstacle: int, delays: FloatArray,
+    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records,
+    program: Records,
+    met: FloatArray, looks: int, step: float, deceleration: float, obstacle: int,
+    delays: FloatArray,
     stack: FloatArray, line: Records,
 ) -> None:  # fmt: skip
-    """What becomes of every row: nothing more once its ego stands, has touched the obstacle, or is past it for good."""
+    """What becomes of every row: nothing more once its ego stands, has touched the obstacle, or is
+    past it for good.
+    """
     for i in range(len(egos)):
         ego, other = egos[i], others[i][obstacle]
         met[i, 0], met[i, 1], met[i, 2] = 0.0, 0.0, math.inf
@@ -191,7 +229,8 @@ def _meet_rows(
             if math.isinf(ego.brakes_from):
                 ego.brakes_from = _braking_from(plays[i][obstacle], acts[i][obstacle], delays[i])
             _look(
-                ego, others[i], plays[i], acts[i], pieces[i], table[i], program[i], now, max(k - 1, 0) * step,
+                ego, others[i], plays[i], acts[i], pieces[i], table[i], program[i], now,
+                max(k - 1, 0) * step,
                 deceleration, stack, line,
             )  # fmt: skip
             c, s = math.cos(other.heading), math.sin(other.heading)

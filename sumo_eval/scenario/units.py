@@ -13,10 +13,19 @@ from sumo_eval.settings.checked import about
 
 KNOWN = ("1", "m", "s", "m/s", "m/s2", "m/s3", "deg", "rad", "1/s", "1/m", "1/km", "kg")
 """Units of numbers as everything here takes them; `1` of a number without one."""
-_SPELT = {"m/s^2": "m/s2", "m/s²": "m/s2", "m/s^3": "m/s3", "m/s³": "m/s3", "°": "deg", "-": "1", "": "1"}
+_SPELT = {
+    "m/s^2": "m/s2",
+    "m/s²": "m/s2",
+    "m/s^3": "m/s3",
+    "m/s³": "m/s3",
+    "°": "deg",
+    "-": "1",
+    "": "1",
+}
 _FOOT, _HOUR = 0.3048, 3600.0  # m, s
 CONVERSIONS = {
-    "m/s": {**dict.fromkeys(("km/h", "kmh", "kph", "kmph"), 1.0 / 3.6), "mph": 5280.0 * _FOOT / _HOUR,
+    "m/s": {**dict.fromkeys(("km/h", "kmh", "kph", "kmph"), 1.0 / 3.6),
+        "mph": 5280.0 * _FOOT / _HOUR,
             "kn": 1852.0 / _HOUR, "ft/s": _FOOT},
     "m": {"km": 1000.0, "cm": 0.01, "mm": 0.001, "ft": _FOOT, "mi": 5280.0 * _FOOT},
     "s": {"ms": 0.001, "min": 60.0, "h": _HOUR},
@@ -34,9 +43,14 @@ def spelt(unit: str) -> str:
 
 
 def factor_to(own: str, unit: str, column: str) -> float:
-    """What numbers in a unit are multiplied by to be in the unit `own`. column: what errors name."""
+    """What numbers in a unit are multiplied by to be in the unit `own`.
+
+    column: what errors name.
+    """
     factors = {own: 1.0, spelt(own): 1.0, **CONVERSIONS.get(spelt(own), {})}
-    if (name := next((name for name in factors if name.lower() == spelt(unit).lower()), None)) is None:
+    if (
+        name := next((name for name in factors if name.lower() == spelt(unit).lower()), None)
+    ) is None:
         raise unknown(f"unit of {column}:", unit, factors)
     return factors[name]
 
@@ -47,37 +61,57 @@ def refuse_unit(formula: str | float, owner: str) -> None:
     for own, others in CONVERSIONS.items() if found is not None else ():
         if found is not None and (spelt(found[2]) == own or found[2].lower() in others):
             value = others.get(found[2].lower(), 1.0) * float(found[1])
-            raise InputError(f"{owner} must be a number without a unit, got {formula}: as {own} write {value:.6g}.")
+            raise InputError(
+                f"{owner} must be a number without a unit, got {formula}: as {own} write "
+                f"{value:.6g}."
+            )
 
 
 def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> None:
-    """Refuse a unit that the numbers of a parameter cannot be in. numbers: its low, high and the like."""
+    """Refuse a unit that the numbers of a parameter cannot be in.
+
+    numbers: its low, high and the like.
+    """
     if spelt(unit) in KNOWN:
         return
     for own, others in CONVERSIONS.items():
         if (factor := others.get(unit.strip().lower())) is not None:
-            written = ", ".join(f"{key} = {factor * value:.6g}" for key, value in numbers.items() if value is not None)
+            written = ", ".join(
+                f"{key} = {factor * value:.6g}"
+                for key, value in numbers.items()
+                if value is not None
+            )
             raise InputError(
-                f"The unit of {owner} must be {own}, got {unit}: expressions and scripts take its numbers as {own}. "
+                f"The unit of {owner} must be {own}, got {unit}: expressions and scripts take its "
+                f"numbers as {own}. "
                 f"Write them so{f' ({written})' if written else ''}."
             )
     raise unknown(f"unit of {owner}:", unit, KNOWN)
 
 
 def check_uses(table: Any, units: Mapping[str, str], where: str) -> None:
-    """Refuse a key of a table, or of those below it, that is a parameter of another unit. units: by name."""
+    """Refuse a key of a table, or of those below it, that is a parameter of another unit.
+
+    units: by name.
+    """
     for item, key, name in _names_in(table):
         wanted, unit = about(type(item), key).unit, spelt(units.get(name, "1"))
         if wanted and unit not in ("1", wanted):
-            raise InputError(f"`{key}` in {where} must be in {wanted}, got `{name}`, which is in {unit}.")
+            raise InputError(
+                f"`{key}` in {where} must be in {wanted}, got `{name}`, which is in {unit}."
+            )
 
 
 def _names_in(table: Any) -> Iterator[tuple[Any, str, str]]:
-    """Every text in a table and in those below it: the table that holds it, its key, and the text."""
+    """Every text in a table and in those below it: the table that holds it, its key, and the
+    text.
+    """
     for field in fields(table):
         value = getattr(table, field.name)
         listed: Iterable[Any] = value if isinstance(value, tuple) else (value,)
-        flat = itertools.chain.from_iterable(one if isinstance(one, tuple) else (one,) for one in listed)
+        flat = itertools.chain.from_iterable(
+            one if isinstance(one, tuple) else (one,) for one in listed
+        )
         for one in flat:
             if is_dataclass(one):
                 yield from _names_in(one)

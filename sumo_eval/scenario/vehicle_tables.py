@@ -27,7 +27,16 @@ from sumo_eval.scenario.concrete import (
     lane_change,
 )
 from sumo_eval.scenario.first_places import STANDARD_EGO
-from sumo_eval.scenario.parts import ABOVE_0, NOT_BELOW_0, Definitions, Formula, Limits, Names, Quantities, Quantity
+from sumo_eval.scenario.parts import (
+    ABOVE_0,
+    NOT_BELOW_0,
+    Definitions,
+    Formula,
+    Limits,
+    Names,
+    Quantities,
+    Quantity,
+)
 from sumo_eval.scenario.road.reference_line import frame_places
 from sumo_eval.scenario.streams import StreamTable, sumo_model
 from sumo_eval.scenario.trigger import Trigger, trigger
@@ -47,7 +56,8 @@ _NEEDS = {
 }
 """Keys that a manoeuvre must have and those it may have, besides `begin`."""
 _KINDS = {
-    "keep_speed": played.KEEP, "accelerate": played.SPEED, "speed_profile": played.BY_TIME, "sinus": played.SINUS,
+    "keep_speed": played.KEEP, "accelerate": played.SPEED, "speed_profile": played.BY_TIME,
+    "sinus": played.SINUS,
     "path": played.PATH,
 }  # fmt: skip
 _ENDLESS = Limits(above=0.0, endless=True)
@@ -59,34 +69,47 @@ class EgoTable(Checked):
 
     speed: Annotated[Formula, NOT_BELOW_0, About("speed at the start", "m/s")]
     x: Annotated[Formula, About("centre along the road at the start", "m")] = 50.0
-    y: Annotated[Formula, About("centre across the road, left of the right lane's centre line", "m")] = 0.0
-    lateral_speed: Annotated[
-        Formula, About("speed to the left with which it starts, below `speed`; it heads that way", "m/s")
+    y: Annotated[
+        Formula, About("centre across the road, left of the right lane's centre line", "m")
     ] = 0.0
-    length: Annotated[float | None, Positive, About("body; default: as in the vehicle settings", "m")] = None
-    width: Annotated[float | None, Positive, About("body; default: as in the vehicle settings", "m")] = None
-    goal_lane: Annotated[int | None, Ge(0), About("lane beside its first one that it has to change to; 0: right")] = (
-        None
-    )
+    lateral_speed: Annotated[
+        Formula,
+        About("speed to the left with which it starts, below `speed`; it heads that way", "m/s"),
+    ] = 0.0
+    length: Annotated[
+        float | None, Positive, About("body; default: as in the vehicle settings", "m")
+    ] = None
+    width: Annotated[
+        float | None, Positive, About("body; default: as in the vehicle settings", "m")
+    ] = None
+    goal_lane: Annotated[
+        int | None, Ge(0), About("lane beside its first one that it has to change to; 0: right")
+    ] = None
     change_from: Annotated[
         float | None, Positive, About("with `goal_lane`: its centre's x from which on it may", "m")
     ] = None
     change_by: Annotated[
         float | None,
         Positive,
-        About("by which it must; default: where its lane ends or the ramp of the other begins", "m"),
+        About(
+            "by which it must; default: where its lane ends or the ramp of the other begins", "m"
+        ),
     ] = None
     recorded: Annotated[
         tuple[tuple[float, float], ...],
         About(
-            "where somebody was who drove here in its place: its centre along and across the road, every 0.1 s from "
+            "where somebody was who drove here in its place: its centre along and across the "
+            "road, every 0.1 s from "
             "the start on; `departed` in a condition is the ego's distance from it",
             "m",
         ),
     ] = ()
 
     def check(self, where: str, road: Road) -> None:
-        """Refuse what no ego can be. where: how errors call the file."""
+        """Refuse what no ego can be.
+
+        where: how errors call the file.
+        """
         owner = f"[ego] of {where}"
         if len(self.recorded) == 1:
             raise must_be("`recorded`", owner, "two places or more", "1")
@@ -107,30 +130,52 @@ class EgoTable(Checked):
     @property
     def body(self) -> EgoBody | None:
         """Its body, where the file has one."""
-        return None if self.length is None or self.width is None else EgoBody(self.length, self.width)
+        return (
+            None if self.length is None or self.width is None else EgoBody(self.length, self.width)
+        )
 
     def start(self, numbers: Mapping[str, Any], road: Road, owner: str) -> Start:
-        """Where it begins. numbers: of the table, by key."""
+        """Where it begins.
+
+        numbers: of the table, by key.
+        """
         ego = Start(**numbers, recorded=self.recorded)
         if ego.lateral_speed and not abs(ego.lateral_speed) < ego.speed:
-            raise must_be("`lateral_speed`", owner, f"below the ego's speed {ego.speed:g} m/s", ego.lateral_speed)
+            raise must_be(
+                "`lateral_speed`",
+                owner,
+                f"below the ego's speed {ego.speed:g} m/s",
+                ego.lateral_speed,
+            )
         if self.goal_lane is None or self.change_from is None:
             return ego
         return replace(ego, way=self._way(self.goal_lane, self.change_from, ego.y, road, owner))
 
     def _way(self, goal: int, begin: float, y: float, road: Road, owner: str) -> Way:
-        """The lane change of an ego that starts at y. Raises InputError for one that nobody can make."""
+        """The lane change of an ego that starts at y.
+
+        Raises InputError for one that nobody can make.
+        """
         lane = min(max(round(y / road.lane_width), 0), road.lanes - 1)
         if abs(lane - goal) != 1:
-            raise must_be("`goal_lane`", owner, f"a lane beside lane {lane}, in which the ego starts", goal)
+            raise must_be(
+                "`goal_lane`", owner, f"a lane beside lane {lane}, in which the ego starts", goal
+            )
         own, other = road.span(lane), road.span(goal)
-        by = min(own.end, other.parted_from, other.end) if self.change_by is None else self.change_by
+        by = (
+            min(own.end, other.parted_from, other.end) if self.change_by is None else self.change_by
+        )
         if math.isinf(by):
-            raise InputError(f"The ego of {owner} must have a `change_by`: neither its lane nor the other one ends.")
+            raise InputError(
+                f"The ego of {owner} must have a `change_by`: neither its lane nor the other one "
+                "ends."
+            )
         first = max(own.parted_until, other.parted_until, own.begin, other.begin, 0.0)
         last = min(own.end, other.end, own.parted_from, other.parted_from, road.length)
         if not first <= begin <= by - LEAST_CHANGE or by > last:
-            within = f"within {first:g}..{last:g} m and {LEAST_CHANGE:g} m apart, where both lanes are"
+            within = (
+                f"within {first:g}..{last:g} m and {LEAST_CHANGE:g} m apart, where both lanes are"
+            )
             raise must_be("`change_from` and `change_by`", owner, within, f"{begin:g} and {by:g} m")
         return Way(road.lane_width * (goal - lane), begin, by, math.isfinite(own.end))
 
@@ -153,69 +198,109 @@ class ManoeuvreTable(Checked):
             "change_lane_cosine",
         ],
         About(
-            "keep_speed; brake to a standstill; change_lane smoothly in `duration`; change_lane_cosine along half a "
+            "keep_speed; brake to a standstill; change_lane smoothly in `duration`; "
+            "change_lane_cosine along half a "
             "cosine, OpenSCENARIO's sinusoidal; move_sideways at `speed`; "
-            "accelerate to `speed`; speed_profile through `speeds` at `times` or `places`; sinus, a swing to both "
-            "sides; path through `points` or `lanes` at `places`; follow, as a model of SUMO's that reacts, from the "
+            "accelerate to `speed`; speed_profile through `speeds` at `times` or `places`; sinus, "
+            "a swing to both "
+            "sides; path through `points` or `lanes` at `places`; follow, as a model of SUMO's "
+            "that reacts, from the "
             "start on or, as the last of several, from `when` on"
         ),
     ]
     name: Annotated[str, About("name, for `ended(vehicle, name)` in a condition")] = ""
     begin: Annotated[
-        Formula, NOT_BELOW_0, About("when it begins; with `when`: how long after its condition holds", "s")
+        Formula,
+        NOT_BELOW_0,
+        About("when it begins; with `when`: how long after its condition holds", "s"),
     ] = 0.0
     when: Annotated[
-        str | None, MinLen(1), About("it begins when this holds, e.g. `ttc(ego, child) < 2`; default: at `begin`")
+        str | None,
+        MinLen(1),
+        About("it begins when this holds, e.g. `ttc(ego, child) < 2`; default: at `begin`"),
     ] = None
-    deceleration: Annotated[Formula | None, ABOVE_0, About("of `brake`; of `follow`: comfortable", "m/s2")] = None
+    deceleration: Annotated[
+        Formula | None, ABOVE_0, About("of `brake`; of `follow`: comfortable", "m/s2")
+    ] = None
     jerk: Annotated[
-        Formula | None, _ENDLESS, About("of `brake`, `accelerate`: how fast it builds up; default: at once", "m/s3")
+        Formula | None,
+        _ENDLESS,
+        About("of `brake`, `accelerate`: how fast it builds up; default: at once", "m/s3"),
     ] = None
-    duration: Annotated[Formula | None, ABOVE_0, About("of `change_lane`, `change_lane_cosine`", "s")] = None
+    duration: Annotated[
+        Formula | None, ABOVE_0, About("of `change_lane`, `change_lane_cosine`", "s")
+    ] = None
     speed: Annotated[
         Formula | None,
         NOT_BELOW_0,
-        About("of `move_sideways`; `accelerate`: the one it leads to; `follow`: the one that it wants", "m/s"),
+        About(
+            "of `move_sideways`; `accelerate`: the one it leads to; `follow`: the one that it "
+            "wants",
+            "m/s",
+        ),
     ] = None
     acceleration: Annotated[
         Formula | None,
         ABOVE_0,
         About(
-            "of `move_sideways`: how fast its speed builds up, default at once; of `accelerate`, either sign of the "
+            "of `move_sideways`: how fast its speed builds up, default at once; of `accelerate`, "
+            "either sign of the "
             "change; of `sinus`, the largest; of `follow`, the largest",
             "m/s2",
         ),
     ] = None
-    offset: Annotated[Formula | None, About("of moves to a side: how far to the left, negative to the right", "m")] = (
-        None
-    )
-    cycles: Annotated[float | None, Positive, About("of `sinus`: swings, each to one side and back")] = None
+    offset: Annotated[
+        Formula | None, About("of moves to a side: how far to the left, negative to the right", "m")
+    ] = None
+    cycles: Annotated[
+        float | None, Positive, About("of `sinus`: swings, each to one side and back")
+    ] = None
     times: Annotated[tuple[Formula, ...], About("of `speed_profile`: since its begin", "s")] = ()
-    places: Annotated[tuple[Formula, ...], About("of `speed_profile`, `path`: of its centre along the road", "m")] = ()
-    speeds: Annotated[tuple[Formula, ...], About("of `speed_profile`, at its times or places", "m/s")] = ()
+    places: Annotated[
+        tuple[Formula, ...], About("of `speed_profile`, `path`: of its centre along the road", "m")
+    ] = ()
+    speeds: Annotated[
+        tuple[Formula, ...], About("of `speed_profile`, at its times or places", "m/s")
+    ] = ()
     points: Annotated[
         tuple[tuple[Formula, Formula], ...],
         About("of `path`: along and across the road, straight from one to the next", "m"),
     ] = ()
     lanes: Annotated[
         tuple[int, ...],
-        About("of `path`, instead of points: in the middle of which lane it is at its places; 0: right"),
+        About(
+            "of `path`, instead of points: in the middle of which lane it is at its places; 0: "
+            "right"
+        ),
     ] = ()
     model: Annotated[
-        Literal["Krauss", "IDM", "EIDM"] | None, About("of `follow`: SUMO's car-following model, without noise")
+        Literal["Krauss", "IDM", "EIDM"] | None,
+        About("of `follow`: SUMO's car-following model, without noise"),
     ] = None
-    headway: Annotated[Formula | None, ABOVE_0, About("of `follow`: time headway that it keeps, default 1", "s")] = None
-    min_gap: Annotated[Formula | None, ABOVE_0, About("of `follow`: gap to a standing vehicle, default 2.5", "m")] = (
-        None
-    )
+    headway: Annotated[
+        Formula | None, ABOVE_0, About("of `follow`: time headway that it keeps, default 1", "s")
+    ] = None
+    min_gap: Annotated[
+        Formula | None, ABOVE_0, About("of `follow`: gap to a standing vehicle, default 2.5", "m")
+    ] = None
 
     @property
     def lively(self) -> bool:
         """Whether only a played vehicle, or SUMO, can do it."""
-        return self.when is not None or self.do in ("accelerate", "speed_profile", "sinus", "path", "follow")
+        return self.when is not None or self.do in (
+            "accelerate",
+            "speed_profile",
+            "sinus",
+            "path",
+            "follow",
+        )
 
     def read(self, vehicle: str, names: Names, road: Road, *, departs: bool) -> Move:
-        """It, checked. vehicle: what does it, for sentences. departs: whether the ego has recorded places."""
+        """It, checked.
+
+        vehicle: what does it, for sentences.
+        departs: whether the ego has recorded places.
+        """
         what = f"`{self.do}` of {vehicle}"
         place = f"{what} in {names.where}"
         needed, allowed = _NEEDS[self.do]
@@ -225,31 +310,40 @@ class ManoeuvreTable(Checked):
                 raise InputError(f"{place} must have `{key}`.")
             if not absent and key not in (*needed, *allowed):
                 raise InputError(f"{place} has no `{key}`.{did_you_mean(key, (*needed, *allowed))}")
-        limits = {"follow": {"speed": ABOVE_0}, "move_sideways": {"acceleration": Limits(endless=True)}}.get(
-            self.do, {}
-        )
+        limits = {
+            "follow": {"speed": ABOVE_0},
+            "move_sideways": {"acceleration": Limits(endless=True)},
+        }.get(self.do, {})
         numbers = names.quantities(self, what, **limits)
         follows = self.do == "follow"
         if follows and self.when is None and self.begin != 0.0:
-            raise InputError(f"{place} has no `begin` without a `when`: a vehicle follows from the start.")
+            raise InputError(
+                f"{place} has no `begin` without a `when`: a vehicle follows from the start."
+            )
         when = None
         if self.when is not None:
             when = trigger(self.when, place, names, departs=departs and follows)
         return Move(self, numbers, tuple(self._pairs(what, place, names, road)), when)
 
-    def _pairs(self, what: str, place: str, names: Names, road: Road) -> Iterator[tuple[Quantity, Quantity]]:
+    def _pairs(
+        self, what: str, place: str, names: Names, road: Road
+    ) -> Iterator[tuple[Quantity, Quantity]]:
         """The knots of a profile, or the points of a path."""
         if self.do == "speed_profile":
             knots = self.places or self.times
             if bool(self.places) == bool(self.times) or len(knots) != len(self.speeds):
                 wanted = "as many `times` (or `places`) as `speeds`"
-                raise InputError(f"{place} must have {wanted}, got {len(knots)} and {len(self.speeds)}.")
+                raise InputError(
+                    f"{place} must have {wanted}, got {len(knots)} and {len(self.speeds)}."
+                )
             for at, speed in zip(knots, self.speeds, strict=True):
                 yield (names.quantity(at, f"times or places of {what}"),
                        names.quantity(speed, f"speeds of {what}", NOT_BELOW_0))  # fmt: skip
         elif self.do == "path":
             if bool(self.points) == bool(self.lanes) or len(self.lanes) != len(self.places):
-                raise InputError(f"{place} must have either `points`, or as many `lanes` as `places`.")
+                raise InputError(
+                    f"{place} must have either `points`, or as many `lanes` as `places`."
+                )
             for lane in self.lanes:
                 if not 0 <= lane < road.lanes:
                     raise must_be("Each of `lanes`", place, f"within 0..{road.lanes - 1}", lane)
@@ -261,7 +355,10 @@ class ManoeuvreTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A manoeuvre that was read. pairs: of a path or a profile."""
+    """A manoeuvre that was read.
+
+    pairs: of a path or a profile.
+    """
 
     table: ManoeuvreTable
     numbers: Quantities
@@ -280,13 +377,19 @@ class Move:
             case "move_sideways":
                 act = constant_lateral(**numbers)
             case _:
-                act = played.Act(played.BY_PLACE if table.speeds and table.places else _KINDS[table.do], **numbers)
+                act = played.Act(
+                    played.BY_PLACE if table.speeds and table.places else _KINDS[table.do],
+                    **numbers,
+                )
         if table.do == "sinus" and act.offset:
             turns = 2.0 * math.pi * (table.cycles or 1.0)
             act = act._replace(duration=turns / math.sqrt(2.0 * act.acceleration / abs(act.offset)))
-        if table.do == "speed_profile" and any(b[0] <= a[0] for a, b in itertools.pairwise(((0.0, 0.0), *pairs))):
+        if table.do == "speed_profile" and any(
+            b[0] <= a[0] for a, b in itertools.pairwise(((0.0, 0.0), *pairs))
+        ):
             owner = f"`speed_profile` of vehicle `{vehicle}`"
-            raise must_be(f"The {'places' if table.places else 'times'}", owner, "above 0 and ascending",
+            raise must_be(f"The {'places' if table.places else 'times'}", owner,
+                "above 0 and ascending",
                           [knot[0] for knot in pairs])  # fmt: skip
         return act._replace(table=pairs, program=self.program(known), name=table.name)
 
@@ -301,35 +404,54 @@ class VehicleTable(Checked):
 
     name: Annotated[str, MinLen(1), About("name")]
     speed: Annotated[Formula, NOT_BELOW_0, About("speed at the start", "m/s")]
-    gap: Annotated[Formula | None, About("from the ego's front bumper to its rear at the start", "m")] = None
+    gap: Annotated[
+        Formula | None, About("from the ego's front bumper to its rear at the start", "m")
+    ] = None
     gap_behind: Annotated[
-        Formula | None, About("instead of gap: from its front bumper to the ego's rear at the start", "m")
+        Formula | None,
+        About("instead of gap: from its front bumper to the ego's rear at the start", "m"),
     ] = None
     x: Annotated[Formula | None, About("instead of gap: its centre along the road", "m")] = None
-    y: Annotated[Formula, About("centre across the road, left of the right lane's centre line", "m")] = 0.0
+    y: Annotated[
+        Formula, About("centre across the road, left of the right lane's centre line", "m")
+    ] = 0.0
     heading: Annotated[
-        Formula | None, About("where it points and drives, to the left of the road; default 0", "deg")
+        Formula | None,
+        About("where it points and drives, to the left of the road; default 0", "deg"),
     ] = None
     lateral_speed: Annotated[
-        Formula | None, About("instead of heading: across the road at the start, to the left; `speed` is along", "m/s")
+        Formula | None,
+        About(
+            "instead of heading: across the road at the start, to the left; `speed` is along", "m/s"
+        ),
     ] = None
     body: Annotated[
         Literal["car", "van", "truck", "motorcycle", "bicycle", "pedestrian", "child"],
         About("what it is: its size, its class in SUMO, how it is drawn"),
     ] = "car"
-    length: Annotated[float | None, Positive, About("body; default: as the body has it, 4.5 of a car", "m")] = None
-    width: Annotated[float | None, Positive, About("body; default: as the body has it, 1.8 of a car", "m")] = None
-    slides: Annotated[bool, About("keeps its heading while it moves across, instead of pointing where it goes")] = False
+    length: Annotated[
+        float | None, Positive, About("body; default: as the body has it, 4.5 of a car", "m")
+    ] = None
+    width: Annotated[
+        float | None, Positive, About("body; default: as the body has it, 1.8 of a car", "m")
+    ] = None
+    slides: Annotated[
+        bool, About("keeps its heading while it moves across, instead of pointing where it goes")
+    ] = False
     on_map: Annotated[
         bool,
         About(
-            "x, y and heading are on the map of a road that bends, from the line's beginning: it drives straight there"
+            "x, y and heading are on the map of a road that bends, from the line's beginning: it "
+            "drives straight there"
         ),
     ] = False
     manoeuvre: Annotated[tuple[ManoeuvreTable, ...], About("what it does")] = ()
 
     def read(self, names: Names, road: Road, *, departs: bool) -> Vehicle:
-        """It, checked. departs: as in `ManoeuvreTable.read`."""
+        """It, checked.
+
+        departs: as in `ManoeuvreTable.read`.
+        """
         check_name("`name`", f"a vehicle of {names.where}", self.name)
         what = f"vehicle `{self.name}`"
         owner = f"{what.capitalize()} of {names.where}"
@@ -345,7 +467,8 @@ class VehicleTable(Checked):
         at_once = any(follows) and self.manoeuvre[-1].when is None
         if at_once and (len(moves) > 1 or self.heading or self.lateral_speed):
             raise InputError(
-                f"{owner} must do nothing else where it does `follow` from the start: `when` says from when on it does."
+                f"{owner} must do nothing else where it does `follow` from the start: `when` says "
+                "from when on it does."
             )
         if self.heading is not None and self.lateral_speed is not None:
             raise InputError(f"{owner} must have either heading or lateral_speed.")
@@ -355,8 +478,12 @@ class VehicleTable(Checked):
 
     def _check_on_map(self, owner: str, road: Road) -> None:
         if not road.bent:
-            raise InputError(f"{owner} must not have `on_map`: on a straight road the map is the road.")
-        along = [key for key in ("gap", "gap_behind", "lateral_speed") if getattr(self, key) is not None]
+            raise InputError(
+                f"{owner} must not have `on_map`: on a straight road the map is the road."
+            )
+        along = [
+            key for key in ("gap", "gap_behind", "lateral_speed") if getattr(self, key) is not None
+        ]
         along += [f"`{it.do}`" for it in self.manoeuvre if it.do in ("path", "follow") or it.places]
         if along:
             raise InputError(f"{owner} has no {along[0]} beside `on_map`: that is along the road.")
@@ -377,7 +504,9 @@ class Vehicle:
         turned = table.heading is not None or table.lateral_speed is not None
         return turned or table.on_map or any(move.table.lively for move in self.moves)
 
-    def actor(self, ego: Start, ego_table: EgoTable, road: Road, known: Mapping[str, float]) -> Actor:
+    def actor(
+        self, ego: Start, ego_table: EgoTable, road: Road, known: Mapping[str, float]
+    ) -> Actor:
         """It at a point, where these names have these values."""
         table, numbers, body = self.table, self.numbers.at(known), BODIES[self.table.body]
         length, width = table.length or body.length, table.width or body.width
@@ -395,18 +524,33 @@ class Vehicle:
             on_map = start.x, start.y, heading
             s, d, heading = (float(it) for it in frame_places(road.line, *on_map))
             start = Start(s, d, speed)
-        acts = [move.act(known, table.name) for move in self.moves
-                if move.table.do != "follow" and (self.lively or move.table.do != "keep_speed")]  # fmt: skip
+        left_out = ("follow",) if self.lively else ("follow", "keep_speed")
+        acts = [move.act(known, table.name) for move in self.moves if move.table.do not in left_out]
         model = None
         if self.moves and (name := self.moves[-1].table.model) is not None:
             given, program = self.moves[-1].numbers.at(known), self.moves[-1].program(known)
             model = sumo_model(name, given.get("speed", speed), given)
             if program:
                 places = ego_table.recorded
-                acts.append(played.Act(played.FOLLOW, given["begin"], RECORDED_EVERY, table=places, program=program))
+                acts.append(
+                    played.Act(
+                        played.FOLLOW, given["begin"], RECORDED_EVERY, table=places, program=program
+                    )
+                )
         elif self.lively and all(act.timed for act in acts):
             acts.append(keeps_on(acts))
-        return Actor(table.name, start, tuple(acts), length, width, table.slides, table.body, heading, model, on_map)
+        return Actor(
+            table.name,
+            start,
+            tuple(acts),
+            length,
+            width,
+            table.slides,
+            table.body,
+            heading,
+            model,
+            on_map,
+        )
 
 
 @dataclass(frozen=True, slots=True)

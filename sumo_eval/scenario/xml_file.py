@@ -17,7 +17,10 @@ _DECLARES = re.compile(rb"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
 
 
 def read_xml(path: Path, what: str) -> Element:
-    """The root of an XML file; `what` it is in sentences. Raises InputError for what cannot or must not be read."""
+    """The root of an XML file; `what` it is in sentences.
+
+    Raises InputError for what cannot or must not be read.
+    """
     content = read_input(Path(path), what, _LARGEST)
     plain = content.replace(b"\0", b"")
     declares = _DECLARES.search(plain)
@@ -25,14 +28,21 @@ def read_xml(path: Path, what: str) -> Element:
         line = plain.count(b"\n", 0, declares.start()) + 1
         element = declares.group(1).decode().upper()
         raise InputError(
-            f"{what} {path} must not declare a document type or entities, got <!{element}> in line {line}: none is "
+            f"{what} {path} must not declare a document type or entities, got <!{element}> in "
+            f"line {line}: none is "
             "ever expanded here."
         )
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
+    )
     try:
         root = etree.fromstring(content, parser, base_url=str(path))
     except etree.XMLSyntaxError as error:
         raise InputError(f"{what} {path} is not XML: {shown(str(error))}.") from error
-    if root.getroottree().docinfo.internalDTD is not None:  # in an encoding in which the bytes above are others
-        raise InputError(f"{what} {path} must not declare a document type or entities: none is ever expanded here.")
+    # in an encoding in which the bytes above are others
+    if root.getroottree().docinfo.internalDTD is not None:
+        raise InputError(
+            f"{what} {path} must not declare a document type or entities: none is ever expanded "
+            "here."
+        )
     return root

@@ -18,34 +18,54 @@ from sumo_eval.trajectory import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class ZoneTable(Checked):
-    """What the zones are computed from: the approach to one vehicle under ideal braking (Eqs. 1-6), or a margin."""
+    """What the zones are computed from: the approach to one vehicle under ideal braking (Eqs. 1-6),
+    or a margin.
+    """
 
     obstacle: Annotated[str, About("the vehicle that is in the way")] = ""
     margin: Annotated[
         Formula | None,
-        About("instead of all else here: what is left to spare of a limit that is known; hazardous from 0 down", "m"),
+        About(
+            "instead of all else here: what is left to spare of a limit that is known; hazardous "
+            "from 0 down",
+            "m",
+        ),
     ] = None
     delay: Annotated[Formula, About("before ideal braking begins", "s")] = 0.0
-    gap: Annotated[Formula | None, About("bumper to bumper at the start; default: the obstacle's", "m")] = None
+    gap: Annotated[
+        Formula | None, About("bumper to bumper at the start; default: the obstacle's", "m")
+    ] = None
     conflict_begin: Annotated[Formula, About("before it the obstacle is not in the way", "s")] = 0.0
     passing_length: Annotated[
-        float | None, Positive, About("an ego further ahead than that when the conflict begins has passed", "m")
+        float | None,
+        Positive,
+        About("an ego further ahead than that when the conflict begins has passed", "m"),
     ] = None
     conflict: Annotated[
         bool,
-        About("criticality by the time until both would touch on their ways, from all sides; default: along the road"),
+        About(
+            "criticality by the time until both would touch on their ways, from all sides; "
+            "default: along the road"
+        ),
     ] = False
     coordinates: Annotated[
         dict[str, Formula] | None,
         About("in words = expression: in which the criticality is smooth; default: the parameters"),
     ] = None
 
-    def read(self, names: Names, definitions: Definitions, place: Place, *, searched: bool) -> dict[str, Any]:
+    def read(
+        self, names: Names, definitions: Definitions, place: Place, *, searched: bool
+    ) -> dict[str, Any]:
         """`margin`, `search` or `approach` of the logical scenario, and its `zone_coordinates`."""
         found: dict[str, Any] = {}
         if self.coordinates:
-            told = [names.expression(it, f"zone.coordinates `{name}`") for name, it in self.coordinates.items()]
-            found["zone_coordinates"] = ZoneCoordinates(tuple(self.coordinates), Formulas.of(definitions, *told))
+            told = [
+                names.expression(it, f"zone.coordinates `{name}`")
+                for name, it in self.coordinates.items()
+            ]
+            found["zone_coordinates"] = ZoneCoordinates(
+                tuple(self.coordinates), Formulas.of(definitions, *told)
+            )
         numbers = {
             key: names.expression(value, f"`zone.{key}`")
             for key in ("delay", "conflict_begin", "gap", "margin")
@@ -57,18 +77,30 @@ class ZoneTable(Checked):
         if not self.obstacle:
             raise InputError(f"[zone] of {names.where} must have an `obstacle`, or a `margin`.")
         if self.obstacle not in names.vehicles:
-            raise unknown(f"vehicle in `zone.obstacle` of {names.where}:", self.obstacle, names.vehicles)
+            raise unknown(
+                f"vehicle in `zone.obstacle` of {names.where}:", self.obstacle, names.vehicles
+            )
         number = list(names.vehicles).index(self.obstacle)
         if searched:
             self._refuse(": what a vehicle does that is played is searched as it is", names.where)
-            return found | {"search": SearchRule(number, Formulas.of(definitions, numbers["delay"]), self.conflict)}
+            return found | {
+                "search": SearchRule(
+                    number, Formulas.of(definitions, numbers["delay"]), self.conflict
+                )
+            }
         obstacle = place.vehicles[number]
         if self.gap is None and obstacle.table.gap is None:
-            raise InputError(f"[zone] of {names.where} must have a `gap`: vehicle `{self.obstacle}` starts at an x.")
-        brakes = [move.numbers["deceleration"] for move in obstacle.moves if move.table.do == "brake"]
+            raise InputError(
+                f"[zone] of {names.where} must have a `gap`: vehicle `{self.obstacle}` starts at "
+                "an x."
+            )
+        brakes = [
+            move.numbers["deceleration"] for move in obstacle.moves if move.table.do == "brake"
+        ]
         formulas = Formulas.of(
             definitions, place.numbers["speed"], obstacle.numbers["speed"],
-            numbers.get("gap") or obstacle.numbers["gap"], numbers["delay"], *(brakes[:1] or [Expression("0.0")]),
+            numbers.get("gap") or obstacle.numbers["gap"], numbers["delay"],
+            *(brakes[:1] or [Expression("0.0")]),
             numbers["conflict_begin"],
         )  # fmt: skip
         return found | {"approach": ZoneRule(formulas, self.passing_length or math.inf)}
@@ -83,7 +115,9 @@ class ZoneTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """Values by name (arrays) -> what is left to spare of a limit, m: hazardous where that is 0 or less."""
+    """Values by name (arrays) -> what is left to spare of a limit, m: hazardous where that is 0 or
+    less.
+    """
 
     formulas: Formulas
 
@@ -94,8 +128,11 @@ class Margin:
 
 @dataclass(frozen=True, slots=True)
 class SearchRule:
-    """What zones are searched from where somebody is played: the number of the obstacle among the others, and the delay
-    between its first move and ideal braking; from the start on where it makes none. conflict: as in `ZoneTable`.
+    """What zones are searched from where somebody is played: the number of the obstacle among the
+    others, and the delay between its first move and ideal braking; from the start on where it makes
+    none.
+
+    conflict: as in `ZoneTable`.
     """
 
     obstacle: int
@@ -116,4 +153,8 @@ class ZoneRule:
 
     def __call__(self, values: Values) -> Approach:
         """The approach at every point."""
-        return Approach(*self.formulas(values), passing_length=self.passing_length)  # type: ignore[arg-type, misc]
+        formulas = self.formulas(values)
+        return Approach(  # type: ignore[misc]
+            *formulas,  # type: ignore[arg-type]
+            passing_length=self.passing_length,
+        )

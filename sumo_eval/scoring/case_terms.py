@@ -1,4 +1,6 @@
-"""What each case brings to the scores, as arrays, and all scores of one sample of the cases or of many."""
+"""What each case brings to the scores, as arrays, and all scores of one sample of the cases or of
+many.
+"""
 
 from __future__ import annotations
 
@@ -26,25 +28,36 @@ SCORES = {
     "D": ("d", 3),
     "S": ("s", 1),
 }
-"""The scores by the letters that people read: (field of ScenarioResult, digits). Comparisons show one digit more."""
+"""The scores by the letters that people read: (field of ScenarioResult, digits).
+
+Comparisons show one digit more.
+"""
 COMPUTED = (
-    "c", "d", "s", "avoided_share", "avoided_share_exposure", "regret", "human_likeness", "task_share",
+    "c", "d", "s", "avoided_share", "avoided_share_exposure", "regret", "human_likeness",
+    "task_share",
     "avoidance_grade", "s_plus", "collision_probability",
 )  # fmt: skip
 """What `scores_of` computes, by the names of `ScenarioResult`."""
 _SEVEREST = 100.0  # m/s: past every class of severity
-SUMMED_AT_ONCE = 8_192  # cases whose terms are in memory at a time: memory that is touched for the first time costs
+# cases whose terms are in memory at a time: memory that is touched for the first time costs
+SUMMED_AT_ONCE = 8_192
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CaseTerms:
-    """The cases of one ADS in one logical scenario, arrays (n,); nan where a case has no part in a term.
+    """The cases of one ADS in one logical scenario, arrays (n,); nan where a case has no part in a
+    term.
 
-    exposure: p_i. weight: r_i. severity: U_i of the worst incident, 0 without one, nan where the harness failed. ideal:
-    Ug_i and unreacting: U0_i in the same concrete scenarios, likewise; with `loss = "class"` the classes L of all
-    three, 0.1 without an incident. ratio: Ug_i/U_i (Lg/L) of a contact. collided, evaluated, incident, counted (also
-    where the ADS gave up): flags. index: D_i, likeness: human-likeness, of the safe cases that have one. task: t_i of
-    the cases that T is the mean of. voids: collisions after which there is no D.
+    exposure: p_i.
+    weight: r_i.
+    severity: U_i of the worst incident, 0 without one, nan where the harness failed.
+    ideal: Ug_i and unreacting: U0_i in the same concrete scenarios, likewise; with `loss = "class"`
+        the classes L of all three, 0.1 without an incident.
+    ratio: Ug_i/U_i (Lg/L) of a contact. collided, evaluated, incident, counted (also where the ADS
+        gave up): flags.
+    index: D_i, likeness: human-likeness, of the safe cases that have one.
+    task: t_i of the cases that T is the mean of.
+    voids: collisions after which there is no D.
     """
 
     exposure: FloatArray
@@ -112,24 +125,33 @@ def scores_of(
     *,
     exposed: bool | None = None,
 ) -> dict[str, FloatArray]:
-    """Every score of `COMPUTED` in each sample, (m,), nan where it does not exist. counts: (m, n), see `score_terms`.
+    """Every score of `COMPUTED` in each sample, (m,), nan where it does not exist.
 
-    hits: how often each case's collision stands in each sample, (m, n), which C is made of; then a sample without the
-    collisions in the safe zone that leave no D has one. Without hits that is a fact of all cases. exposed: whether any
-    case has an exposure, where these are not all of them.
+    counts: (m, n), see `score_terms`.
+
+    hits: how often each case's collision stands in each sample, (m, n), which C is made of; then a
+        sample without the collisions in the safe zone that leave no D has one. Without hits that is
+        a fact of all cases.
+    exposed: whether any case has an exposure, where these are not all of them.
     """
     drawn = counts if hits is None else hits
-    c = score_terms.collision_avoidance(terms.ratio, terms.weight, terms.collided, terms.evaluated, drawn)
+    c = score_terms.collision_avoidance(
+        terms.ratio, terms.weight, terms.collided, terms.evaluated, drawn
+    )
     d = score_terms.exposure_mean(terms.index, terms.exposure, counts)
     voided = terms.voids.any() if hits is None else hits @ terms.voids.astype(np.float64) > 0.0
     d = np.where(voided, np.nan, d)
     seen = np.isfinite(terms.weight)
-    u, ideal, unreacting = (np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting))
+    u, ideal, unreacting = (
+        np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting)
+    )
     weight = np.nan_to_num(terms.weight)
     avoided = score_terms.avoided_share(u, ideal, unreacting, weight, counts)
     by_exposure = np.full(d.shape, np.nan)
     if terms.exposure.any() if exposed is None else exposed:
-        by_exposure = score_terms.avoided_share(terms.severity, terms.ideal, terms.unreacting, terms.exposure, counts)
+        by_exposure = score_terms.avoided_share(
+            terms.severity, terms.ideal, terms.unreacting, terms.exposure, counts
+        )
     human = score_terms.exposure_mean(terms.likeness, terms.exposure, counts)
     task = score_terms.exposure_mean(terms.task, terms.exposure, counts)
     grade = score_terms.avoidance_grade(avoided, method.task.sharpness)
@@ -152,7 +174,9 @@ def scores_of(
 def avoided_share_losses(terms: CaseTerms) -> FloatArray:
     """What each case takes from A, (n,); together 1 - A. nan where a case has no part in it."""
     seen = np.isfinite(terms.weight)
-    u, ideal, unreacting = (np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting))
+    u, ideal, unreacting = (
+        np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting)
+    )
     return score_terms.avoided_share_losses(u, ideal, unreacting, np.nan_to_num(terms.weight))
 
 
@@ -184,20 +208,30 @@ def missing_bounds(
     *,
     people: bool = True,
 ) -> dict[str, Ends]:
-    """Worst and best of the scores with every missing case counted in; empty where none of them moves.
+    """Worst and best of the scores with every missing case counted in; empty where none of them
+    moves.
 
-    T, A, A', regret, H, S+: a case that could not be evaluated counts as doing nothing, or as the ideal vehicle where
-    that is harder; at best as the ideal vehicle. Where the ideal vehicle's own drive is missing, at worst it avoids, or
-    the point has no part in A as in the score itself, whichever is lower; at best it hits as hard as the ADS. Where
-    that of doing nothing is missing, it hits at worst as hard as the ADS, at best as hard as anywhere else. A safe case
-    without a human-likeness that could have one counts 0, and 1; one with a collision of which nobody knows whether the
+    T, A, A', regret, H, S+: a case that could not be evaluated counts as doing nothing, or as the
+    ideal vehicle where
+    that is harder; at best as the ideal vehicle. Where the ideal vehicle's own drive is missing, at
+    worst it avoids, or
+    the point has no part in A as in the score itself, whichever is lower; at best it hits as hard
+    as the ADS. Where
+    that of doing nothing is missing, it hits at worst as hard as the ADS, at best as hard as
+    anywhere else. A safe case
+    without a human-likeness that could have one counts 0, and 1; one with a collision of which
+    nobody knows whether the
     ideal vehicle avoids it counts 0, and not at all.
 
-    C: a missing case is a collision, one that the ideal vehicle avoids, or as gentle as its own. Both are bounds: a
-    collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it. D: a safe case without a collision
-    that has no D_i counts 0, and 1. S: a missing safe case may have been a collision, after which there is no D.
+    C: a missing case is a collision, one that the ideal vehicle avoids, or as gentle as its own.
+        Both are bounds: a
+    collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it. D: a safe case
+    without a collision
+    that has no D_i counts 0, and 1. S: a missing safe case may have been a collision, after which
+    there is no D.
 
-    values: the scores as they are. people: whether there is anybody to be like.
+    values: the scores as they are.
+    people: whether there is anybody to be like.
     """
     safe, no_ideal, no_unreacting = cases.safe, np.isnan(terms.ideal), np.isnan(terms.unreacting)
     lost, unsure = ~terms.counted, no_ideal | no_unreacting
@@ -208,7 +242,11 @@ def missing_bounds(
     unindexed = cases.counts_for_index & np.isnan(terms.index) & people
     hardest = float(np.max(terms.unreacting, initial=0.0, where=~no_unreacting))
     gentlest = np.where(no_ideal, 0.0, terms.ideal)
-    hit = np.where(lost, np.maximum(np.where(no_unreacting, hardest, terms.unreacting), gentlest), terms.severity)
+    hit = np.where(
+        lost,
+        np.maximum(np.where(no_unreacting, hardest, terms.unreacting), gentlest),
+        terms.severity,
+    )
     avoided = ratios(np.where(gone, _SEVEREST, cases.severity), np.zeros(len(cases)), method)
     worst = replace(
         terms,
@@ -233,12 +271,16 @@ def missing_bounds(
         likeness=np.where(unlike & ~terms.incident, 1.0, terms.likeness),
         task=np.where(untimed, 1.0, terms.task),
     )
-    found = [point_values(one, method) for one in (worst, _without_what_lifts(worst, unsure, method), best)]
+    found = [
+        point_values(one, method)
+        for one in (worst, _without_what_lifts(worst, unsure, method), best)
+    ]
     moved: list[str] = ["c"] if unrated.any() else []
     moved += ["d"] if unindexed.any() else []
     if lost.any() or unsure.any() or unlike.any():
         moved += [
-            "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret", "human_likeness",
+            "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
+            "human_likeness",
             "s_plus",
         ]  # fmt: skip
     bounds: dict[str, Ends] = {}
@@ -247,22 +289,31 @@ def missing_bounds(
         if ends:
             bounds[name] = min(ends), max(ends)
     if "c" in bounds or "d" in bounds:
-        (c, most_c), (d, most_d) = (bounds.get(name, (values[name], values[name])) for name in ("c", "d"))
+        (c, most_c), (d, most_d) = (
+            bounds.get(name, (values[name], values[name])) for name in ("c", "d")
+        )
         d = None if (safe & ~terms.evaluated).any() else d
-        low, high = (score_of(*both, method.score).total or 0.0 for both in ((c, d), (most_c, most_d)))
+        low, high = (
+            score_of(*both, method.score).total or 0.0 for both in ((c, d), (most_c, most_d))
+        )
         bounds["s"] = low, high
     return bounds
 
 
 def _without_what_lifts(terms: CaseTerms, unsure: BoolArray, method: MethodSettings) -> CaseTerms:
-    """These terms without those points among the unsure ones that lift A. A falls with every round, so that it ends."""
+    """These terms without those points among the unsure ones that lift A.
+
+    A falls with every round, so that it ends.
+    """
     kept = terms
     for _ in range(len(unsure)):
         avoided = point_values(kept, method)["avoided_share"]
         if avoided is None:
             return terms
         taken = score_terms.excess(terms.severity, terms.ideal)
-        lifts = unsure & (taken < (1.0 - avoided) * score_terms.excess(terms.unreacting, terms.ideal))
+        lifts = unsure & (
+            taken < (1.0 - avoided) * score_terms.excess(terms.unreacting, terms.ideal)
+        )
         if np.array_equal(lifts, unsure & np.isnan(kept.ideal)):
             break
         kept = replace(terms, ideal=np.where(lifts, np.nan, terms.ideal))

@@ -14,10 +14,14 @@ LEAST_HUMAN = 100
 
 
 def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[tuple[str, int]]:
-    """Scenario and number of every critical point. numbers: of each case's point.
+    """Scenario and number of every critical point.
 
-    Critical is where, with some ADS, there was a collision; where its drive could not be evaluated or left the road;
-    where the nearest other point of the space ended otherwise, with a collision or without; and where it is among its
+    numbers: of each case's point.
+
+    Critical is where, with some ADS, there was a collision; where its drive could not be evaluated
+    or left the road;
+    where the nearest other point of the space ended otherwise, with a collision or without; and
+    where it is among its
     `LEAST_HUMAN` least human-like.
     """
     found: set[tuple[str, int]] = set()

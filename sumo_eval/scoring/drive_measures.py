@@ -1,7 +1,8 @@
-"""What the trajectories of an evaluated case tell besides D_i: criticality, plausibility, lane keeping, PET.
+"""What the trajectories of an evaluated case tell besides D_i: criticality, plausibility, lane
+keeping, PET.
 
-A drive's measures depend on its recorded trajectories alone: they are kept in the run's folder, and what is not there
-yet is measured in the processes that compute D_i.
+A drive's measures depend on its recorded trajectories alone: they are kept in the run's folder, and
+what is not there yet is measured in the processes that compute D_i.
 """
 
 from __future__ import annotations
@@ -14,7 +15,14 @@ from pathlib import Path
 
 from sumo_eval.cases import EVALUATED, CaseResult
 from sumo_eval.method.conflict import conflicting
-from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, conflict_pet, course_of, lane_keeping, measures
+from sumo_eval.method.measures import (
+    CriticalityMeasures,
+    LaneKeeping,
+    conflict_pet,
+    course_of,
+    lane_keeping,
+    measures,
+)
 from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
 from sumo_eval.record.human_reference import method_sources
 from sumo_eval.record.kept_results import key_of
@@ -28,7 +36,10 @@ _AT_ONCE = 32  # drives that a process measures before it answers
 
 @dataclass(frozen=True, slots=True)
 class _Drive:
-    """A case whose drive is to be measured. conflicting: who has a way that conflicts with the ego's, "" for nobody."""
+    """A case whose drive is to be measured.
+
+    conflicting: who has a way that conflicts with the ego's, "" for nobody.
+    """
 
     case: str
     collision: Collision | None
@@ -40,19 +51,30 @@ def drive_measures(
 ) -> dict[str, dict[str, float | None]]:
     """The fields of every evaluated case that its trajectories tell, by case.
 
-    people: among whom it is more or less plausible. files: a hash of those of the scenario.
+    people: among whom it is more or less plausible.
+    files: a hash of those of the scenario.
     """
     store, kept, lane_width = space.store, space.kept, space.logical.road.lane_width
     evaluated = [fact for fact in facts if fact.status in EVALUATED]
-    keys = [key_of("drive", store.case_hash(fact.case), lane_width, files, method_sources()) for fact in evaluated]
+    keys = [
+        key_of("drive", store.case_hash(fact.case), lane_width, files, method_sources())
+        for fact in evaluated
+    ]
     found = {
         fact.case: data
         for fact, key in zip(evaluated, keys, strict=True)
         if (data := kept.get("drive", key)) is not None
     }
-    missing = [(fact, key) for fact, key in zip(evaluated, keys, strict=True) if fact.case not in found]
-    drives = [_Drive(fact.case, fact.collision, _conflicting(space.logical, fact)) for fact, _ in missing]
-    parts = [(store.path, drives[first : first + _AT_ONCE], lane_width) for first in range(0, len(drives), _AT_ONCE)]
+    missing = [
+        (fact, key) for fact, key in zip(evaluated, keys, strict=True) if fact.case not in found
+    ]
+    drives = [
+        _Drive(fact.case, fact.collision, _conflicting(space.logical, fact)) for fact, _ in missing
+    ]
+    parts = [
+        (store.path, drives[first : first + _AT_ONCE], lane_width)
+        for first in range(0, len(drives), _AT_ONCE)
+    ]
     new = [data for part in (space.spread(_measured_part, parts) if parts else ()) for data in part]
     kept.put(("drive", key, 0, data) for (_, key), data in zip(missing, new, strict=True))
     found |= {drive.case: data for drive, data in zip(drives, new, strict=True)}
@@ -90,9 +112,15 @@ def _measured(drive: _Drive, store: Store, lane_width: float) -> bytes:
     lane = lane_keeping(ego, lane_width)
     pet = math.nan
     if drive.conflicting in actors:
-        hit = drive.collision if drive.collision is not None and drive.collision.other == drive.conflicting else None
+        hit = (
+            drive.collision
+            if drive.collision is not None and drive.collision.other == drive.conflicting
+            else None
+        )
         pet = conflict_pet(ego, actors[drive.conflicting], hit)
-    return _NUMBERS.pack(*_values(criticality), *(extremes[name] for name in EXTREMES), *_values(lane), pet)
+    return _NUMBERS.pack(
+        *_values(criticality), *(extremes[name] for name in EXTREMES), *_values(lane), pet
+    )
 
 
 def _values(measured: CriticalityMeasures | LaneKeeping) -> Iterable[float]:

@@ -1,4 +1,6 @@
-"""Departure and t_i of recorded drives, point by point: `method.driving_task` over the facts of a run."""
+"""Departure and t_i of recorded drives, point by point: `method.driving_task` over the facts of a
+run.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ _AT_ONCE = 16  # points that a process works on before it answers
 
 @dataclass(frozen=True, slots=True)
 class TaskOfDrive:
-    """departure: None where the drive stayed on the road. share: t_i; None without a reference."""
+    """departure: None where the drive stayed on the road.
+    share: t_i; None without a reference.
+    """
 
     departure: Departure | None
     share: float | None
@@ -40,7 +44,11 @@ class TaskOfDrive:
 
 @dataclass(frozen=True, slots=True)
 class _Point:
-    """What is asked at one point. drives: cases, and whether each holds a contact. references: cases without one."""
+    """What is asked at one point.
+
+    drives: cases, and whether each holds a contact.
+    references: cases without one.
+    """
 
     drives: tuple[tuple[str, bool], ...]
     references: tuple[str, ...]
@@ -53,7 +61,9 @@ class _Point:
 _RECORDS = {one.__name__: one for one in (TaskOfDrive, Departure)}
 
 
-def tasks_of_drives(drives: Sequence[Fact], references: Iterable[Fact], space: Space) -> dict[str, TaskOfDrive]:
+def tasks_of_drives(
+    drives: Sequence[Fact], references: Iterable[Fact], space: Space
+) -> dict[str, TaskOfDrive]:
     """Departure and t_i of every evaluated drive at some points of a scenario, by case.
 
     references: the drives of drivers and of the reference car there.
@@ -65,20 +75,35 @@ def tasks_of_drives(drives: Sequence[Fact], references: Iterable[Fact], space: S
             beside.setdefault(fact.point, []).append(fact.case)
     wanted = [
         _point(list(facts), tuple(beside.get(point, ())), space.logical, margin)
-        for point, facts in groupby(sorted(drives, key=lambda fact: fact.point), key=lambda fact: fact.point)
+        for point, facts in groupby(
+            sorted(drives, key=lambda fact: fact.point), key=lambda fact: fact.point
+        )
     ]
     keys = {case: key for point in wanted for case, key in _keys(point, store)}
-    found = {case: data for case, key in keys.items() if (data := kept.get("task", key)) is not None}
+    found = {
+        case: data for case, key in keys.items() if (data := kept.get("task", key)) is not None
+    }
     missing = [point for point in wanted if any(case not in found for case, _ in point.drives)]
-    parts = [(store.path, missing[first : first + _AT_ONCE]) for first in range(0, len(missing), _AT_ONCE)]
-    new = {case: data for part in (space.spread(_some_points, parts) if parts else ()) for case, data in part}
+    parts = [
+        (store.path, missing[first : first + _AT_ONCE])
+        for first in range(0, len(missing), _AT_ONCE)
+    ]
+    new = {
+        case: data
+        for part in (space.spread(_some_points, parts) if parts else ())
+        for case, data in part
+    }
     kept.put(("task", keys[case], 0, data) for case, data in new.items())
     return {case: decoded(data, _RECORDS) for case, data in {**found, **new}.items()}
 
 
-def _point(facts: Sequence[Fact], references: tuple[str, ...], logical: LogicalScenario, margin: float) -> _Point:
+def _point(
+    facts: Sequence[Fact], references: tuple[str, ...], logical: LogicalScenario, margin: float
+) -> _Point:
     start = logical.placed(facts[0].values).ego
-    drives = tuple((fact.case, fact.status == "collision") for fact in facts if fact.status in EVALUATED)
+    drives = tuple(
+        (fact.case, fact.status == "collision") for fact in facts if fact.status in EVALUATED
+    )
     return _Point(drives, references, logical.road, margin, start.x, start.way)
 
 
@@ -93,7 +118,9 @@ def _keys(point: _Point, store: Store) -> Iterator[tuple[str, bytes]]:
 def _some_points(part: tuple[Path, Sequence[_Point]]) -> list[tuple[str, bytes]]:
     path, points = part
     with open_store(path, checked=True) as store:
-        return [(case, encoded(task)) for point in points for case, task in _tasks(point, store).items()]
+        return [
+            (case, encoded(task)) for point in points for case, task in _tasks(point, store).items()
+        ]
 
 
 def _tasks(point: _Point, store: Store) -> dict[str, TaskOfDrive]:
@@ -110,7 +137,9 @@ def _task(case: str, hit: bool, asked: AskedWay | None, point: _Point, store: St
         return TaskOfDrive(departure, None)
     incident = hit or departure is not None
     excused = not incident and _is_excused(case, ego, store)
-    return TaskOfDrive(departure, task_share(ego, asked, point.way, incident=incident, excused=excused))
+    return TaskOfDrive(
+        departure, task_share(ego, asked, point.way, incident=incident, excused=excused)
+    )
 
 
 def _is_excused(case: str, ego: Trajectory, store: Store) -> bool:
@@ -128,4 +157,8 @@ def recorded_with(store: Store, car: str) -> bool:
         if role in counts:
             counts[role] += number
     first = next(iter(store.each_fact("task_reference")), None)
-    return first is not None and first.controller == car and counts["ideal"] == counts["task_reference"]
+    return (
+        first is not None
+        and first.controller == car
+        and counts["ideal"] == counts["task_reference"]
+    )

@@ -1,4 +1,5 @@
-"""Findings of a scored run: what one ADS did in one scenario, and what each case took from its scores.
+"""Findings of a scored run: what one ADS did in one scenario, and what each case took from its
+scores.
 
 Reports read them here and compute nothing themselves.
 """
@@ -30,9 +31,11 @@ LIKENESS_FACTORS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CollisionShares:
-    """Collisions of one ADS in one scenario, the one that took most from C first (Eq. 17): their rows, (h,).
+    """Collisions of one ADS in one scenario, the one that took most from C first (Eq. 17): their
+    rows, (h,).
 
-    avoided: Ug/U of each (or of the loss classes); lost: its part of 1 - C; nan where not known. Parts add up.
+    avoided: Ug/U of each (or of the loss classes);
+    lost: its part of 1 - C; nan where not known. Parts add up.
     """
 
     places: IntArray
@@ -42,7 +45,9 @@ class CollisionShares:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """One ADS in one scenario: its result, its cases, and the settings that they were scored with."""
+    """One ADS in one scenario: its result, its cases, and the settings that they were scored
+    with.
+    """
 
     score: ScenarioResult
     cases: CaseTable
@@ -91,12 +96,16 @@ class Findings:
 
     @property
     def factor_means(self) -> dict[str, float]:
-        """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without any."""
+        """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without
+        any.
+        """
         return self._means(self.indexed, FACTORS)
 
     @property
     def likeness_means(self) -> dict[str, float]:
-        """Mean of every factor of a case's human-likeness over the safe cases without an incident, by exposure."""
+        """Mean of every factor of a case's human-likeness over the safe cases without an incident,
+        by exposure.
+        """
         return self._means(self.likened & ~self.cases.incident, LIKENESS_FACTORS)
 
     def _means(self, counted: BoolArray, factors: Mapping[str, str]) -> dict[str, float]:
@@ -131,8 +140,10 @@ def unevaluated(evaluation: Evaluation) -> list[CaseTable]:
 class PeopleBehind:
     """How many recorded people stand behind the D_i and H of a scenario.
 
-    points: safe concrete scenarios; with_people: of these, with recorded people whom D_i compares with; drives: of
-    theirs, over all of these. Where references that are too thin are left out, their people stand behind nothing.
+    points: safe concrete scenarios;
+    with_people: of these, with recorded people whom D_i compares with;
+    drives: of theirs, over all of these. Where references that are too thin are left out, their
+        people stand behind nothing.
     """
 
     scenario: str

@@ -1,4 +1,6 @@
-"""What scores depend on: the recorded facts, the settings, the sources of this package, and files that users name."""
+"""What scores depend on: the recorded facts, the settings, the sources of this package, and files
+that users name.
+"""
 
 from __future__ import annotations
 
@@ -49,26 +51,49 @@ def sources(*rooms: str) -> str:
 
 
 def scores_key(
-    settings: EvaluationSettings, content: str, source: Path, severity: str, exposures: Mapping[str, Any]
+    settings: EvaluationSettings,
+    content: str,
+    source: Path,
+    severity: str,
+    exposures: Mapping[str, Any],
 ) -> bytes:
-    """Under what the scores of a run are kept. content: the hash over its facts. severity: of a user's function."""
+    """Under what the scores of a run are kept.
+
+    content: the hash over its facts.
+    severity: of a user's function.
+    """
     named = [space_key(entry, source) for entry in settings.scenario]
-    chosen = settings.scenario, settings.ads, settings.seed, settings.drivers, settings.simulation, settings.method
+    chosen = (
+        settings.scenario,
+        settings.ads,
+        settings.seed,
+        settings.drivers,
+        settings.simulation,
+        settings.method,
+    )
     return key_of("scores", content, chosen, named, severity, exposures, sources())
 
 
 def space_key(entry: ScenarioSettings, source: Path) -> str:
-    """A hash of the files that a user's scenario and its sample come from; of a shipped one it is the package's own."""
+    """A hash of the files that a user's scenario and its sample come from; of a shipped one it is
+    the package's own.
+    """
     found = hashlib.blake2b()
     sampling = entry.sampling
     for locator in (options_of(entry.use)[0], sampling.method, sampling.file):
         for file in _files_of(locator, source) if locator else []:
-            found.update(str(file).encode() + b"\0" + (file.read_bytes() if file.is_file() else os.urandom(16)))
+            found.update(
+                str(file).encode()
+                + b"\0"
+                + (file.read_bytes() if file.is_file() else os.urandom(16))
+            )
     return found.hexdigest()
 
 
 def _files_of(locator: str, source: Path) -> list[Path]:
-    """The file that a locator names and those that its text names; the neighbours of a Python one too."""
+    """The file that a locator names and those that its text names; the neighbours of a Python one
+    too.
+    """
     found: set[Path] = set()
     if locator.endswith((".toml", ".csv", ".json", ".xml")) or format_of(locator):
         _add_with_named(found, source / locator)
@@ -78,7 +103,8 @@ def _files_of(locator: str, source: Path) -> list[Path]:
         return []  # one that ships
     if not place.endswith(".py"):
         spec = None
-        with suppress(ImportError, ValueError):  # it may lie beside the evaluation, and is looked for there
+        # it may lie beside the evaluation, and is looked for there
+        with suppress(ImportError, ValueError):
             spec = importlib.util.find_spec(place)
         origin = spec.origin if spec is not None else None
         place = origin or str(source / (place.replace(".", "/") + ".py"))
@@ -89,7 +115,9 @@ def _files_of(locator: str, source: Path) -> list[Path]:
 
 
 def _add_with_named(found: set[Path], file: Path) -> None:
-    """The file and, in turn, the files beside it that its text names in quotes; of OpenSCENARIO also whole folders."""
+    """The file and, in turn, the files beside it that its text names in quotes; of OpenSCENARIO
+    also whole folders.
+    """
     if file in found:
         return
     found.add(file)

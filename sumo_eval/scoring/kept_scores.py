@@ -13,13 +13,16 @@ from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.results import Ranking, ScenarioResult, ZoneResult
 from sumo_eval.trajectory import Alone
 
-_MOST_OF_OTHERS = 256 << 20  # bytes of rows that other settings than the last gave, before the oldest go
+# bytes of rows that other settings than the last gave, before the oldest go
+_MOST_OF_OTHERS = 256 << 20
 _in_use: set[bytes] = set()  # keys of scores that this process has handed out
 
 
 @dataclass(frozen=True, slots=True)
 class KeptChunk:
-    """Rows of one ADS in one scenario that are kept together, and their place among those of a scoring."""
+    """Rows of one ADS in one scenario that are kept together, and their place among those of a
+    scoring.
+    """
 
     scenario: str
     ads: str
@@ -29,7 +32,10 @@ class KeptChunk:
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """What scoring a run gives besides its rows. chunks: where these are."""
+    """What scoring a run gives besides its rows.
+
+    chunks: where these are.
+    """
 
     zones: tuple[ZoneResult, ...]
     scores: tuple[ScenarioResult, ...]
@@ -46,7 +52,10 @@ _RECORDS: dict[str, type] = {
 
 def table_of(kept: KeptResults, key: bytes, chunks: Sequence[KeptChunk]) -> CaseTable:
     """The rows of a scoring, each column read from the run's folder when it is asked for."""
-    return CaseTable((Chunk(one.scenario, one.ads, one.rows, _reader(kept, key, one.place)) for one in chunks), key=key)
+    return CaseTable(
+        (Chunk(one.scenario, one.ads, one.rows, _reader(kept, key, one.place)) for one in chunks),
+        key=key,
+    )
 
 
 def _reader(kept: KeptResults, key: bytes, place: int) -> Callable[[slice], list[bytes]]:
@@ -54,7 +63,9 @@ def _reader(kept: KeptResults, key: bytes, place: int) -> Callable[[slice], list
         first = place * COLUMNS
         data = kept.some("rows", key, first + (places.start or 0), first + places.stop)
         if not data:
-            raise InputError(f"Rows of {kept.path} are gone: somebody took them out. Score the run again.")
+            raise InputError(
+                f"Rows of {kept.path} are gone: somebody took them out. Score the run again."
+            )
         return data
 
     return columns
@@ -81,7 +92,9 @@ class RowWriter:
 
     def chunks(self, order: Sequence[tuple[str, str]]) -> tuple[KeptChunk, ...]:
         """Where the rows are, ADSs and scenarios in this order of (ADS, scenario)."""
-        return tuple(chunk for pair in order for chunk in self._chunks if (chunk.ads, chunk.scenario) == pair)
+        return tuple(
+            chunk for pair in order for chunk in self._chunks if (chunk.ads, chunk.scenario) == pair
+        )
 
 
 def kept_scores(kept: KeptResults, key: bytes) -> Scores | None:
@@ -95,7 +108,8 @@ def kept_scores(kept: KeptResults, key: bytes) -> Scores | None:
 
 
 def keep_scores(kept: KeptResults, key: bytes, scores: Scores) -> Scores:
-    """Put scores whose rows are there, and take the oldest of other settings out where they take much room.
+    """Put scores whose rows are there, and take the oldest of other settings out where they take
+    much room.
 
     What comes back is what whoever asks later gets.
     """

@@ -1,4 +1,6 @@
-"""Whom each safe case is compared with, what these people score among themselves, and what that tells of the case."""
+"""Whom each safe case is compared with, what these people score among themselves, and what that
+tells of the case.
+"""
 
 from __future__ import annotations
 
@@ -36,9 +38,12 @@ IntArray = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class PointReference:
-    """The drivers of one concrete scenario. cases: their drives that ended well, and drivers: who drove them. recorded:
-    how many of these are recorded people. note: where the reference is too thin. usable: whether a D_i may be computed
-    from it.
+    """The drivers of one concrete scenario.
+
+    cases: their drives that ended well, and drivers: who drove them.
+    recorded: how many of these are recorded people.
+    note: where the reference is too thin.
+    usable: whether a D_i may be computed from it.
     """
 
     cases: tuple[str, ...]
@@ -49,7 +54,10 @@ class PointReference:
 
 
 def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, PointReference]:
-    """The drivers of every concrete scenario that has some, or should have some, by point. drives: the drivers'."""
+    """The drivers of every concrete scenario that has some, or should have some, by point.
+
+    drives: the drivers'.
+    """
     by_point: dict[int, list[Fact]] = {}
     for fact in drives:
         if fact.status == "ok":
@@ -59,23 +67,38 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
         recorded = sum(fact.controller == RECORDED for fact in facts)
         note, usable = _usable(len(facts), recorded, settings)
         found[point] = PointReference(
-            tuple(fact.case for fact in facts), tuple(fact.driver for fact in facts), recorded, note, usable
+            tuple(fact.case for fact in facts),
+            tuple(fact.driver for fact in facts),
+            recorded,
+            note,
+            usable,
         )
     return found
 
 
-def _zone_and_weight(values: FloatArray, zones: ZonePartition, zones_key: bytes, kept: KeptResults) -> FloatArray:
-    """Of points (n, k), kept or computed: whether each is hazardous, 1 or 0, and its r (Eq. 16), (2, n)."""
+def _zone_and_weight(
+    values: FloatArray, zones: ZonePartition, zones_key: bytes, kept: KeptResults
+) -> FloatArray:
+    """Of points (n, k), kept or computed: whether each is hazardous, 1 or 0, and its r (Eq. 16),
+    (2, n).
+    """
     key = key_of("weights", zones_key, values.tobytes())
     data = kept.get("weights", key)
     if data is None:
-        data = np.stack([zones.exactly_hazardous(values), collision_weight(values, zones)]).tobytes()
+        data = np.stack(
+            [zones.exactly_hazardous(values), collision_weight(values, zones)]
+        ).tobytes()
         kept.put([("weights", key, 0, data)])
     return np.frombuffer(data).reshape(2, len(values))
 
 
-def _usable(drivers: int, recorded: int, settings: DriverSettings) -> tuple[ThinReference | None, bool]:
-    """Where a reference is too thin, and whether a D_i may be computed from it. recorded: people among the drivers."""
+def _usable(
+    drivers: int, recorded: int, settings: DriverSettings
+) -> tuple[ThinReference | None, bool]:
+    """Where a reference is too thin, and whether a D_i may be computed from it.
+
+    recorded: people among the drivers.
+    """
     if settings.source == RECORDED and recorded < settings.least:
         fills = settings.too_thin == "fill"
         return ThinReference(recorded, settings.least, drivers - recorded if fills else None), (
@@ -88,8 +111,10 @@ def _usable(drivers: int, recorded: int, settings: DriverSettings) -> tuple[Thin
 class Survey:
     """A scenario of a run at a glance, before its cases are looked at some points at a time.
 
-    hazardous: flags, (points,), and weights: r, times the points that each stands for, by the number of the point.
-    people: whether an ADS can be compared with drivers. driven: the points of each ADS's cases, in their order.
+    hazardous: flags, (points,), and weights: r, times the points that each stands for, by the
+        number of the point.
+    people: whether an ADS can be compared with drivers.
+    driven: the points of each ADS's cases, in their order.
     left_out: the points at which each ADS's cases have drivers left out one by one.
     """
 
@@ -103,20 +128,27 @@ class Survey:
 def survey(space: Space, zones: ZonePartition, zones_key: bytes) -> Survey:
     """All points of a scenario, before any case is looked at.
 
-    zones_key: a hash of all that the zones depend on. Raises InputError for an ADS without a case.
+    zones_key: a hash of all that the zones depend on.
+    Raises InputError for an ADS without a case.
     """
     store, settings, names = space.store, space.settings, space.logical.names
-    numbers, flat = array("q"), array("d")  # of a million points as lists they would be half a gigabyte
+    # of a million points as lists they would be half a gigabyte
+    numbers, flat = array("q"), array("d")
     for fact in store.each_fact("ideal", space.name):  # every point has one
         numbers.append(fact.point)
         flat.extend(fact.values[name] for name in names)
-    values, there = np.array(flat).reshape(len(numbers), len(names)), np.array(numbers, dtype=np.intp)
+    values, there = (
+        np.array(flat).reshape(len(numbers), len(names)),
+        np.array(numbers, dtype=np.intp),
+    )
     points = int(there.max(initial=-1)) + 1
     inside, usable, compared = np.zeros((2, points)), np.zeros(points, dtype=np.bool_), False
     for first in range(0, len(there), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         inside[:, there[some]] = _zone_and_weight(values[some], zones, zones_key, space.kept)
-        space.progress(f"{space.name}: weights of the points", min(some.stop, len(there)), len(there))
+        space.progress(
+            f"{space.name}: weights of the points", min(some.stop, len(there)), len(there)
+        )
     hazardous, weights = inside[0] > 0.0, inside[1]
     if space.points.stands_for is not None:
         weights = weights * space.points.stands_for[:points]
@@ -131,7 +163,9 @@ def survey(space: Space, zones: ZonePartition, zones_key: bytes) -> Survey:
                 counted[name].append(point)
     for name, its in driven.items():
         if not len(its):
-            raise InputError(f"Run {store.path.parent} holds no case of ADS `{name}` in scenario `{space.name}`.")
+            raise InputError(
+                f"Run {store.path.parent} holds no case of ADS `{name}` in scenario `{space.name}`."
+            )
     return Survey(
         hazardous,
         weights,
@@ -143,10 +177,14 @@ def survey(space: Space, zones: ZonePartition, zones_key: bytes) -> Survey:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Cases beside the drivers at their points. references: those drivers, by point. indexes: D_i by case.
+    """Cases beside the drivers at their points.
+
+    references: those drivers, by point.
+    indexes: D_i by case.
 
     bands: what the drivers of a point score among themselves, each left out once, by point.
-    left_out: what evenly chosen cases get without each driver, and present: who drove there, by case.
+    left_out: what evenly chosen cases get without each driver, and present: who drove there, by
+        case.
     """
 
     references: Mapping[int, PointReference]
@@ -165,7 +203,8 @@ def compare_with_people(
 ) -> Comparison:
     """D_i of every evaluated case that has enough drivers to compare with, and the drivers' bands.
 
-    compared: the drivers of `points`. judged: the cases of each ADS there that are to have a D_i.
+    compared: the drivers of `points`.
+    judged: the cases of each ADS there that are to have a D_i.
     """
     settings = space.settings
     usable = {point: compared[point] for point in sorted(compared) if compared[point].usable}
@@ -192,15 +231,26 @@ def compare_with_people(
 
     def progress(done: int) -> None:
         first, share = points.start, done / len(jobs) * len(points)
-        space.progress(f"{space.name}: comparison with the drivers", first + round(share), len(known.weights))
+        space.progress(
+            f"{space.name}: comparison with the drivers", first + round(share), len(known.weights)
+        )
 
     results = compute_points(
-        space.store.path, list(jobs.values()), settings.method.anthropomorphic, space.spread, progress, space.kept
+        space.store.path,
+        list(jobs.values()),
+        settings.method.anthropomorphic,
+        space.spread,
+        progress,
+        space.kept,
     )
     return Comparison(
         compared,
         {case: index for result in results for case, index in result.indexes.items()},
-        {point: result.band for point, result in zip(jobs, results, strict=True) if result.band is not None},
+        {
+            point: result.band
+            for point, result in zip(jobs, results, strict=True)
+            if result.band is not None
+        },
         {case: found for result in results for case, found in result.left_out.items()},
         {case: usable[point].drivers for point in jobs for case in left_out[point]},
     )
@@ -212,8 +262,12 @@ def jackknifed(cases: Sequence[Judged]) -> list[Judged]:
     return [cases[place] for place in sorted(chosen)]
 
 
-def beside_people(fact: Fact, zone: Zone, people: Comparison, settings: DriverSettings) -> dict[str, Any]:
-    """The fields of a case that tell of its D_i and its human reference; none in the hazardous zone."""
+def beside_people(
+    fact: Fact, zone: Zone, people: Comparison, settings: DriverSettings
+) -> dict[str, Any]:
+    """The fields of a case that tell of its D_i and its human reference; none in the hazardous
+    zone.
+    """
     if zone == "hazardous":
         return {}
     reference, band = people.references.get(fact.point), people.bands.get(fact.point)
@@ -223,13 +277,19 @@ def beside_people(fact: Fact, zone: Zone, people: Comparison, settings: DriverSe
         thin = ThinReference(0, settings.least, None)
     found: dict[str, Any] = {}
     if index is not None:
-        found = {name: getattr(index, name) for name in ("length_factor", "operation_factor", "similarity")}
+        found = {
+            name: getattr(index, name)
+            for name in ("length_factor", "operation_factor", "similarity")
+        }
         found |= {"index": index.value, "index_note": index.notes}
         found["bimodal"] = any(one.kind == "two_groups" for one in index.notes)
     if index is not None and index.manoeuvre:
         found |= {"manoeuvre": words(index.manoeuvre), "manoeuvre_share": index.share}
     if index is not None and (likeness := index.likeness) is not None:
-        found |= {"operation_tolerance": likeness.operation_tolerance, "mixture_similarity": likeness.similarity}
+        found |= {
+            "operation_tolerance": likeness.operation_tolerance,
+            "mixture_similarity": likeness.similarity,
+        }
     if band is not None:
         found |= {f"human_{end}": getattr(band, end) for end in ("low", "mean", "high")}
     return found | {
@@ -240,12 +300,16 @@ def beside_people(fact: Fact, zone: Zone, people: Comparison, settings: DriverSe
 
 
 def reference_notes(cases: CaseTable) -> tuple[ScoreNote, ...]:
-    """What must be said of the human reference and the exposure of the cases of one ADS in one scenario."""
+    """What must be said of the human reference and the exposure of the cases of one ADS in one
+    scenario.
+    """
     safe, outside = cases.safe, int(np.count_nonzero(cases.exposure_note != ""))
     thin = [note for note in cases.reference_note[safe] if note is not None]
     said: list[ScoreNote] = []
     if thin:
-        said.append(ThinReferences(len(thin), int(safe.sum()), sum(note.filled is None for note in thin)))
+        said.append(
+            ThinReferences(len(thin), int(safe.sum()), sum(note.filled is None for note in thin))
+        )
     if outside:
         said.append(Counted("outside_support", outside, len(cases)))
     return tuple(said)

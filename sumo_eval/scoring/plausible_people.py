@@ -6,7 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE, Quantiles, extremes_of, quantiles_of
+from sumo_eval.method.plausibility import (
+    LEAST_PEOPLE,
+    MOTORWAY_PEOPLE,
+    Quantiles,
+    extremes_of,
+    quantiles_of,
+)
 from sumo_eval.record.store import Store
 from sumo_eval.results import PlausibleTo, ScoreNote
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -19,19 +25,23 @@ SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic dri
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlausiblePeople:
-    """The table of people that the plausibility of a scenario's cases is read from. notes: who they are, if not those
-    of the default.
+    """The table of people that the plausibility of a scenario's cases is read from.
+
+    notes: who they are, if not those of the default.
     """
 
     people: Quantiles
     notes: tuple[ScoreNote, ...]
 
 
-def plausible_people(logical: LogicalScenario, store: Store, settings: PlausibilitySettings) -> PlausiblePeople:
-    """The people of the motorway, or the recorded drivers of the run in this scenario, each among its other vehicles.
+def plausible_people(
+    logical: LogicalScenario, store: Store, settings: PlausibilitySettings
+) -> PlausiblePeople:
+    """The people of the motorway, or the recorded drivers of the run in this scenario, each among
+    its other vehicles.
 
-    Drives of one person at several points are one person's. Fewer than `LEAST_PEOPLE` persons cannot show a share of
-    5 %: the motorway's stand in.
+    Drives of one person at several points are one person's. Fewer than `LEAST_PEOPLE` persons
+    cannot show a share of 5 %: the motorway's stand in.
     """
     if settings.table == "motorway":
         return PlausiblePeople(MOTORWAY_PEOPLE, ())
@@ -42,7 +52,9 @@ def plausible_people(logical: LogicalScenario, store: Store, settings: Plausibil
             drives.append(extremes_of(ego, _scripted(logical.concrete(**fact.values), ego.time)))
             names.append(fact.log or fact.driver)
     if len(set(names)) < LEAST_PEOPLE:
-        missing = PlausibleTo(logical.name, len(set(names)), len(drives), LEAST_PEOPLE, MOTORWAY_PEOPLE.people)
+        missing = PlausibleTo(
+            logical.name, len(set(names)), len(drives), LEAST_PEOPLE, MOTORWAY_PEOPLE.people
+        )
         return PlausiblePeople(MOTORWAY_PEOPLE, (missing,))
     people = quantiles_of(drives, names, source=f"recorded drivers of the run in {logical.name}")
     note = PlausibleTo(logical.name, people.people, people.drives, LEAST_PEOPLE, None)
@@ -55,5 +67,7 @@ def _scripted(concrete: ConcreteScenario, time: FloatArray) -> dict[str, Traject
     for actor in concrete.actors:
         x, y = (np.array([place(float(t)) for t in time]) for place in (actor.x, actor.y))
         speed = np.array([actor.speed(float(t)) for t in time])
-        found[actor.name] = Trajectory(time, x, y, speed=speed, length=actor.length, width=actor.width)
+        found[actor.name] = Trajectory(
+            time, x, y, speed=speed, length=actor.length, width=actor.width
+        )
     return found

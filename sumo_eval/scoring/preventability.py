@@ -1,8 +1,10 @@
-"""Preventability: what became of every case beside what a reference driver made of the same concrete scenario.
+"""Preventability: what became of every case beside what a reference driver made of the same
+concrete scenario.
 
-The question of type approval (UN Regulation No. 157): a collision that a careful and competent driver avoids must not
-happen. Leaving the road and giving up are incidents as a collision is, and U counts them. The reference is an ADS of
-the same run, `[report] reference`, or the ideal vehicle where the run has none.
+The question of type approval (UN Regulation No. 157): a collision that a careful and competent
+driver avoids must not happen. Leaving the road and giving up are incidents as a collision is, and U
+counts them. The reference is an ADS of the same run, `[report] reference`, or the ideal vehicle
+where the run has none.
 """
 
 from __future__ import annotations
@@ -26,9 +28,11 @@ Verdict = Literal["avoided", "better", "preventable", "unpreventable", "undecide
 class Preventability:
     """One ADS in one logical scenario beside the reference, in numbers of cases.
 
-    cases = avoided + incidents + not_evaluated. incidents (U > 0) = preventable (the reference has none) +
-    unpreventable (it has one too) + undecided (its case has no outcome). better: those of the avoided in which the
-    reference has an incident. collided, off_road, gave_up: incidents of each kind; one case may hold two.
+    cases = avoided + incidents + not_evaluated. incidents (U > 0) = preventable (the reference has
+    none) + unpreventable (it has one too) + undecided (its case has no outcome).
+
+    better: those of the avoided in which the reference has an incident.
+    collided, off_road, gave_up: incidents of each kind; one case may hold two.
     """
 
     ads: str
@@ -47,7 +51,10 @@ class Preventability:
 
 
 def reference_ads(settings: EvaluationSettings) -> str | None:
-    """Name of the ADS that is the reference: the one that is called so, or has that controller. None: ideal vehicle."""
+    """Name of the ADS that is the reference: the one that is called so, or has that controller.
+
+    None: ideal vehicle.
+    """
     wanted = settings.report.reference
     named = [ads.name for ads in settings.ads if ads.name == wanted]
     driven_by = [ads.name for ads in settings.ads if ads.controller == wanted]
@@ -56,10 +63,14 @@ def reference_ads(settings: EvaluationSettings) -> str | None:
 
 def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
     """The verdict on every case of one ADS in one scenario, (n,)."""
-    cases, reference = evaluation.cases_of(score.ads, score.scenario), reference_ads(evaluation.settings)
+    cases, reference = (
+        evaluation.cases_of(score.ads, score.scenario),
+        reference_ads(evaluation.settings),
+    )
     if reference is None:
-        # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it is not known. Its
-        # contacts alone count (Ug): it hardly steers, and leaves roads that drivers stay on.
+        # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it
+        # is not known. Its contacts alone count (Ug): it hardly steers, and leaves roads that
+        # drivers stay on.
         beside = cases.ideal_collided
     else:
         beside = _incidents_at(cases, evaluation.cases_of(reference, score.scenario))
@@ -82,7 +93,9 @@ def _incident(cases: CaseTable) -> BoolArray:
 
 
 def _incidents_at(cases: CaseTable, reference: CaseTable) -> FloatArray:
-    """Whether the reference had an incident at the point of each case, (n,): 1 or 0, nan without an outcome there."""
+    """Whether the reference had an incident at the point of each case, (n,): 1 or 0, nan without an
+    outcome there.
+    """
     if not len(reference):
         return np.full(len(cases), np.nan)
     at, its = point_numbers([cases, reference])

@@ -1,4 +1,6 @@
-"""From recorded facts to the quantities of the paper: D_i, U, L, Ug and r of every case, then C, D and S."""
+"""From recorded facts to the quantities of the paper: D_i, U, L, Ug and r of every case, then C, D
+and S.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,9 @@ from sumo_eval.settings import CollisionSettings, MethodSettings
 from sumo_eval.text import without_numbers
 from sumo_eval.trajectory import BoolArray
 
-_RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in fields(Fact)} - {"clips"}
+_RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in fields(Fact)} - {
+    "clips"
+}
 """What a row has of its fact as it is."""
 STRUCK_FROM_BEHIND = "struck_from_behind"
 LEFT_THE_NETWORK = "actor_left_the_network"
@@ -65,15 +69,30 @@ class Remarks:
         self._left, self._safe, self._struck = 0, 0, 0
 
     def add(self, facts: Sequence[Fact], references: Sequence[Fact], severity: Severity) -> None:
-        """Take in some drives. references: those of drivers and of the reference car at points of the safe zone."""
-        self._blocks.update(int(clip.requested) for fact in facts for clip in fact.clips if clip.what == IN_BLOCK)
-        self._left += sum(any(clip.what == LEFT_THE_NETWORK for clip in fact.clips) for fact in facts)
-        self._beyond.update(severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
+        """Take in some drives.
+
+        references: those of drivers and of the reference car at points of the safe zone.
+        """
+        self._blocks.update(
+            int(clip.requested) for fact in facts for clip in fact.clips if clip.what == IN_BLOCK
+        )
+        self._left += sum(
+            any(clip.what == LEFT_THE_NETWORK for clip in fact.clips) for fact in facts
+        )
+        self._beyond.update(
+            severity.beyond(fact.collision) for fact in facts if fact.collision is not None
+        )
         self._safe += len({fact.point for fact in references})
         self._struck += len({fact.point for fact in references if fact.status == "collision"})
 
-    def notes(self, ads: str, space: Space, plausible: Sequence[ScoreNote], cases: CaseTable) -> Iterator[ScoreNote]:
-        """The notes. plausible: on the people of the plausibility. cases: all of the ADS."""
+    def notes(
+        self, ads: str, space: Space, plausible: Sequence[ScoreNote], cases: CaseTable
+    ) -> Iterator[ScoreNote]:
+        """The notes.
+
+        plausible: on the people of the plausibility.
+        cases: all of the ADS.
+        """
         ended = {
             status: number
             for scenario, role, _, status, number, _ in space.store.counts()
@@ -81,7 +100,9 @@ class Remarks:
         }
         left_out = [(status, number) for status, number in sorted(ended.items()) if status != "ok"]
         if left_out:
-            yield DrivesLeftOut(sum(number for _, number in left_out), sum(ended.values()), tuple(left_out))
+            yield DrivesLeftOut(
+                sum(number for _, number in left_out), sum(ended.values()), tuple(left_out)
+            )
         yield from plausible
         if alone := space.store.simulated_alone(space.name, ads):
             yield DrivenAlone(tuple(alone.items()))
@@ -97,21 +118,28 @@ class Remarks:
 
 
 def struck_by_other(fact: Fact, settings: CollisionSettings) -> bool:
-    """Whether a case's collision is the other's fault: one that reacts has run into the rear of an ego that had been in
-    that lane for long enough. The clip of such a collision holds how long that was.
+    """Whether a case's collision is the other's fault: one that reacts has run into the rear of an
+    ego that had been in that lane for long enough. The clip of such a collision holds how long that
+    was.
     """
     if fact.collision is None or settings.rear_end == "counts":
         return False
-    enough = min(settings.others_fault_after, fact.collision.time - 1e-6)  # who began in the lane had been there before
+    # who began in the lane had been there before
+    enough = min(settings.others_fault_after, fact.collision.time - 1e-6)
     return any(clip.what == STRUCK_FROM_BEHIND and clip.applied >= enough for clip in fact.clips)
 
 
 def harm_at(
-    space: Space, known: Survey, points: range, idle: Sequence[Fact], tasks: Mapping[str, TaskOfDrive]
+    space: Space,
+    known: Survey,
+    points: range,
+    idle: Sequence[Fact],
+    tasks: Mapping[str, TaskOfDrive],
 ) -> dict[int, dict[str, Any]]:
     """The fields that cases at one point share, by point: r, Ug, U0, and how their ways conflict.
 
-    idle: the drives of `no_reaction` there. tasks: departures by case.
+    idle: the drives of `no_reaction` there.
+    tasks: departures by case.
     """
     unreacting = {fact.point: fact for fact in idle}
     return {
@@ -125,8 +153,12 @@ def harm_at(
     }
 
 
-def _reference(who: Literal["ideal", "no_reaction"], fact: Fact, least: float, space: Space) -> dict[str, Any]:
-    """Ug or U0 of a reference's drive, at least `least`: 0 where it avoids; why it could not be evaluated."""
+def _reference(
+    who: Literal["ideal", "no_reaction"], fact: Fact, least: float, space: Space
+) -> dict[str, Any]:
+    """Ug or U0 of a reference's drive, at least `least`: 0 where it avoids; why it could not be
+    evaluated.
+    """
     if fact.status not in EVALUATED:
         return {f"{who}_severity": None, f"{who}_error": fact.error or fact.status}
     hit = None if struck_by_other(fact, space.method.collision) else _severity(fact, space.severity)
@@ -135,7 +167,11 @@ def _reference(who: Literal["ideal", "no_reaction"], fact: Fact, least: float, s
 
 def _idle(fact: Fact | None, tasks: Mapping[str, TaskOfDrive], space: Space) -> dict[str, Any]:
     """U0 of the drive of `no_reaction`, departures included."""
-    return {} if fact is None else _reference("no_reaction", fact, _of_departure(fact, tasks, space), space)
+    return (
+        {}
+        if fact is None
+        else _reference("no_reaction", fact, _of_departure(fact, tasks, space), space)
+    )
 
 
 def _conflict(conflict: Conflict | None) -> dict[str, Any]:
@@ -149,7 +185,9 @@ def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: Space) ->
     departure = tasks[fact.case].departure if fact.case in tasks else None
     if departure is None:
         return 0.0
-    return space.severity.of(roadside_contact(departure, space.method.task.roadside_overlap), fact.case)
+    return space.severity.of(
+        roadside_contact(departure, space.method.task.roadside_overlap), fact.case
+    )
 
 
 def _severity(fact: Fact, severity: Severity) -> float | None:
@@ -166,11 +204,22 @@ def tabulate(
     tasks: Mapping[str, TaskOfDrive],
     measured: Mapping[str, Mapping[str, Any]],
 ) -> Iterator[CaseResult]:
-    """One row a case. harm: fields of the cases at each point. tasks, measured: by case."""
+    """One row a case.
+
+    harm: fields of the cases at each point.
+    tasks, measured: by case.
+    """
     for fact in facts:
         zone: Zone = "hazardous" if known.hazardous[fact.point] else "safe"
-        struck, hit, task = struck_by_other(fact, space.method.collision), fact.collision, tasks.get(fact.case)
-        severity, ideal = None if struck else _severity(fact, space.severity), harm[fact.point]["ideal_severity"]
+        struck, hit, task = (
+            struck_by_other(fact, space.method.collision),
+            fact.collision,
+            tasks.get(fact.case),
+        )
+        severity, ideal = (
+            None if struck else _severity(fact, space.severity),
+            harm[fact.point]["ideal_severity"],
+        )
         fields_: dict[str, Any] = {
             **{name: getattr(fact, name) for name in _RECORDED},
             **harm[fact.point],
@@ -180,9 +229,15 @@ def tabulate(
         if fact.latency_median is not None and fact.latency_reference:
             fields_["latency_relative"] = fact.latency_median / fact.latency_reference
         if hit is not None:
-            fields_ |= {"impact_speed": hit.relative_speed, "overlap": hit.overlap, "side": hit.side}
+            fields_ |= {
+                "impact_speed": hit.relative_speed,
+                "overlap": hit.overlap,
+                "side": hit.side,
+            }
         if hit is not None and not struck:
-            fields_["loss"] = float(collision_loss(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)))
+            fields_["loss"] = float(
+                collision_loss(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
+            )
         if task is not None and (departure := task.departure) is not None:
             fields_ |= {
                 "departure_time": departure.time,
@@ -227,18 +282,28 @@ def combine(
     people: bool = True,
     task_reference: str = "",
 ) -> ScenarioResult:
-    """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts beside them.
+    """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts
+    beside them.
 
-    people: whether there is anybody to compare with; where not, nothing is missing without D and H. task_reference: the
-    reference car that T compares with, "" where the run holds none.
+    people: whether there is anybody to compare with; where not, nothing is missing without D and H.
+    task_reference: the reference car that T compares with, "" where the run holds none.
     """
     notes = list(notes)
     cases = CaseTable.of(rows)
     terms = case_terms(cases, method)
     values = point_values(terms, method)
     c, d = values["c"], values["d"]
-    safe, collided, lacks, indexed = cases.safe, cases.collided, cases.missing, np.isfinite(cases.index)
-    safe_cases, safe_hits, voiding = _number(safe), _number(safe & collided), _number(cases.voids_index)
+    safe, collided, lacks, indexed = (
+        cases.safe,
+        cases.collided,
+        cases.missing,
+        np.isfinite(cases.index),
+    )
+    safe_cases, safe_hits, voiding = (
+        _number(safe),
+        _number(safe & collided),
+        _number(cases.voids_index),
+    )
     if not voiding and people:
         lacks = lacks | (cases.counts_for_index & ~indexed)
     missing = +Counter[Zone]({"safe": _number(lacks & safe), "hazardous": _number(lacks & ~safe)})
@@ -265,8 +330,12 @@ def combine(
         ads=ads,
         scenario=scenario,
         **found,
-        d_reason=None if d is not None else _without_mean(safe_cases, voiding, _number(safe & indexed), people=people),
-        h_reason=None if human is not None else _without_mean(safe_cases, 0, likened, people=people),
+        d_reason=None
+        if d is not None
+        else _without_mean(safe_cases, voiding, _number(safe & indexed), people=people),
+        h_reason=None
+        if human is not None
+        else _without_mean(safe_cases, 0, likened, people=people),
         c_points=total.c_points,
         d_points=total.d_points,
         a_points=plus.a_points,
@@ -299,7 +368,11 @@ def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
 
 
 def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotComputed:
-    """Why there is no mean over the safe cases. voiding: collisions that leave none. known: safe cases with a value."""
+    """Why there is no mean over the safe cases.
+
+    voiding: collisions that leave none.
+    known: safe cases with a value.
+    """
     if not people:
         return NotComputed("no_drivers")
     if voiding:

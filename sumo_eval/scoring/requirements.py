@@ -17,8 +17,12 @@ from sumo_eval.scoring.space import Space
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory
 
 
-def series_of(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None) -> dict[str, FloatArray]:
-    """What requirements ask for at each sample of the ego, by the names of `SERIES`; inf where nobody is ahead."""
+def series_of(
+    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None
+) -> dict[str, FloatArray]:
+    """What requirements ask for at each sample of the ego, by the names of `SERIES`; inf where
+    nobody is ahead.
+    """
     gap, closing = vehicle_ahead(ego, actors, collision)
     along = ego.speed * np.cos(ego.heading)
     step = np.diff(ego.time)
@@ -35,13 +39,17 @@ def series_of(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Coll
         "thw": time_headway(gap, along),
         "ttc": time_to_collision(gap, closing),
     }
-    return found | {name: np.where(np.isnan(found[name]), np.inf, found[name]) for name in ("gap", "thw", "ttc")}
+    return found | {
+        name: np.where(np.isnan(found[name]), np.inf, found[name]) for name in ("gap", "thw", "ttc")
+    }
 
 
 def series_of_others(
     asked: Sequence[Requirement], ego: Trajectory, actors: Mapping[str, Trajectory]
 ) -> dict[str, FloatArray]:
-    """What requirements ask of others at each sample of the ego, by the placeholders of `Requirement.asks`."""
+    """What requirements ask of others at each sample of the ego, by the placeholders of
+    `Requirement.asks`.
+    """
     found: dict[str, FloatArray] = {}
     for placeholder, function, name in {ask for one in asked for ask in one.asks}:
         actor = actors[name]
@@ -56,7 +64,9 @@ def series_of_others(
 
 
 def requirements_missed(fact: Fact, space: Space) -> str | None:
-    """Names of the requirements that a drive misses; None where nothing is required or nothing was evaluated."""
+    """Names of the requirements that a drive misses; None where nothing is required or nothing was
+    evaluated.
+    """
     required = space.logical.requirements
     if required is None or fact.status not in EVALUATED:
         return None
@@ -73,10 +83,14 @@ def requirements_missed(fact: Fact, space: Space) -> str | None:
 
 
 def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario) -> ScenarioResult:
-    """The score with how many cases miss a requirement, and a note for each requirement that some miss."""
+    """The score with how many cases miss a requirement, and a note for each requirement that some
+    miss.
+    """
     if logical.requirements is None:
         return score
-    judged = [row.requirements_missed.split("; ") for row in rows if row.requirements_missed is not None]
+    judged = [
+        row.requirements_missed.split("; ") for row in rows if row.requirements_missed is not None
+    ]
     notes = tuple(
         RequirementMissed(one.name, one.text, missed, len(judged))
         for one in logical.requirements.all

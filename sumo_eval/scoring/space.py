@@ -20,8 +20,11 @@ from sumo_eval.settings import EvaluationSettings, MethodSettings, ScenarioSetti
 class Space:
     """A logical scenario of a run, with its points and the run's facts.
 
-    entry: the scenario in the evaluation. severity: U, or what stands for it. kept: earlier results of the run.
-    spread: `map`, or that of `point_processes`. car: the reference car of T, "" where the run holds none.
+    entry: the scenario in the evaluation.
+    severity: U, or what stands for it.
+    kept: earlier results of the run.
+    spread: `map`, or that of `point_processes`.
+    car: the reference car of T, "" where the run holds none.
     outside: numbers of the points outside the support of recorded events.
     """
 

@@ -1,6 +1,8 @@
-"""The paper's six steps over the recorded facts of a run: zones, drives, D_i, losses and weights, scores, ranking.
+"""The paper's six steps over the recorded facts of a run: zones, drives, D_i, losses and weights,
+scores, ranking.
 
-Whoever finds the scores of a run kept needs none of this: `sumo_eval.evaluation.score` imports it where it computes.
+Whoever finds the scores of a run kept needs none of this: `sumo_eval.evaluation.score` imports it
+where it computes.
 """
 
 from __future__ import annotations
@@ -45,7 +47,11 @@ POINTS_AT_ONCE = 512
 
 @dataclass(frozen=True, slots=True)
 class Scoring:
-    """One reading of a run's facts. spread: where D_i are computed. kept: what was computed before."""
+    """One reading of a run's facts.
+
+    spread: where D_i are computed.
+    kept: what was computed before.
+    """
 
     run: Resolved
     exposures: Mapping[str, Any]
@@ -57,20 +63,24 @@ class Scoring:
 
     def scores(self, rows: RowWriter) -> Scores:
         """The paper's six steps in every scenario, and the ADSs in their order."""
-        # One thread: these matrices gain little from more, several wait for each other where the machine is busy (five
-        # times the processor time at a load of six), and sums may differ by a bit with their number.
+        # One thread: these matrices gain little from more, several wait for each other where the
+        # machine is busy (five times the processor time at a load of six), and sums may differ by a
+        # bit with their number.
         with threadpool_limits(1):
             found = [score_scenario(self._space(*named), rows) for named in self.run.entries]
         spreads = {(one.ads, one.scenario): spread for _, scored in found for one, spread in scored}
         scores = [one for _, scored in found for one, _ in scored]
         ranking = rank(scores, spreads, self.run.settings.method.ranking)
-        return Scores(tuple(zones for zones, _ in found), tuple(scores), ranking, rows.chunks(list(spreads)))
+        return Scores(
+            tuple(zones for zones, _ in found), tuple(scores), ranking, rows.chunks(list(spreads))
+        )
 
     def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> Space:
         settings, source = self.run.settings, self.run.source
         reference = settings.method.task.task_reference
         return Space(
-            entry, logical, choose_points(logical, entry, source, settings), settings, source, self.severity,
+            entry, logical, choose_points(logical, entry, source, settings), settings, source,
+            self.severity,
             self.store, self.kept, self.spread, self.progress,
             reference if recorded_with(self.store, reference) else "",
             frozenset(self.exposures.get(logical.name, {}).get("outside_support", ())),
@@ -84,7 +94,8 @@ Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
 def score_scenario(space: Space, rows: RowWriter) -> tuple[ZoneResult, Scored]:
     """The six steps in one scenario, steps 3 to 5 some points at a time."""
     method, key = space.method, zones_key(space.entry, space.settings, space.source)
-    zones = kept_zones(space.logical, method.zones, space.kept, key)  # 1  safe and hazardous zones, Eqs. 1-8
+    # 1  safe and hazardous zones, Eqs. 1-8
+    zones = kept_zones(space.logical, method.zones, space.kept, key)
     known = survey(space, zones, key)  # 2  the ADSs in every concrete scenario
     people = plausible_people(space.logical, space.store, method.plausibility)
     remarks = {ads.name: Remarks() for ads in space.settings.ads}
@@ -97,7 +108,8 @@ def score_scenario(space: Space, rows: RowWriter) -> tuple[ZoneResult, Scored]:
         present |= compared.present
     tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
     deviations = [
-        driver_deviations(one, left_out, present, space.settings.drivers, space.settings.seed) for one in tables
+        driver_deviations(one, left_out, present, space.settings.drivers, space.settings.seed)
+        for one in tables
     ]
     scores = [  # 6  Eqs. 13, 17, 18; T, A', H, S+
         combine(
@@ -106,17 +118,24 @@ def score_scenario(space: Space, rows: RowWriter) -> tuple[ZoneResult, Scored]:
         )
         for (name, remark), table in zip(remarks.items(), tables, strict=True)
     ]  # fmt: skip
-    scores = [with_counts(score, table, space.logical) for score, table in zip(scores, tables, strict=True)]
+    scores = [
+        with_counts(score, table, space.logical)
+        for score, table in zip(scores, tables, strict=True)
+    ]
     places, points = [known.driven[name] for name in remarks], space.points
     scores, spreads = with_intervals(
-        scores, tables, places, deviations, space.logical.to_unit(points.points), points.method, space.settings,
+        scores, tables, places, deviations, space.logical.to_unit(points.points), points.method,
+        space.settings,
         points.stratum, space.progress,
     )  # fmt: skip
     described = describe_zones(space.logical, zones, points)
     notes = list(described.notes)
     if space.settings.run.only:
         few = len(np.unique(np.concatenate(places)))
-        notes.append(f"`run.only` asks for {few} of {len(points.points)} points: every number is of these alone.")
+        notes.append(
+            f"`run.only` asks for {few} of {len(points.points)} points: every number is of these "
+            "alone."
+        )
     if space.entry.sampling.method == ADAPTIVE:
         stands = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
         notes.append(stands.sentence)
@@ -124,9 +143,17 @@ def score_scenario(space: Space, rows: RowWriter) -> tuple[ZoneResult, Scored]:
 
 
 def score_points(
-    space: Space, known: Survey, points: range, people: Quantiles, remarks: Mapping[str, Remarks], rows: RowWriter
+    space: Space,
+    known: Survey,
+    points: range,
+    people: Quantiles,
+    remarks: Mapping[str, Remarks],
+    rows: RowWriter,
 ) -> Comparison:
-    """Steps 3 to 5 at some points: the rows of every ADS's cases there. people: of the plausibility."""
+    """Steps 3 to 5 at some points: the rows of every ADS's cases there.
+
+    people: of the plausibility.
+    """
     drives: dict[str, list[Fact]] = {ads.name: [] for ads in space.settings.ads}
     for fact in space.facts_at(points, "ads"):
         if fact.driver in drives:
@@ -140,12 +167,17 @@ def score_points(
     beside = references(drivers, space.settings.drivers)
     compared = compare_with_people(space, known, points, beside, judged)  # 4  D_i, Eqs. 9-12
     everyone = [*idle, *(fact for facts in drives.values() for fact in facts)]
-    tasks = tasks_of_drives(everyone, [*drivers, *cars], space)  # beside the paper: departures and t_i
+    # beside the paper: departures and t_i
+    tasks = tasks_of_drives(everyone, [*drivers, *cars], space)
     harm = harm_at(space, known, points, idle, tasks)  # 5  U, L, Ug, r, Eqs. 14-16
-    files = f"{space.entry.use} {space_key(space.entry, space.source)} {sources('scenario', 'settings')}"
+    files = (
+        f"{space.entry.use} {space_key(space.entry, space.source)} "
+        f"{sources('scenario', 'settings')}"
+    )
     safe = [fact for fact in (*drivers, *cars) if not known.hazardous[fact.point]]
     for name, facts in drives.items():
-        measured = drive_measures(facts, space, people, files)  # beside the paper: TTC, PET, plausibility ...
+        # beside the paper: TTC, PET, plausibility ...
+        measured = drive_measures(facts, space, people, files)
         rows.add(list(tabulate(facts, space, known, compared, harm, tasks, measured)))
         remarks[name].add(facts, safe, space.severity)
     space.progress(f"{space.name}: comparison with the drivers", points.stop, len(known.weights))

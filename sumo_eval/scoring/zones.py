@@ -19,14 +19,22 @@ def zones_of(run: Resolved, kept: KeptResults) -> dict[str, ZonePartition]:
     """The partition of each scenario by its name, kept or computed."""
     settings = run.settings
     return {
-        logical.name: kept_zones(logical, settings.method.zones, kept, zones_key(entry, settings, run.source))
+        logical.name: kept_zones(
+            logical, settings.method.zones, kept, zones_key(entry, settings, run.source)
+        )
         for entry, logical in run.entries
     }
 
 
 def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Path) -> bytes:
     """What the partition of a scenario is kept under: a hash of all that it depends on."""
-    return key_of("zones", settings.method.zones, entry.use, space_key(entry, source), sources(*ROOMS_OF_ZONES))
+    return key_of(
+        "zones",
+        settings.method.zones,
+        entry.use,
+        space_key(entry, source),
+        sources(*ROOMS_OF_ZONES),
+    )
 
 
 def zones_are_known(settings: EvaluationSettings, source: Path) -> bool:

@@ -1,4 +1,5 @@
-"""Every constant of the method and of the simulation, once: default, unit, symbol, equation, bounds.
+"""Every constant of the method and of the simulation, once: default, unit, symbol, equation,
+bounds.
 
 One file a subject; all names can be imported from here.
 """

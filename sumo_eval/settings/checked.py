@@ -1,7 +1,8 @@
 """The base of all settings: what a setting means, and how a value outside its bounds is refused.
 
-The `Annotated` bounds of a setting are the only place where a limit is written: direct construction checks them here,
-and `sumo_eval.settings.config` hands the same annotations to the reader of evaluation.toml.
+The `Annotated` bounds of a setting are the only place where a limit is written: direct construction
+checks them here, and `sumo_eval.settings.config` hands the same annotations to the reader of
+evaluation.toml.
 """
 
 from __future__ import annotations
@@ -12,7 +13,16 @@ import operator
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from numbers import Integral, Real
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from annotated_types import Ge, Gt, Le, Lt
 
@@ -49,7 +59,8 @@ def about(cls: type, name: str) -> About:
 
 
 _KINDS: dict[object, tuple[type, str]] = {
-    float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"), str: (str, "a text"),
+    float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"),
+    str: (str, "a text"),
 }  # fmt: skip
 _CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
     (Gt, "gt", operator.gt, "greater than"),
@@ -73,9 +84,13 @@ class Checked:
             if value is None and rule.optional:
                 continue
             if rule.choices and value not in rule.choices:
-                raise must_be(f"`{rule.name}`", owner, "one of " + ", ".join(map(repr, rule.choices)), value)
+                raise must_be(
+                    f"`{rule.name}`", owner, "one of " + ", ".join(map(repr, rule.choices)), value
+                )
             kind = rule.kind
-            if not isinstance(value, kind) or (isinstance(value, bool) and kind in (Real, Integral)):
+            if not isinstance(value, kind) or (
+                isinstance(value, bool) and kind in (Real, Integral)
+            ):
                 raise must_be(f"`{rule.name}`", owner, rule.words, value)
             if isinstance(value, float) and not math.isfinite(value):
                 words = "a finite number" if math.isinf(value) else "a number"

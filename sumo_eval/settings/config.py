@@ -1,4 +1,7 @@
-"""evaluation.toml to frozen settings and back. Every mistake is named, with its path and the nearest known key."""
+"""evaluation.toml to frozen settings and back.
+
+Every mistake is named, with its path and the nearest known key.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +35,12 @@ Settings = TypeVar("Settings", bound=Checked)
 
 
 def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
-    """The settings in an evaluation file. Raises InputError naming every mistake in it.
+    """The settings in an evaluation file.
 
-    own_ads: whether its `[[ads]]` drive; without it the caller names others, and the file may have none.
+    Raises InputError naming every mistake in it.
+
+    own_ads: whether its `[[ads]]` drive; without it the caller names others, and the file may have
+        none.
     """
     return settings_from(read_toml(path, "evaluation file"), str(path), own_ads=own_ads, file=path)
 
@@ -42,12 +48,18 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
 def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     """An evaluation with the scenarios of a frozen suite in the place of `use = "suite:NAME"`.
 
-    A suite stands alone and brings its own seed and drivers, so that every score of it means the same. Raises
-    InputError for a suite that does not exist, and for what would change one.
+    A suite stands alone and brings its own seed and drivers, so that every score of it means the
+    same.
+
+    Raises InputError for a suite that does not exist, and for what would change one.
     """
     plain = dict(content)
     entries = plain.get("scenario", ())
-    uses = [str(one.get("use", "")) for one in entries if isinstance(one, Mapping)] if isinstance(entries, list) else []
+    uses = (
+        [str(one.get("use", "")) for one in entries if isinstance(one, Mapping)]
+        if isinstance(entries, list)
+        else []
+    )
     names = [use.removeprefix(_SUITE) for use in uses if use.startswith(_SUITE)]
     if not names:
         return plain
@@ -55,13 +67,20 @@ def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     if names[0] not in known:
         raise unknown("suite", names[0], known)
     if len(uses) > 1 or len(entries[0]) > 1:
-        raise InputError(f"The suite `{names[0]}` in {where} stands alone: one [[scenario]] with nothing but `use`.")
+        raise InputError(
+            f"The suite `{names[0]}` in {where} stands alone: one [[scenario]] with nothing but "
+            "`use`."
+        )
     suite = read_toml(SUITES / f"{names[0]}.toml", "suite")
     changed = [
-        name for name in ("seed", "drivers", "simulation", "method") if name in plain and plain[name] != suite.get(name)
+        name
+        for name in ("seed", "drivers", "simulation", "method")
+        if name in plain and plain[name] != suite.get(name)
     ]
     if changed:
-        raise InputError(f"`{changed[0]}` in {where} is fixed by the suite `{names[0]}`; leave it out.")
+        raise InputError(
+            f"`{changed[0]}` in {where} is fixed by the suite `{names[0]}`; leave it out."
+        )
     return {**plain, **suite}
 
 
@@ -83,18 +102,27 @@ def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
 def settings_from(
     content: Mapping[str, Any], where: str, *, own_ads: bool = True, file: Path | None = None
 ) -> EvaluationSettings:
-    """Settings from a plain mapping; `where` names it in error sentences. own_ads: as in `read_evaluation`. file: as in
-    `validated`.
+    """Settings from a plain mapping; `where` names it in error sentences.
+
+    own_ads: as in `read_evaluation`.
+    file: as in `validated`.
     """
     settings = validated(with_suites(content, where), EvaluationSettings, where, file)
     check_evaluation(settings, where, own_ads=own_ads)
     return settings
 
 
-def validated(content: Mapping[str, Any], kind: type[Settings], where: str, file: Path | None = None) -> Settings:
-    """Settings of a kind. where: names the content in errors. file: where it was read, to tell lines of mistakes."""
+def validated(
+    content: Mapping[str, Any], kind: type[Settings], where: str, file: Path | None = None
+) -> Settings:
+    """Settings of a kind.
+
+    where: names the content in errors.
+    file: where it was read, to tell lines of mistakes.
+    """
     try:
-        adapter: TypeAdapter[Settings] = _adapter(kind)  # type: ignore[arg-type]  # every class can be hashed
+        # every class can be hashed
+        adapter: TypeAdapter[Settings] = _adapter(kind)  # type: ignore[arg-type]
         settings = adapter.validate_json(json.dumps(content, default=str), strict=True)
     except ValidationError as error:
         raise InputError(mistakes(error, where, kind, file)) from None
@@ -107,7 +135,9 @@ def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
 
 
 def check_evaluation(settings: EvaluationSettings, where: str, *, own_ads: bool = True) -> None:
-    """Refuse an evaluation of nothing, and names that could not be told apart. where: names it in sentences.
+    """Refuse an evaluation of nothing, and names that could not be told apart.
+
+    where: names it in sentences.
 
     own_ads: as in `read_evaluation`.
     """
@@ -117,16 +147,21 @@ def check_evaluation(settings: EvaluationSettings, where: str, *, own_ads: bool 
     ):
         if not names and what == "`ads.name`":
             if own_ads:
-                raise InputError(f"{where} must have at least one [[ads]], or be run with `--ads LOCATOR`.")
+                raise InputError(
+                    f"{where} must have at least one [[ads]], or be run with `--ads LOCATOR`."
+                )
         elif not names:
             raise InputError(f"{where} must have at least one [[scenario]].")
         if any(name.startswith("~") for name in names):
             raise InputError(
-                f"{what} in {where} must not begin with `~`, which marks the ideal vehicle and the drivers."
+                f"{what} in {where} must not begin with `~`, which marks the ideal vehicle and "
+                "the drivers."
             )
         double = sorted(name for name, number in Counter(names).items() if number > 1)
         if double:
-            raise InputError(f"{what} in {where} must differ from each other, got {double[0]!r} twice.")
+            raise InputError(
+                f"{what} in {where} must differ from each other, got {double[0]!r} twice."
+            )
 
 
 def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> EvaluationSettings:
@@ -145,7 +180,10 @@ def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> Evalua
         for index, name in enumerate(parents):
             if not isinstance(place, dict) or name not in place:
                 known = place if isinstance(place, dict) else ()
-                raise InputError(f"Unknown setting `{'.'.join(parents[: index + 1])}`.{did_you_mean(name, known)}")
+                raise InputError(
+                    f"Unknown setting `{'.'.join(parents[: index + 1])}`."
+                    f"{did_you_mean(name, known)}"
+                )
             place = place[name]
         if not isinstance(place, dict):
             raise InputError(f"Unknown setting `{path.strip()}`.")
@@ -173,24 +211,35 @@ def _without_none(value: Any) -> Any:
 
 
 def mistakes(error: ValidationError, where: str, root: type, file: Path | None = None) -> str:
-    """Everything that pydantic found, one sentence a line. `root`: the settings class that was being read.
+    """Everything that pydantic found, one sentence a line. `root`: the settings class that was
+    being read.
 
-    What a value that may be one of several kinds is not, is one mistake. file: to tell lines of.
+    What a value that may be one of several kinds is not, is one mistake.
+
+    file: to tell lines of.
     """
     text = "" if file is None else read_input_text(file, "file")
     found: dict[tuple[Any, ...], list[Any]] = {}
     for item in error.errors():
         found.setdefault(_place(item), []).append(item)
-    return "\n".join(_sentence(items, where, root, line_of(text, place)) for place, items in found.items())
+    return "\n".join(
+        _sentence(items, where, root, line_of(text, place)) for place, items in found.items()
+    )
 
 
 def _place(item: Any) -> tuple[Any, ...]:
-    return tuple(part for part in item["loc"] if part not in _UNION_BRANCHES and not _is_branch(part))
+    return tuple(
+        part for part in item["loc"] if part not in _UNION_BRANCHES and not _is_branch(part)
+    )
 
 
 def _is_branch(part: object) -> bool:
-    """Whether a part of a place is pydantic's name for one of several kinds: a class's, or that of listed texts."""
-    return isinstance(part, str) and (part.startswith("literal[") or (part[:1].isupper() and part.endswith("Table")))
+    """Whether a part of a place is pydantic's name for one of several kinds: a class's, or that of
+    listed texts.
+    """
+    return isinstance(part, str) and (
+        part.startswith("literal[") or (part[:1].isupper() and part.endswith("Table"))
+    )
 
 
 def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) -> str:
@@ -198,9 +247,14 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
     item, location = items[0], list(_place(items[0]))
     if line is not None:
         where = f"{where} (line {line})"
-    path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
+    path = "".join(
+        f"[{part}]" if isinstance(part, int) else f".{part}" for part in location
+    ).removeprefix(".")
     if item["type"] in {"unexpected_keyword_argument", "extra_forbidden"}:
-        return f"Unknown key `{path}` in {where}.{did_you_mean(str(location[-1]), _keys_beside(location, root))}"
+        return (
+            f"Unknown key `{path}` in "
+            f"{where}.{did_you_mean(str(location[-1]), _keys_beside(location, root))}"
+        )
     if item["type"] in {"missing", "missing_argument"}:
         return f"`{path}` in {where} is missing."
     if item["type"] == "string_too_short":
@@ -209,9 +263,19 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
         return str(item["ctx"]["error"])
     table = ".".join(str(part) for part in location if not isinstance(part, int))
     if item["type"] in {"tuple_type", "list_type"} and isinstance(item["input"], dict):
-        return f"`{table}` in {where} must be a list of tables: write [[{table}]], with two brackets, not [{table}]."
-    if item["type"] == "dataclass_type" and isinstance(item["input"], list) and not isinstance(location[-1], int):
-        return f"`{table}` in {where} must be one table: write [{table}], with one bracket, not [[{table}]]."
+        return (
+            f"`{table}` in {where} must be a list of tables: write [[{table}]], with two "
+            f"brackets, not [{table}]."
+        )
+    if (
+        item["type"] == "dataclass_type"
+        and isinstance(item["input"], list)
+        and not isinstance(location[-1], int)
+    ):
+        return (
+            f"`{table}` in {where} must be one table: write [{table}], with one bracket, not "
+            f"[[{table}]]."
+        )
     message = " or ".join(dict.fromkeys(map(_demand, items)))
     allowed = [
         name
@@ -225,7 +289,9 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
 
 
 def _demand(item: Any) -> str:
-    """What a value must be, from one of pydantic's findings, in the words of a setting's own refusal."""
+    """What a value must be, from one of pydantic's findings, in the words of a setting's own
+    refusal.
+    """
     if item["type"] in _DEMANDS:
         return _DEMANDS[item["type"]].format(**item.get("ctx", {}))
     return str(item["msg"]).removeprefix("Input should be ")
@@ -259,7 +325,12 @@ def _keys_beside(location: Sequence[Any], root: type) -> list[str]:
 
 
 def _settings_class_in(annotation: Any) -> Any:
-    """The settings class that an annotation holds, e.g. RunSettings or tuple[AdsSettings, ...]; None without one."""
+    """The settings class that an annotation holds, e.g. RunSettings or tuple[AdsSettings, ...];
+    None without one.
+    """
     if isinstance(annotation, type) and issubclass(annotation, Checked):
         return annotation
-    return next((found for part in get_args(annotation) if (found := _settings_class_in(part)) is not None), None)
+    return next(
+        (found for part in get_args(annotation) if (found := _settings_class_in(part)) is not None),
+        None,
+    )

@@ -12,17 +12,26 @@ from sumo_eval.settings.checked import About, Checked, NotNegative, Positive
 
 @dataclass(frozen=True, slots=True)
 class PopulationSettings(Checked):
-    """The synthetic drivers, as far as they may be told to differ from the recorded ones that they were fitted to."""
+    """The synthetic drivers, as far as they may be told to differ from the recorded ones that they
+    were fitted to.
+    """
 
-    overtake_share: Annotated[float, NotNegative, Le(1.0), About("share who overtake a slower leader")] = 0.771
-    headway_scale: Annotated[float, Positive, About("factor on everybody's desired time headway (IDM)", symbol="T")] = (
-        1.0
-    )
+    overtake_share: Annotated[
+        float, NotNegative, Le(1.0), About("share who overtake a slower leader")
+    ] = 0.771
+    headway_scale: Annotated[
+        float, Positive, About("factor on everybody's desired time headway (IDM)", symbol="T")
+    ] = 1.0
     reaction_scale: Annotated[float, Positive, About("factor on everybody's reaction time")] = 1.0
-    lane_change_scale: Annotated[float, Positive, About("factor on the duration of everybody's lane changes")] = 1.1
+    lane_change_scale: Annotated[
+        float, Positive, About("factor on the duration of everybody's lane changes")
+    ] = 1.1
     onset: Annotated[
         Literal["recorded", "limits"],
-        About("headway and TTC at which they pass: people's own, or the limits by which they begin where people do"),
+        About(
+            "headway and TTC at which they pass: people's own, or the limits by which they begin "
+            "where people do"
+        ),
     ] = "recorded"
 
 
@@ -30,25 +39,42 @@ class PopulationSettings(Checked):
 class DriverSettings(Checked):
     """The skilled human drivers that D compares with."""
 
-    count: Annotated[int, Ge(2), Le(10_000), About("number of drivers in each concrete scenario")] = 10
+    count: Annotated[
+        int, Ge(2), Le(10_000), About("number of drivers in each concrete scenario")
+    ] = 10
     population: PopulationSettings = field(default_factory=PopulationSettings)
     source: Annotated[
         str,
-        About("`synthetic`, `recorded`, or package.module:function from concrete scenario to trajectories"),
+        About(
+            "`synthetic`, `recorded`, or package.module:function from concrete scenario to "
+            "trajectories"
+        ),
     ] = "synthetic"
     recordings: Annotated[
-        tuple[str, ...], About("canonical tables of recorded driving, as `sumo-eval humans import` writes them")
+        tuple[str, ...],
+        About("canonical tables of recorded driving, as `sumo-eval humans import` writes them"),
     ] = ()
-    cases: Annotated[str, About("folder of drives recorded in named cases, with its cases.csv; empty: none")] = ""
+    cases: Annotated[
+        str, About("folder of drives recorded in named cases, with its cases.csv; empty: none")
+    ] = ""
     tolerance: Annotated[
         dict[str, float] | None,
-        About("how far an event's parameter may be from the concrete scenario's, by parameter; others keep their own"),
+        About(
+            "how far an event's parameter may be from the concrete scenario's, by parameter; "
+            "others keep their own"
+        ),
     ] = None
     least: Annotated[int, Ge(2), About("recorded drivers below which a reference is too thin")] = 10
     too_thin: Annotated[
         Literal["fill", "leave_out"],
-        About("a reference that is too thin is filled from the synthetic population, or its case gets no D_i"),
+        About(
+            "a reference that is too thin is filled from the synthetic population, or its case "
+            "gets no D_i"
+        ),
     ] = "fill"
     coverage: Annotated[
-        float, Positive, Le(1.0), About("share of the road that a recorded drive must cover to be compared with")
+        float,
+        Positive,
+        Le(1.0),
+        About("share of the road that a recorded drive must cover to be compared with"),
     ] = 0.8

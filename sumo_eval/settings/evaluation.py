@@ -1,4 +1,6 @@
-"""Settings of an evaluation: its scenarios, their samples and exposures, its ADSs, and all other settings."""
+"""Settings of an evaluation: its scenarios, their samples and exposures, its ADSs, and all other
+settings.
+"""
 
 from __future__ import annotations
 
@@ -26,27 +28,38 @@ class SamplingSettings(Checked):
     method: Annotated[
         str | None,
         About(
-            "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, exposure, "
-            "exposure_danger, adaptive, file, openscenario, module:name, or a sample that the scenario names; default: the scenario's own"  # noqa: E501
+            "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, "
+            "exposure, "
+            "exposure_danger, adaptive, file, openscenario, module:name, or a sample that the "
+            "scenario names; default: the scenario's own"
         ),
     ] = None
     levels: Annotated[
         int | dict[str, int] | None,
         About("points on each axis, one number or by parameter; default: the space's steps"),
     ] = None
-    steps: Annotated[dict[str, float] | None, About("step by parameter name; others keep the space's own")] = None
-    count: Annotated[int | None, Ge(1), About("number of points, of methods that draw them; of `adaptive` at most")] = (
+    steps: Annotated[
+        dict[str, float] | None, About("step by parameter name; others keep the space's own")
+    ] = None
+    count: Annotated[
+        int | None,
+        Ge(1),
+        About("number of points, of methods that draw them; of `adaptive` at most"),
+    ] = None
+    strength: Annotated[
+        int | None, Ge(1), About("t of `combinations`: every combination of t parameters' values")
+    ] = None
+    file: Annotated[str | None, About("CSV of points, or mapping of an OpenSCENARIO variation")] = (
         None
     )
-    strength: Annotated[int | None, Ge(1), About("t of `combinations`: every combination of t parameters' values")] = (
-        None
-    )
-    file: Annotated[str | None, About("CSV of points, or mapping of an OpenSCENARIO variation")] = None
-    round: Annotated[int | None, Ge(1), About("of `adaptive`: points of a round; default: a fifth of `count`")] = None
+    round: Annotated[
+        int | None, Ge(1), About("of `adaptive`: points of a round; default: a fifth of `count`")
+    ] = None
     aim: Annotated[
         Literal["s_plus", "boundary"] | None,
         About(
-            "of `adaptive`: what rounds go after: the interval of S+ (default), or where collisions begin, by the "
+            "of `adaptive`: what rounds go after: the interval of S+ (default), or where "
+            "collisions begin, by the "
             "share of the space that collides"
         ),
     ] = None
@@ -54,12 +67,14 @@ class SamplingSettings(Checked):
         float | None,
         Positive,
         About(
-            "of `adaptive`: no further round once half the 95 % interval of every ADS is this small; default: never",
+            "of `adaptive`: no further round once half the 95 % interval of every ADS is this "
+            "small; default: never",
             "points of S+, or share of the space",
         ),
     ] = None
     rounds: Annotated[
-        tuple[tuple[int, ...], ...], About("filled in by `adaptive`: points from each cell, round by round")
+        tuple[tuple[int, ...], ...],
+        About("filled in by `adaptive`: points from each cell, round by round"),
     ] = ()
 
 
@@ -74,9 +89,16 @@ class DeclaredDistribution(Checked):
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         if self.distribution == "uniform" and not self.second > self.first:
-            raise must_be("`second`", "a uniform distribution", f"greater than `first` ({self.first:g})", self.second)
+            raise must_be(
+                "`second`",
+                "a uniform distribution",
+                f"greater than `first` ({self.first:g})",
+                self.second,
+            )
         if self.distribution != "uniform" and not self.second > 0.0:
-            raise must_be("`second`", f"a {self.distribution} distribution", "greater than 0", self.second)
+            raise must_be(
+                "`second`", f"a {self.distribution} distribution", "greater than 0", self.second
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,16 +107,21 @@ class ExposureSettings(Checked):
 
     kind: Annotated[
         Literal["scenario", "uniform", "recorded", "declared"],
-        About("the scenario's own, uniform, from recorded events, or declared", symbol="p_i", equation="13"),
+        About(
+            "the scenario's own, uniform, from recorded events, or declared",
+            symbol="p_i",
+            equation="13",
+        ),
     ] = "scenario"
     recordings: Annotated[
         tuple[str, ...], About("canonical tables of recorded driving; none: those of the drivers")
     ] = ()
-    bandwidth: Annotated[Literal["scott", "cross_validated"], About("bandwidth of the KDE over recorded events")] = (
-        "scott"
-    )
+    bandwidth: Annotated[
+        Literal["scott", "cross_validated"], About("bandwidth of the KDE over recorded events")
+    ] = "scott"
     declared: Annotated[
-        dict[str, DeclaredDistribution] | None, About("distribution by parameter; others are uniform")
+        dict[str, DeclaredDistribution] | None,
+        About("distribution by parameter; others are uniform"),
     ] = None
 
 
@@ -104,14 +131,17 @@ class ScenarioSettings(Checked):
 
     use: Annotated[
         str,
-        About("a shipped name, a scenario file (.toml, .xosc), module:name, or a catalogue: osc_alks, ncap_2026"),
+        About(
+            "a shipped name, a scenario file (.toml, .xosc), module:name, or a catalogue: "
+            "osc_alks, ncap_2026"
+        ),
     ]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     exposure: ExposureSettings = field(default_factory=ExposureSettings)
     folder: Annotated[str | None, About("of a catalogue: where your copy of it is")] = None
-    not_played: Annotated[dict[str, str], About("filled in for a catalogue: its files that do not play, and why")] = (
-        field(default_factory=dict)
-    )
+    not_played: Annotated[
+        dict[str, str], About("filled in for a catalogue: its files that do not play, and why")
+    ] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,20 +150,33 @@ class AdsSettings(Checked):
 
     name: Annotated[str, MinLen(1), About("what the tables call it")]
     controller: Annotated[
-        str, About("a shipped name, module:name, file.py:name, sumo:MODEL, exec:COMMAND, traci:COMMAND or fmu:FILE")
+        str,
+        About(
+            "a shipped name, module:name, file.py:name, sumo:MODEL, exec:COMMAND, traci:COMMAND "
+            "or fmu:FILE"
+        ),
     ]
-    fmu: Annotated[FmuSettings | None, About("variables of the FMU, where the controller is one")] = None
+    fmu: Annotated[
+        FmuSettings | None, About("variables of the FMU, where the controller is one")
+    ] = None
 
     period: Annotated[
-        float | None, Positive, About("time from one call to the next; its answer holds; default: every step", "s")
+        float | None,
+        Positive,
+        About("time from one call to the next; its answer holds; default: every step", "s"),
     ] = None
     options: Annotated[
-        dict[str, Any], About("keyword arguments of the class; a program of `exec:` is told them in its reset")
+        dict[str, Any],
+        About("keyword arguments of the class; a program of `exec:` is told them in its reset"),
     ] = field(default_factory=dict)
     files: Annotated[
-        tuple[str, ...], About("files that it depends on, such as weights: with other content it is another ADS")
+        tuple[str, ...],
+        About("files that it depends on, such as weights: with other content it is another ADS"),
     ] = ()
-    build: Annotated[str, About("which build it is, for people; default: the Git commit of the folder it lies in")] = ""
+    build: Annotated[
+        str,
+        About("which build it is, for people; default: the Git commit of the folder it lies in"),
+    ] = ""
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -142,7 +185,9 @@ class AdsSettings(Checked):
 
     @property
     def locator(self) -> str:
-        """The controller with everything that belongs to it, in one text: `fmu:acc.fmu?inputs.v=ego_speed`."""
+        """The controller with everything that belongs to it, in one text:
+        `fmu:acc.fmu?inputs.v=ego_speed`.
+        """
         pairs = [] if self.period is None else [("period", json.dumps(self.period))]
         pairs += [(f"options.{name}", json.dumps(value)) for name, value in self.options.items()]
         if self.fmu is not None:
@@ -162,7 +207,9 @@ class EvaluationSettings(Checked):
 
     name: Annotated[str, MinLen(1), About("name of the evaluation")]
     scenario: Annotated[tuple[ScenarioSettings, ...], About("logical scenarios")]
-    ads: Annotated[tuple[AdsSettings, ...], About("ADSs under test; none where `--ads` names them")] = ()
+    ads: Annotated[
+        tuple[AdsSettings, ...], About("ADSs under test; none where `--ads` names them")
+    ] = ()
     seed: Annotated[int, Ge(0), About("the only source of randomness")] = 1
     drivers: DriverSettings = field(default_factory=DriverSettings)
     run: RunSettings = field(default_factory=RunSettings)

@@ -1,4 +1,6 @@
-"""Find what a user names: `package.module:name`, or `path/to/file.py:name` relative to the evaluation file."""
+"""Find what a user names: `package.module:name`, or `path/to/file.py:name` relative to the
+evaluation file.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +19,22 @@ from sumo_eval.text import words_of
 
 
 def load_object(locator: str, folder: Path | None, kind: str) -> Any:
-    """The object that a locator names. `folder`: where paths start and modules are looked for; `kind`: for errors.
+    """The object that a locator names.
 
-    Raises InputError with one sentence when there is no such file, module or name, or when importing it fails.
+    `folder`: where paths start and modules are looked for; `kind`: for errors.
+
+    Raises InputError with one sentence when there is no such file, module or name, or when
+    importing it fails.
     """
     place, colon, name = locator.rpartition(":")
     owner = f"{kind} `{locator}`"
     if not colon or not place or not name:
         raise InputError(f"{owner} must have the form `package.module:name` or `file.py:name`.")
-    module = _load_file(place, folder, owner) if place.endswith(".py") else _load_module(place, folder, owner)
+    module = (
+        _load_file(place, folder, owner)
+        if place.endswith(".py")
+        else _load_module(place, folder, owner)
+    )
     found: Any = module
     for part in name.split("."):
         if not hasattr(found, part):

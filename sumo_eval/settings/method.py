@@ -1,4 +1,6 @@
-"""Settings of the method: everything that turns recorded facts into scores, with the number of its equation."""
+"""Settings of the method: everything that turns recorded facts into scores, with the number of its
+equation.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +17,32 @@ from sumo_eval.settings.checked import About, Checked, NotNegative, Positive
 
 @dataclass(frozen=True, slots=True)
 class FieldSettings(Checked):
-    """Trajectory field, Eqs. 9-10. The paper prints no values; these were chosen on recorded motorway approaches."""
+    """Trajectory field, Eqs. 9-10.
+
+    The paper prints no values; these were chosen on recorded motorway approaches.
+    """
 
     k1: Annotated[
-        float, NotNegative, Le(20.0), About("decay of the field with distance", symbol="k1", equation="10")
+        float,
+        NotNegative,
+        Le(20.0),
+        About("decay of the field with distance", symbol="k1", equation="10"),
     ] = 0.5
-    k2: Annotated[float, NotNegative, Le(1.0), About("growth of the field with speed ahead", "s/m", "k2", "10")] = 0.005
-    sample_interval: Annotated[float, Positive, About("time between summed samples", "s", equation="9")] = 0.1
+    k2: Annotated[
+        float,
+        NotNegative,
+        Le(1.0),
+        About("growth of the field with speed ahead", "s/m", "k2", "10"),
+    ] = 0.005
+    sample_interval: Annotated[
+        float, Positive, About("time between summed samples", "s", equation="9")
+    ] = 0.1
     superposition: Annotated[
         Literal["magnitude", "vector"],
-        About("sum magnitudes (the paper's peak lies on the path) or vectors (as printed)", equation="9"),
+        About(
+            "sum magnitudes (the paper's peak lies on the path) or vectors (as printed)",
+            equation="9",
+        ),
     ] = "magnitude"
 
 
@@ -36,27 +54,39 @@ class AnthropomorphicSettings(Checked):
     mode: Annotated[
         Literal["gaussian", "mixture"],
         About(
-            "compare with all drivers at once (the paper), or with those of the same manoeuvre, times how usual it is",
+            "compare with all drivers at once (the paper), or with those of the same manoeuvre, "
+            "times how usual it is",
             equation="11",
         ),
     ] = "gaussian"
     manoeuvre_time: Annotated[
-        float, Positive, About("time a lane must be kept to be part of a manoeuvre (mixture)", "s", equation="11")
+        float,
+        Positive,
+        About("time a lane must be kept to be part of a manoeuvre (mixture)", "s", equation="11"),
     ] = 1.0
     pooled_drivers: Annotated[
         float,
         Positive,
-        About("drivers that the deviation pooled over all manoeuvres counts as (mixture)", equation="11"),
+        About(
+            "drivers that the deviation pooled over all manoeuvres counts as (mixture)",
+            equation="11",
+        ),
     ] = 2.0
     band_slice_spacing: Annotated[
         float,
         Positive,
-        About("distance between slices where drivers are scored against each other", "m", equation="11"),
+        About(
+            "distance between slices where drivers are scored against each other",
+            "m",
+            equation="11",
+        ),
     ] = 2.5
-    slice_spacing: Annotated[float, Positive, About("distance between slices along the road", "m", equation="11")] = 0.5
-    side_width: Annotated[float, Positive, About("reach of a slice to each side of the centre", "m", equation="11")] = (
-        1.5
-    )
+    slice_spacing: Annotated[
+        float, Positive, About("distance between slices along the road", "m", equation="11")
+    ] = 0.5
+    side_width: Annotated[
+        float, Positive, About("reach of a slice to each side of the centre", "m", equation="11")
+    ] = 1.5
     points_per_side: Annotated[
         int, Ge(1), Le(1_000), About("sample points on each side of the centre", equation="11")
     ] = 3
@@ -64,67 +94,93 @@ class AnthropomorphicSettings(Checked):
         float, Ge(1e-6), About("smallest deviation of the human centre", "m", equation="12")
     ] = 0.15
     field_deviation_floor: Annotated[
-        float, Ge(1e-6), About("smallest deviation of the human field, as a share of its mean", equation="12")
+        float,
+        Ge(1e-6),
+        About("smallest deviation of the human field, as a share of its mean", equation="12"),
     ] = 0.01
     steering_rule: Annotated[
         Literal["manoeuvre", "wheel"],
         About(
-            "what a steering operation is, of the ADS and of the drivers: a lateral manoeuvre (over 0.12 m/s to one "
-            "side over at least 1 m), or the wheel past its threshold; `wheel` needs both to have a steering signal",
+            "what a steering operation is, of the ADS and of the drivers: a lateral manoeuvre "
+            "(over 0.12 m/s to one "
+            "side over at least 1 m), or the wheel past its threshold; `wheel` needs both to have "
+            "a steering signal",
             equation="12",
         ),
     ] = "manoeuvre"
     steering_threshold_deg: Annotated[
-        float, Positive, About("steering wheel angle above which an operation begins (wheel)", "deg", "k3", "12")
+        float,
+        Positive,
+        About("steering wheel angle above which an operation begins (wheel)", "deg", "k3", "12"),
     ] = 10.0
     steering_lateral_acceleration: Annotated[
         float | None,
         Positive,
         About(
-            "in place of that angle: the operation begins at the wheel angle that gives this lateral acceleration at "
+            "in place of that angle: the operation begins at the wheel angle that gives this "
+            "lateral acceleration at "
             "the speed driven (wheel)",
             "m/s2",
             equation="12",
         ),
     ] = None
     steering_ratio: Annotated[
-        float, Positive, About("steering wheel angle over road wheel angle, where an acceleration is the threshold")
+        float,
+        Positive,
+        About("steering wheel angle over road wheel angle, where an acceleration is the threshold"),
     ] = 16.0
     wheelbase: Annotated[
-        float, Positive, About("distance between the axles, where an acceleration is the threshold", "m")
+        float,
+        Positive,
+        About("distance between the axles, where an acceleration is the threshold", "m"),
     ] = 2.7
     acceleration_threshold: Annotated[
-        float, Positive, About("longitudinal acceleration above which an operation begins", "m/s2", "k4", "12")
+        float,
+        Positive,
+        About("longitudinal acceleration above which an operation begins", "m/s2", "k4", "12"),
     ] = 0.5
     neutral_time: Annotated[
         float,
         NotNegative,
-        About("time the signal must stay neutral for an operation to have ended", "s", equation="12"),
+        About(
+            "time the signal must stay neutral for an operation to have ended", "s", equation="12"
+        ),
     ] = 0.5
-    stop_speed: Annotated[float, Positive, About("speed below which a vehicle counts as stopped", "m/s", "L", "12")] = (
-        0.1
-    )
+    stop_speed: Annotated[
+        float, Positive, About("speed below which a vehicle counts as stopped", "m/s", "L", "12")
+    ] = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class ZoneSettings(Checked):
     """Safe and hazardous zones, Eqs. 1-8."""
 
-    deceleration: Annotated[float, Ge(0.01), About("ideal braking deceleration of the zones", "m/s2", "a", "5")] = 5.0
+    deceleration: Annotated[
+        float, Ge(0.01), About("ideal braking deceleration of the zones", "m/s2", "a", "5")
+    ] = 5.0
     critical_inverse_ttc: Annotated[
         float, Ge(0.001), About("inverse TTC from which a point is hazardous", "1/s", "ITTC*", "6")
     ] = 0.7
     target: Annotated[
         Literal["squared_time", "label"],
-        About("what the GP learns: a smooth function of max ITTC, or plain +1/-1 labels", equation="7"),
+        About(
+            "what the GP learns: a smooth function of max ITTC, or plain +1/-1 labels", equation="7"
+        ),
     ] = "squared_time"
-    target_scale: Annotated[float, Positive, About("scale of the squared-time target", "s2", equation="7")] = 10.0
-    restarts: Annotated[int, Ge(0), Le(1_000), About("restarts of the GP's hyperparameter search", equation="8")] = 4
+    target_scale: Annotated[
+        float, Positive, About("scale of the squared-time target", "s2", equation="7")
+    ] = 10.0
+    restarts: Annotated[
+        int, Ge(0), Le(1_000), About("restarts of the GP's hyperparameter search", equation="8")
+    ] = 4
     refinements: Annotated[
         int,
         Ge(0),
         Le(1_000),
-        About("rounds in which training points are added where the GP is wrong, while that is over 1 %"),
+        About(
+            "rounds in which training points are added where the GP is wrong, while that is over "
+            "1 %"
+        ),
     ] = 3
     grid_points: Annotated[
         int, Ge(1_000), Le(10_000_000), About("points on which zones are separated and searched")
@@ -136,41 +192,59 @@ class CollisionSettings(Checked):
     """Collision avoidance index C, Eqs. 14-17, and the ideal vehicle it is relative to."""
 
     loss: Annotated[
-        Literal["severity", "class"], About("compare U (as printed) or the loss class L", equation="17")
+        Literal["severity", "class"],
+        About("compare U (as printed) or the loss class L", equation="17"),
     ] = "severity"
     severity: Annotated[
         str,
         MinLen(1),
         About(
-            "what stands in the place of U: severity (U of Eq. 15), eq14 (its class L), injury:car_driver, "
-            "injury:pedestrian, injury:cyclist, or package.module:function from a Contact to a loss in 0..1",
+            "what stands in the place of U: severity (U of Eq. 15), eq14 (its class L), "
+            "injury:car_driver, "
+            "injury:pedestrian, injury:cyclist, or package.module:function from a Contact to a "
+            "loss in 0..1",
             symbol="U",
             equation="15",
         ),
     ] = "severity"
     age: Annotated[
-        float | None, Positive, Le(120.0), About("age of who is hit, for injury risks; default: the curve's own", "a")
+        float | None,
+        Positive,
+        Le(120.0),
+        About("age of who is hit, for injury risks; default: the curve's own", "a"),
     ] = None
-    ego_mass: Annotated[float, Positive, About("mass of the ego, for severities of one's own", "kg")] = 1500.0
+    ego_mass: Annotated[
+        float, Positive, About("mass of the ego, for severities of one's own", "kg")
+    ] = 1500.0
     rear_end: Annotated[
         Literal["apart", "counts"],
         About(
-            "a vehicle that reacts and runs into the ego's rear: the other's collision, counted apart from C and A, or "
+            "a vehicle that reacts and runs into the ego's rear: the other's collision, counted "
+            "apart from C and A, or "
             "one that counts as any other"
         ),
     ] = "apart"
     others_fault_after: Annotated[
         float,
         NotNegative,
-        About("only where the ego had been in that lane so long, or from the start on, is it the other's", "s"),
+        About(
+            "only where the ego had been in that lane so long, or from the start on, is it the "
+            "other's",
+            "s",
+        ),
     ] = 3.0
-    other_mass: Annotated[float, Positive, About("mass of what it hits, for severities of one's own", "kg")] = 1500.0
+    other_mass: Annotated[
+        float, Positive, About("mass of what it hits, for severities of one's own", "kg")
+    ] = 1500.0
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         if self.loss == "class" and self.severity not in ("severity", "eq14"):
             raise must_be(
-                "`severity`", "`CollisionSettings`", "'severity' or 'eq14' beside `loss` 'class'", self.severity
+                "`severity`",
+                "`CollisionSettings`",
+                "'severity' or 'eq14' beside `loss` 'class'",
+                self.severity,
             )
         if self.severity == "eq14":  # two names of one choice
             object.__setattr__(self, "loss", "class")
@@ -183,7 +257,8 @@ class PlausibilitySettings(Checked):
     table: Annotated[
         Literal["motorway", "recorded"],
         About(
-            "the people: 213 on a motorway, or the recorded drivers of the run in the same scenario (20 people at the "
+            "the people: 213 on a motorway, or the recorded drivers of the run in the same "
+            "scenario (20 people at the "
             "least, or the motorway's stand in, and the scores say so)"
         ),
     ] = "motorway"
@@ -194,7 +269,10 @@ class ScoreSettings(Checked):
     """Combined score S, Eq. 18."""
 
     a: Annotated[
-        float, NotNegative, Le(100.0), About("points for collision avoidance; b = 100 - a", symbol="a", equation="18")
+        float,
+        NotNegative,
+        Le(100.0),
+        About("points for collision avoidance; b = 100 - a", symbol="a", equation="18"),
     ] = 50.0
     k5: Annotated[float, Positive, About("scale of C", symbol="k5", equation="18")] = 1.0
     k6: Annotated[float, Positive, About("scale of D", symbol="k6", equation="18")] = 1.0
@@ -210,16 +288,27 @@ class TaskSettings(Checked):
     """The driving task: T, and the grade A' of avoided harm."""
 
     task_reference: Annotated[
-        str, MinLen(1), About("baseline whose times T compares with, driven at every point under no conditions")
+        str,
+        MinLen(1),
+        About("baseline whose times T compares with, driven at every point under no conditions"),
     ] = "attentive"
     road_margin: Annotated[
-        float, NotNegative, Le(10.0), About("how far a corner may be beyond the road: a paved edge strip", "m")
+        float,
+        NotNegative,
+        Le(10.0),
+        About("how far a corner may be beyond the road: a paved edge strip", "m"),
     ] = 0.5
     roadside_overlap: Annotated[
-        float, Ge(0.5), Le(1.0), About("overlap of the contact that a departure counts as", symbol="w")
+        float,
+        Ge(0.5),
+        Le(1.0),
+        About("overlap of the contact that a departure counts as", symbol="w"),
     ] = 1.0
     sharpness: Annotated[
-        float, Ge(1e-6), Le(1e3), About("share of harm 1 - A below which A' hardly falls", symbol="x0")
+        float,
+        Ge(1e-6),
+        Le(1e3),
+        About("share of harm 1 - A below which A' hardly falls", symbol="x0"),
     ] = 0.01
 
 
@@ -229,13 +318,17 @@ class RankingSettings(Checked):
 
     weights: Annotated[
         dict[str, float],
-        About("weight of a scenario in the mean S+ that ADSs are ranked by, by name; others weigh 1"),
+        About(
+            "weight of a scenario in the mean S+ that ADSs are ranked by, by name; others weigh 1"
+        ),
     ] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         for name, weight in self.weights.items():
-            number = isinstance(weight, Real) and not isinstance(weight, bool) and math.isfinite(weight)
+            number = (
+                isinstance(weight, Real) and not isinstance(weight, bool) and math.isfinite(weight)
+            )
             if not (number and weight >= 0.0):
                 raise must_be(f"`weights.{name}`", "the ranking", "a number of at least 0", weight)
 

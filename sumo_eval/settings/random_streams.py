@@ -10,9 +10,11 @@ from sumo_eval.errors import must_be
 
 
 def random_stream(seed: int, *labels: str | int) -> np.random.Generator:
-    """The random stream of that name: the same on every machine, in every process and in whatever order it is asked.
+    """The random stream of that name: the same on every machine, in every process and in whatever
+    order it is asked.
 
-    seed: 0 or more. labels: what the stream is for, e.g. ("population", 3); different names, independent streams.
+    seed: 0 or more. labels: what the stream is for, e.g. ("population", 3); different names,
+        independent streams.
     """
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
         raise must_be("`seed`", "a random stream", "a whole number of at least 0", seed)

@@ -18,18 +18,25 @@ class ReportSettings(Checked):
         str,
         MinLen(1),
         About(
-            "name or controller of the ADS that decides what was preventable; the ideal vehicle if none is so called"
+            "name or controller of the ADS that decides what was preventable; the ideal vehicle "
+            "if none is so called"
         ),
     ] = "careful_driver"
     junit: Annotated[
-        Literal["case", "cell"], About("a JUnit test for each concrete scenario, or for each cell of the space")
+        Literal["case", "cell"],
+        About("a JUnit test for each concrete scenario, or for each cell of the space"),
     ] = "case"
-    junit_cells: Annotated[int, Ge(1), Le(100), About("cells on each axis of the space, for JUnit tests by cell")] = 4
+    junit_cells: Annotated[
+        int, Ge(1), Le(100), About("cells on each axis of the space, for JUnit tests by cell")
+    ] = 4
     junit_failures: Annotated[
         Literal["any", "avoidable"],
         About("which collisions are JUnit failures: those that the ideal vehicle avoids, or any"),
     ] = "avoidable"
     axes: Annotated[
         dict[str, tuple[str, str]],
-        About("the two parameters that a scenario's maps show, by scenario; others: the two with most values"),
+        About(
+            "the two parameters that a scenario's maps show, by scenario; others: the two with "
+            "most values"
+        ),
     ] = field(default_factory=dict)

@@ -1,4 +1,6 @@
-"""Settings of the simulation: the ego as a machine, what stands between it and the ADS, how SUMO steps a case."""
+"""Settings of the simulation: the ego as a machine, what stands between it and the ADS, how SUMO
+steps a case.
+"""
 
 from __future__ import annotations
 
@@ -14,42 +16,59 @@ from sumo_eval.settings.checked import About, Checked, NotNegative, Positive
 class VehicleSettings(Checked):
     """The ego as a machine: a single-track model with limited steering, tyres, brakes and drive.
 
-    The dynamic model's numbers are those of a BMW 320i in commonroad-vehicle-models (its vehicle 2), the place of the
-    centre of gravity as a share of the wheelbase.
+    The dynamic model's numbers are those of a BMW 320i in commonroad-vehicle-models (its vehicle
+    2), the place of the centre of gravity as a share of the wheelbase.
     """
 
     length: Annotated[float, Positive, About("body length", "m")] = 4.5
     width: Annotated[float, Positive, About("body width", "m")] = 1.8
     wheelbase: Annotated[float, Positive, About("distance between the axles", "m")] = 2.7
-    steering_ratio: Annotated[float, Positive, About("steering wheel angle over road wheel angle")] = 16.0
-    max_steering_wheel_angle_deg: Annotated[float, Positive, About("end stop of the steering wheel", "deg")] = 540.0
-    max_steering_wheel_rate_deg: Annotated[float, Positive, About("fastest turn of the steering wheel", "deg/s")] = (
-        720.0
-    )
-    friction: Annotated[float, Positive, About("tyre-road friction coefficient: bounds the total acceleration")] = 0.92
+    steering_ratio: Annotated[
+        float, Positive, About("steering wheel angle over road wheel angle")
+    ] = 16.0
+    max_steering_wheel_angle_deg: Annotated[
+        float, Positive, About("end stop of the steering wheel", "deg")
+    ] = 540.0
+    max_steering_wheel_rate_deg: Annotated[
+        float, Positive, About("fastest turn of the steering wheel", "deg/s")
+    ] = 720.0
+    friction: Annotated[
+        float, Positive, About("tyre-road friction coefficient: bounds the total acceleration")
+    ] = 0.92
     max_acceleration: Annotated[float, Positive, About("strongest drive", "m/s2")] = 4.0
     max_deceleration: Annotated[float, Positive, About("strongest braking", "m/s2")] = 9.0
-    brake_build_up: Annotated[float, Positive, About("time from no braking to the strongest, linear", "s")] = 0.15
+    brake_build_up: Annotated[
+        float, Positive, About("time from no braking to the strongest, linear", "s")
+    ] = 0.15
     drive_jerk: Annotated[float, Positive, About("fastest rise of drive", "m/s3")] = 10.0
     max_speed: Annotated[float, Positive, About("top speed", "m/s")] = 60.0
 
     model: Annotated[
         Literal["kinematic", "dynamic"],
         About(
-            "kinematic: the rear axle rolls where it points, honest below about 0.4 g across (a clip of its case says "
-            "where it was above); dynamic: side slip and yaw by tyre forces with their limit, same drive and brakes"
+            "kinematic: the rear axle rolls where it points, honest below about 0.4 g across (a "
+            "clip of its case says "
+            "where it was above); dynamic: side slip and yaw by tyre forces with their limit, "
+            "same drive and brakes"
         ),
     ] = "kinematic"
     mass: Annotated[float, Positive, About("of the dynamic model: mass", "kg")] = 1093.3
-    yaw_inertia: Annotated[float, Positive, About("of the dynamic model: about the vertical axis", "kg m2")] = 1791.6
+    yaw_inertia: Annotated[
+        float, Positive, About("of the dynamic model: about the vertical axis", "kg m2")
+    ] = 1791.6
     front_share: Annotated[
-        float, Positive, Lt(1.0), About("of the dynamic model: of the wheelbase, from front axle to centre of gravity")
+        float,
+        Positive,
+        Lt(1.0),
+        About("of the dynamic model: of the wheelbase, from front axle to centre of gravity"),
     ] = 0.448
     centre_height: Annotated[
         float, NotNegative, About("of the dynamic model: centre of gravity above the road", "m")
     ] = 0.614
     cornering_stiffness: Annotated[
-        float, Positive, About("of the dynamic model: side force over slip angle, load and friction", "1/rad")
+        float,
+        Positive,
+        About("of the dynamic model: side force over slip angle, load and friction", "1/rad"),
     ] = 20.9
 
     @property
@@ -65,49 +84,86 @@ class VehicleSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ConditionSettings(Checked):
-    """What stands between the world and the ADS under test. By default nothing: all is seen, and obeyed, at once.
+    """What stands between the world and the ADS under test.
 
-    The first seven hold for controllers that are given an `Observation` (`act(obs)`, `exec:`, `fmu:`): TraCI shows
-    everything. Neither the ideal vehicle nor the human drivers are under these conditions.
+    By default nothing: all is seen, and obeyed, at once.
+
+    The first seven hold for controllers that are given an `Observation` (`act(obs)`, `exec:`,
+    `fmu:`): TraCI shows everything. Neither the ideal vehicle nor the human drivers are under these
+    conditions.
     """
 
-    perception_delay: Annotated[float, NotNegative, About("age of what is seen of other vehicles", "s")] = 0.0
-    dropout: Annotated[float, NotNegative, Le(1.0), About("chance that a vehicle is missed at a step")] = 0.0
-    position_noise: Annotated[
-        float, NotNegative, About("standard deviation of seen positions, along and across the road", "m")
+    perception_delay: Annotated[
+        float, NotNegative, About("age of what is seen of other vehicles", "s")
     ] = 0.0
-    speed_noise: Annotated[float, NotNegative, About("standard deviation of seen speeds along the road", "m/s")] = 0.0
+    dropout: Annotated[
+        float, NotNegative, Le(1.0), About("chance that a vehicle is missed at a step")
+    ] = 0.0
+    position_noise: Annotated[
+        float,
+        NotNegative,
+        About("standard deviation of seen positions, along and across the road", "m"),
+    ] = 0.0
+    speed_noise: Annotated[
+        float, NotNegative, About("standard deviation of seen speeds along the road", "m/s")
+    ] = 0.0
     sensor_range: Annotated[
-        float | None, Positive, About("farthest other vehicle that is seen, centre to centre; default: no limit", "m")
+        float | None,
+        Positive,
+        About("farthest other vehicle that is seen, centre to centre; default: no limit", "m"),
     ] = None
     field_of_view_deg: Annotated[
-        float | None, Positive, Le(360.0), About("angle in front of the ego that is seen; default: all around", "deg")
+        float | None,
+        Positive,
+        Le(360.0),
+        About("angle in front of the ego that is seen; default: all around", "deg"),
     ] = None
-    occlusion: Annotated[bool, About("a vehicle covered to 80 % of its width by a nearer one is not seen")] = False
-    actuation_delay: Annotated[float, NotNegative, About("time until a Command reaches the vehicle", "s")] = 0.0
+    occlusion: Annotated[
+        bool, About("a vehicle covered to 80 % of its width by a nearer one is not seen")
+    ] = False
+    actuation_delay: Annotated[
+        float, NotNegative, About("time until a Command reaches the vehicle", "s")
+    ] = 0.0
     step_budget: Annotated[
         float | None,
         Positive,
-        About("wall time of a step after which its Command is late and the last one holds; default: none", "s"),
+        About(
+            "wall time of a step after which its Command is late and the last one holds; default: "
+            "none",
+            "s",
+        ),
     ] = None
     interference: Annotated[
         Literal["refuse", "record"],
-        About("an ADS that touches other vehicles, the road or the clock: ends its case, or is put on record"),
+        About(
+            "an ADS that touches other vehicles, the road or the clock: ends its case, or is put "
+            "on record"
+        ),
     ] = "refuse"
-    reveal_scenario: Annotated[bool, About("tell the ADS the scenario's name and its parameters' values")] = False
+    reveal_scenario: Annotated[
+        bool, About("tell the ADS the scenario's name and its parameters' values")
+    ] = False
 
 
 @dataclass(frozen=True, slots=True)
 class FmuSettings(Checked):
-    """Which variables of an FMU carry what; names that are not mapped are looked for as they are."""
+    """Which variables of an FMU carry what; names that are not mapped are looked for as they
+    are.
+    """
 
     inputs: Annotated[
         dict[str, str | float],
-        About("input of the FMU = signal that it is given, a number, or `start`: it keeps its start value"),
+        About(
+            "input of the FMU = signal that it is given, a number, or `start`: it keeps its start "
+            "value"
+        ),
     ] = field(default_factory=dict)
-    outputs: Annotated[dict[str, str], About("what is read = output of the FMU")] = field(default_factory=dict)
+    outputs: Annotated[dict[str, str], About("what is read = output of the FMU")] = field(
+        default_factory=dict
+    )
     parameters: Annotated[
-        dict[str, float | int | bool | str], About("parameter of the FMU = its value, or a signal at the start")
+        dict[str, float | int | bool | str],
+        About("parameter of the FMU = its value, or a signal at the start"),
     ] = field(default_factory=dict)
 
 
@@ -120,19 +176,31 @@ class PlantSettings(FmuSettings):
 
 @dataclass(frozen=True, slots=True)
 class TrackerSettings(Checked):
-    """How the vehicle carries out what an ADS asks for where that is no acceleration and no wheel angle."""
+    """How the vehicle carries out what an ADS asks for where that is no acceleration and no wheel
+    angle.
+    """
 
     speed_time: Annotated[
-        float, Positive, About("time constant with which a wanted speed is taken up: dv/dt = (wanted - v) / it", "s")
+        float,
+        Positive,
+        About(
+            "time constant with which a wanted speed is taken up: dv/dt = (wanted - v) / it", "s"
+        ),
     ] = 0.5
     position_gain: Annotated[
-        float, NotNegative, About("acceleration for each metre that the ego is behind its plan", "1/s2")
+        float,
+        NotNegative,
+        About("acceleration for each metre that the ego is behind its plan", "1/s2"),
     ] = 1.0
     speed_gain: Annotated[
-        float, NotNegative, About("acceleration for each m/s that the ego is slower than its plan", "1/s")
+        float,
+        NotNegative,
+        About("acceleration for each m/s that the ego is slower than its plan", "1/s"),
     ] = 2.0
     steering_gain: Annotated[
-        float, NotNegative, About("gain on the front axle's distance from the plan's path (Stanley)", "1/s")
+        float,
+        NotNegative,
+        About("gain on the front axle's distance from the plan's path (Stanley)", "1/s"),
     ] = 2.5
     softening_speed: Annotated[
         float, Positive, About("speed added to the ego's own below that gain (Stanley)", "m/s")
@@ -143,20 +211,31 @@ class TrackerSettings(Checked):
 class SimulationSettings(Checked):
     """How SUMO steps a case and when a case ends."""
 
-    step: Annotated[float, Positive, Le(0.1), About("step of SUMO and of the controller", "s")] = 0.05
-    record_interval: Annotated[float, Positive, Le(0.1), About("time between recorded samples", "s")] = 0.1
+    step: Annotated[float, Positive, Le(0.1), About("step of SUMO and of the controller", "s")] = (
+        0.05
+    )
+    record_interval: Annotated[
+        float, Positive, Le(0.1), About("time between recorded samples", "s")
+    ] = 0.1
     time_limit: Annotated[float, Positive, About("longest simulated time of a case", "s")] = 150.0
-    standstill_speed: Annotated[float, Positive, About("speed below which the ego stands", "m/s")] = 0.1
-    standstill_time: Annotated[float, Positive, About("time the ego must stand for the case to end", "s")] = 2.0
+    standstill_speed: Annotated[
+        float, Positive, About("speed below which the ego stands", "m/s")
+    ] = 0.1
+    standstill_time: Annotated[
+        float, Positive, About("time the ego must stand for the case to end", "s")
+    ] = 2.0
     lane_change_duration: Annotated[
-        float, Positive, About("duration of a lane change that SUMO itself performs for the ego", "s")
+        float,
+        Positive,
+        About("duration of a lane change that SUMO itself performs for the ego", "s"),
     ] = 5.0
     seen_over_line: Annotated[
         float,
         NotNegative,
         Le(2.0),
         About(
-            "vehicles that react see a body in their lane once it reaches so far over the line; at the latest when the "
+            "vehicles that react see a body in their lane once it reaches so far over the line; "
+            "at the latest when the "
             "middle of its front is there",
             "m",
         ),
@@ -164,22 +243,40 @@ class SimulationSettings(Checked):
     end_when_decided: Annotated[
         bool,
         About(
-            "end a case as soon as no contact can come of it; quicker where only collisions count, but shorter drives "
+            "end a case as soon as no contact can come of it; quicker where only collisions "
+            "count, but shorter drives "
             "change D"
         ),
     ] = False
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
-    ideal_deceleration: Annotated[float, Positive, About("braking of the ideal vehicle", "m/s2", "Ug", "17")] = 9.0
-    ideal_build_up: Annotated[float, Positive, About("its pressure build-up time", "s", "Ug", "17")] = 0.15
+    ideal_deceleration: Annotated[
+        float, Positive, About("braking of the ideal vehicle", "m/s2", "Ug", "17")
+    ] = 9.0
+    ideal_build_up: Annotated[
+        float, Positive, About("its pressure build-up time", "s", "Ug", "17")
+    ] = 0.15
     ideal_visible_share: Annotated[
         float,
         NotNegative,
         Le(1.0),
-        About("share of a hidden vehicle's width that must show for it to see it; 0: it sees through", "", "Ug", "17"),
+        About(
+            "share of a hidden vehicle's width that must show for it to see it; 0: it sees through",
+            "",
+            "Ug",
+            "17",
+        ),
     ] = 0.2
     ideal_steers: Annotated[
-        bool, About("whether it changes to a free lane where a hidden vehicle shows too late to brake", "", "Ug", "17")
+        bool,
+        About(
+            "whether it changes to a free lane where a hidden vehicle shows too late to brake",
+            "",
+            "Ug",
+            "17",
+        ),
     ] = True
     conditions: ConditionSettings = field(default_factory=ConditionSettings)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
-    plant: Annotated[PlantSettings | None, About("an FMU as vehicle model of the ADSs under test")] = None
+    plant: Annotated[
+        PlantSettings | None, About("an FMU as vehicle model of the ADSs under test")
+    ] = None

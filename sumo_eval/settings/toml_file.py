@@ -24,7 +24,10 @@ DEEPEST: Final = 50
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
-    """The content of a TOML file, which `what` names in sentences: `evaluation file`. Raises InputError."""
+    """The content of a TOML file, which `what` names in sentences: `evaluation file`.
+
+    Raises InputError.
+    """
     try:
         text = read_input_text(path, what, _LARGEST)
     except InputError as error:
@@ -37,15 +40,20 @@ def _instead_of(folder: Path) -> str:
     if not os.path.isdir(folder):  # False for what no path may be, too
         return ""
     if (folder / "manifest.json").is_file():
-        return f" It holds a run: `sumo-eval score {folder}` scores it, `sumo-eval report {folder}` shows it."
+        return (
+            f" It holds a run: `sumo-eval score {folder}` scores it, `sumo-eval report {folder}` "
+            "shows it."
+        )
     files = sorted(path.name for path in folder.glob("*.toml") if path.is_file())
     return f" Did you mean `{folder / files[0]}`?" if files else ""
 
 
 def line_of(text: str, place: Sequence[str | int]) -> int | None:
-    """The line, from 1, on which the key stands that `place` leads to in a TOML text, e.g. ("ads", 0, "name").
+    """The line, from 1, on which the key stands that `place` leads to in a TOML text, e.g. ("ads",
+    0, "name").
 
-    A key within an inline table or a list is found by the line of the key that holds it. None: not in the text.
+    A key within an inline table or a list is found by the line of the key that holds it. None: not
+    in the text.
     """
     found: int | None = None
     best = 0
@@ -53,7 +61,9 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
     counts: dict[tuple[str | int, ...], int] = {}
     for number, line in enumerate(text.splitlines(), start=1):
         if head := _HEAD.match(line):
-            names: tuple[str | int, ...] = tuple(part.strip(" \t\"'") for part in head["name"].split("."))
+            names: tuple[str | int, ...] = tuple(
+                part.strip(" \t\"'") for part in head["name"].split(".")
+            )
             parent = _within(names[:-1], counts)
             table = (*parent, names[-1])
             if head["list"]:
@@ -70,8 +80,12 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
     return found
 
 
-def _within(names: Sequence[str | int], counts: Mapping[tuple[str | int, ...], int]) -> tuple[str | int, ...]:
-    """The place of a table, with the number of the newest entry of every list of tables on the way to it."""
+def _within(
+    names: Sequence[str | int], counts: Mapping[tuple[str | int, ...], int]
+) -> tuple[str | int, ...]:
+    """The place of a table, with the number of the newest entry of every list of tables on the way
+    to it.
+    """
     place: tuple[str | int, ...] = ()
     for name in names:
         place = (*place, name)
@@ -81,20 +95,24 @@ def _within(names: Sequence[str | int], counts: Mapping[tuple[str | int, ...], i
 
 
 def toml_from(text: str, where: str) -> dict[str, Any]:
-    """The content of a text in TOML. Raises InputError, whose sentences begin with `where`."""
+    """The content of a text in TOML.
+
+    Raises InputError, whose sentences begin with `where`.
+    """
     try:
         content = tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{where} must not be nested more than {DEEPEST} deep.") from None
-    except ValueError as error:  # TOMLDecodeError is one; a number of thousands of digits is another
+    # TOMLDecodeError is one; a number of thousands of digits is another
+    except ValueError as error:
         raise InputError(f"{where} is not valid TOML: {words_of(error)}.") from error
     _check(content, where)
     return content
 
 
 def _check(content: dict[str, Any], where: str) -> None:
-    """Refuse what no setting can be, wherever it stands: nesting without end, text with control characters, numbers
-    that no float can hold.
+    """Refuse what no setting can be, wherever it stands: nesting without end, text with control
+    characters, numbers that no float can hold.
     """
     level: list[Any] = [content]
     for _ in range(DEEPEST):
@@ -104,10 +122,16 @@ def _check(content: dict[str, Any], where: str) -> None:
                 inner += [*value, *value.values()]
             elif isinstance(value, list):
                 inner += value
-            elif isinstance(value, str) and clean(flat := " ".join(value.split()), len(flat)) != flat:
-                raise InputError(f"{where} must hold text without control characters, got {shown(value)}.")
+            elif (
+                isinstance(value, str) and clean(flat := " ".join(value.split()), len(flat)) != flat
+            ):
+                raise InputError(
+                    f"{where} must hold text without control characters, got {shown(value)}."
+                )
             elif isinstance(value, int) and not -(2**63) <= value < 2**63:
-                raise InputError(f"{where} must hold integers of at most 64 bits, got {shown(value)}.")
+                raise InputError(
+                    f"{where} must hold integers of at most 64 bits, got {shown(value)}."
+                )
         level = inner
         if not level:
             return

@@ -14,7 +14,8 @@ def followed(speed, gap, lead_speed, wanted):
 
 
 class BasicAgent:
-    """As CARLA's navigation agents: takes its vehicle, asks it for the world, returns a VehicleControl."""
+    """As CARLA's navigation agents: takes its vehicle, asks it for the world, returns a
+    VehicleControl."""
 
     def __init__(self, vehicle, target_speed=20):
         self._vehicle, self._target_speed = vehicle, target_speed
@@ -27,18 +28,25 @@ class BasicAgent:
         gaps = []
         for other in self._vehicle.get_world().get_actors().filter("*vehicle*"):
             place = other.get_transform().location
-            if other.id != self._vehicle.id and place.x > me.location.x and abs(place.y - me.location.y) < 1.8:
+            if (
+                other.id != self._vehicle.id
+                and place.x > me.location.x
+                and abs(place.y - me.location.y) < 1.8
+            ):
                 reach = other.bounding_box.extent.x + self._vehicle.bounding_box.extent.x
                 gaps.append((place.x - me.location.x - reach, other.get_velocity().x))
         gap, lead_speed = min(gaps, default=(None, 0.0))
         speed = math.hypot(self._vehicle.get_velocity().x, self._vehicle.get_velocity().y)
         a = followed(speed, gap, lead_speed, self._target_speed / 3.6)
         steer = -0.05 * (me.location.y - 0.0) - 0.01 * me.rotation.yaw
-        return SimpleNamespace(throttle=max(a, 0.0) / 4.0, brake=max(-a, 0.0) / 9.0, steer=steer, hand_brake=False)
+        return SimpleNamespace(
+            throttle=max(a, 0.0) / 4.0, brake=max(-a, 0.0) / 9.0, steer=steer, hand_brake=False
+        )
 
 
 class LeaderboardAgent:
-    """As the leaderboard's AutonomousAgent: sensor data and a timestamp; to the right at 0.2 of the end stop."""
+    """As the leaderboard's AutonomousAgent: sensor data and a timestamp; to the right at 0.2 of the
+    end stop."""
 
     def __call__(self):
         raise AssertionError("the adapter calls run_step")
@@ -46,7 +54,9 @@ class LeaderboardAgent:
     def run_step(self, input_data, timestamp):
         _frame, data = input_data["speed"]
         assert data["speed"] >= 0.0
-        return SimpleNamespace(throttle=0.0, brake=0.0, steer=0.02 if timestamp < 0.5 else 0.0, reverse=False)
+        return SimpleNamespace(
+            throttle=0.0, brake=0.0, steer=0.02 if timestamp < 0.5 else 0.0, reverse=False
+        )
 
 
 class Follower:
@@ -55,7 +65,12 @@ class Follower:
     def act(self, obs, **configs):
         ego = obs.ego_vehicle_state
         ahead = [
-            (it.position[0] - ego.position[0] - 0.5 * (it.bounding_box.length + ego.bounding_box.length), it.speed)
+            (
+                it.position[0]
+                - ego.position[0]
+                - 0.5 * (it.bounding_box.length + ego.bounding_box.length),
+                it.speed,
+            )
             for it in obs.neighborhood_vehicle_states
             if it.lane_index == ego.lane_index and it.position[0] > ego.position[0]
         ]
@@ -71,11 +86,13 @@ class LaneChanger:
         return obs.ego_vehicle_state.speed, int(obs.step_count == 0)
 
 
-Follower.__module__ = LaneChanger.__module__ = "smarts.zoo.mine"  # as a class that subclasses smarts.core.agent.Agent
+# as a class that subclasses smarts.core.agent.Agent
+Follower.__module__ = LaneChanger.__module__ = "smarts.zoo.mine"
 
 
 class SimplePlanner:
-    """As nuPlan's AbstractPlanner: initialize, and a trajectory of states about the rear axle and the centre."""
+    """As nuPlan's AbstractPlanner: initialize, and a trajectory of states about the rear axle and
+    the centre."""
 
     def name(self):
         return "simple"
@@ -111,15 +128,25 @@ class LanePlanner:
         begin = planning_problem.initial_state
         lane = scenario.lanelet_network.find_lanelet_by_id(1).center_vertices
         ahead = [
-            (it.initial_state.position[0] - begin.position[0] - it.obstacle_shape.length, it.state_at_time(5).velocity)
+            (
+                it.initial_state.position[0] - begin.position[0] - it.obstacle_shape.length,
+                it.state_at_time(5).velocity,
+            )
             for it in scenario.dynamic_obstacles
-            if it.initial_state.position[0] > begin.position[0] and abs(it.initial_state.position[1] - lane[0, 1]) < 1.8
+            if it.initial_state.position[0] > begin.position[0]
+            and abs(it.initial_state.position[1] - lane[0, 1]) < 1.8
         ]
         gap, lead_speed = min(ahead, default=(None, 0.0))
-        a, v, states = followed(begin.velocity, gap, lead_speed, planning_problem.desired_speed), begin.velocity, []
+        a, v, states = (
+            followed(begin.velocity, gap, lead_speed, planning_problem.desired_speed),
+            begin.velocity,
+            [],
+        )
         for k in range(21):
             t = scenario.dt * k
             speed = max(v + a * t, 0.0)
             place = np.array([begin.position[0] + 0.5 * (v + speed) * t, lane[0, 1]])
-            states.append(SimpleNamespace(time_step=k, position=place, orientation=0.0, velocity=speed))
+            states.append(
+                SimpleNamespace(time_step=k, position=place, orientation=0.0, velocity=speed)
+            )
         return SimpleNamespace(state_list=states)

@@ -1,4 +1,5 @@
-"""ADSs with the interfaces of other tools drive through their adapters, unchanged; without one they are refused."""
+"""ADSs with the interfaces of other tools drive through their adapters, unchanged; without one they
+are refused."""
 
 import sys
 from pathlib import Path
@@ -23,7 +24,9 @@ def _path(monkeypatch):
 
 
 def drive(locator, settings=None):
-    found = simulate(SLOWER, locator, settings or SimulationSettings(time_limit=40.0), step_timeout=10.0)
+    found = simulate(
+        SLOWER, locator, settings or SimulationSettings(time_limit=40.0), step_timeout=10.0
+    )
     assert found.error is None, (found.error, found.log)
     assert found.collision is None
     return found
@@ -39,7 +42,8 @@ FOLLOWERS = [
 
 @pytest.mark.parametrize("locator", FOLLOWERS)
 def test_a_follower_of_another_tool_ends_at_the_leads_speed_and_its_own_gap(locator):
-    # at rest behind the lead: lead_speed = lead_speed + 0.3 (gap - 5 - 1.2 v), so gap = 5 + 1.2 x 10 = 17 m
+    # at rest behind the lead: lead_speed = lead_speed + 0.3 (gap - 5 - 1.2 v), so gap = 5 + 1.2 x
+    # 10 = 17 m
     found = drive(locator)
     assert found.ego.speed[-1] == pytest.approx(10.0, abs=0.2)
     assert found.actors["lead"].x[-1] - found.ego.x[-1] - 4.5 == pytest.approx(17.0, abs=1.0)
@@ -53,7 +57,9 @@ def test_carlas_steer_is_to_the_right():
 
 def test_smartss_lane_action_is_to_the_left():
     agent = "foreign_agents:LaneChanger&options.action=LaneWithContinuousSpeed"
-    found = drive(f"smarts_agent.py:SmartsAgent?options.agent={agent}", SimulationSettings(time_limit=6.0))
+    found = drive(
+        f"smarts_agent.py:SmartsAgent?options.agent={agent}", SimulationSettings(time_limit=6.0)
+    )
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.1)
 
 
@@ -63,7 +69,12 @@ def test_smartss_lane_action_is_to_the_left():
         ("BasicAgent", "run_step", "carla_agent.py:CarlaAgent", "CARLA"),
         ("LeaderboardAgent", "run_step", "carla_agent.py:CarlaAgent", "CARLA"),
         ("Follower", "act", "smarts_agent.py:SmartsAgent", "SMARTS"),
-        ("SimplePlanner", "compute_planner_trajectory", "nuplan_planner.py:NuPlanPlanner", "nuPlan"),
+        (
+            "SimplePlanner",
+            "compute_planner_trajectory",
+            "nuplan_planner.py:NuPlanPlanner",
+            "nuPlan",
+        ),
         ("LanePlanner", "plan", "commonroad_planner.py:CommonRoadPlanner", "CommonRoad"),
     ],
 )
@@ -72,9 +83,14 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
         load_controller(f"foreign_agents:{name}")
     said = str(refused.value)
     assert f"It has `{method}`, as " in said
-    assert f"`{adapter}?options.agent=foreign_agents:{name}` with the files of docs/examples/adapters drives it" in said
+    assert (
+        f"`{adapter}?options.agent=foreign_agents:{name}` with the files of "
+        "docs/examples/adapters drives it" in said
+    )
     assert "(docs/ads/other_simulators.md)" in said
-    assert f"\n## {page}\n" in (HERE.parents[1] / "docs" / "ads" / "other_simulators.md").read_text(encoding="utf-8")
+    assert f"\n## {page}\n" in (HERE.parents[1] / "docs" / "ads" / "other_simulators.md").read_text(
+        encoding="utf-8"
+    )
 
 
 @pytest.mark.parametrize(
@@ -82,7 +98,8 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
     [
         (
             "carla_agent.py:CarlaAgent?options.agent=foreign_agents:LanePlanner",
-            "`agent` of carla_agent.py:CarlaAgent must be a class or an object with a method `run_step`, got "
+            "`agent` of carla_agent.py:CarlaAgent must be a class or an object with a method "
+            "`run_step`, got "
             "LanePlanner. `commonroad_planner.py:CommonRoadPlanner` drives it.",
         ),
         (
@@ -112,7 +129,8 @@ def test_what_an_adapter_cannot_drive_is_refused(locator, sentence):
     [
         (
             "carla:my.py:Agent",
-            "`carla_agent.py:CarlaAgent?options.agent=my.py:Agent` with the files of docs/examples/adapters drives it",
+            "`carla_agent.py:CarlaAgent?options.agent=my.py:Agent` with the files of "
+            "docs/examples/adapters drives it",
         ),
         ("policy.onnx", "`onnx:policy.onnx` drives it"),
         ("Car.fmu", "`fmu:Car.fmu` drives it"),
@@ -127,7 +145,8 @@ def test_what_an_adapter_cannot_drive_is_refused(locator, sentence):
 def test_what_is_meant_by_a_locator_and_is_none_is_told_the_right_one(locator, sentence):
     with pytest.raises(InputError) as refused:
         load_controller(locator)
-    assert f"ADS `{locator}` must be one that ships, or of the form `module:name` or `file.py:name`: " in str(
-        refused.value
+    assert (
+        f"ADS `{locator}` must be one that ships, or of the form `module:name` or `file.py:name`: "
+        in str(refused.value)
     )
     assert sentence in str(refused.value)

@@ -1,4 +1,5 @@
-"""The examples of docs/ads: each drives two cases as its page says, and a whole evaluation takes ADSs by locator."""
+"""The examples of docs/ads: each drives two cases as its page says, and a whole evaluation takes
+ADSs by locator."""
 
 import shutil
 import subprocess
@@ -25,7 +26,9 @@ from sumo_eval.settings import (
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 SLOWER = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0)
-CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=20.0, obstacle_speed=10.0, gap=60.0)
+CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(
+    ego_speed=20.0, obstacle_speed=10.0, gap=60.0
+)
 
 
 @pytest.fixture(autouse=True)
@@ -45,7 +48,8 @@ def names(recording):
 
 
 FOLLOWERS = [
-    "ten_line_acc.py:acc", "step_listener.py:KeepDistance", "policy.py:LinearPolicy", "simpla_gap.py:OpenGap",
+    "ten_line_acc.py:acc", "step_listener.py:KeepDistance", "policy.py:LinearPolicy",
+    "simpla_gap.py:OpenGap",
     "speed_controller.py:follow", "pedals.py:drive",
 ]  # fmt: skip
 
@@ -62,7 +66,9 @@ def test_who_follows_ends_at_the_leads_speed_in_its_lane(locator, concrete):
 def test_the_overtaking_planner_overtakes(concrete):
     found = drive("overtaking_planner.py:Overtaker", concrete)
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.1)
-    assert found.ego.x[-1] > found.actors["obstacle" if concrete is CUT_OUT else "lead"].x[-1] + 20.0
+    assert (
+        found.ego.x[-1] > found.actors["obstacle" if concrete is CUT_OUT else "lead"].x[-1] + 20.0
+    )
     assert found.ego.speed[-1] == pytest.approx(20.0)
 
 
@@ -115,7 +121,9 @@ def test_a_published_planner_overtakes_by_sampling_and_its_wrapper_is_short():
     assert found.ego.y.max() > 3.0
 
 
-@pytest.mark.parametrize("locator", ["exec:./nowhere", "nowhere.py:acc", "fmu:nowhere.fmu", "traci:./nowhere"])
+@pytest.mark.parametrize(
+    "locator", ["exec:./nowhere", "nowhere.py:acc", "fmu:nowhere.fmu", "traci:./nowhere"]
+)
 def test_a_locator_that_names_nothing_is_refused_before_anything_is_simulated(tmp_path, locator):
     with pytest.raises(InputError):
         sumo_eval.evaluate(None, tmp_path / "run", ads=[locator])
@@ -126,22 +134,32 @@ def test_an_evaluation_takes_adss_by_locator_and_conditions_hold_for_them_alone(
     settings = EvaluationSettings(
         name="doors",
         scenario=(
-            ScenarioSettings("front_vehicle_low_speed", SamplingSettings(levels={"ego_speed": 2, "lead_speed": 2})),
+            ScenarioSettings(
+                "front_vehicle_low_speed",
+                SamplingSettings(levels={"ego_speed": 2, "lead_speed": 2}),
+            ),
         ),
         ads=(AdsSettings("unused", "idm"),),
         drivers=DriverSettings(count=2),
-        simulation=SimulationSettings(conditions=ConditionSettings(perception_delay=0.5, position_noise=0.2)),
+        simulation=SimulationSettings(
+            conditions=ConditionSettings(perception_delay=0.5, position_noise=0.2)
+        ),
     )
     locators = [str(EXAMPLES / "ten_line_acc.py") + ":acc", "sumo:IDM?tau=2", "exec:sh -c 'exit 3'"]
     found = sumo_eval.evaluate(settings, tmp_path / "run", ads=locators)
     assert [ads.name for ads in found.settings.ads] == locators
     status = {name: {case.status for case in found.cases if case.ads == name} for name in locators}
     assert status == {locators[0]: {"ok"}, locators[1]: {"ok"}, locators[2]: {"ads_error"}}
-    clips = {name: "".join(case.clips for case in found.cases if case.ads == name) for name in locators}
+    clips = {
+        name: "".join(case.clips for case in found.cases if case.ads == name) for name in locators
+    }
     assert "perception_not_limited" not in clips[locators[0]]
     assert "perception_not_limited" in clips[locators[1]]
     assert "perception_delay = 0.5" in (tmp_path / "run" / "evaluation.toml").read_text()
     from sumo_eval.record.store import open_store
 
     with open_store(tmp_path / "run" / "facts.sqlite") as store:
-        assert all(fact.clips == () or "perception" not in fact.clips[0].what for fact in store.facts("human"))
+        assert all(
+            fact.clips == () or "perception" not in fact.clips[0].what
+            for fact in store.facts("human")
+        )

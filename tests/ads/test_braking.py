@@ -1,4 +1,5 @@
-"""Told levels take off, by way of the vehicle model's brakes, the speed that braking in continuous time would."""
+"""Told levels take off, by way of the vehicle model's brakes, the speed that braking in continuous
+time would."""
 
 import math
 from types import SimpleNamespace
@@ -27,7 +28,8 @@ STEPS = (0.01, 0.05, 0.1)
 
 
 def lost(level: float, told: list[tuple[float, float]]) -> float:
-    """Speed that the vehicle model loses from a level on when it is told levels for durations, m/s."""
+    """Speed that the vehicle model loses from a level on when it is told levels for durations,
+    m/s."""
     speed, acceleration = 40.0, -level
     for target, duration in told:
         acceleration, speed, _ = drive(speed, acceleration, -target, VEHICLE, duration)
@@ -48,7 +50,9 @@ def test_a_deceleration_on_its_way_by_hand():
 @pytest.mark.parametrize("step", STEPS)
 def test_law_moved_is_what_the_vehicle_model_does(step):
     for level, target, _ in 9.0 * draws(50):
-        assert moved(level, target, RATE, step).lost == pytest.approx(lost(level, [(target, step)]), abs=1e-12)
+        assert moved(level, target, RATE, step).lost == pytest.approx(
+            lost(level, [(target, step)]), abs=1e-12
+        )
 
 
 @pytest.mark.parametrize("step", STEPS)
@@ -74,7 +78,9 @@ def test_law_a_mean_is_met_where_the_brakes_can(step):
 def test_law_a_release_takes_off_what_it_is_to(step):
     for level, share, _ in draws(100):
         level *= 9.0
-        least, most = (lost(level, [(told, step), (0.0, 1.0)]) for told in (0.0, level + RATE * step))
+        least, most = (
+            lost(level, [(told, step), (0.0, 1.0)]) for told in (0.0, level + RATE * step)
+        )
         wanted = least + share * (most - least)
         told = released_level(level, wanted, RATE, step, 99.0)
         assert lost(level, [(told, step), (0.0, 1.0)]) == pytest.approx(wanted, abs=1e-9)
@@ -84,9 +90,13 @@ def test_law_a_release_takes_off_what_it_is_to(step):
 
 
 def test_law_a_demand_that_ends_within_every_step_is_braked_for_all_the_same():
-    # As one does that ends when the ego stands: 0.2 m/s2 on the mean of 40 steps are 0.4 m/s, owed for a step at most.
+    # As one does that ends when the ego stands: 0.2 m/s2 on the mean of 40 steps are 0.4 m/s, owed
+    # for a step at most.
     path = SimpleNamespace(level=0.0, brakes=0.0, owed=0.0)
-    told = [(path_command(path, 0.01, True, Brakes(0.0, 6.0, math.inf), VEHICLE, 0.05), 0.05) for _ in range(40)]
+    told = [
+        (path_command(path, 0.01, True, Brakes(0.0, 6.0, math.inf), VEHICLE, 0.05), 0.05)
+        for _ in range(40)
+    ]
     assert lost(0.0, told) == pytest.approx(0.4, abs=0.01)
 
 
@@ -98,13 +108,15 @@ def test_the_instant_of_a_change_is_found():
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("jumps_at", [0.512, 0.537, 0.561, 0.5999])
 def test_a_demand_that_jumps_within_a_step_counts_from_there(step, jumps_at):
-    # 4 m/s2 from 0.1 s on, 2 more from the jump on; rising at 12 m/s3 loses 4^2/24 and 2^2/24 m/s of it
+    # 4 m/s2 from 0.1 s on, 2 more from the jump on; rising at 12 m/s3 loses 4^2/24 and 2^2/24 m/s
+    # of it
     brakes, speed, acceleration = fresh(SAFETY_BRAKING), 40.0, 0.0
     brakes.path.level = brakes.path.brakes = brakes.path.owed = 0.0
     for count in range(round(1.0 / step)):
         time = count * step
         told = follow_demand(
-            brakes, lambda now, after: 4.0 if now + after < jumps_at else 6.0, time, time, Brakes(0.1, 7.0, 12.0),
+            brakes, lambda now, after: 4.0 if now + after < jumps_at else 6.0, time, time,
+            Brakes(0.1, 7.0, 12.0),
             VEHICLE, step,
         )  # fmt: skip
         acceleration, speed, _ = drive(speed, acceleration, -told, VEHICLE, step)

@@ -23,7 +23,10 @@ from sumo_eval.errors import InputError
 
 IDM = IdmParameters(headway=1.2, standstill_gap=2.0, acceleration=1.5, deceleration=2.0)
 STATES = [
-    (speed, gap, lead) for speed in (0.5, 10.0, 20.0, 30.0) for gap in (3.0, 15.0, 60.0) for lead in (0.0, 10.0, 30.0)
+    (speed, gap, lead)
+    for speed in (0.5, 10.0, 20.0, 30.0)
+    for gap in (3.0, 15.0, 60.0)
+    for lead in (0.0, 10.0, 30.0)
 ]
 
 
@@ -38,9 +41,13 @@ def test_the_idm_by_hand():
 
 
 def test_on_a_free_road_the_idm_is_its_free_term():
-    assert idm_acceleration(20.0, 30.0, math.inf, 0.0, IDM) == pytest.approx(1.5 * (1.0 - (2.0 / 3.0) ** 4))
+    assert idm_acceleration(20.0, 30.0, math.inf, 0.0, IDM) == pytest.approx(
+        1.5 * (1.0 - (2.0 / 3.0) ** 4)
+    )
     for speed in (0.0, 20.0, 30.0):
-        assert improved_idm_acceleration(speed, 30.0, math.inf, 0.0, IDM) == free_acceleration(speed, 30.0, IDM)
+        assert improved_idm_acceleration(speed, 30.0, math.inf, 0.0, IDM) == free_acceleration(
+            speed, 30.0, IDM
+        )
 
 
 def test_the_free_term_is_zero_at_the_desired_speed_and_brakes_no_harder_than_b_above_it():
@@ -59,11 +66,17 @@ def test_at_its_desired_speed_the_improved_idm_settles_at_the_desired_gap_and_th
 def test_the_improved_idm_by_hand():
     gap = 2.0 * desired_gap(20.0, 0.0, IDM)
     free = free_acceleration(20.0, 30.0, IDM)
-    assert improved_idm_acceleration(20.0, 30.0, gap, 20.0, IDM) == pytest.approx(free * (1.0 - 0.5 ** (3.0 / free)))
-    assert improved_idm_acceleration(20.0, 30.0, gap / 4.0, 20.0, IDM) == pytest.approx(1.5 * (1.0 - 4.0))
+    assert improved_idm_acceleration(20.0, 30.0, gap, 20.0, IDM) == pytest.approx(
+        free * (1.0 - 0.5 ** (3.0 / free))
+    )
+    assert improved_idm_acceleration(20.0, 30.0, gap / 4.0, 20.0, IDM) == pytest.approx(
+        1.5 * (1.0 - 4.0)
+    )
     above = free_acceleration(33.0, 30.0, IDM)
     near = desired_gap(33.0, 0.0, IDM) / 2.0
-    assert improved_idm_acceleration(33.0, 30.0, near, 33.0, IDM) == pytest.approx(above - 3.0 * 1.5)
+    assert improved_idm_acceleration(33.0, 30.0, near, 33.0, IDM) == pytest.approx(
+        above - 3.0 * 1.5
+    )
 
 
 def test_the_heuristic_is_the_braking_that_just_avoids_contact():
@@ -91,7 +104,9 @@ def test_a_follower_accepts_the_short_headway_it_finds_and_lets_it_grow_back():
         follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
     accepted = 1.2 - (1.2 - 0.4) * math.exp(-1.0)
     later = follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
-    assert later == pytest.approx(enhanced_idm_acceleration(25.0, 25.0, 12.0, 25.0, IDM, accepted), abs=1e-2)
+    assert later == pytest.approx(
+        enhanced_idm_acceleration(25.0, 25.0, 12.0, 25.0, IDM, accepted), abs=1e-2
+    )
 
 
 def test_a_follower_with_room_keeps_its_own_headway():
@@ -103,7 +118,9 @@ def test_a_follower_with_room_keeps_its_own_headway():
 @pytest.mark.parametrize("name", ["headway", "standstill_gap", "acceleration", "deceleration"])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan])
 def test_parameters_of_the_idm_are_positive_numbers(name, value):
-    with pytest.raises(InputError, match=f"`{name}` of the IDM must be a finite number greater than 0"):
+    with pytest.raises(
+        InputError, match=f"`{name}` of the IDM must be a finite number greater than 0"
+    ):
         IdmParameters(**{name: value})
 
 
@@ -112,10 +129,14 @@ def test_idm_never_collides_in_front_vehicle_low_speed_and_keeps_its_lane():
         recording = simulate(concrete, "idm")
         assert (recording.collision, recording.error) == (None, None), concrete.label
         assert np.abs(recording.ego.y).max() < 1e-6
-        assert recording.end_reason == ("standstill" if concrete.values["lead_speed"] == 0.0 else "road_end")
+        assert recording.end_reason == (
+            "standstill" if concrete.values["lead_speed"] == 0.0 else "road_end"
+        )
 
 
-@pytest.mark.parametrize("concrete", safe_cut_outs(8) + cut_outs_at_the_edge(12, seed=1), ids=lambda c: c.label)
+@pytest.mark.parametrize(
+    "concrete", safe_cut_outs(8) + cut_outs_at_the_edge(12, seed=1), ids=lambda c: c.label
+)
 def test_idm_never_collides_in_the_safe_zone_of_the_cut_out(concrete):
     recording = simulate(concrete, "idm")
     assert (recording.collision, recording.error) == (None, None)
@@ -134,13 +155,17 @@ def test_idm_holds_its_speed_on_a_free_road_and_goes_by_a_vehicle_in_the_other_l
 
 
 def test_behind_a_braking_lead_the_heuristic_stops_just_behind_where_the_lead_stops():
-    # lead: 20^2 / (2 * 4) = 50 m to standstill, 40 m ahead; so 90 m are left: 20^2 / (2 * 90) = 2.222 m/s2
+    # lead: 20^2 / (2 * 4) = 50 m to standstill, 40 m ahead; so 90 m are left: 20^2 / (2 * 90) =
+    # 2.222 m/s2
     assert constant_acceleration_heuristic(20.0, 40.0, 20.0, 4.0) == pytest.approx(-400.0 / 180.0)
-    # closing fast on a lead that hardly brakes, the speeds meet first: 1 + 20^2 / (2 * 10) = 21 m/s2
+    # closing fast on a lead that hardly brakes, the speeds meet first: 1 + 20^2 / (2 * 10) = 21
+    # m/s2
     assert constant_acceleration_heuristic(30.0, 10.0, 10.0, 1.0) == pytest.approx(-21.0)
 
 
 def test_a_lead_that_hardly_brakes_is_almost_one_that_keeps_its_speed():
     for speed, gap, lead in ((20.0, 30.0, 10.0), (15.0, 20.0, 14.0)):
         steady = constant_speed_heuristic(speed, gap, lead)
-        assert constant_acceleration_heuristic(speed, gap, lead, 1e-9) == pytest.approx(steady, abs=1e-6)
+        assert constant_acceleration_heuristic(speed, gap, lead, 1e-9) == pytest.approx(
+            steady, abs=1e-6
+        )

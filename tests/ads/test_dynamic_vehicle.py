@@ -1,4 +1,5 @@
-"""Shipped ADSs at the wheel of the dynamic vehicle model: where little is asked of tyres, as with the kinematic one."""
+"""Shipped ADSs at the wheel of the dynamic vehicle model: where little is asked of tyres, as with
+the kinematic one."""
 
 import numpy as np
 import pytest
@@ -15,14 +16,20 @@ def driven(cases, ads, model):
 
 
 def apart(one, other):
-    """The largest distances along and across the road of two drives, m, at the samples of the shorter one."""
+    """The largest distances along and across the road of two drives, m, at the samples of the
+    shorter one."""
     time = one.time[one.time <= other.time[-1]]
     pairs = ((one.x, other.x), (one.y, other.y))
-    return [float(np.abs(np.interp(time, other.time, there) - here[: len(time)]).max()) for here, there in pairs]
+    return [
+        float(np.abs(np.interp(time, other.time, there) - here[: len(time)]).max())
+        for here, there in pairs
+    ]
 
 
 @pytest.mark.parametrize("ads", SHIPPED)
-def test_a_lane_change_that_everybody_has_to_make_is_the_same_by_both_vehicle_models_within_a_hands_breadth(ads):
+def test_a_lane_change_that_everybody_has_to_make_is_the_same_by_both_vehicle_models_within_a_hands_breadth(
+    ads,
+):
     # 0.06 and 0.15 g across; measured: 0.015 m along, 0.175 and 0.293 m across
     logical = catalogue.load("lane_drop")
     cases = [
@@ -56,7 +63,8 @@ def test_on_a_bend_at_28_hundredths_of_g_the_models_are_apart_by_the_slip_that_n
 
 
 class Swerves:
-    """0.2 rad at the steering wheel at 30 m/s: 900 tan(0.2 / 16) / 2.7 = 4.17 m/s2 or 0.42 g across."""
+    """0.2 rad at the steering wheel at 30 m/s: 900 tan(0.2 / 16) / 2.7 = 4.17 m/s2 or 0.42 g
+    across."""
 
     def act(self, seen):
         return Command(0.0, 0.2)

@@ -1,5 +1,7 @@
-"""ADSs that nobody here wrote, as docs/foreign.md brings them in. What is not installed is skipped: the wrappers of
-MetaDrive's expert and FLOW's controllers are also held against published formulas, without their packages.
+"""ADSs that nobody here wrote, as docs/foreign.md brings them in.
+
+What is not installed is skipped: the wrappers of MetaDrive's expert and FLOW's controllers are also
+held against published formulas, without their packages.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ from sumo_eval.trajectory import Recording
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 SLOWER = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0)
-CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=20.0, obstacle_speed=10.0, gap=60.0)
+CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(
+    ego_speed=20.0, obstacle_speed=10.0, gap=60.0
+)
 ROAD = Road("road", 1000.0, 2, 3.5, 60.0)
 
 
@@ -66,27 +70,33 @@ def test_metadrives_expert_is_shown_what_metadrive_shows(expert: Any) -> None:
     shown = expert.observed(seen(Body(130.0, 0.0, 0.0, 10.0, 4.5, 1.8)))
     assert shown.shape == (275,)
     assert 0.0 <= shown.min() <= shown.max() <= 1.0
-    # 5.25 m to the left edge and 1.75 m to the right one of 4 lanes of 4.5 m; straight; 73 of 81 km/h; no pedals yet
+    # 5.25 m to the left edge and 1.75 m to the right one of 4 lanes of 4.5 m; straight; 73 of 81
+    # km/h; no pedals yet
     assert shown[:9] == pytest.approx([5.25 / 18, 1.75 / 18, 0.5, 73 / 81, 0.5, 0.5, 0.5, 0.0, 0.5])
-    # the road's end, 900 m ahead, cropped to 50 m; its middle, 1.75 m to the left, which counts downwards; no bend
+    # the road's end, 900 m ahead, cropped to 50 m; its middle, 1.75 m to the left, which counts
+    # downwards; no bend
     assert shown[9:14] == pytest.approx([1.0, 0.5 - 0.5 * 1.75 / 900, 0.0, 0.5, 0.5], abs=1e-5)
     # 30 m ahead of 50, 10 m/s slower of 80 km/h
     assert shown[19:23] == pytest.approx([0.8, 0.5, 0.5 - 0.5 * 36 / 80, 0.5])
     assert shown[23:35].tolist() == [0.0] * 12
     rays = shown[35:]
     assert rays[0] == pytest.approx((30.0 - 2.25) / 50.0)  # its rear
-    assert (rays < 1.0).sum() == 3  # 0.9 m aside at 27.75 m: 1.86 degrees, and a ray every 1.5 degrees
+    # 0.9 m aside at 27.75 m: 1.86 degrees, and a ray every 1.5 degrees
+    assert (rays < 1.0).sum() == 3
     assert rays[1] == rays[-1] == pytest.approx(27.75 / 50.0 / math.cos(math.radians(1.5)))
 
 
 def test_metadrives_pedals_are_its_default_vehicles(expert: Any) -> None:
-    """-0.1 of the brakes of 4 x 7500 N on 1100 kg: -2.73 m/s2; half of 40 degrees to the left at the wheels."""
+    """-0.1 of the brakes of 4 x 7500 N on 1100 kg: -2.73 m/s2; half of 40 degrees to the left at
+    the wheels."""
     acceleration, steering = expert.act(seen())
     assert acceleration == pytest.approx(-0.1 * 4 * 7500.0 / 1100.0, abs=5e-3)
     assert steering == pytest.approx(15.0 * math.radians(20.0))
 
 
-@pytest.mark.skipif(find_spec("metadrive") is None, reason="metadrive-simulator, with the weights, is not installed")
+@pytest.mark.skipif(
+    find_spec("metadrive") is None, reason="metadrive-simulator, with the weights, is not installed"
+)
 def test_metadrives_expert_follows_a_slower_vehicle_near_its_lane() -> None:
     found = drive("metadrive_expert.py:Expert", SLOWER)
     assert found.ego.speed[-1] == pytest.approx(5.0, abs=0.5)
@@ -100,7 +110,8 @@ def flow(monkeypatch: pytest.MonkeyPatch) -> None:
         return
 
     class IDMController:
-        """IDM (Treiber, Hennecke, Helbing 2000) with FLOW's constants: T 1, a 1, b 1.5, delta 4, s0 2."""
+        """IDM (Treiber, Hennecke, Helbing 2000) with FLOW's constants: T 1, a 1, b 1.5, delta 4, s0
+        2."""
 
         def __init__(self, veh_id: str, v0: float = 30.0, *, car_following_params: Any) -> None:
             self.me, self.v0 = veh_id, v0
@@ -108,10 +119,16 @@ def flow(monkeypatch: pytest.MonkeyPatch) -> None:
 
         def get_action(self, env: Any) -> float:
             vehicles = env.k.vehicle
-            v, lead, gap = vehicles.get_speed(self.me), vehicles.get_leader(self.me), vehicles.get_headway(self.me)
+            v, lead, gap = (
+                vehicles.get_speed(self.me),
+                vehicles.get_leader(self.me),
+                vehicles.get_headway(self.me),
+            )
             wanted = 0.0
             if lead:
-                wanted = 2.0 + max(0.0, v + v * (v - vehicles.get_speed(lead)) / (2.0 * math.sqrt(1.5)))
+                wanted = 2.0 + max(
+                    0.0, v + v * (v - vehicles.get_speed(lead)) / (2.0 * math.sqrt(1.5))
+                )
             return float(1.0 - (v / self.v0) ** 4 - (wanted / gap) ** 2)
 
     package, controllers = ModuleType("flow"), ModuleType("flow.controllers")
@@ -122,7 +139,8 @@ def flow(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_controller_of_flow_sees_its_environment(flow: None) -> None:
-    """20 m/s, wanted 20, 45.5 m behind 10 m/s: 1 - 1 - ((2 + 20 + 20 x 10/(2 sqrt 1.5))/45.5)^2 = -5.27 m/s2."""
+    """20 m/s, wanted 20, 45.5 m behind 10 m/s: 1 - 1 - ((2 + 20 + 20 x 10/(2 sqrt 1.5))/45.5)^2 =
+    -5.27 m/s2."""
     found = drive("flow_drivers.py:Driver")
     assert found.ego.speed[-1] == pytest.approx(10.0, abs=0.7)
     assert np.abs(found.ego.y).max() == 0.0
@@ -142,14 +160,17 @@ def test_a_controller_of_flow_sees_its_environment(flow: None) -> None:
 @pytest.mark.filterwarnings("default")  # of acados
 def test_openpilots_longitudinal_mpc_follows_gently() -> None:
     """Its own limit is -3.5 m/s2."""
-    found = drive(f"openpilot_long.py:Longitudinal?options.source={os.environ['OPENPILOT']}", seconds=30.0)
+    found = drive(
+        f"openpilot_long.py:Longitudinal?options.source={os.environ['OPENPILOT']}", seconds=30.0
+    )
     assert found.ego.speed[-1] == pytest.approx(10.0, abs=0.5)
     assert found.ego.acceleration.min() > -3.6
     assert not found.clips
 
 
 @pytest.mark.skipif(
-    "REACTIVE_PLANNER" not in os.environ, reason="no Python with commonroad-reactive-planner, named by REACTIVE_PLANNER"
+    "REACTIVE_PLANNER" not in os.environ,
+    reason="no Python with commonroad-reactive-planner, named by REACTIVE_PLANNER",
 )
 def test_the_reactive_planner_passes_by_in_an_environment_of_its_own() -> None:
     found = drive(f"exec:{os.environ['REACTIVE_PLANNER']} reactive_planner.py", seconds=6.0)

@@ -1,4 +1,5 @@
-"""The ideal vehicle of Eq. 17: what it knows, when it brakes, and that nobody who ships is gentler."""
+"""The ideal vehicle of Eq. 17: what it knows, when it brakes, and that nobody who ships is
+gentler."""
 
 import math
 import os
@@ -20,16 +21,24 @@ from sumo_eval.scenario.concrete import brake_to_stop, constant_lateral
 from sumo_eval.settings import SimulationSettings
 
 SETTINGS = SimulationSettings(end_when_decided=True)
-SCRIPTED = sorted(name for name, logical in catalogue.SCENARIOS.items() if logical.approach is not None)
+SCRIPTED = sorted(
+    name for name, logical in catalogue.SCENARIOS.items() if logical.approach is not None
+)
 """Scenarios in which what the others do is known before anybody drives."""
 SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
-OTHERS = tuple(name for name in SHIPPED if name not in ("ideal_braking", "no_reaction", "careful_driver"))
+OTHERS = tuple(
+    name for name in SHIPPED if name not in ("ideal_braking", "no_reaction", "careful_driver")
+)
 
 
 def severity(recording) -> float:
     """U, 0 without contact, m/s."""
     hit = recording.collision
-    return 0.0 if hit is None else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
+    return (
+        0.0
+        if hit is None
+        else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
+    )
 
 
 def severities(cases, ads: str, settings=SETTINGS) -> np.ndarray:
@@ -37,7 +46,8 @@ def severities(cases, ads: str, settings=SETTINGS) -> np.ndarray:
 
 
 def assert_nobody_is_gentler(name: str, count: int, ads: tuple[str, ...]) -> None:
-    """Nobody can be gentler than who touches nobody, so the others drive the points where the ideal vehicle hits."""
+    """Nobody can be gentler than who touches nobody, so the others drive the points where the ideal
+    vehicle hits."""
     cases = drawn_cases(name, count, seed=5)
     ideal = severities(cases, "ideal_braking")
     hit = np.flatnonzero(ideal > 0.0)
@@ -59,44 +69,75 @@ def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle(name):
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", sorted(catalogue.SCENARIOS))
 def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle_at_10000_points(name):
-    assert_nobody_is_gentler(name, max(40, round(10_000 * SHARE)), ("no_reaction", "careful_driver", *OTHERS))
+    assert_nobody_is_gentler(
+        name, max(40, round(10_000 * SHARE)), ("no_reaction", "careful_driver", *OTHERS)
+    )
 
 
 def test_nobody_sees_a_child_through_parked_cars_nor_brakes_for_these():
     child = catalogue.load("child_from_behind_parked_cars")
     case = child.concrete(ego_speed=13.9545, running_speed=2.74439, time_to_place=0.546293)
-    ideal, careful = simulate(case, "ideal_braking", SETTINGS), simulate(case, "careful_driver", SETTINGS)
+    ideal, careful = (
+        simulate(case, "ideal_braking", SETTINGS),
+        simulate(case, "careful_driver", SETTINGS),
+    )
     assert 0.0 < severity(ideal) < severity(careful)
     # the child runs from 24 m before it on; until then there are parked cars, which stand
     assert careful.ego.speed[careful.ego.x < 160.0 - 24.0].min() == 13.9545
 
 
 NARROW = [
-    # in its own lane change it would graze the other, and is up to 0.13 m behind one that keeps its speed beside it
-    ("exit", {"ego_speed": 16.6837, "other_speed": 14.0662, "gap": 27.5042, "other_acceleration": -5.21963}),
+    # in its own lane change it would graze the other, and is up to 0.13 m behind one that keeps its
+    # speed beside it
+    (
+        "exit",
+        {
+            "ego_speed": 16.6837,
+            "other_speed": 14.0662,
+            "gap": 27.5042,
+            "other_acceleration": -5.21963,
+        },
+    ),
     ("lane_drop_cut", {"ego_speed": 16.7039, "other_speed": 10.1173, "gap": 5.49282, "side": 1.0}),
     # the other turns its front into the lane 3 cm behind it, and reaches it with a corner
     ("side_vehicle", {"ego_speed": 25.38993, "ahead": -4.53052, "lateral_speed": 0.959677}),
     # the way as it lies misses the other by 0.01 mm, the way as it is driven touches it
-    ("exit", {"ego_speed": 29.42476, "other_speed": 15.3235, "gap": 41.73862, "other_acceleration": -2.501959}),
+    (
+        "exit",
+        {
+            "ego_speed": 29.42476,
+            "other_speed": 15.3235,
+            "gap": 41.73862,
+            "other_acceleration": -2.501959,
+        },
+    ),
     # who keeps his speed has left after 22 s; the other slows down for 46 s, to 6 m/s
     (
         "cut_in_from_ramp",
-        {"ego_speed": 31.60413, "other_speed": 12.01993, "gap": 49.57272, "other_acceleration": -0.129984},
+        {
+            "ego_speed": 31.60413,
+            "other_speed": 12.01993,
+            "gap": 49.57272,
+            "other_acceleration": -0.129984,
+        },
     ),
 ]
 
 
 @pytest.mark.parametrize(("name", "point"), NARROW)
 def test_it_touches_nobody_where_bodies_come_within_centimetres(name, point):
-    assert simulate(catalogue.load(name).concrete(**point), "ideal_braking", SETTINGS).collision is None
+    assert (
+        simulate(catalogue.load(name).concrete(**point), "ideal_braking", SETTINGS).collision
+        is None
+    )
 
 
 FAST = catalogue.load("r157_cut_out").concrete(ego_speed=37.0, obstacle_gap=2.0, lateral_speed=1.0)
 
 
 def test_it_steers_round_what_shows_too_late_to_brake():
-    # 78.3 m to a standing vehicle at 37 m/s: 37 * 0.075 + 37^2 / 18 = 78.8 m are needed; 2.25 s for the next lane
+    # 78.3 m to a standing vehicle at 37 m/s: 37 * 0.075 + 37^2 / 18 = 78.8 m are needed; 2.25 s for
+    # the next lane
     steered = simulate(FAST, "ideal_braking", SETTINGS)
     assert (steered.collision, steered.ego.speed.min()) == (None, 37.0)
     assert steered.ego.y.max() > 3.4
@@ -107,7 +148,11 @@ def test_it_steers_round_what_shows_too_late_to_brake():
 def test_it_steers_where_lane_changer_would_be_gentler():
     logical, stream = catalogue.load("r157_cut_out"), np.random.default_rng(3)
     cases = [
-        logical.concrete(ego_speed=stream.uniform(36.0, 37.5), obstacle_gap=stream.uniform(0.0, 8.0), lateral_speed=1.0)
+        logical.concrete(
+            ego_speed=stream.uniform(36.0, 37.5),
+            obstacle_gap=stream.uniform(0.0, 8.0),
+            lateral_speed=1.0,
+        )
         for _ in range(12)
     ]
     ideal, other = severities(cases, "ideal_braking"), severities(cases, "lane_changer")
@@ -138,21 +183,26 @@ def test_a_lane_is_free_with_1_6_seconds_to_the_vehicle_ahead_in_it(headway):
 
 def test_it_only_brakes_where_braking_will_do_or_the_lane_is_not_free():
     logical = catalogue.load("r157_cut_out")
-    slower = logical.concrete(ego_speed=36.0, obstacle_gap=2.0, lateral_speed=1.0)  # 76.3 m, 74.7 m needed
+    # 76.3 m, 74.7 m needed
+    slower = logical.concrete(ego_speed=36.0, obstacle_gap=2.0, lateral_speed=1.0)
     beside = Actor("beside", Start(FAST.ego.x - 10.0, 3.5, 37.0), (), 4.3, 1.9)
     assert path_of(slower)[1] == 0.0
-    assert path_of(replace(FAST, actors=(*FAST.actors, beside)))[1] > 0.0  # 5.7 m behind, and no faster
+    # 5.7 m behind, and no faster
+    assert path_of(replace(FAST, actors=(*FAST.actors, beside)))[1] > 0.0
     touching = replace(beside, start=Start(FAST.ego.x - 6.0, 3.5, 37.0))
     assert path_of(replace(FAST, actors=(*FAST.actors, touching)))[1] == 0.0
     assert path_of(FAST, replace(SETTINGS, ideal_steers=False))[1] == 0.0
 
 
 def test_in_the_papers_cut_out_it_brakes_everywhere():
-    assert all(path_of(concrete)[1] == 0.0 for concrete in drawn_cases("front_vehicle_cut_out", 60, seed=5))
+    assert all(
+        path_of(concrete)[1] == 0.0 for concrete in drawn_cases("front_vehicle_cut_out", 60, seed=5)
+    )
 
 
 def lateness(first: float):
-    """A driver who brakes as hard as the ideal vehicle, but later, for whoever is in its path, hidden or not."""
+    """A driver who brakes as hard as the ideal vehicle, but later, for whoever is in its path,
+    hidden or not."""
 
     class Late:
         def step(self, traci, ego, time):
@@ -178,23 +228,35 @@ def test_six_drivers_of_known_order_have_six_c_in_cut_out():
 
 
 def test_the_ideal_vehicle_reacts_to_the_first_lateral_motion_and_not_to_the_overlap():
-    cut_in = catalogue.load("cut_in").concrete(ego_speed=20.0, cut_in_speed=10.0, gap=15.0, lateral_speed=0.8)
+    cut_in = catalogue.load("cut_in").concrete(
+        ego_speed=20.0, cut_in_speed=10.0, gap=15.0, lateral_speed=0.8
+    )
     ego = simulate(cut_in, "ideal_braking").ego
-    assert ego.acceleration[2] == -9.0, "0.2 s after the lateral motion began; the bodies overlap from 2 s on"
+    assert ego.acceleration[2] == -9.0, (
+        "0.2 s after the lateral motion began; the bodies overlap from 2 s on"
+    )
 
 
 def test_it_passes_where_keeping_its_speed_touches_nobody():
-    # 15 m/s faster, 5 m behind: it is 5 + 8.6 m further ahead after 0.907 s, the overlap begins after 1.6 / 1.6 = 1 s
-    passed = catalogue.load("cut_in").concrete(ego_speed=25.0, cut_in_speed=10.0, gap=5.0, lateral_speed=1.6)
+    # 15 m/s faster, 5 m behind: it is 5 + 8.6 m further ahead after 0.907 s, the overlap begins
+    # after 1.6 / 1.6 = 1 s
+    passed = catalogue.load("cut_in").concrete(
+        ego_speed=25.0, cut_in_speed=10.0, gap=5.0, lateral_speed=1.6
+    )
     recording = simulate(passed, "ideal_braking", SETTINGS)
     assert (recording.collision, recording.ego.speed.min()) == (None, 25.0)
-    touched = catalogue.load("cut_in").concrete(ego_speed=25.0, cut_in_speed=10.0, gap=8.0, lateral_speed=1.6)
+    touched = catalogue.load("cut_in").concrete(
+        ego_speed=25.0, cut_in_speed=10.0, gap=8.0, lateral_speed=1.6
+    )
     assert simulate(touched, "ideal_braking", SETTINGS).ego.speed.min() < 25.0
 
 
 def test_it_falls_behind_a_vehicle_that_it_would_be_beside_of_at_equal_speed():
-    # 5 m/s faster and 1 m behind, it is beside the other when it is as slow: 25 / 18 + 0.375 m; 8 s to the overlap
-    beside = catalogue.load("cut_in").concrete(ego_speed=15.0, cut_in_speed=12.5, gap=0.0, lateral_speed=0.9)
+    # 5 m/s faster and 1 m behind, it is beside the other when it is as slow: 25 / 18 + 0.375 m; 8 s
+    # to the overlap
+    beside = catalogue.load("cut_in").concrete(
+        ego_speed=15.0, cut_in_speed=12.5, gap=0.0, lateral_speed=0.9
+    )
     recording = simulate(beside, "ideal_braking", SETTINGS)
     assert recording.collision is None
     assert recording.ego.speed.min() < 12.5
@@ -202,13 +264,20 @@ def test_it_falls_behind_a_vehicle_that_it_would_be_beside_of_at_equal_speed():
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
 def test_it_sees_the_obstacle_once_a_share_of_its_width_shows(share):
-    # sliding to the left at 1.8 m/s: a share of 1.8 m shows after that share of a second; all of it at 1 s
-    lead = Actor("lead", Start(80.0, 0.0, 20.0), (constant_lateral(0.3, 1.8, 3.5),), 4.5, 1.8, slides=True)
+    # sliding to the left at 1.8 m/s: a share of 1.8 m shows after that share of a second; all of it
+    # at 1 s
+    lead = Actor(
+        "lead", Start(80.0, 0.0, 20.0), (constant_lateral(0.3, 1.8, 3.5),), 4.5, 1.8, slides=True
+    )
     hidden = actor("obstacle", 60.0, 0.0)
-    known = dict(zip(("lead", "obstacle"), foresee(case(lead, hidden, speed=20.0), at(share)), strict=True))
+    known = dict(
+        zip(("lead", "obstacle"), foresee(case(lead, hidden, speed=20.0), at(share)), strict=True)
+    )
     assert known["obstacle"].meets
     assert not known["lead"].meets
-    assert known["obstacle"].noticed == pytest.approx(0.0 if share == 0.0 else 0.3 + share, abs=1e-6)
+    assert known["obstacle"].noticed == pytest.approx(
+        0.0 if share == 0.0 else 0.3 + share, abs=1e-6
+    )
 
 
 def at(share: float) -> SimulationSettings:
@@ -225,22 +294,28 @@ def test_the_first_braking_of_a_lead_is_noticed_when_it_begins():
 def test_braking_that_begins_within_a_step_hits_as_fast_as_in_closed_form(step):
     # the lead brakes from 0.73 s on, so hard that it stands at once
     lead = Actor("lead", Start(50.0 + 4.5 + 40.0, 0.0, 30.0), (brake_to_stop(0.73, 1e6),))
-    recording = simulate(case(lead, speed=30.0), "ideal_braking", SimulationSettings(step=step, record_interval=0.1))
+    recording = simulate(
+        case(lead, speed=30.0), "ideal_braking", SimulationSettings(step=step, record_interval=0.1)
+    )
     expected = float(ideal_impact_speed(30.0, 0.0, 40.0, deceleration=9.0, build_up=0.15))
     assert recording.collision.relative_speed == pytest.approx(expected, abs=0.01)
 
 
 @pytest.mark.parametrize(("gap", "meets"), [(100.3, True), (100.6, False)])
 def test_the_step_in_which_the_case_ends_is_foreseen_to_its_end(gap, meets):
-    # 10 m/s faster: contact after 10.03 or 10.06 s, where the road ends at 10.02 s, in the step to 10.05 s
+    # 10 m/s faster: contact after 10.03 or 10.06 s, where the road ends at 10.02 s, in the step to
+    # 10.05 s
     lead = actor("lead", gap, 10.0)
     assert foresee(case(lead), SimulationSettings(time_limit=10.02))[0].meets == meets
 
 
 def test_a_touch_of_corners_on_a_bend_is_foreseen_on_the_map():
-    # 0.02 m apart by the road's frame, 5 mm into each other on the map: the left curve turns the corners together
+    # 0.02 m apart by the road's frame, 5 mm into each other on the map: the left curve turns the
+    # corners together
     bend = catalogue.load("curve_cut_in")
-    grazes = bend.concrete(ego_speed=24.8564, cut_in_speed=14.8803, gap=1.67441, lateral_speed=1.55033)
+    grazes = bend.concrete(
+        ego_speed=24.8564, cut_in_speed=14.8803, gap=1.67441, lateral_speed=1.55033
+    )
     settings = grazes.simulation(SETTINGS)
     assert not foresee(replace(grazes, road=replace(grazes.road, line=())), settings)[0].meets
     assert foresee(grazes, settings)[0].meets
@@ -256,7 +331,8 @@ def test_only_the_ideal_vehicle_itself_is_told_the_scripts():
 
 
 def test_the_safe_gap_by_hand():
-    # equal speeds: 30 * 0.15 + 2 m; 20 behind 10 m/s: 20 * 0.15 + (400 - 100) / 18 + 2 m; who is much slower: 2 m
+    # equal speeds: 30 * 0.15 + 2 m; 20 behind 10 m/s: 20 * 0.15 + (400 - 100) / 18 + 2 m; who is
+    # much slower: 2 m
     assert safe_gap(30.0, 30.0, 9.0, 0.15) == pytest.approx(6.5)
     assert safe_gap(20.0, 10.0, 9.0, 0.15) == pytest.approx(3.0 + 300.0 / 18.0 + 2.0)
     assert safe_gap(10.0, 30.0, 9.0, 0.15) == 2.0
@@ -264,8 +340,16 @@ def test_the_safe_gap_by_hand():
 
 @pytest.mark.parametrize(("gap", "keeps"), [(6.4, False), (6.6, True)])
 def test_it_brakes_at_once_where_it_is_too_close_to_what_hides_whom_it_would_touch(gap, keeps):
-    # fronts at 50 + 2.25 m and the lead's rear `gap` further on; the obstacle shows after 0.2 s at the earliest
-    lead = Actor("lead", Start(54.5 + gap, 0.0, 30.0), (constant_lateral(0.0, 1.8, 3.5),), 4.5, 1.8, slides=True)
+    # fronts at 50 + 2.25 m and the lead's rear `gap` further on; the obstacle shows after 0.2 s at
+    # the earliest
+    lead = Actor(
+        "lead",
+        Start(54.5 + gap, 0.0, 30.0),
+        (constant_lateral(0.0, 1.8, 3.5),),
+        4.5,
+        1.8,
+        slides=True,
+    )
     ego = simulate(case(lead, actor("obstacle", 200.0, 0.0), speed=30.0), "ideal_braking").ego
     assert (ego.speed[1] == 30.0) == keeps
 
@@ -280,8 +364,11 @@ def test_who_stands_in_the_way_of_an_oncoming_vehicle_waits_until_it_has_passed(
 
 
 def test_who_has_driven_into_another_hides_it_no_longer():
-    # 20 m/s: its front, 2.25 m ahead of its centre, meets the obstacle's rear, 9 - 2.25 m on, after 4.5 / 20 s
-    lead = Actor("lead", Start(80.0, 0.0, 20.0), (constant_lateral(0.0, 0.1, 3.5),), 4.5, 1.8, slides=True)
+    # 20 m/s: its front, 2.25 m ahead of its centre, meets the obstacle's rear, 9 - 2.25 m on, after
+    # 4.5 / 20 s
+    lead = Actor(
+        "lead", Start(80.0, 0.0, 20.0), (constant_lateral(0.0, 0.1, 3.5),), 4.5, 1.8, slides=True
+    )
     hidden = Actor("obstacle", Start(89.0, 0.0, 0.0))
     known = foresee(case(lead, hidden, speed=20.0), SimulationSettings())
     assert known[1].noticed == pytest.approx(0.225, abs=1e-6)

@@ -19,17 +19,24 @@ CUT_OUT = catalogue.load("front_vehicle_cut_out")
 def ideal_impact(values) -> np.ndarray:
     """Ug of points of the cut-out, m/s."""
     return ideal_impact_speed(
-        values["ego_speed"], values["obstacle_speed"], values["gap"], deceleration=9.0, build_up=0.15
+        values["ego_speed"],
+        values["obstacle_speed"],
+        values["gap"],
+        deceleration=9.0,
+        build_up=0.15,
     )
 
 
 def cut_outs():
-    """A coarse grid, points at which the ideal vehicle hits, and points at which it would with a gap 5 % smaller."""
+    """A coarse grid, points at which the ideal vehicle hits, and points at which it would with a
+    gap 5 % smaller."""
     points = CUT_OUT.from_unit(np.random.default_rng(3).random((40_000, 3)))
     points = points[CUT_OUT.feasible(points)]
     hits = ideal_impact(CUT_OUT.columns(points)) > 0.0
     almost = ~hits & (ideal_impact(CUT_OUT.columns(points * np.array([1.0, 1.0, 0.95]))) > 0.0)
-    return CUT_OUT.concretes(np.concatenate([grid(CUT_OUT)[::8], points[hits][:20], points[almost][:20]]))
+    return CUT_OUT.concretes(
+        np.concatenate([grid(CUT_OUT)[::8], points[hits][:20], points[almost][:20]])
+    )
 
 
 SEES_THROUGH = SimulationSettings(ideal_visible_share=0.0)
@@ -77,7 +84,8 @@ def test_ideal_braking_does_not_brake_for_the_other_lane_nor_for_what_drives_awa
 @pytest.mark.parametrize("deceleration", [0.0, -9.0, math.inf, math.nan])
 def test_ideal_braking_needs_a_deceleration(deceleration):
     with pytest.raises(
-        InputError, match="`deceleration` of ADS `ideal_braking` must be a finite number greater than 0"
+        InputError,
+        match="`deceleration` of ADS `ideal_braking` must be a finite number greater than 0",
     ):
         IdealBraking(deceleration)
 
@@ -103,5 +111,8 @@ def test_no_reaction_collides_exactly_when_the_gap_closes_on_the_road(concrete):
 
 
 def test_the_near_misses_lie_on_both_sides():
-    ends = {simulate(case(actor("lead", gap, lead), speed=v), "no_reaction").end_reason for v, gap, lead in NEAR_MISSES}
+    ends = {
+        simulate(case(actor("lead", gap, lead), speed=v), "no_reaction").end_reason
+        for v, gap, lead in NEAR_MISSES
+    }
     assert ends == {"contact", "road_end"}

@@ -27,7 +27,8 @@ SHARES = np.linspace(-0.2, 1.2, 57)
 
 
 class Path(NamedTuple):
-    """What a driver remembers of its path: the smooth step by `offset` over `length` m of road, from `begin` on."""
+    """What a driver remembers of its path: the smooth step by `offset` over `length` m of road,
+    from `begin` on."""
 
     start: float
     offset: float = 0.0
@@ -36,14 +37,20 @@ class Path(NamedTuple):
 
 
 def test_the_smooth_step_is_that_of_the_scenarios():
-    assert [smooth_step(s) for s in SHARES.tolist()] == pytest.approx(concrete.smooth_step(SHARES), abs=1e-15)
-    assert [smooth_step_rate(s) for s in SHARES.tolist()] == pytest.approx(concrete.smooth_step_rate(SHARES), abs=1e-14)
+    assert [smooth_step(s) for s in SHARES.tolist()] == pytest.approx(
+        concrete.smooth_step(SHARES), abs=1e-15
+    )
+    assert [smooth_step_rate(s) for s in SHARES.tolist()] == pytest.approx(
+        concrete.smooth_step_rate(SHARES), abs=1e-14
+    )
 
 
 def test_the_bend_is_the_derivative_of_the_rate():
     step = 1e-6
     inside = SHARES[(SHARES > 0.01) & (SHARES < 0.99)]
-    slope = (concrete.smooth_step_rate(inside + step) - concrete.smooth_step_rate(inside - step)) / (2 * step)
+    slope = (
+        concrete.smooth_step_rate(inside + step) - concrete.smooth_step_rate(inside - step)
+    ) / (2 * step)
     assert [smooth_step_bend(s) for s in inside.tolist()] == pytest.approx(slope, abs=1e-7)
 
 
@@ -74,7 +81,9 @@ def test_slope_and_bend_of_a_path_are_its_derivatives():
     step = 1e-4
     for x in np.linspace(101.0, 179.0, 14).tolist():
         before, here, after = (
-            SimpleNamespace(**dict(zip(("y", "slope", "bend"), path_at(path, x + shift), strict=True)))
+            SimpleNamespace(
+                **dict(zip(("y", "slope", "bend"), path_at(path, x + shift), strict=True))
+            )
             for shift in (-step, 0.0, step)
         )
         assert here.y == path_y(path, x)
@@ -89,7 +98,8 @@ def test_a_path_is_straight_before_and_after_its_lane_change():
 
 
 def drive(path: Path, speed: float, duration: float, *, y: float = 0.0, acceleration: float = 0.0):
-    """x, y and steering wheel angle of a vehicle that starts at x = 0, y, and is steered along a path."""
+    """x, y and steering wheel angle of a vehicle that starts at x = 0, y, and is steered along a
+    path."""
     memory = SimpleNamespace(curvature=0.0)
     state = EgoState(0.0, y, 0.0, speed)
     rows = []

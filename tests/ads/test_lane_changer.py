@@ -34,7 +34,9 @@ def test_it_begins_at_ten_seconds_to_collision():
     assert recording.ego.speed == pytest.approx(30.0)
 
 
-@pytest.mark.parametrize("concrete", safe_cut_outs(8) + cut_outs_at_the_edge(12, seed=2), ids=lambda c: c.label)
+@pytest.mark.parametrize(
+    "concrete", safe_cut_outs(8) + cut_outs_at_the_edge(12, seed=2), ids=lambda c: c.label
+)
 def test_it_never_collides_in_the_safe_zone_of_the_cut_out(concrete):
     recording = simulate(concrete, "lane_changer")
     assert (recording.collision, recording.error) == (None, None)
@@ -42,7 +44,9 @@ def test_it_never_collides_in_the_safe_zone_of_the_cut_out(concrete):
 
 
 def test_it_does_not_react_to_the_lead_that_leaves_its_lane():
-    (concrete,) = [c for c in safe_cut_outs(1) if c.label == "ego_speed=25, obstacle_speed=20, gap=60"]
+    (concrete,) = [
+        c for c in safe_cut_outs(1) if c.label == "ego_speed=25, obstacle_speed=20, gap=60"
+    ]
     recording = simulate(concrete, "lane_changer")
     assert recording.ego.acceleration.min() > -0.2
     assert onset(recording) > 1.0
@@ -80,7 +84,9 @@ def collisions(name: str, points: int) -> int:
     logical = catalogue.load(name)
     drawn = logical.from_unit(np.random.default_rng(5).random((20 * points, len(logical.names))))
     cases = list(logical.concretes(drawn[logical.feasible(drawn)][:points]))
-    return sum(recording.collision is not None for recording in simulate_many(cases, "lane_changer"))
+    return sum(
+        recording.collision is not None for recording in simulate_many(cases, "lane_changer")
+    )
 
 
 def test_it_leaves_an_oncoming_vehicle_its_own_side_and_whoever_comes_from_behind_his_distance():

@@ -19,7 +19,8 @@ STAYS = SimpleNamespace(asked=0)  # the way of an ego that need not change lanes
 
 
 class Ego:
-    """An ego that decides step by step: the memory of the rule, and what it remembers of each vehicle by its name."""
+    """An ego that decides step by step: the memory of the rule, and what it remembers of each
+    vehicle by its name."""
 
     def __init__(self, habits: OvertakingHabits, briefing) -> None:
         self.habits, self.briefing = habits, briefing
@@ -28,8 +29,21 @@ class Ego:
         self.watched = {}
 
     def acceleration(self, me, others, desired_speed: float, free: float) -> float:
-        watched = [self.watched.setdefault((i, it.name), fresh(WATCHED)) for i, it in enumerate(others)]
-        return overtake(self.memory, me, others, watched, self.habits, IDM, desired_speed, free, STAYS, self.briefing)
+        watched = [
+            self.watched.setdefault((i, it.name), fresh(WATCHED)) for i, it in enumerate(others)
+        ]
+        return overtake(
+            self.memory,
+            me,
+            others,
+            watched,
+            self.habits,
+            IDM,
+            desired_speed,
+            free,
+            STAYS,
+            self.briefing,
+        )
 
     @property
     def changing(self) -> bool:
@@ -48,11 +62,20 @@ class Ego:
 
 
 def decide(
-    *others, speed: float = 20.0, habits: OvertakingHabits = WILLING, road: Road = BRIEFING.road, free: float = 0.3
+    *others,
+    speed: float = 20.0,
+    habits: OvertakingHabits = WILLING,
+    road: Road = BRIEFING.road,
+    free: float = 0.3,
 ):
-    """What is decided in the first step of an ego at x = 0 on the right lane that drives at `speed`."""
+    """What is decided in the first step of an ego at x = 0 on the right lane that drives at
+    `speed`."""
     me = mover("ego", 0.0, along=speed)
-    briefing = BRIEFING if road is BRIEFING.road else type(BRIEFING)("test", road, BRIEFING.vehicle, BRIEFING.step)
+    briefing = (
+        BRIEFING
+        if road is BRIEFING.road
+        else type(BRIEFING)("test", road, BRIEFING.vehicle, BRIEFING.step)
+    )
     overtaking = Ego(habits, briefing)
     return overtaking, overtaking.acceleration(me, others, speed, free)
 
@@ -97,7 +120,8 @@ def test_in_a_hurry_it_is_just_clear_of_the_lead_when_it_reaches_it():
 
 
 def test_when_the_lane_change_would_be_uncomfortable_it_brakes():
-    overtaking, wanted = decide(ahead(32.0, 0.0))  # 1.6 s to the lead, 6.7 m/s2 needed: smooth_step(1.6 / 3.18) < 0.6
+    # 1.6 s to the lead, 6.7 m/s2 needed: smooth_step(1.6 / 3.18) < 0.6
+    overtaking, wanted = decide(ahead(32.0, 0.0))
     assert smooth_step(1.6 / 3.18) < 2.1 / 3.5
     assert not overtaking.changing
     assert wanted < -6.0
@@ -105,7 +129,8 @@ def test_when_the_lane_change_would_be_uncomfortable_it_brakes():
 
 @pytest.mark.parametrize("habits", [WILLING, UNWILLING], ids=["willing", "unwilling"])
 def test_when_braking_will_not_do_it_evades_if_that_is_possible(habits):
-    evading, _ = decide(ahead(45.0, 0.0), speed=30.0, habits=habits)  # 11 m/s2 needed, 1.5 s to the obstacle
+    # 11 m/s2 needed, 1.5 s to the obstacle
+    evading, _ = decide(ahead(45.0, 0.0), speed=30.0, habits=habits)
     assert evading.changing
     assert evading.y(45.0) >= 1.8 + CLEARANCE - 1e-6
     assert 2.25 * 30.0 - 0.5 < evading.path.length < 3.18 * 30.0
@@ -135,8 +160,8 @@ def test_the_left_lane_must_be_free_ahead_and_behind(other, free):
 
 
 def test_the_gap_behind_is_that_of_un_r79():
-    # The regulation reckons from when the ego's side is at the line: 0.85 m of 3.5 m, by a smooth step. Until then, and
-    # 0.4 s more, whoever is behind comes nearer undiminished.
+    # The regulation reckons from when the ego's side is at the line: 0.85 m of 3.5 m, by a smooth
+    # step. Until then, and 0.4 s more, whoever is behind comes nearer undiminished.
     closing, speed = 12.0, 20.0
     path = decide(ahead(60.0, 10.0))[0].path
     to_the_line = path.length / speed * share_of_duration(0.85 / 3.5)
@@ -216,5 +241,7 @@ def test_a_lead_that_brakes_during_the_lane_change_is_braked_for():
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_habits_are_positive_numbers(name, value):
     habits = {"inclined": True, "onset_headway": 2.5, "onset_ttc": 10.0, "duration": 8.0}
-    with pytest.raises(InputError, match=f"`{name}` of `OvertakingHabits` must be a finite number greater than 0"):
+    with pytest.raises(
+        InputError, match=f"`{name}` of `OvertakingHabits` must be a finite number greater than 0"
+    ):
         OvertakingHabits(**(habits | {name: value}))

@@ -27,7 +27,14 @@ from sumo_eval.scenario.road.reference_line import knots_of
 
 def test_a_turned_body_is_shown_by_its_extents_and_speeds_along_and_across_the_road():
     other, body = fresh(MOVER), fresh(BODY)
-    body.x, body.y, body.heading, body.speed, body.length, body.width = 198.0, 2.0, math.radians(30.0), 10.0, 4.0, 2.0
+    body.x, body.y, body.heading, body.speed, body.length, body.width = (
+        198.0,
+        2.0,
+        math.radians(30.0),
+        10.0,
+        4.0,
+        2.0,
+    )
     show_body(other, body, knots_of(()), 0.0)
     assert (other.x, other.y, other.heading) == (198.0, 2.0, pytest.approx(math.radians(30.0)))
     assert (other.along, other.across) == pytest.approx((10.0 * math.cos(math.pi / 6), 5.0))
@@ -35,14 +42,17 @@ def test_a_turned_body_is_shown_by_its_extents_and_speeds_along_and_across_the_r
     assert other.half_width == pytest.approx(1.0 + math.cos(math.pi / 6))
     body.x, body.y, body.heading, body.speed = 98.0, 0.0, 0.0, 20.0
     show_body(other, body, knots_of(()), 0.0)
-    straight = {"x": 98.0, "y": 0.0, "heading": 0.0, "along": 20.0, "across": 0.0, "half_length": 2.0,
+    straight = {"x": 98.0, "y": 0.0, "heading": 0.0, "along": 20.0, "across": 0.0,
+        "half_length": 2.0,
                 "half_width": 1.0, "speed": 20.0, "braking": 0.0, "curvature": 0.0}  # fmt: skip
     assert vars(other) == straight
 
 
 def test_a_rule_sees_what_sumo_shows_and_the_harness_records():
     """Through TraCI and in the loop the same rule drives the same."""
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=20.0, obstacle_speed=5.0, gap=60.0)
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(
+        ego_speed=20.0, obstacle_speed=5.0, gap=60.0
+    )
 
     class ThroughTraci:
         def reset(self, scenario, traci, ego):
@@ -65,7 +75,9 @@ def test_gaps_run_from_bumper_to_bumper():
     assert bumper_gap(me, mover("beside", 102.0)) < 0.0
 
 
-@pytest.mark.parametrize(("y", "overlap"), [(0.0, 1.8), (1.0, 0.8), (-1.0, 0.8), (1.8, 0.0), (3.5, -1.7)])
+@pytest.mark.parametrize(
+    ("y", "overlap"), [(0.0, 1.8), (1.0, 0.8), (-1.0, 0.8), (1.8, 0.0), (3.5, -1.7)]
+)
 def test_lateral_overlap_is_the_shared_strip(y, overlap):
     assert lateral_overlap(mover("a", 0.0), mover("b", 10.0, y)) == pytest.approx(overlap)
 
@@ -86,7 +98,12 @@ def test_the_lead_is_the_nearest_vehicle_in_the_strip_ahead():
 
 def test_those_ahead_come_one_after_the_other_the_nearest_first():
     me = mover("ego", 100.0)
-    others = [mover("far", 180.0), mover("behind", 90.0), mover("near", 120.0), mover("abreast", 120.0, 3.5)]
+    others = [
+        mover("far", 180.0),
+        mover("behind", 90.0),
+        mover("near", 120.0),
+        mover("abreast", 120.0, 3.5),
+    ]
     found, last = [], -1
     while (last := next_ahead(me, others, last)) >= 0:
         found.append(others[last].name)
@@ -95,7 +112,13 @@ def test_those_ahead_come_one_after_the_other_the_nearest_first():
 
 @pytest.mark.parametrize(
     ("lead_y", "share", "seen"),
-    [(0.0, 0.0, False), (1.79, 0.0, False), (1.81, 0.0, True), (0.89, 0.5, False), (0.91, 0.5, True)],
+    [
+        (0.0, 0.0, False),
+        (1.79, 0.0, False),
+        (1.81, 0.0, True),
+        (0.89, 0.5, False),
+        (0.91, 0.5, True),
+    ],
 )
 def test_a_nearer_vehicle_hides_what_it_covers(lead_y, share, seen):
     lead, obstacle = mover("lead", 130.0, lead_y), mover("obstacle", 160.0)
@@ -105,7 +128,8 @@ def test_a_nearer_vehicle_hides_what_it_covers(lead_y, share, seen):
 @pytest.mark.parametrize(
     ("eye", "x", "y", "seen"),
     [
-        (100.0, 160.0, -4.5, True),  # at 156 m the line to the child is at -4.2 m, right of the car's -3.9 to -2.1 m
+        # at 156 m the line to the child is at -4.2 m, right of the car's -3.9 to -2.1 m
+        (100.0, 160.0, -4.5, True),
         (140.0, 160.0, -4.5, False),  # and here at -3.6 m
         (100.0, 160.0, -3.0, False),
         (100.0, 160.0, -2.0, True),  # at -1.87 m, left of the car
@@ -120,7 +144,10 @@ def test_who_is_beside_the_way_is_seen_along_the_line_to_him(eye, x, y, seen):
 
 def test_nothing_behind_the_ego_hides_what_is_ahead():
     behind, ahead = mover("behind", 80.0), mover("ahead", 160.0)
-    assert [is_visible(mover("ego", 100.0), (behind, ahead), j, 0.0) for j in (0, 1)] == [True, True]
+    assert [is_visible(mover("ego", 100.0), (behind, ahead), j, 0.0) for j in (0, 1)] == [
+        True,
+        True,
+    ]
 
 
 def test_neighbours_are_the_nearest_in_the_strip_and_one_beside_is_both():

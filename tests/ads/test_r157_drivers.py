@@ -57,7 +57,9 @@ def test_the_ramp_rises_holds_and_is_nothing_before_it_begins():
 
 def test_the_speed_that_the_ramp_takes_off_by_hand():
     # 6 m/s2 after 0.6 s: 10 t^2 / 2 up to there, then 1.8 m/s and 6 m/s2 more
-    assert [brake_ramp_lost(since, 6.0, 0.6) for since in (-1.0, 0.3, 0.6, 1.6)] == pytest.approx([0.0, 0.45, 1.8, 7.8])
+    assert [brake_ramp_lost(since, 6.0, 0.6) for since in (-1.0, 0.3, 0.6, 1.6)] == pytest.approx(
+        [0.0, 0.45, 1.8, 7.8]
+    )
     assert brake_ramp_lost(2.0, 6.0, 0.0) == 12.0
 
 
@@ -84,14 +86,26 @@ def test_cfs_by_hand(speed, acceleration, unsafe, safe):
     assert critical_fuzzy_safety(safe + 1e-6, speed, 10.0, acceleration) == 0.0
     if safe > unsafe:
         middle = 0.5 * (safe + unsafe)
-        assert critical_fuzzy_safety(middle, speed, 10.0, acceleration) == pytest.approx(0.5, abs=1e-6)
+        assert critical_fuzzy_safety(middle, speed, 10.0, acceleration) == pytest.approx(
+            0.5, abs=1e-6
+        )
 
 
 def test_cfs_as_the_jrc_has_it_divides_by_the_braking_itself():
-    # 18.8 - 4 * 0.75 = 15.8 m/s is below the other's 15.9: 2.9^2 / 8 = 1.051 m as printed, 2.9^2 / 12 = 0.701 m coded
-    assert [critical_fuzzy_safety(1.0, 18.8, 15.9, -6.0, coded) for coded in (False, True)] == [1.0, 0.0]
-    assert [critical_fuzzy_safety(0.7, 18.8, 15.9, -6.0, coded) for coded in (False, True)] == [1.0, 1.0]
-    assert [critical_fuzzy_safety(1.0, 18.8, 15.9, -4.0, coded) for coded in (False, True)] == [1.0, 1.0]
+    # 18.8 - 4 * 0.75 = 15.8 m/s is below the other's 15.9: 2.9^2 / 8 = 1.051 m as printed, 2.9^2 /
+    # 12 = 0.701 m coded
+    assert [critical_fuzzy_safety(1.0, 18.8, 15.9, -6.0, coded) for coded in (False, True)] == [
+        1.0,
+        0.0,
+    ]
+    assert [critical_fuzzy_safety(0.7, 18.8, 15.9, -6.0, coded) for coded in (False, True)] == [
+        1.0,
+        1.0,
+    ]
+    assert [critical_fuzzy_safety(1.0, 18.8, 15.9, -4.0, coded) for coded in (False, True)] == [
+        1.0,
+        1.0,
+    ]
 
 
 def test_cfs_is_zero_behind_a_vehicle_as_fast():
@@ -99,12 +113,17 @@ def test_cfs_is_zero_behind_a_vehicle_as_fast():
 
 
 def test_the_fuzzy_braking_by_hand():
-    assert [demanded_braking(0.0, 0.0), demanded_braking(0.0, 0.5), demanded_braking(0.5, 1.0)] == [0.0, 2.0, 5.0]
+    assert [demanded_braking(0.0, 0.0), demanded_braking(0.0, 0.5), demanded_braking(0.5, 1.0)] == [
+        0.0,
+        2.0,
+        5.0,
+    ]
 
 
 def test_a_vehicle_is_considered_when_it_comes_over_before_the_ego_is_past():
     me, other = mover("me", 0.0, along=20.0), mover("other", 15.5, y=3.5, along=10.0)
-    assert considered(me, other, lateral_closing=0.82)  # 1.7 m / 0.82 m/s < (11 m + 9 m) / 10 m/s + 0.1 s
+    # 1.7 m / 0.82 m/s < (11 m + 9 m) / 10 m/s + 0.1 s
+    assert considered(me, other, lateral_closing=0.82)
     assert not considered(me, other, lateral_closing=0.80)
     assert not considered(me, other, lateral_closing=-1.0)
     for speed in (20.0, 25.0):  # nobody comes over in front of who is not faster
@@ -139,7 +158,8 @@ def test_motion_is_told_from_one_step_to_the_next():
 
 
 def test_a_speed_across_is_the_one_in_the_middle_of_the_step_that_shows_it():
-    # 1 m/s2 to the right from rest: y = -t^2/2; between 0.1 and 0.2 s on average 0.15 m/s, as it is at 0.15 s
+    # 1 m/s2 to the right from rest: y = -t^2/2; between 0.1 and 0.2 s on average 0.15 m/s, as it is
+    # at 0.15 s
     sighting = fresh(SIGHTING)
     for time in (0.0, 0.1, 0.2):
         sight(sighting, mover("other", 50.0, y=-0.5 * time * time, along=20.0), 0.1)
@@ -155,20 +175,25 @@ def safety_braking():
 
 
 def told(brakes, demand, time, reaction):
-    """What brakes that rise at 20 m/s3 to 6 m/s2 are told in a step of 0.1 s while `demand` m/s2 is demanded."""
+    """What brakes that rise at 20 m/s3 to 6 m/s2 are told in a step of 0.1 s while `demand` m/s2 is
+    demanded."""
     human = Brakes(reaction, 6.0, 20.0)
-    return follow_demand(brakes, lambda scene, after: demand, None, time, human, VehicleSettings(), 0.1)
+    return follow_demand(
+        brakes, lambda scene, after: demand, None, time, human, VehicleSettings(), 0.1
+    )
 
 
 def test_safety_braking_begins_and_rises_within_its_step():
-    # alarmed at 0; 0.25 s later it rises with 20 m/s3 to 6 m/s2 at 0.55 s; the vehicle loses what the ramp takes off
+    # alarmed at 0; 0.25 s later it rises with 20 m/s3 to 6 m/s2 at 0.55 s; the vehicle loses what
+    # the ramp takes off
     brakes, step = safety_braking(), 0.1
     speed, acceleration, speeds = 30.0, 0.0, []
     for count in range(8):
         level = told(brakes, 8.0, count * step, reaction=0.25)
         acceleration, speed, _ = drive(speed, acceleration, -level, VehicleSettings(), step)
         speeds.append(30.0 - speed)
-    expected = [0.0, 0.0, 0.025, 0.225, 0.625, 1.2, 1.8, 2.4]  # 10 (t - 0.25)^2 up to 0.55 s, 0.9 + 6 (t - 0.55) after
+    # 10 (t - 0.25)^2 up to 0.55 s, 0.9 + 6 (t - 0.55) after
+    expected = [0.0, 0.0, 0.025, 0.225, 0.625, 1.2, 1.8, 2.4]
     assert speeds == pytest.approx(expected, abs=0.03)
     assert speeds[-1] == pytest.approx(2.4, abs=1e-5)
 
@@ -185,7 +210,10 @@ def test_the_reaction_is_waited_for_once():
 
 @pytest.mark.parametrize(
     ("rule", "times"),
-    [(SEATED, (0.48, 0.71, 0.94, 1.18, 1.41, 1.64)), (STANDING, (0.74, 1.32, 1.90, 2.47, 3.05, 3.63))],
+    [
+        (SEATED, (0.48, 0.71, 0.94, 1.18, 1.41, 1.64)),
+        (STANDING, (0.74, 1.32, 1.90, 2.47, 3.05, 3.63)),
+    ],
 )
 def test_the_ttc_of_regulation_2022_1426_is_the_printed_one(rule, times):
     # v_rel / (2 a) + tau / 2 + 0.1 s at 10, 20, .. 60 km/h
@@ -217,7 +245,9 @@ def test_a_steady_lead_at_two_seconds_headway_is_followed_at_constant_speed(driv
 
 
 def test_the_careful_driver_brakes_at_his_time_after_the_wandering_zone_is_left():
-    other = Actor("cut_in", Start(50.0 + 4.5 + 23.0, 3.5, 11.0), (constant_lateral(0.0, 1.0, -3.5),))
+    other = Actor(
+        "cut_in", Start(50.0 + 4.5 + 23.0, 3.5, 11.0), (constant_lateral(0.0, 1.0, -3.5),)
+    )
     ego = simulate(case(other), "careful_driver").ego
     begins = 0.375 / 1.0 + 0.4 + 0.75
     braking = ego.acceleration < -0.01
@@ -227,16 +257,21 @@ def test_the_careful_driver_brakes_at_his_time_after_the_wandering_zone_is_left(
 
 
 def test_who_stood_beside_the_lane_is_perceived_where_he_has_walked_as_far_as_wandering_explains():
-    # From 0.7 m beyond the middle of the lane on the right, at 1.4 m/s: 0.375 m after 0.27 s, and the lane's middle is
-    # nothing to him. When he sets out he is 38 m ahead of 20 m/s: a TTC of 1.9 s, so nothing else is waited for.
+    # From 0.7 m beyond the middle of the lane on the right, at 1.4 m/s: 0.375 m after 0.27 s, and
+    # the lane's middle is nothing to him. When he sets out he is 38 m ahead of 20 m/s: a TTC of 1.9
+    # s, so nothing else is waited for.
     walking = constant_lateral(0.5, 1.4, 4.2)
     walker = Actor("walker", Start(50.0 + 2.5 + 48.0, -4.2, 0.0), (walking,), 0.5, 0.5, slides=True)
     ego = simulate(case(walker), "careful_driver").ego
-    assert ego.time[ego.acceleration < -0.01][0] == pytest.approx(0.5 + 0.375 / 1.4 + 0.4 + 0.75, abs=0.15)
+    assert ego.time[ego.acceleration < -0.01][0] == pytest.approx(
+        0.5 + 0.375 / 1.4 + 0.4 + 0.75, abs=0.15
+    )
 
 
 def test_a_cut_in_far_ahead_is_left_alone_until_its_ttc_is_below_two_seconds():
-    other = Actor("cut_in", Start(50.0 + 4.5 + 60.0, 3.5, 10.0), (constant_lateral(0.0, 1.0, -3.5),))
+    other = Actor(
+        "cut_in", Start(50.0 + 4.5 + 60.0, 3.5, 10.0), (constant_lateral(0.0, 1.0, -3.5),)
+    )
     ego = simulate(case(other), "careful_driver").ego
     first = ego.time[ego.acceleration < -0.01][0]
     assert first == pytest.approx((60.0 - 20.0) / 10.0 + 0.75, abs=0.15)
@@ -249,9 +284,16 @@ def test_a_vehicle_that_stays_in_its_lane_is_no_event():
 
 
 def test_the_aeb_stage_does_not_see_through_a_vehicle():
-    # 29 m to one that stands, TTC 1.45 s, behind one that slides aside at 1.8 m/s from 0.2 s on: a fifth of the hidden
-    # one's 1.8 m shows 0.2 s after that
-    lead = Actor("lead", Start(50.0 + 4.5 + 6.0, 0.0, 20.0), (constant_lateral(0.2, 1.8, 3.5),), 4.5, 1.8, slides=True)
+    # 29 m to one that stands, TTC 1.45 s, behind one that slides aside at 1.8 m/s from 0.2 s on: a
+    # fifth of the hidden one's 1.8 m shows 0.2 s after that
+    lead = Actor(
+        "lead",
+        Start(50.0 + 4.5 + 6.0, 0.0, 20.0),
+        (constant_lateral(0.2, 1.8, 3.5),),
+        4.5,
+        1.8,
+        slides=True,
+    )
     ego = simulate(case(lead, actor("standing", 29.0, 0.0), speed=20.0), "careful_driver_aeb").ego
     assert (ego.speed[ego.time <= 0.4] == 20.0).all()
     assert ego.speed[np.searchsorted(ego.time, 0.6)] < 20.0
@@ -267,19 +309,25 @@ def test_the_aeb_stage_avoids_what_the_driver_alone_is_too_late_for():
 
 def test_the_fuzzy_model_as_printed_comes_to_rest_against_a_standing_vehicle_and_with_its_margin_short_of_it():
     standing = case(actor("lead", gap=120.0, speed=0.0), speed=20.0)
-    assert simulate(standing, FuzzySafetyModel(standstill_gap=0.0)).ego.speed[-1] == pytest.approx(0.0, abs=0.1)
+    assert simulate(standing, FuzzySafetyModel(standstill_gap=0.0)).ego.speed[-1] == pytest.approx(
+        0.0, abs=0.1
+    )
     recording = simulate(standing, "fsm")
     assert (recording.collision, recording.end_reason) == (None, "standstill")
     assert recording.actors["lead"].x[-1] - recording.ego.x[-1] - 4.5 > 0.009
 
 
 def test_the_margin_of_the_fuzzy_model_is_a_distance():
-    with pytest.raises(InputError, match="`standstill_gap` of ADS `fsm` must be a finite number, at least 0"):
+    with pytest.raises(
+        InputError, match="`standstill_gap` of ADS `fsm` must be a finite number, at least 0"
+    ):
         FuzzySafetyModel(standstill_gap=-0.1)
 
 
 @pytest.mark.parametrize("driver", [CarefulDriver, Reg157])
 @pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
 def test_the_readings_are_numbers(driver, value):
-    with pytest.raises(InputError, match=r"`lead_braking` of ADS .* must be a finite number, at least 0"):
+    with pytest.raises(
+        InputError, match=r"`lead_braking` of ADS .* must be a finite number, at least 0"
+    ):
         driver(lead_braking=value)

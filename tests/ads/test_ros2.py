@@ -1,4 +1,5 @@
-"""docs/examples/ros2_node.py with a stack behind it, without ROS: a stand-in carries the same messages."""
+"""docs/examples/ros2_node.py with a stack behind it, without ROS: a stand-in carries the same
+messages."""
 
 from __future__ import annotations
 
@@ -21,13 +22,16 @@ SLOWER = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead
 def drive(seconds: float, *variables: str, option: str = "") -> Recording:
     environment = " ".join((f"PYTHONPATH={STAND_IN}", "STACK=stack", *variables))
     locator = f"exec:env {environment} {sys.executable} ros2_node.py {option}"
-    found = simulate(SLOWER, locator, SimulationSettings(time_limit=seconds), folder=EXAMPLES, step_timeout=20.0)
+    found = simulate(
+        SLOWER, locator, SimulationSettings(time_limit=seconds), folder=EXAMPLES, step_timeout=20.0
+    )
     assert found.error is None, found.log
     return found
 
 
 def test_a_stack_drives_by_controls_in_lockstep() -> None:
-    """The stack is the ten-line ACC, kept from accelerating; its controls of an earlier stamp do not count."""
+    """The stack is the ten-line ACC, kept from accelerating; its controls of an earlier stamp do
+    not count."""
     stack = drive(8.0)
 
     def acc(seen):  # type: ignore[no-untyped-def]

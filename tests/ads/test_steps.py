@@ -1,4 +1,5 @@
-"""How outcomes of the shipped drivers move with the simulation's step: hardly, where a step is a small one."""
+"""How outcomes of the shipped drivers move with the simulation's step: hardly, where a step is a
+small one."""
 
 import os
 
@@ -13,15 +14,29 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording, Trajectory
 
 SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
-SCRIPTED = sorted(name for name, logical in catalogue.SCENARIOS.items() if logical.approach is not None)
+SCRIPTED = sorted(
+    name for name, logical in catalogue.SCENARIOS.items() if logical.approach is not None
+)
 """Scenarios in which what the others do is known before anybody drives."""
-DRIVERS = ("careful_driver", "careful_driver_aeb", "fsm", "rss", "idm", "lane_changer", "ideal_braking", "no_reaction")
-RELEASING = ("reg157", "eu_2022_1426", "eu_2022_1426_bus")  # they release where TTC is critical, again and again
+DRIVERS = (
+    "careful_driver",
+    "careful_driver_aeb",
+    "fsm",
+    "rss",
+    "idm",
+    "lane_changer",
+    "ideal_braking",
+    "no_reaction",
+)
+# they release where TTC is critical, again and again
+RELEASING = ("reg157", "eu_2022_1426", "eu_2022_1426_bus")
 GRAZE = 0.02  # m
 
 
 def at(step: float) -> SimulationSettings:
-    return SimulationSettings(step=step, record_interval=0.1, time_limit=35.0, end_when_decided=True)
+    return SimulationSettings(
+        step=step, record_interval=0.1, time_limit=35.0, end_when_decided=True
+    )
 
 
 def driven(concrete, ads: str, step: float) -> Recording:
@@ -29,8 +44,8 @@ def driven(concrete, ads: str, step: float) -> Recording:
 
 
 def least_gap(recording: Recording) -> float:
-    """Least bumper gap to a vehicle ahead while its body and the ego's share a strip of road, m; 0 with contact. Linear
-    between the samples.
+    """Least bumper gap to a vehicle ahead while its body and the ego's share a strip of road, m; 0
+    with contact. Linear between the samples.
     """
     if recording.collision is not None:
         return 0.0
@@ -44,7 +59,9 @@ def least_gap(recording: Recording) -> float:
             ends = np.sort([(side * reach - across[:-1]) / moved for side in (-1.0, 1.0)], axis=0)
         still = moved == 0.0
         begin = np.where(still, 0.0, np.maximum(ends[0], 0.0))
-        end = np.where(still, np.where(np.abs(across[:-1]) < reach, 1.0, -1.0), np.minimum(ends[1], 1.0))
+        end = np.where(
+            still, np.where(np.abs(across[:-1]) < reach, 1.0, -1.0), np.minimum(ends[1], 1.0)
+        )
         for share in (begin, end):
             found = (gap[:-1] + share * np.diff(gap))[begin < end]
             least = min(least, float(found[found > 0.0].min(initial=np.inf)))
@@ -52,25 +69,36 @@ def least_gap(recording: Recording) -> float:
 
 
 def corners(trajectory: Trajectory, road: Road, times: np.ndarray) -> np.ndarray:
-    """The corners of a body on the map, (n, 4, 2) m. Places and headings are linear between the samples."""
+    """The corners of a body on the map, (n, 4, 2) m.
+
+    Places and headings are linear between the samples.
+    """
     x, y, heading = map_places(road.line, trajectory.x, trajectory.y, trajectory.heading)
-    x, y, heading = (np.interp(times, trajectory.time, channel) for channel in (x, y, np.unwrap(heading)))
+    x, y, heading = (
+        np.interp(times, trajectory.time, channel) for channel in (x, y, np.unwrap(heading))
+    )
     forward = 0.5 * trajectory.length * np.stack([np.cos(heading), np.sin(heading)], axis=1)
     left = 0.5 * trajectory.width * np.stack([-np.sin(heading), np.cos(heading)], axis=1)
     centre = np.stack([x, y], axis=1)
-    return np.stack([centre + i * forward + j * left for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))], axis=1)
+    return np.stack(
+        [centre + i * forward + j * left for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))], axis=1
+    )
 
 
 def to_edges(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     """The least distance of any of a body's corners to the edges of another, (n,) m."""
-    start, edge = boxes[:, None, :, :], np.roll(boxes, -1, axis=1)[:, None, :, :] - boxes[:, None, :, :]
+    start, edge = (
+        boxes[:, None, :, :],
+        np.roll(boxes, -1, axis=1)[:, None, :, :] - boxes[:, None, :, :],
+    )
     away = points[:, :, None, :] - start
     share = np.clip((away * edge).sum(-1) / (edge * edge).sum(-1), 0.0, 1.0)
     return np.hypot(*np.moveaxis(away - share[..., None] * edge, -1, 0)).min(axis=(1, 2))
 
 
 def clearance(recording: Recording, road: Road) -> float:
-    """How far from contact a drive without contact stayed: the least distance of the bodies on the map, m."""
+    """How far from contact a drive without contact stayed: the least distance of the bodies on the
+    map, m."""
     least = np.inf
     for other in recording.actors.values():
         times = np.arange(0.0, min(recording.ego.time[-1], other.time[-1]), 0.005)
@@ -80,7 +108,8 @@ def clearance(recording: Recording, road: Road) -> float:
 
 
 def outcomes(cases, ads: str, step: float) -> tuple[list[Recording], np.ndarray, np.ndarray]:
-    """The drives of cases, which are driven together, whether each ends in contact, and its least gap, m."""
+    """The drives of cases, which are driven together, whether each ends in contact, and its least
+    gap, m."""
     recordings = list(simulate_many(cases, ads, at(step)))
     return (
         recordings,
@@ -91,7 +120,8 @@ def outcomes(cases, ads: str, step: float) -> tuple[list[Recording], np.ndarray,
 
 @pytest.mark.parametrize("step", [0.1, 0.05, 0.02, 0.01])
 def test_rss_behind_a_braking_lead_hits_at_every_step(step):
-    # A driver that held the level of a step's end for the whole step kept 2.2, 0.21 and 0.16 m at the first three.
+    # A driver that held the level of a step's end for the whole step kept 2.2, 0.21 and 0.16 m at
+    # the first three.
     lead = catalogue.load("front_vehicle_braking")
     concrete = lead.concrete(ego_speed=28.785, headway=0.639, lead_deceleration=6.284)
     assert driven(concrete, "rss", step).collision is not None
@@ -123,9 +153,12 @@ def drawn(name: str, count: int):
 
 
 def far_flips(name: str, ads: str, count: int) -> list[tuple[str, float]]:
-    """Points whose outcome at 0.05 s is not that at 0.005 s, and by how much more than a graze one run is clear, m."""
+    """Points whose outcome at 0.05 s is not that at 0.005 s, and by how much more than a graze one
+    run is clear, m."""
     cases = drawn(name, count)
-    (coarse, hit, gap), (fine, hit_fine, gap_fine) = (outcomes(cases, ads, step) for step in (0.05, 0.005))
+    (coarse, hit, gap), (fine, hit_fine, gap_fine) = (
+        outcomes(cases, ads, step) for step in (0.05, 0.005)
+    )
     near = (gap_fine < 0.5) & (gap < np.inf) & ~hit & ~hit_fine
     moves = np.abs(gap[near] - gap_fine[near]) if near.any() else np.zeros(1)
     flips = [
@@ -133,8 +166,10 @@ def far_flips(name: str, ads: str, count: int) -> list[tuple[str, float]]:
         for row in np.flatnonzero(hit != hit_fine)
     ]
     print(
-        f"{name} {ads}: {len(cases)} points, {hit_fine.sum()} contacts, {len(flips)} outcomes change, where bodies are "
-        f"at most {max((kept for _, kept in flips), default=0.0):.4f} m apart; {near.sum()} gaps below 0.5 m move by "
+        f"{name} {ads}: {len(cases)} points, {hit_fine.sum()} contacts, {len(flips)} outcomes "
+        "change, where bodies are "
+        f"at most {max((kept for _, kept in flips), default=0.0):.4f} m apart; {near.sum()} gaps "
+        "below 0.5 m move by "
         f"{np.median(moves):.4f} m, at most {moves.max():.4f} m"
     )
     return [(label, kept) for label, kept in flips if kept > GRAZE]
@@ -143,9 +178,14 @@ def far_flips(name: str, ads: str, count: int) -> list[tuple[str, float]]:
 @pytest.mark.parametrize("step", [0.1, 0.05, 0.005])
 @pytest.mark.parametrize("ads", ["idm", "lane_changer", "no_reaction"])
 def test_law_on_a_bend_nobody_leaves_the_line_before_there_is_a_reason(ads, step):
-    # A wheel that is taken to be straight when the drive begins was turned anew: 4 mm to the left at a step of 0.05 s.
-    concrete = catalogue.load("curve_braking").concrete(ego_speed=20.0, headway=2.4, lead_deceleration=2.0)
-    ego = simulate(concrete, ads, SimulationSettings(step=step, record_interval=0.1, time_limit=0.3)).ego
+    # A wheel that is taken to be straight when the drive begins was turned anew: 4 mm to the left
+    # at a step of 0.05 s.
+    concrete = catalogue.load("curve_braking").concrete(
+        ego_speed=20.0, headway=2.4, lead_deceleration=2.0
+    )
+    ego = simulate(
+        concrete, ads, SimulationSettings(step=step, record_interval=0.1, time_limit=0.3)
+    ).ego
     assert len(ego) == 4
     assert np.abs(ego.y - ego.y[0]).max() < 2e-5
     assert np.abs(ego.steering_wheel_angle - ego.steering_wheel_angle[0]).max() < 1e-4
@@ -163,23 +203,37 @@ def test_beside_a_lead_on_a_bend_lane_changer_ends_the_same_way_at_every_step(na
     logical = catalogue.load(name)
     concrete = logical.concrete(**dict(zip(logical.names, point, strict=True)))
     coarse, fine = (driven(concrete, "lane_changer", step) for step in (0.05, 0.01))
-    assert (coarse.collision is None, coarse.end_reason) == (fine.collision is None, fine.end_reason)
+    assert (coarse.collision is None, coarse.end_reason) == (
+        fine.collision is None,
+        fine.end_reason,
+    )
 
 
 def test_the_clearance_of_bodies_on_the_map_by_hand():
-    # 10 m behind a standing vehicle of 4.5 m, both turned by a right angle to the side for 1.8 m: 10 - 0.9 - 2.25 m
+    # 10 m behind a standing vehicle of 4.5 m, both turned by a right angle to the side for 1.8 m:
+    # 10 - 0.9 - 2.25 m
     time = np.array([0.0, 1.0])
     ego = Trajectory(time, np.zeros(2), np.zeros(2), speed=np.zeros(2))
-    across = Trajectory(time, np.full(2, 10.0), np.zeros(2), heading=np.full(2, 0.5 * np.pi), speed=np.zeros(2))
-    assert clearance(Recording(ego, {"across": across}, None, "road_end"), ROAD) == pytest.approx(10.0 - 0.9 - 2.25)
-    # turned by 45 degrees: a corner (2.25 + 0.9) / sqrt 2 nearer, (2.25 - 0.9) / sqrt 2 to the side of the ego's axis
-    askew = Trajectory(time, np.full(2, 10.0), np.zeros(2), heading=np.full(2, 0.25 * np.pi), speed=np.zeros(2))
+    across = Trajectory(
+        time, np.full(2, 10.0), np.zeros(2), heading=np.full(2, 0.5 * np.pi), speed=np.zeros(2)
+    )
+    assert clearance(Recording(ego, {"across": across}, None, "road_end"), ROAD) == pytest.approx(
+        10.0 - 0.9 - 2.25
+    )
+    # turned by 45 degrees: a corner (2.25 + 0.9) / sqrt 2 nearer, (2.25 - 0.9) / sqrt 2 to the side
+    # of the ego's axis
+    askew = Trajectory(
+        time, np.full(2, 10.0), np.zeros(2), heading=np.full(2, 0.25 * np.pi), speed=np.zeros(2)
+    )
     found = clearance(Recording(ego, {"askew": askew}, None, "road_end"), ROAD)
-    assert found == pytest.approx(np.hypot(10.0 - 2.25 - 3.15 / np.sqrt(2.0), 1.35 / np.sqrt(2.0) - 0.9))
+    assert found == pytest.approx(
+        np.hypot(10.0 - 2.25 - 3.15 / np.sqrt(2.0), 1.35 / np.sqrt(2.0) - 0.9)
+    )
 
 
 def test_the_least_gap_is_taken_between_the_samples_too():
-    # 2 m/s faster, 5 m behind; 1 m/s to the left: bodies 1.8 m wide share a strip until 1.8 s, the gap then is 1.4 m
+    # 2 m/s faster, 5 m behind; 1 m/s to the left: bodies 1.8 m wide share a strip until 1.8 s, the
+    # gap then is 1.4 m
     time = np.arange(0.0, 3.0, 0.5)
     ego = Trajectory(time, 12.0 * time, time, speed=np.full(6, 12.0))
     ahead = Trajectory(time, 9.5 + 10.0 * time, np.zeros(6), speed=np.full(6, 10.0))

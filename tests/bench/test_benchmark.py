@@ -10,7 +10,9 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.extras.bench.costs import SETTINGS, TenLines, set_speed
 from sumo_eval.scenario import catalogue
 
-CUT_IN = catalogue.load("cut_in").concrete(ego_speed=30.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9)
+CUT_IN = catalogue.load("cut_in").concrete(
+    ego_speed=30.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9
+)
 
 
 @pytest.mark.campaign

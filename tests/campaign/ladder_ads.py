@@ -1,7 +1,8 @@
-"""An adaptive cruise control with one thing planted in it: the builds of the ladder of test_nights.py.
+"""An adaptive cruise control with one thing planted in it: the builds of the ladder of
+test_nights.py.
 
-Each build is an entry of an evaluation with other options. noise is drawn anew in every drive, as by a seed from the
-clock.
+Each build is an entry of an evaluation with other options. noise is drawn anew in every drive, as
+by a seed from the clock.
 """
 
 from __future__ import annotations
@@ -14,19 +15,38 @@ from sumo_eval import Command
 
 
 class Build:
-    """An IDM behind the nearest vehicle ahead. special: `collides`, `raises` or `leaves` where the ego begins at `at`.
+    """An IDM behind the nearest vehicle ahead.
 
-    brakes m/s2, delay s, seen m (how far it sees), headway s, speed: share of the first speed, shake m/s2 (amplitude of
-    a swinging command), noise m/s2, digits: share by which each command is off. work: rounds of a loop in each step.
+    special: `collides`, `raises` or `leaves` where the ego begins at `at`.
+
+    brakes m/s2, delay s, seen m (how far it sees), headway s, speed: share of the first speed,
+    shake m/s2 (amplitude of a swinging command), noise m/s2, digits: share by which each command is
+    off.
+
+    work: rounds of a loop in each step.
     """
 
     def __init__(
-        self, *, brakes: float = 8.0, delay: float = 0.1, seen: float = 120.0, headway: float = 1.4, speed: float = 1.0,
-        shake: float = 0.0, noise: float = 0.0, digits: float = 0.0, special: str = "", at: float = 0.0,
+        self, *, brakes: float = 8.0, delay: float = 0.1, seen: float = 120.0,
+        headway: float = 1.4, speed: float = 1.0,
+        shake: float = 0.0, noise: float = 0.0, digits: float = 0.0, special: str = "",
+        at: float = 0.0,
         work: float = 0.0,
     ) -> None:  # fmt: skip
-        self.brakes, self.delay, self.seen, self.headway, self.speed = brakes, delay, seen, headway, speed
-        self.shake, self.noise, self.digits, self.special, self.at = shake, noise, digits, special, at
+        self.brakes, self.delay, self.seen, self.headway, self.speed = (
+            brakes,
+            delay,
+            seen,
+            headway,
+            speed,
+        )
+        self.shake, self.noise, self.digits, self.special, self.at = (
+            shake,
+            noise,
+            digits,
+            special,
+            at,
+        )
         self.first: float | None = None
         self.waiting: deque[tuple[float, float]] = deque()
         self.chance = random.Random()
@@ -58,5 +78,7 @@ class Build:
         lead = seen.lead
         if lead is None or lead.gap > self.seen:
             return max(1.5 * free, -2.0)
-        gap = 2.0 + max(0.0, self.headway * v - v * lead.relative_speed / (2.0 * math.sqrt(1.5 * 2.0)))
+        gap = 2.0 + max(
+            0.0, self.headway * v - v * lead.relative_speed / (2.0 * math.sqrt(1.5 * 2.0))
+        )
         return max(1.5 * (free - (gap / max(lead.gap, 0.1)) ** 2), -self.brakes)

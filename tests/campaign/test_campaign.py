@@ -1,6 +1,9 @@
-"""The fault campaign: faults by the thousand, kills at random moments, broken evaluation files. `pytest -m campaign`.
+"""The fault campaign: faults by the thousand, kills at random moments, broken evaluation files.
 
-SUMO_EVAL_CAMPAIGN_SHARE, default 1, is the share of the full size that is run; the table says what was run.
+`pytest -m campaign`.
+
+SUMO_EVAL_CAMPAIGN_SHARE, default 1, is the share of the full size that is run; the table says what
+was run.
 """
 
 from __future__ import annotations
@@ -30,7 +33,8 @@ from sumo_eval.settings import RunSettings, SimulationSettings
 SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 ADS = Path(__file__).parent.parent / "record"
 
-# What each fault must be called. A fault of memory can hit SUMO's own allocation, which ends the process.
+# What each fault must be called. A fault of memory can hit SUMO's own allocation, which ends the
+# process.
 EXPECTED = {
     "raises": {"ads_error"},
     "gives_nan": {"ads_error"},
@@ -46,7 +50,8 @@ EXPECTED = {
     "leaves_a_process": {"collision"},
 }
 
-# Faults that cost a limit each, by which they are ended. Eight hang at once: a thousand take five minutes, not twenty.
+# Faults that cost a limit each, by which they are ended. Eight hang at once: a thousand take five
+# minutes, not twenty.
 TIGHT: dict[str, dict[str, Any]] = {
     "hangs": {"step_timeout": 0.1},
     "hangs_in_c": {"case_timeout": 2.5, "workers": 8},
@@ -59,7 +64,9 @@ def size(full: int) -> int:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("fault", EXPECTED)
-def test_faults_by_the_thousand_cost_their_own_cases(fault: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_faults_by_the_thousand_cost_their_own_cases(
+    fault: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
     limits = RunSettings(workers=2, case_timeout=30.0, step_timeout=5.0, memory_limit=800.0)
     limits = replace(limits, **TIGHT.get(fault, {}))
@@ -73,8 +80,13 @@ def test_faults_by_the_thousand_cost_their_own_cases(fault: str, capsys: pytest.
     ends = Counter(o.status for o in found if o.case.driver == fault)
     beside = Counter(o.status for o in found if o.case.driver == "idm")
     with capsys.disabled():
-        print(f"\n{fault:<16}{number:>7} cases{took:>8.1f} s  {dict(ends)}; idm beside it: {dict(beside)}")
-    assert sorted(o.case.key for o in found) == sorted(case.key for case in mixed), "each exactly once"
+        print(
+            f"\n{fault:<16}{number:>7} cases{took:>8.1f} s  {dict(ends)}; idm beside it: "
+            f"{dict(beside)}"
+        )
+    assert sorted(o.case.key for o in found) == sorted(case.key for case in mixed), (
+        "each exactly once"
+    )
     assert set(ends) <= EXPECTED[fault]
     assert set(beside) <= {"ok"}
 
@@ -85,14 +97,20 @@ def test_runs_that_are_killed_again_and_again_end_with_the_same_content(
 ) -> None:
     kills, folders = kill_and_resume(tmp_path, size(50), levels=4)
     with capsys.disabled():
-        print(f"\n{kills} kills of {folders} runs: every run ended with the digest of an uninterrupted one")
+        print(
+            f"\n{kills} kills of {folders} runs: every run ended with the digest of an "
+            "uninterrupted one"
+        )
 
 
 def kill_and_resume(tmp_path: Path, wanted: int, levels: int) -> tuple[int, int]:
-    """Kill runs `wanted` times at random moments, resume each to its end, compare; how many kills and runs it took."""
+    """Kill runs `wanted` times at random moments, resume each to its end, compare; how many kills
+    and runs it took."""
     path = write_evaluation(tmp_path, levels=levels)
     began = time.perf_counter()
-    subprocess.run(command("run", path, "--out", tmp_path / "whole"), capture_output=True, check=True)
+    subprocess.run(
+        command("run", path, "--out", tmp_path / "whole"), capture_output=True, check=True
+    )
     longest = time.perf_counter() - began
     expected = digest(tmp_path / "whole")
     draw = random.Random(1)
@@ -102,7 +120,9 @@ def kill_and_resume(tmp_path: Path, wanted: int, levels: int) -> tuple[int, int]
         out = tmp_path / f"killed_{folders}"
         for _ in range(8):
             process = subprocess.Popen(
-                command("run", path, "--out", out, "--resume"), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+                command("run", path, "--out", out, "--resume"),
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
             )
             try:
                 process.wait(draw.uniform(0.0, longest))
@@ -113,14 +133,19 @@ def kill_and_resume(tmp_path: Path, wanted: int, levels: int) -> tuple[int, int]
             assert b"Traceback" not in errors, errors.decode()
             if process.returncode == 0 or kills == wanted:
                 break
-        done = subprocess.run(command("run", path, "--out", out, "--resume"), capture_output=True, check=False)
+        done = subprocess.run(
+            command("run", path, "--out", out, "--resume"), capture_output=True, check=False
+        )
         assert done.returncode == 0, done.stderr.decode()
         assert digest(out) == expected
     return kills, folders
 
 
 def run_mutant(number: int, folder: Path) -> str:
-    """Run a broken evaluation file; how it ended: refused, scored, incomplete. Fails on anything else."""
+    """Run a broken evaluation file; how it ended: refused, scored, incomplete.
+
+    Fails on anything else.
+    """
     data, name = mutant(number)
     path, out = folder / f"{number}.toml", folder / f"run_{number}"
     path.write_bytes(data)
@@ -129,7 +154,9 @@ def run_mutant(number: int, folder: Path) -> str:
     if result.exit_code == 0 and " with " in result.output and _small(result.output):
         result = runner.invoke(main, ["run", str(path), "--out", str(out)])
     fault = "".join(traceback.format_exception(result.exception)) if result.exception else ""
-    assert result.exception is None or isinstance(result.exception, SystemExit), f"{number} {name}\n{fault}"
+    assert result.exception is None or isinstance(result.exception, SystemExit), (
+        f"{number} {name}\n{fault}"
+    )
     assert result.exit_code in (0, 1, 2, 3), f"{number} {name}: {result.exit_code}"
     assert "Traceback" not in result.output, f"{number} {name}"
     if result.exit_code == 2:
@@ -138,9 +165,9 @@ def run_mutant(number: int, folder: Path) -> str:
     if not out.exists():
         return "valid, too large to run here"
     opened = sumo_eval.open_run(out)
-    assert opened.scores["cases"].sum() == len(opened.cases) == (opened.drives["role"] == "ads").sum(), (
-        f"{number} {name}"
-    )
+    assert (
+        opened.scores["cases"].sum() == len(opened.cases) == (opened.drives["role"] == "ads").sum()
+    ), f"{number} {name}"
     return "scored" if result.exit_code == 0 else "incomplete"
 
 
@@ -150,13 +177,18 @@ def _small(words: str) -> bool:
 
 
 def run_own_inputs(number: int, folder: Path) -> str:
-    """Check an own scenario, or estimate a run of it: taken, or refused in sentences. Fails on anything else."""
+    """Check an own scenario, or estimate a run of it: taken, or refused in sentences.
+
+    Fails on anything else.
+    """
     files, words, name = own_inputs(number)
     for file, data in files.items():
         (folder / file).write_bytes(data)
     result = CliRunner().invoke(main, words)
     fault = "".join(traceback.format_exception(result.exception)) if result.exception else ""
-    assert result.exception is None or isinstance(result.exception, SystemExit), f"{number} {name}\n{fault}"
+    assert result.exception is None or isinstance(result.exception, SystemExit), (
+        f"{number} {name}\n{fault}"
+    )
     assert result.exit_code in (0, 2), f"{number} {name}: {result.exit_code}"
     assert "Traceback" not in result.output, f"{number} {name}"
     return "taken" if result.exit_code == 0 else "refused"
@@ -172,13 +204,17 @@ def test_own_scenarios_networks_tables_and_locators_are_taken_or_refused(
         print(f"\n{sum(ends.values())} own inputs: {dict(ends)}")
 
 
-def test_a_few_own_inputs_are_taken_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_few_own_inputs_are_taken_or_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert {run_own_inputs(number, tmp_path) for number in range(16)} == {"taken", "refused"}
 
 
 @pytest.mark.campaign
-def test_broken_evaluation_files_never_show_a_traceback(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_broken_evaluation_files_never_show_a_traceback(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     ends: Counter[str] = Counter()
     faults = []
     for number in range(size(2000)):

@@ -1,9 +1,11 @@
-"""The coverage campaign: whole evaluations over seeds, and how often their 95 % intervals hold the mean over all seeds.
+"""The coverage campaign: whole evaluations over seeds, and how often their 95 % intervals hold the
+mean over all seeds.
 
-`pytest -m campaign tests/campaign/test_interval_coverage.py -s`. Every seed draws other points (Sobol) and drivers.
-The truth is the mean of a score over all seeds: what an evaluation of this size gives on average.
-SUMO_EVAL_CAMPAIGN_SHARE, default 1, is the share of the 20 seeds that is run.
-tests/scoring/confidence/test_intervals.py is the small version, on a problem whose answer is known.
+`pytest -m campaign tests/campaign/test_interval_coverage.py -s`. Every seed draws other points
+(Sobol) and drivers. The truth is the mean of a score over all seeds: what an evaluation of this
+size gives on average. SUMO_EVAL_CAMPAIGN_SHARE, default 1, is the share of the 20 seeds that is
+run. tests/scoring/confidence/test_intervals.py is the small version, on a problem whose answer is
+known.
 """
 
 from __future__ import annotations
@@ -22,7 +24,16 @@ SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 SEEDS, POINTS = 20, 32
 SCENARIOS = ("front_vehicle_cut_out", "cut_in", "front_vehicle_low_speed")
 ADSS = ("idm", "lane_changer", "careful_driver")
-NAMES = ("c", "avoided_share", "avoidance_grade", "task_share", "d", "human_likeness", "s", "s_plus")
+NAMES = (
+    "c",
+    "avoided_share",
+    "avoidance_grade",
+    "task_share",
+    "d",
+    "human_likeness",
+    "s",
+    "s_plus",
+)
 
 
 @pytest.mark.campaign
@@ -31,7 +42,10 @@ def test_95_per_cent_intervals_hold_the_mean_over_seeds(tmp_path: Path) -> None:
     for seed in range(1, max(3, round(SHARE * SEEDS)) + 1):
         settings = EvaluationSettings(
             name="coverage",
-            scenario=tuple(ScenarioSettings(name, SamplingSettings("sobol", count=POINTS)) for name in SCENARIOS),
+            scenario=tuple(
+                ScenarioSettings(name, SamplingSettings("sobol", count=POINTS))
+                for name in SCENARIOS
+            ),
             ads=tuple(AdsSettings(name, name) for name in ADSS),
             seed=seed,
         )
@@ -49,7 +63,10 @@ def test_95_per_cent_intervals_hold_the_mean_over_seeds(tmp_path: Path) -> None:
         truth, deviation, width = value.mean(), value.std(ddof=1), (high - low).mean()
         inside = (low - 1e-9 <= truth) & (truth <= high + 1e-9)
         held[name] += inside.tolist()
-        print(f"{scenario} {ads} {name}: {truth:.3f} +- {deviation:.3f}, held {inside.mean():.2f}, width {width:.3f}")
+        print(
+            f"{scenario} {ads} {name}: {truth:.3f} +- {deviation:.3f}, held {inside.mean():.2f}, "
+            f"width {width:.3f}"
+        )
     shares = {name: float(np.mean(inside)) for name, inside in held.items()}
     print(shares)
     if SHARE >= 1.0:

@@ -1,7 +1,8 @@
 """What a night finds of planted changes, and how often it cries over none.
 
-`pytest -m campaign -s tests/campaign/test_nights.py`: prints a table for each size. SUMO_EVAL_NIGHT_CASES names the
-sizes. Another ladder is kept for acceptance: no constant may be fitted to this one.
+`pytest -m campaign -s tests/campaign/test_nights.py`: prints a table for each size.
+SUMO_EVAL_NIGHT_CASES names the sizes. Another ladder is kept for acceptance: no constant may be
+fitted to this one.
 """
 
 from __future__ import annotations
@@ -21,7 +22,15 @@ from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.report.comparison import Comparison, side_by_side
 from sumo_eval.report.gate_settings import GateSettings, MeasureSettings
 from sumo_eval.report.gates import failed, judge
-from sumo_eval.report.rule import Ends, Noise, Repeats, floor_of, severity_floor, severity_limit, worse_ends
+from sumo_eval.report.rule import (
+    Ends,
+    Noise,
+    Repeats,
+    floor_of,
+    severity_floor,
+    severity_limit,
+    worse_ends,
+)
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.scenario.sampling.request import Request
@@ -35,7 +44,8 @@ PLANTED: Mapping[str, Mapping[str, float]] = {
     "brakes 7": {"brakes": 7.0}, "brakes 6": {"brakes": 6.0}, "brakes 4": {"brakes": 4.0},
     "delay 0.2": {"delay": 0.2}, "delay 0.4": {"delay": 0.4}, "delay 0.8": {"delay": 0.8},
     "range 80": {"seen": 80.0}, "range 60": {"seen": 60.0}, "range 40": {"seen": 40.0},
-    "headway 1.3": {"headway": 1.3}, "headway 1.1": {"headway": 1.1}, "headway 0.9": {"headway": 0.9},
+    "headway 1.3": {"headway": 1.3}, "headway 1.1": {"headway": 1.1},
+    "headway 0.9": {"headway": 0.9},
     "speed 0.97": {"speed": 0.97}, "speed 0.9": {"speed": 0.9},
     "shake 0.5": {"shake": 0.5}, "shake 1.5": {"shake": 1.5}, "latency 2": {"work": 24_000.0},
 }  # fmt: skip
@@ -51,9 +61,13 @@ def entry(name: str, options: Mapping[str, object]) -> dict[str, object]:
 
 
 def points_to_ask(use: str, possible: int) -> int:
-    """How many points to ask for, so that the constraints of the scenario leave `possible` of them."""
+    """How many points to ask for, so that the constraints of the scenario leave `possible` of
+    them."""
     counts = range(possible, 10 * possible)
-    left = (len(sample(SCENARIOS[use], "sobol", request=Request(count=count)).points) for count in counts)
+    left = (
+        len(sample(SCENARIOS[use], "sobol", request=Request(count=count)).points)
+        for count in counts
+    )
     return next(count for count, n in zip(counts, left, strict=False) if n >= possible)
 
 
@@ -63,7 +77,10 @@ def driven(folder: Path, name: str, cases: int, entries: Sequence[dict[str, obje
     samplings = [{"method": "sobol", "count": points_to_ask(use, cases // 2)} for use in uses]
     settings = {
         "name": name,
-        "scenario": [{"use": use, "sampling": sampling} for use, sampling in zip(uses, samplings, strict=True)],
+        "scenario": [
+            {"use": use, "sampling": sampling}
+            for use, sampling in zip(uses, samplings, strict=True)
+        ],
         "ads": list(entries),
         "drivers": {"count": 4},
         "run": {"workers": 2, "case_timeout": 600.0, "step_timeout": 60.0},
@@ -91,7 +108,10 @@ def beside(base: Evaluation, old: str, new: Evaluation, ads: str) -> tuple[Compa
 
 @dataclass(frozen=True)
 class Row:
-    """What a night said of a build. moved: whether any case moved beyond a tolerance."""
+    """What a night said of a build.
+
+    moved: whether any case moved beyond a tolerance.
+    """
 
     build: str
     moved: bool
@@ -102,7 +122,11 @@ class Row:
     def __str__(self) -> str:
         flags = (("moved", self.moved), ("found", self.found), ("named", self.named))
         return " ".join(
-            [f"{self.build:<14}", *(f"{name} {'yes' if flag else 'no':<4}" for name, flag in flags), self.by]
+            [
+                f"{self.build:<14}",
+                *(f"{name} {'yes' if flag else 'no':<4}" for name, flag in flags),
+                self.by,
+            ]
         )
 
 
@@ -118,7 +142,11 @@ def worse_beyond(comparison: Comparison) -> bool:
     ads = comparison.ads[0].ads
     tallies = [tally(ads, comparison.ads, one, Repeats(0, 0), zone=True) for one in near]
     tallies += [tally(ads, comparison.ads, one, Repeats(0, 0), zone=False) for one in shift]
-    ends = [worse for one in comparison.ads for worse in newly_bad(one, SETTINGS, Repeats(0, 0)).values()]
+    ends = [
+        worse
+        for one in comparison.ads
+        for worse in newly_bad(one, SETTINGS, Repeats(0, 0)).values()
+    ]
     return any(one.number for one in tallies) or any(len(worse.which) for worse in ends)
 
 
@@ -135,11 +163,15 @@ def rows_of(run: Evaluation, ads: str) -> list[CaseResult]:
 
 def repeats(run: Evaluation, first: str, second: str) -> Repeats:
     """What two drives of one build tell, of 30 cases at most, as a night has them."""
-    once, twice = (rows_of(run, ads)[:: max(1, len(run.cases_of(ads, run.scores[0].scenario)) * 2 // 30)]
+    once, twice = (rows_of(run,
+        ads)[:: max(1, len(run.cases_of(ads, run.scores[0].scenario)) * 2 // 30)]
                    for ads in (first, second))  # fmt: skip
     names = [measure.quantity for measure in watched()]
     before, after = CaseTable.of(once), CaseTable.of(twice)
-    floors = {name: floor_of(getattr(after, name) - getattr(before, name), SETTINGS.noise) for name in names}
+    floors = {
+        name: floor_of(getattr(after, name) - getattr(before, name), SETTINGS.noise)
+        for name in names
+    }
     severity = severity_floor(Ends.of(before), Ends.of(after), SETTINGS.noise)
     return Repeats(len(once), 0, floors | {"severity": severity})
 
@@ -148,7 +180,9 @@ Rows = Mapping[tuple[str, tuple[float, ...]], CaseResult]
 
 
 def by_point(run: Evaluation, ads: str) -> Rows:
-    return {(case.scenario, tuple(case.values.values())): case for case in run.cases if case.ads == ads}
+    return {
+        (case.scenario, tuple(case.values.values())): case for case in run.cases if case.ads == ads
+    }
 
 
 def ends(case: CaseResult) -> Ends:
@@ -157,11 +191,17 @@ def ends(case: CaseResult) -> Ends:
 
 def bad_drives(base: CaseResult, drives: Sequence[CaseResult], limit: float) -> int:
     """How many drives ended in a way in which the base did not."""
-    return sum(any(flags.any() for flags in worse_ends(ends(base), ends(one), limit).values()) for one in drives)
+    return sum(
+        any(flags.any() for flags in worse_ends(ends(base), ends(one), limit).values())
+        for one in drives
+    )
 
 
 def night_alarms(run: Evaluation, old: str, tonight: str, others: Sequence[str]) -> list[str]:
-    """What fails in a night of the same build. others: further drives, the first tells the floors, four are repeats."""
+    """What fails in a night of the same build.
+
+    others: further drives, the first tells the floors, four are repeats.
+    """
     known = repeats(run, tonight, others[0])
     limit = severity_limit(SETTINGS, known)
     base, again = by_point(run, old), [by_point(run, name) for name in others[1 : 1 + FURTHER]]
@@ -170,11 +210,17 @@ def night_alarms(run: Evaluation, old: str, tonight: str, others: Sequence[str])
         for point, case in by_point(run, tonight).items()
     }
     comparison, after = beside(run, old, run, tonight)
-    return [gate.quantity for gate in failed(judge(after, comparison, SETTINGS, Noise({tonight: known}, bad)))]
+    return [
+        gate.quantity
+        for gate in failed(judge(after, comparison, SETTINGS, Noise({tonight: known}, bad)))
+    ]
 
 
 def false_alarms(run: Evaluation, drives: Sequence[str]) -> list[list[str]]:
-    """What failed in each night of a build that did not change. Each ordered pair of drives is a night."""
+    """What failed in each night of a build that did not change.
+
+    Each ordered pair of drives is a night.
+    """
     return [
         night_alarms(run, old, tonight, [name for name in drives if name not in (old, tonight)])
         for old, tonight in permutations(drives, 2)
@@ -191,7 +237,9 @@ def test_planted_changes_are_found_and_silence_is_kept(cases: int, tmp_path: Pat
     entries = [entry(name, options) for name, options in (PLANTED | DRIFT).items()]
     entries += [entry(name, {"special": name, "at": at}) for name in SPECIAL]
     nulls = ("same", "same again", "same once more", "last digits")
-    entries += [entry(name, {"work": WORK, "digits": 1e-12 * (name == "last digits")}) for name in nulls]
+    entries += [
+        entry(name, {"work": WORK, "digits": 1e-12 * (name == "last digits")}) for name in nulls
+    ]
     planted = driven(tmp_path, "planted", cases, entries)
     print(f"\n{len(base.cases)} cases")
     rows = [told(base, planted, name) for name in (*PLANTED, *SPECIAL, *DRIFT)]
@@ -201,7 +249,9 @@ def test_planted_changes_are_found_and_silence_is_kept(cases: int, tmp_path: Pat
     named = sum(row.named for row in rows)
     print(f"{len(rows)} planted, {len(moved)} moved a case, {found} found, {named} named")
     silent = [told(base, planted, name) for name in nulls]
-    print(f"false alarms of builds that repeat: {sum(row.found for row in silent)} of {len(silent)}")
+    print(
+        f"false alarms of builds that repeat: {sum(row.found for row in silent)} of {len(silent)}"
+    )
     assert not any(row.found for row in silent)
     assert all(row.named for row in rows if row.found)
     missed = [row.build for row in moved if not row.found]
@@ -213,7 +263,9 @@ def test_planted_changes_are_found_and_silence_is_kept(cases: int, tmp_path: Pat
 @pytest.mark.parametrize("cases", SIZES)
 def test_noise_raises_one_alarm_in_fifty_nights_at_most(cases: int, tmp_path: Path) -> None:
     shutil.copy(Path(__file__).with_name("ladder_ads.py"), tmp_path)
-    entries = [entry(f"{noise} {k:02d}", {"noise": noise}) for noise in NOISES for k in range(DRIVES)]
+    entries = [
+        entry(f"{noise} {k:02d}", {"noise": noise}) for noise in NOISES for k in range(DRIVES)
+    ]
     run = driven(tmp_path, "noisy", cases, entries)
     run = replace(run, cases=tuple(run.cases))  # read once: each night looks at them several times
     for noise in NOISES:
@@ -221,5 +273,9 @@ def test_noise_raises_one_alarm_in_fifty_nights_at_most(cases: int, tmp_path: Pa
         alarms = [night for night in nights if night]
         by = Counter(quantity for night in alarms for quantity in night)
         cases = len(run.cases) // len(entries)
-        print(f"\n{cases} cases, noise {noise} m/s2: {len(alarms)} of {len(nights)} null nights failed", dict(by))
+        print(
+            f"\n{cases} cases, noise {noise} m/s2: {len(alarms)} of {len(nights)} null nights "
+            "failed",
+            dict(by),
+        )
         assert len(alarms) <= 0.02 * len(nights)

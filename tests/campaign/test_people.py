@@ -1,4 +1,5 @@
-"""Recorded people beside bad driving in their own concrete scenarios: what D and H make of them (docs/trust.md)."""
+"""Recorded people beside bad driving in their own concrete scenarios: what D and H make of them
+(docs/trust.md)."""
 
 from __future__ import annotations
 
@@ -50,7 +51,8 @@ def test_who_drives_through_its_leader_is_less_human_than_everybody(table):
 
 
 def test_the_papers_d_alone_does_not_tell_these(tool, table):
-    """Why H has a plausibility and the mixture: in the paper's mode D puts all four above people."""
+    """Why H has a plausibility and the mixture: in the paper's mode D puts all four above
+    people."""
     found = tool.areas(table, "D")
     for who in ("tailgates at 0.3 s", "swerves at a TTC of 1.5 s", "drives through its leader"):
         assert found[who] < 0.5

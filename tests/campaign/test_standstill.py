@@ -1,7 +1,8 @@
-"""A case ends when the ego has stood for 2 s: in no scenario that ships would somebody have touched it later.
+"""A case ends when the ego has stood for 2 s: in no scenario that ships would somebody have touched
+it later.
 
-`pytest -m campaign tests/campaign/test_standstill.py`: 150 points of each, driven to that end and on to the time limit.
-"""
+`pytest -m campaign tests/campaign/test_standstill.py`: 150 points of each, driven to that end and
+on to the time limit."""
 
 import os
 from dataclasses import replace
@@ -25,7 +26,9 @@ def touched(use: str, ads: str, count: int, settings: SimulationSettings) -> lis
 
 @pytest.mark.parametrize("ads", ["ideal_braking", "idm"])
 def test_nobody_touches_later_who_lets_others_turn_across_his_path(ads: str) -> None:
-    assert touched("turn_across_path", ads, 10, SETTINGS) == touched("turn_across_path", ads, 10, WAITING)
+    assert touched("turn_across_path", ads, 10, SETTINGS) == touched(
+        "turn_across_path", ads, 10, WAITING
+    )
 
 
 @pytest.mark.campaign

@@ -1,4 +1,5 @@
-"""A whole study by three participants without persons, in real time, in a browser: from the first code to Fig. 11."""
+"""A whole study by three participants without persons, in real time, in a browser: from the first
+code to Fig. 11."""
 
 from __future__ import annotations
 
@@ -79,18 +80,30 @@ def take_part(page: Page, code: str) -> None:
     page.call("Page.reload")
     page.wait("document.documentElement.dataset.shown === 'sheet' && !window.through", 120.0)
     page.run(BOT.read_text(encoding="utf-8"))
-    page.run(f"bot({{ code: {json.dumps(code)}, wish: {json.dumps(PEOPLE[code])}, opinion: {OPINION} }})")
+    page.run(
+        f"bot({{ code: {json.dumps(code)}, wish: {json.dumps(PEOPLE[code])}, opinion: {OPINION} }})"
+    )
     page.wait("Boolean(window.through)", 900.0)
 
 
 @pytest.mark.campaign
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 def test_three_bots_drive_a_study_in_a_browser_and_fig_11_is_drawn(tmp_path: Path) -> None:
-    """8 drives each: every tape comes to the same bytes again, every rated score stands in the figure."""
+    """8 drives each: every tape comes to the same bytes again, every rated score stands in the
+    figure."""
     (tmp_path / "base.toml").write_text(RUN)
     (tmp_path / "study.toml").write_text(STUDY)
     sumo_eval.evaluate(tmp_path / "base.toml", out=tmp_path / "run")
-    command = [sys.executable, "-m", "sumo_eval", "drive", str(tmp_path / "study.toml"), "--no-browser", "--port", "0"]
+    command = [
+        sys.executable,
+        "-m",
+        "sumo_eval",
+        "drive",
+        str(tmp_path / "study.toml"),
+        "--no-browser",
+        "--port",
+        "0",
+    ]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert server.stdout is not None
     address = server.stdout.readline().split(": ", 1)[1].strip()
@@ -98,13 +111,17 @@ def test_three_bots_drive_a_study_in_a_browser_and_fig_11_is_drawn(tmp_path: Pat
         page.open(address, "document.documentElement.dataset.shown === 'sheet'")
         for code in PEOPLE:
             take_part(page, code)
-            page.run(f"[...document.querySelectorAll('button')].at({-1 if code == 'P03' else 0}).click()")
+            page.run(
+                f"[...document.querySelectorAll('button')].at({-1 if code == 'P03' else 0}).click()"
+            )
             time.sleep(1.0)
     said = server.communicate(timeout=120.0)[0]
     tapes = sorted((tmp_path / "bots" / "participants").glob("*/front*.jsonl"))
     assert len(tapes) == 24
     assert all(again(tape).same for tape in tapes)
-    counted = re.search(r"3 took part; (\d+) drives by (\d+) of them count, (\d+) (?:are|is) left out", said)
+    counted = re.search(
+        r"3 took part; (\d+) drives by (\d+) of them count, (\d+) (?:are|is) left out", said
+    )
     assert counted is not None
     assert int(counted[1]) + int(counted[3]) == 24
     with_people = tmp_path / "people"

@@ -1,4 +1,5 @@
-"""The leaderboard's scores of what ships are what the program comes to: a suite that is cited can be run again."""
+"""The leaderboard's scores of what ships are what the program comes to: a suite that is cited can
+be run again."""
 
 from __future__ import annotations
 
@@ -26,6 +27,9 @@ def test_the_kept_scores_of_the_suite_are_found_again(tmp_path: Path, suite: str
     for score in found.scores:
         one = kept[score.ads, score.scenario]
         if suite != "2026.1":
-            assert score.s_plus == pytest.approx(one["s_plus"], abs=1e-6), (score.ads, score.scenario)
+            assert score.s_plus == pytest.approx(one["s_plus"], abs=1e-6), (
+                score.ads,
+                score.scenario,
+            )
         assert score.s == pytest.approx(one["s"], abs=1e-6), (score.ads, score.scenario)
         assert score.collisions == one["collisions"], (score.ads, score.scenario)

@@ -1,4 +1,5 @@
-"""A small evaluation whose ADS can be given one planted fault, and drivers that cost no simulation."""
+"""A small evaluation whose ADS can be given one planted fault, and drivers that cost no
+simulation."""
 
 from __future__ import annotations
 
@@ -60,7 +61,9 @@ cases_per_pack = 32
 
 
 def evaluation(folder: Path, levels: str = "3", fault: str = "", engine: str = "serial") -> Path:
-    """Write the evaluation and its modules. fault: `30, 0:sleeps`, the point and what the ADS does there.
+    """Write the evaluation and its modules.
+
+    fault: `30, 0:sleeps`, the point and what the ADS does there.
 
     engine: without processes of its own a run costs half.
     """

@@ -1,4 +1,5 @@
-"""Each example of `--help`, and a locator of each scheme, runs as it is typed into a shell: quotes, spaces, options."""
+"""Each example of `--help`, and a locator of each scheme, runs as it is typed into a shell: quotes,
+spaces, options."""
 
 from __future__ import annotations
 
@@ -52,7 +53,8 @@ def second_run(folder: Path) -> None:
 
 
 OF_THE_DOCS = {"campaign", "humans departure", "learn", "nightly", "plot", "score", "sensitivity"}
-"""Commands of which the docs' blocks have examples too, which tests/docs/test_every_block.py runs."""
+"""Commands of which the docs' blocks have examples too, which tests/docs/test_every_block.py
+runs."""
 
 
 @pytest.mark.parametrize(
@@ -79,7 +81,8 @@ def test_the_example_of_a_command_runs_as_typed(name: str, desk: Path, tmp_path:
 
 
 def test_an_example_runs_in_a_real_shell_and_opens_the_page(desk: Path, tmp_path: Path) -> None:
-    """BROWSER names what opens a page, as on any desktop: here a program that writes down what it was asked for."""
+    """BROWSER names what opens a page, as on any desktop: here a program that writes down what it
+    was asked for."""
     browser = tmp_path / "browser"
     browser.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/opened\n')
     browser.chmod(0o755)
@@ -92,7 +95,8 @@ def in_a_shell(line: str, folder: Path, **variables: str) -> subprocess.Complete
     """Have bash run a line, with this installation first on its path."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     return subprocess.run(
-        ["bash", "-c", line], cwd=folder, env={**os.environ, "PATH": path, **variables}, capture_output=True,
+        ["bash", "-c", line], cwd=folder, env={**os.environ, "PATH": path, **variables},
+        capture_output=True,
         text=True, timeout=300, check=False,
     )  # fmt: skip
 
@@ -104,7 +108,7 @@ def test_each_example_that_is_not_run_says_why_and_what_runs_it() -> None:
             assert (ROOT / place).is_file(), reason
 
 
-# --- locators ---------------------------------------------------------------------------------------------------------
+# --- locators -------------------------------------------------------------------------------------
 
 PLACES = "docs/bring_your_ads.md"
 HERE = {
@@ -125,7 +129,8 @@ ELSEWHERE = {
     "carla_agent.py:": "needs a planner of another tool; tests/ads/test_adapters.py has some",
     "smarts_agent.py:": "needs a planner of another tool; tests/ads/test_adapters.py has some",
     "nuplan_planner.py:": "needs a planner of another tool; tests/ads/test_adapters.py has some",
-    "commonroad_planner.py:": "needs a planner of another tool; tests/ads/test_adapters.py has some",
+    "commonroad_planner.py:": "needs a planner of another tool; tests/ads/test_adapters.py has "
+    "some",
     "exec:/usr/bin/python3 ros2_node.py": "needs ROS 2; tests/ads/test_ros2.py has a stand-in",
 }
 
@@ -161,7 +166,11 @@ def test_a_locator_of_each_scheme_drives_as_typed(locator: str, tmp_path: Path) 
 
 def test_the_table_of_doors_has_no_locator_that_nothing_types() -> None:
     table = (ROOT / PLACES).read_text(encoding="utf-8").split("## Choose a way")[1].split("\n\n")[1]
-    named = [locator for row in table.splitlines()[2:] for locator in re.findall(r"`([^`]+)`", row.split("|")[2])]
+    named = [
+        locator
+        for row in table.splitlines()[2:]
+        for locator in re.findall(r"`([^`]+)`", row.split("|")[2])
+    ]
     assert {one for one in named if not one.startswith(tuple(ELSEWHERE))} == set(HERE)
     for reason in ELSEWHERE.values():
         assert (ROOT / re.findall(r"tests/\S+\.py", reason)[0]).is_file()

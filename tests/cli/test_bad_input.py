@@ -1,4 +1,5 @@
-"""Bad input at the command line: one clear sentence, the right status, no traceback, and no finished work lost."""
+"""Bad input at the command line: one clear sentence, the right status, no traceback, and no
+finished work lost."""
 
 from __future__ import annotations
 
@@ -33,9 +34,13 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "deep.toml").write_text(f"x = {'[' * 5_000}{']' * 5_000}\n{HEAD}")
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"\n')
     (tmp_path / "folder.toml").mkdir()
-    (tmp_path / "long.toml").write_text(HEAD.replace('controller = "idm"', f'controller = "{"a" * 5_000}.py:x"'))
+    (tmp_path / "long.toml").write_text(
+        HEAD.replace('controller = "idm"', f'controller = "{"a" * 5_000}.py:x"')
+    )
     (tmp_path / "surrogate.py").write_text('raise ValueError("\\ud800" + "x" * 10_000_000)\n')
-    (tmp_path / "import.toml").write_text(HEAD.replace('controller = "idm"', 'controller = "surrogate.py:x"'))
+    (tmp_path / "import.toml").write_text(
+        HEAD.replace('controller = "idm"', 'controller = "surrogate.py:x"')
+    )
     return tmp_path
 
 
@@ -69,7 +74,9 @@ def test_what_cannot_be_used_is_one_short_sentence_and_status_2(
 
 @pytest.mark.campaign
 @pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
-def test_a_full_device_behind_stdout_loses_no_finished_work_and_is_one_sentence(folder: Path) -> None:
+def test_a_full_device_behind_stdout_loses_no_finished_work_and_is_one_sentence(
+    folder: Path,
+) -> None:
     with FULL.open("w") as full:
         done = in_a_process("run", folder / "good.toml", "--out", folder / "o", stdout=full)
     assert done.returncode == 2

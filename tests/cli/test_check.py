@@ -39,17 +39,22 @@ def test_a_bad_controller(tmp_path):
 @pytest.mark.parametrize("where", ["__init__", "act"])
 def test_an_interrupt_of_its_own_is_told_as_the_adss(tmp_path, where):
     (tmp_path / "mine.py").write_text(
-        f"class Mine:\n    def {where}(self, seen=None):\n        raise KeyboardInterrupt\n    reset = print\n"
+        f"class Mine:\n    def {where}(self, seen=None):\n        raise KeyboardInterrupt\n    "
+        "reset = print\n"
     )
     done = check("mine.py:Mine", tmp_path)
     assert done.returncode == 1
     assert "Traceback" not in done.stdout + done.stderr
-    assert f"FAIL  ADS `mine.py:Mine`: it raised KeyboardInterrupt. At mine.py:3 in {where}." in done.stdout
+    assert (
+        f"FAIL  ADS `mine.py:Mine`: it raised KeyboardInterrupt. At mine.py:3 in {where}."
+        in done.stdout
+    )
 
 
 def test_an_exception_is_told_by_its_place_in_the_users_file_without_the_harness_lines(tmp_path):
     (tmp_path / "mine.py").write_text(
-        "class Brake:\n    def act(self, seen):\n        return self.brake()\n    def brake(self):\n"
+        "class Brake:\n    def act(self, seen):\n        return self.brake()\n    def "
+        "brake(self):\n"
         "        raise RuntimeError('brake')\n"
     )
     done = check("mine.py:Brake", tmp_path)
@@ -59,13 +64,15 @@ def test_an_exception_is_told_by_its_place_in_the_users_file_without_the_harness
     assert "Traceback" not in done.said
     assert "loop.py" not in done.said
     assert done.said.count("-> fix what the message names") == 1
-    assert "case_timeout" not in done.said  # what a drive that broke off took says nothing of a whole one
+    # what a drive that broke off took says nothing of a whole one
+    assert "case_timeout" not in done.said
 
 
 def test_what_a_run_would_lose_to_the_clock_fails(tmp_path):
     """A first step of 0.3 s where 0.1 s are allowed."""
     (tmp_path / "mine.py").write_text(
-        "import time\ndef acc(seen):\n    time.sleep(0.3 if seen.time == 0 else 0)\n    return 0.0\n"
+        "import time\ndef acc(seen):\n    time.sleep(0.3 if seen.time == 0 else 0)\n    return "
+        "0.0\n"
     )
     done = check("mine.py:acc", tmp_path, "--step-timeout", "0.1")
     assert done.returncode == 1
@@ -115,7 +122,9 @@ def test_an_exception_of_many_lines_is_cut_to_a_few(tmp_path):
 
 @pytest.mark.parametrize("method", ["run_step", "compute_planner_trajectory", "predict"])
 def test_a_class_of_another_tool_is_told_of_act(tmp_path, method):
-    (tmp_path / "mine.py").write_text(f"class Agent:\n    def {method}(self, data):\n        return 0.0\n")
+    (tmp_path / "mine.py").write_text(
+        f"class Agent:\n    def {method}(self, data):\n        return 0.0\n"
+    )
     done = check("mine.py:Agent", tmp_path)
     assert done.returncode == 2
     assert f"It has `{method}`, as " in done.stderr
@@ -128,11 +137,15 @@ def test_what_cannot_be_loaded_is_one_sentence(tmp_path):
     assert done.stderr.startswith("sumo-eval: ADS `mine.py:acc`: there is no file")
 
 
-GOOD = 'name = "x"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[[ads]]\nname = "a"\ncontroller = "{}"\n'
+GOOD = (
+    'name = "x"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[[ads]]\nname = "a"\ncontroller = '
+    '"{}"\n'
+)
 
 
 @pytest.mark.parametrize(
-    ("controller", "status", "words"), [("idm", 0, "ok    ADS a: idm"), ("idn", 2, "Did you mean `idm`?")]
+    ("controller", "status", "words"),
+    [("idm", 0, "ok    ADS a: idm"), ("idn", 2, "Did you mean `idm`?")],
 )
 def test_an_evaluation_file(tmp_path, controller, status, words):
     (tmp_path / "e.toml").write_text(GOOD.format(controller))
@@ -150,7 +163,9 @@ def test_an_evaluation_file(tmp_path, controller, status, words):
         ("    [shout(n) for n in range(3, 20)]", "something that is no result"),
     ],
 )
-def test_an_ads_that_ends_or_overwrites_the_process_it_is_checked_in_is_a_finding(tmp_path, body, words):
+def test_an_ads_that_ends_or_overwrites_the_process_it_is_checked_in_is_a_finding(
+    tmp_path, body, words
+):
     (tmp_path / "mine.py").write_text(
         "import os, stat\n\n"
         "def shout(n):\n    try:\n        if stat.S_ISFIFO(os.fstat(n).st_mode):\n"
@@ -160,7 +175,8 @@ def test_an_ads_that_ends_or_overwrites_the_process_it_is_checked_in_is_a_findin
     done = check("mine.py:acc", tmp_path)
     assert done.returncode == 1, done.stdout + done.stderr
     assert words in done.stdout
-    assert not done.stderr or done.stderr.startswith("It printed:")  # the child's own traceback, as its words
+    # the child's own traceback, as its words
+    assert not done.stderr or done.stderr.startswith("It printed:")
 
 
 def test_a_shipped_scenario_is_checked_by_its_name_without_a_fit(tmp_path, monkeypatch):
@@ -180,10 +196,16 @@ def test_a_path_beyond_ascii_works_in_the_locale_c(tmp_path):
     folder.mkdir()
     file = folder / "völlig_neu.toml"
     file.write_bytes(scenario_files()["front_vehicle_low_speed"].read_bytes())
-    plain = {name: value for name, value in os.environ.items() if not name.startswith(("LC_", "LANG", "PYTHON"))}
+    plain = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("LC_", "LANG", "PYTHON"))
+    }
     done = subprocess.run(
-        [sys.executable, "-m", "sumo_eval", "check", os.fsencode(file)], cwd=Path(__file__).parents[2], check=False,
-        env={**plain, "LC_ALL": "C", "LANG": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}, capture_output=True,
+        [sys.executable, "-m", "sumo_eval", "check", os.fsencode(file)],
+        cwd=Path(__file__).parents[2], check=False,
+        env={**plain, "LC_ALL": "C", "LANG": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
+        capture_output=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert b"Logical scenario" in done.stdout

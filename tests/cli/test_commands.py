@@ -1,4 +1,5 @@
-"""The command line as a person meets it: quick help, sentences instead of tracebacks, statuses that mean something."""
+"""The command line as a person meets it: quick help, sentences instead of tracebacks, statuses that
+mean something."""
 
 from __future__ import annotations
 
@@ -40,7 +41,8 @@ def test_help_imports_nothing_heavy() -> None:
     code = (
         "import sys\nfrom sumo_eval.cli import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit as stop:\n    assert stop.code == 0\n"
-        "heavy = {'numpy', 'scipy', 'pandas', 'sklearn', 'pydantic', 'libsumo', 'numba', 'rich', 'plotly', 'jinja2'}\n"
+        "heavy = {'numpy', 'scipy', 'pandas', 'sklearn', 'pydantic', 'libsumo', 'numba', 'rich', "
+        "'plotly', 'jinja2'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -51,14 +53,17 @@ def test_help_imports_nothing_heavy() -> None:
 def test_running_and_scoring_import_no_more_than_synthetic_drivers_on_a_grid_need() -> None:
     code = (
         "import sys, sumo_eval.evaluation, sumo_eval.report.assessed, sumo_eval.report.tables\n"
-        "heavy = {'pandas', 'sklearn', 'scipy.stats', 'numba', 'plotly.graph_objects', 'fmpy', 'distributed'}\n"
+        "heavy = {'pandas', 'sklearn', 'scipy.stats', 'numba', 'plotly.graph_objects', 'fmpy', "
+        "'distributed'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
-def test_linear_algebra_keeps_to_one_thread_unless_the_user_says_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_linear_algebra_keeps_to_one_thread_unless_the_user_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "")
     monkeypatch.delenv("OPENBLAS_NUM_THREADS")
@@ -72,7 +77,14 @@ def test_a_run_ends_with_a_table_a_report_and_status_0(finished: tuple[Done, Pat
     assert "front_vehicle_low_speed" in done.stdout
     assert "idm" in done.stdout
     assert "Traceback" not in done.stderr
-    for name in ("evaluation.toml", "manifest.json", "facts.sqlite", "scores.json", "cases.csv", "report.html"):
+    for name in (
+        "evaluation.toml",
+        "manifest.json",
+        "facts.sqlite",
+        "scores.json",
+        "cases.csv",
+        "report.html",
+    ):
         assert (out / name).is_file()
     json.loads((out / "scores.json").read_text())
 
@@ -125,7 +137,9 @@ def test_partition_says_where_the_danger_is_greatest() -> None:
         (("run", "--out", "x", "--workers", "0"), "--workers"),
     ],
 )
-def test_bad_input_gets_a_sentence_and_status_2(arguments: tuple[str, ...], sentence: str, tmp_path: Path) -> None:
+def test_bad_input_gets_a_sentence_and_status_2(
+    arguments: tuple[str, ...], sentence: str, tmp_path: Path
+) -> None:
     done = sumo_eval(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert sentence in done.stderr
@@ -133,13 +147,19 @@ def test_bad_input_gets_a_sentence_and_status_2(arguments: tuple[str, ...], sent
     assert not (tmp_path / "x").exists()
 
 
-def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sentence(tmp_path: Path) -> None:
+def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sentence(
+    tmp_path: Path,
+) -> None:
     for before, after, sentence in (
         ("levels = 2", "level = 2", "Did you mean `levels`?"),
         ('controller = "idm"', 'controller = "idn"', "Did you mean `idm`?"),
         ('controller = "idm"', 'controller = "gone.py:Ads"', "there is no file"),
         ('controller = "idm"', 'controller = "sumo:IMD"', "Unknown SUMO car-following model"),
-        ('use = "front_vehicle_low_speed"', 'use = "front_vehicle_slow"', "Unknown logical scenario"),
+        (
+            'use = "front_vehicle_low_speed"',
+            'use = "front_vehicle_slow"',
+            "Unknown logical scenario",
+        ),
         ("levels = 2", "levels = 1", "levels"),
         ("levels = 2", 'method = "gird"', "Did you mean `grid`?"),
         ("levels = 2", "steps = { lead_sped = 1.0 }", "Did you mean `lead_speed`?"),
@@ -153,8 +173,12 @@ def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sente
 
 
 def test_cases_that_cannot_be_evaluated_give_status_3_and_are_listed(tmp_path: Path) -> None:
-    (tmp_path / "broken.py").write_text("def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n")
-    (tmp_path / "evaluation.toml").write_text(EVALUATION.replace('"idm"\n[drivers]', '"broken.py:broken"\n[drivers]'))
+    (tmp_path / "broken.py").write_text(
+        "def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n"
+    )
+    (tmp_path / "evaluation.toml").write_text(
+        EVALUATION.replace('"idm"\n[drivers]', '"broken.py:broken"\n[drivers]')
+    )
     done = in_a_process("run", "evaluation.toml", "--out", "out", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     assert "no plan" in done.stdout

@@ -19,7 +19,8 @@ LIKE_BASE = "20, 0"
 
 @pytest.fixture(scope="module")
 def builds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run folders `base`, `repeat` and `new` over the same cases; `new` does not brake in one of them."""
+    """Run folders `base`, `repeat` and `new` over the same cases; `new` does not brake in one of
+    them."""
     folder = tmp_path_factory.mktemp("builds")
     for name, fault in (("base", ""), ("repeat", ""), ("new", f"{FAULT}:sleeps")):
         file = evaluation(folder, LEVELS, fault)
@@ -36,16 +37,24 @@ def test_a_repeat_of_the_same_build_is_green(builds: Path) -> None:
 
 
 def test_one_planted_regression_among_many_cases_is_named(builds: Path) -> None:
-    done = sumo_eval("compare", builds / "base", builds / "new", "--junit", builds / "junit.xml", "--report")
+    done = sumo_eval(
+        "compare", builds / "base", builds / "new", "--junit", builds / "junit.xml", "--report"
+    )
     assert done.returncode == 1, done.stdout + done.stderr
     assert "1 case got worse, 0 better" in done.stdout
     said = next(line for line in done.stdout.splitlines() if "side by side" in line)
     assert int(said.split()[-5]) >= CASES, said
     assert "new collision: 1" in done.stdout
     assert "ego_speed=30, lead_speed=0" in done.stdout
-    assert "FAILED: mine in front_vehicle_low_speed: 1 case collided, not so in the base" in done.stdout
+    assert (
+        "FAILED: mine in front_vehicle_low_speed: 1 case collided, not so in the base"
+        in done.stdout
+    )
     assert f"again: sumo-eval replay {builds / 'new'} front_vehicle_low_speed-" in done.stdout
-    suites = {suite.name: list(suite) for suite in junitparser.JUnitXml.fromfile(str(builds / "junit.xml"))}
+    suites = {
+        suite.name: list(suite)
+        for suite in junitparser.JUnitXml.fromfile(str(builds / "junit.xml"))
+    }
     beside = suites["mine in front_vehicle_low_speed beside the base"]
     assert [case.name for case in beside if case.result] == ["ego_speed=30, lead_speed=0"]
     page = (builds / "new" / "report.html").read_text(encoding="utf-8")
@@ -59,7 +68,9 @@ def test_the_way_back_is_better_and_green(builds: Path) -> None:
 
 
 def test_a_gate_file_decides_what_is_let_through(builds: Path, tmp_path: Path) -> None:
-    (tmp_path / "gate.toml").write_text('outcome.on = false\n[[limit]]\nquantity = "new_collisions"\nat_most = 1\n')
+    (tmp_path / "gate.toml").write_text(
+        'outcome.on = false\n[[limit]]\nquantity = "new_collisions"\nat_most = 1\n'
+    )
     done = sumo_eval("compare", builds / "base", builds / "new", "--gate", tmp_path / "gate.toml")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "NO LIMIT FAILED beside base: 1 case got worse, 0 better" in done.stdout
@@ -98,16 +109,19 @@ def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds: Path) -
     )
     done = sumo_eval("explain", builds / "new", key)
     assert done.returncode == 0, done.stderr
-    for words in ("Eq. 15: U = |(30.000, 0.000) - (0.000, 0.000)| / w = 30.000 / 1.000", "Eq. 14: L = 1.0",
+    for words in ("Eq. 15: U = |(30.000, 0.000) - (0.000, 0.000)| / w = 30.000 / "
+                  "1.000", "Eq. 14: L = 1.0",
                   "50.00 points of S", "Eq. 18: S = 0.0"):  # fmt: skip
         assert words in done.stdout
-    # r = 1 without a hazardous zone; doing nothing hits at the closing speed where it is in time, here at 30 m/s
+    # r = 1 without a hazardous zone; doing nothing hits at the closing speed where it is in time,
+    # here at 30 m/s
     with (builds / "new" / "cases.csv").open(newline="", encoding="utf-8") as file:
         hits = [row for row in csv.DictReader(file) if float(row["no_reaction_severity"])]
     closing = sum(float(row["ego_speed"]) - float(row["lead_speed"]) for row in hits)
     share = 30.0 / closing
     for words in (
-        "A: U = 30.000 m/s, ideal vehicle Ug = 0.000 m/s, doing nothing U0 = 30.000 m/s: the collision is avoidable",
+        "A: U = 30.000 m/s, ideal vehicle Ug = 0.000 m/s, doing nothing U0 = 30.000 m/s: the "
+        "collision is avoidable",
         f"of 1 - A = {share:.4f} this case took {share:.4f}; A' = ",
         "H: 0, an avoidable incident in a safe case",
     ):
@@ -123,9 +137,14 @@ def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds: Path) -
 
 
 def test_run_only_drives_one_case_again(builds: Path, tmp_path: Path) -> None:
-    """The command that a failed limit names, as it is typed: the case ends as in the run, to the last bit."""
+    """The command that a failed limit names, as it is typed: the case ends as in the run, to the
+    last bit."""
     done = sumo_eval("compare", builds / "base", builds / "new")
-    case = next(line for line in done.stdout.splitlines() if "ok -> contact" in line).split(":")[0].strip()
+    case = (
+        next(line for line in done.stdout.splitlines() if "ok -> contact" in line)
+        .split(":")[0]
+        .strip()
+    )
     assert f"alone: sumo-eval run {builds / 'new'} --only {case}" in done.stdout
     assert f"page: {builds / 'new' / 'report.html'}#case:{case}" in done.stdout
     again = sumo_eval("run", builds / "new", "--only", case, "--out", tmp_path / "one")
@@ -142,7 +161,9 @@ def test_run_only_names_what_it_does_not_know(builds: Path, tmp_path: Path) -> N
         ("front_vehicle_low_speed-9999-mine", "must be numbered 0000 to"),
         ("nonsense", "Unknown case `nonsense` of the evaluation."),
     ):
-        done = sumo_eval("run", builds / "evaluation.toml", "--only", case, "--out", tmp_path / "none")
+        done = sumo_eval(
+            "run", builds / "evaluation.toml", "--only", case, "--out", tmp_path / "none"
+        )
         assert done.returncode == 2
         assert words in done.stderr
     assert not (tmp_path / "none").exists()
@@ -157,7 +178,9 @@ def test_run_only_names_what_it_does_not_know(builds: Path, tmp_path: Path) -> N
         ('quantity = "d_i"\nworse_by = 1.0', ""),
     ],
 )
-def test_a_column_of_the_table_may_be_a_limit(builds: Path, tmp_path: Path, limit: str, sentence: str) -> None:
+def test_a_column_of_the_table_may_be_a_limit(
+    builds: Path, tmp_path: Path, limit: str, sentence: str
+) -> None:
     (tmp_path / "gate.toml").write_text(f"outcome.on = false\n[[limit]]\n{limit}\n")
     done = sumo_eval("compare", builds / "base", builds / "new", "--gate", tmp_path / "gate.toml")
     assert done.returncode == (1 if sentence else 0), done.said

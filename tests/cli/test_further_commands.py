@@ -51,18 +51,25 @@ def test_an_installed_package_brings_a_command_of_its_own(site: Path) -> None:
 @pytest.mark.parametrize(
     ("entry", "sentence"),
     [
-        ("weather = weather_tool:rain", "Command `weather`, `weather_tool:rain`, cannot be loaded: AttributeError"),
+        (
+            "weather = weather_tool:rain",
+            "Command `weather`, `weather_tool:rain`, cannot be loaded: AttributeError",
+        ),
         ("weather = weather_tool:nothing", "must be a click command, got int."),
     ],
 )
-def test_what_is_no_command_is_one_sentence_and_status_2(site: Path, entry: str, sentence: str) -> None:
+def test_what_is_no_command_is_one_sentence_and_status_2(
+    site: Path, entry: str, sentence: str
+) -> None:
     install(site, entry)
     done = CliRunner().invoke(cli.main, ["weather"])
     assert done.exit_code == 2
     assert sentence in done.output
 
 
-def test_our_command_without_its_entry_point_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_our_command_without_its_entry_point_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(cli, "_plugins", dict)
     done = CliRunner().invoke(cli.main, ["drive", "cut_in"])
     assert done.exit_code == 2

@@ -1,4 +1,5 @@
-"""`--help`: commands by task, an example for each that its own parser takes, the nearest command by meaning."""
+"""`--help`: commands by task, an example for each that its own parser takes, the nearest command by
+meaning."""
 
 from __future__ import annotations
 
@@ -29,8 +30,12 @@ def all_commands() -> list[tuple[str, click.Command]]:
     return found
 
 
-@pytest.mark.parametrize(("name", "command"), all_commands(), ids=lambda value: value if isinstance(value, str) else "")
-def test_every_command_has_an_example_that_its_own_parser_takes(name: str, command: click.Command) -> None:
+@pytest.mark.parametrize(
+    ("name", "command"), all_commands(), ids=lambda value: value if isinstance(value, str) else ""
+)
+def test_every_command_has_an_example_that_its_own_parser_takes(
+    name: str, command: click.Command
+) -> None:
     shown = CliRunner().invoke(main, [*name.split(), "--help"])
     assert shown.exit_code == 0
     assert command.epilog is not None
@@ -55,7 +60,8 @@ def test_the_help_names_every_command_under_its_task_and_cuts_no_line() -> None:
 @pytest.mark.parametrize(
     ("typed", "meant"),
     [
-        ("evaluate", "run"), ("simulate", "run"), ("html", "report"), ("diff", "compare"), ("list", "scenarios"),
+        ("evaluate", "run"), ("simulate", "run"), ("html", "report"), ("diff", "compare"),
+        ("list", "scenarios"),
         ("validate", "check"), ("Benchmark", "bench"), ("runn", "run"), ("nigthly", "nightly"),
     ],
 )  # fmt: skip
@@ -79,7 +85,10 @@ def test_the_help_of_humans_cuts_no_line_either() -> None:
 
 
 def test_a_line_wider_than_the_terminal_breaks_between_words_and_goes_on_indented() -> None:
-    line = "  2. an_ads_with_a_long_name  57.2 (39.9..66.0)  -8.0 to another_one: not told apart, the place is shared"
+    line = (
+        "  2. an_ads_with_a_long_name  57.2 (39.9..66.0)  -8.0 to another_one: not told apart, "
+        "the place is shared"
+    )
     parts = broken(line, 60).splitlines()
     assert len(parts) == 2
     assert all(len(part) <= 60 for part in parts)

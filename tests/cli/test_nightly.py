@@ -1,4 +1,5 @@
-"""Nights in a row: good, worse, broken, killed, twice at once; the history only grows, folders go by a rule."""
+"""Nights in a row: good, worse, broken, killed, twice at once; the history only grows, folders go
+by a rule."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ def nights(history: Path) -> list[Night]:
 
 @pytest.fixture(scope="module")
 def week(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
-    """Four nights that keep two folders: good, good, worse, and one in which a case could not be evaluated."""
+    """Four nights that keep two folders: good, good, worse, and one in which a case could not be
+    evaluated."""
     folder = tmp_path_factory.mktemp("week")
     file, outputs = evaluation(folder), []
     for fault, status in (("", 0), ("", 0), ("30, 0:sleeps", 1), ("20, 0:raises", 1)):
@@ -62,7 +64,9 @@ def test_each_night_is_compared_with_the_last_good_one(week: tuple[Path, list[st
     assert "no plan here" in outputs[3]
 
 
-def test_the_first_good_night_pins_itself_and_keeps_its_folder(week: tuple[Path, list[str]]) -> None:
+def test_the_first_good_night_pins_itself_and_keeps_its_folder(
+    week: tuple[Path, list[str]],
+) -> None:
     folder, _ = week
     with open_history(folder / "history") as lines:
         (pin,) = lines.accepted()
@@ -81,7 +85,10 @@ def test_a_night_leaves_what_people_and_machines_read(week: tuple[Path, list[str
     assert "no plan here" in (last / "junit.xml").read_text()
     page = (last / "report.html").read_text(encoding="utf-8")
     top = page[: page.index('id="change"')]
-    assert "<b>new</b> mine in <code>front_vehicle_low_speed</code>: 1 case gave up, not so in the base" in top
+    assert (
+        "<b>new</b> mine in <code>front_vehicle_low_speed</code>: 1 case gave up, not so in the "
+        "base" in top
+    )
     case = json.loads((last / "night.json").read_text())["failed"][0]["cases"][0]
     assert f'data-opening="{case["case"]}"' in top, "the picture is of the worst new failure"
     assert case["run"] == f"sumo-eval run {last} --only {case['case']}"
@@ -92,8 +99,11 @@ def test_a_night_leaves_what_people_and_machines_read(week: tuple[Path, list[str
     assert f'href="{nights(folder / "history")[-1].folder}/report.html"' in trend
 
 
-def test_the_newest_nights_and_the_last_good_one_keep_their_folders(week: tuple[Path, list[str]]) -> None:
-    """Two folders are kept, the third and the fourth; the second is the last good one, the first is accepted."""
+def test_the_newest_nights_and_the_last_good_one_keep_their_folders(
+    week: tuple[Path, list[str]],
+) -> None:
+    """Two folders are kept, the third and the fourth; the second is the last good one, the first is
+    accepted."""
     folder, _ = week
     found = nights(folder / "history")
     there = [(folder / "history" / night.folder).is_dir() for night in found]
@@ -123,7 +133,9 @@ def test_a_second_night_is_refused_while_one_is_running(week: tuple[Path, list[s
     assert len(nights(folder / "history")) == before
 
 
-def test_what_a_killed_night_left_is_removed_and_said(week: tuple[Path, list[str]], tmp_path: Path) -> None:
+def test_what_a_killed_night_left_is_removed_and_said(
+    week: tuple[Path, list[str]], tmp_path: Path
+) -> None:
     folder, _ = week
     history = tmp_path / "history"
     shutil.copytree(folder / "history", history)
@@ -145,7 +157,8 @@ def test_what_a_killed_night_left_is_removed_and_said(week: tuple[Path, list[str
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with an evaluation and a history whose only night was killed while cases were driven."""
+    """A folder with an evaluation and a history whose only night was killed while cases were
+    driven."""
     folder = tmp_path_factory.mktemp("killed")
     file = evaluation(folder, "{ ego_speed = 8, lead_speed = 6 }", engine="processes")
     file.write_text(file.read_text().replace("cases_per_pack = 32", "cases_per_pack = 4"))
@@ -154,7 +167,8 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def copied(folder: Path, tmp_path: Path) -> tuple[Path, Path, Path]:
-    """A copy of it to go on with: the evaluation, the history, the folder that the killed night left."""
+    """A copy of it to go on with: the evaluation, the history, the folder that the killed night
+    left."""
     copy = Path(shutil.copytree(folder, tmp_path / "copy"))
     (left,) = (copy / "history" / "nights").iterdir()
     return copy / "evaluation.toml", copy / "history", left
@@ -166,7 +180,10 @@ def test_a_night_that_is_killed_leaves_nothing_that_counts(killed: Path, tmp_pat
     assert nights(history) == []
     evaluation(file.parent, "2")
     result = run_night(file, history, GateSettings(resamples=100))
-    assert f"Night {left.name} was stopped before its end; its unfinished folder was removed." in result.notes
+    assert (
+        f"Night {left.name} was stopped before its end; its unfinished folder was removed."
+        in result.notes
+    )
     assert [night.night for night in nights(history)] == [result.night.night]
     assert not left.exists()
 
@@ -196,7 +213,9 @@ def recorded(history: Path) -> int:
     return 0
 
 
-def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(killed: Path, tmp_path: Path) -> None:
+def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(
+    killed: Path, tmp_path: Path
+) -> None:
     file, history, left = copied(killed, tmp_path)
     file.write_text(file.read_text().replace('"processes"', '"serial"'))
     kept = recorded(history)
@@ -204,7 +223,9 @@ def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(killed:
 
     done = sumo_eval("nightly", file, "--history", history, "--resume")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert f"Night {left.name} was stopped before its end and has gone on" in done.stdout.replace("\n", " ")
+    assert f"Night {left.name} was stopped before its end and has gone on" in done.stdout.replace(
+        "\n", " "
+    )
     (night,) = nights(history)
     assert (night.night, night.folder, night.wall_time) == (left.name, f"nights/{left.name}", None)
     assert "has gone on" in (left / "report.html").read_text()
@@ -214,7 +235,9 @@ def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(killed:
 
     after = sumo_eval("nightly", file, "--history", history, "--resume")
     assert after.returncode == 0
-    assert "No night was stopped before its end; this one began anew." in after.stdout.replace("\n", " ")
+    assert "No night was stopped before its end; this one began anew." in after.stdout.replace(
+        "\n", " "
+    )
     assert after.stdout.startswith("THE SAME as")
     whole = nights(history)[-1]
     assert whole.base == left.name
@@ -238,10 +261,17 @@ def test_a_night_of_another_evaluation_does_not_go_on_and_stays(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    "fault", [OSError(errno.EIO, "Input/output error"), pytest.param(KeyboardInterrupt(), marks=pytest.mark.campaign)]
+    "fault",
+    [
+        OSError(errno.EIO, "Input/output error"),
+        pytest.param(KeyboardInterrupt(), marks=pytest.mark.campaign),
+    ],
 )
 def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
-    fault: BaseException, week: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    fault: BaseException,
+    week: tuple[Path, list[str]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     folder, _ = week
     history = tmp_path / "history"
@@ -252,11 +282,15 @@ def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
         raise fault
 
     monkeypatch.setattr("sumo_eval.nightly.night.write_tables", broken)
-    with pytest.raises((InputError, StoppedError), match="The same command with --resume continues"):
+    with pytest.raises(
+        (InputError, StoppedError), match="The same command with --resume continues"
+    ):
         run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
     monkeypatch.undo()
     before = len(nights(history))
-    result = run_night(folder / "evaluation.toml", history, GateSettings(resamples=100), resume=True)
+    result = run_night(
+        folder / "evaluation.toml", history, GateSettings(resamples=100), resume=True
+    )
     assert any("has gone on" in note for note in result.notes)
     assert len(nights(history)) == before + 1
 
@@ -277,14 +311,21 @@ def test_a_full_disk_ends_in_a_sentence_and_leaves_earlier_nights_alone(
         with pytest.raises(InputError, match="No space left on device"):
             run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
     assert nights(history) == before
-    assert {path.name for path in (history / "nights").iterdir()} == {night.night for night in before}
+    assert {path.name for path in (history / "nights").iterdir()} == {
+        night.night for night in before
+    }
     monkeypatch.setattr("shutil.disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
     with pytest.raises(InputError, match="The night was not begun: it may need"):
         run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
 
 
-def test_lost_pairs_fail_until_they_are_accepted(week: tuple[Path, list[str]], tmp_path: Path) -> None:
-    """Two levels of three: the middle ones are gone, three of six cases, more than a tenth. Both corners are judged."""
+def test_lost_pairs_fail_until_they_are_accepted(
+    week: tuple[Path, list[str]], tmp_path: Path
+) -> None:
+    """Two levels of three: the middle ones are gone, three of six cases, more than a tenth.
+
+    Both corners are judged.
+    """
     folder, _ = week
     history = tmp_path / "history"
     shutil.copytree(folder / "history", history)
@@ -295,7 +336,9 @@ def test_lost_pairs_fail_until_they_are_accepted(week: tuple[Path, list[str]], t
     assert result.judged.bases.comparison.pairs == 3
     told = json.loads((result.report.parent / "night.json").read_text())
     assert told["verdict"] == "incomplete"
-    assert [one["what"] for one in told["differences"]] == ["scenario.front_vehicle_low_speed.sampling.levels"]
+    assert [one["what"] for one in told["differences"]] == [
+        "scenario.front_vehicle_low_speed.sampling.levels"
+    ]
     (failed,) = told["failed"]
     assert "3 of the base's 6 cases have no partner" in failed["sentence"]
     assert f"sumo-eval accept {history} --reason" in failed["sentence"]
@@ -318,7 +361,9 @@ def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path: Path
     assert not (tmp_path / "history").exists()
 
 
-def test_older_runs_are_imported_as_nights_that_are_no_base(week: tuple[Path, list[str]], tmp_path: Path) -> None:
+def test_older_runs_are_imported_as_nights_that_are_no_base(
+    week: tuple[Path, list[str]], tmp_path: Path
+) -> None:
     folder, _ = week
     kept = nights(folder / "history")[1]
     run = folder / "history" / kept.folder
@@ -416,7 +461,9 @@ def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(
     plant(folder, "")
     result = run_night(folder / "evaluation.toml", history, GateSettings(resamples=100), keep=1)
     assert {path.name for path in (history / "nights").iterdir()} == {*before, result.night.night}
-    assert sum("is not in the history; it was left as it is" in note for note in result.notes) == len(before)
+    assert sum(
+        "is not in the history; it was left as it is" in note for note in result.notes
+    ) == len(before)
 
 
 @pytest.mark.parametrize("known_lines", [0, 1], ids=["no line", "the oldest line"])
@@ -436,22 +483,36 @@ def test_old_history_put_back_keeps_complete_nights(
             lines.begin(name)
         for name in complete[:known_lines]:
             values = (name, f"nights/{name}")
-            lines._connection.execute("INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", values)
+            lines._connection.execute(
+                "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", values
+            )
         notes = _clear_away(history, lines)
     assert sorted(path.name for path in (history / "nights").iterdir()) == complete
     assert (
-        sum("is a complete run without a line in the history" in note for note in notes) == len(complete) - known_lines
+        sum("is a complete run without a line in the history" in note for note in notes)
+        == len(complete) - known_lines
     )
-    assert f"Night {unfinished.name} was stopped before its end; its unfinished folder was removed." in notes
+    assert (
+        f"Night {unfinished.name} was stopped before its end; its unfinished folder was removed."
+        in notes
+    )
 
 
-@pytest.mark.parametrize("seeds", [range(8), pytest.param(range(8, 300), marks=pytest.mark.campaign)])
-def test_no_history_removes_a_complete_night(week: tuple[Path, list[str]], tmp_path: Path, seeds: range) -> None:
-    """A fuzz of histories: any begun, finished and lost lines, beside complete, stopped and damaged nights."""
+@pytest.mark.parametrize(
+    "seeds", [range(8), pytest.param(range(8, 300), marks=pytest.mark.campaign)]
+)
+def test_no_history_removes_a_complete_night(
+    week: tuple[Path, list[str]], tmp_path: Path, seeds: range
+) -> None:
+    """A fuzz of histories: any begun, finished and lost lines, beside complete, stopped and damaged
+    nights."""
     source = sorted((week[0] / "history" / "nights").iterdir())[0]
     for seed in seeds:
         draw, history = random.Random(seed), tmp_path / str(seed)
-        kinds = {f"2020-01-0{day}T00-00-00Z": draw.choice(["complete", "stopped", "cut"]) for day in range(1, 5)}
+        kinds = {
+            f"2020-01-0{day}T00-00-00Z": draw.choice(["complete", "stopped", "cut"])
+            for day in range(1, 5)
+        }
         for name, kind in kinds.items():
             night = history / "nights" / name
             night.mkdir(parents=True)
@@ -461,13 +522,18 @@ def test_no_history_removes_a_complete_night(week: tuple[Path, list[str]], tmp_p
                 with sqlite3.connect(night / "facts.sqlite") as facts:
                     facts.execute("UPDATE about SET value = '' WHERE name IN ('complete', 'seal')")
             elif kind == "cut":
-                (night / "facts.sqlite").write_bytes((night / "facts.sqlite").read_bytes()[: draw.randrange(100_000)])
+                (night / "facts.sqlite").write_bytes(
+                    (night / "facts.sqlite").read_bytes()[: draw.randrange(100_000)]
+                )
         with open_history(history, create=True) as lines:
             for name in kinds:
                 if draw.random() < 0.7:
                     lines.begin(name)
                 if draw.random() < 0.3:
-                    values = (name, draw.choice([f"nights/{name}", "nights", "", "..", f"nights/{name}/.."]))
+                    values = (
+                        name,
+                        draw.choice([f"nights/{name}", "nights", "", "..", f"nights/{name}/.."]),
+                    )
                     lines._connection.execute(
                         "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", values
                     )
@@ -482,7 +548,12 @@ def test_a_line_that_names_another_place_removes_nothing_there(tmp_path: Path) -
     (history / "nights" / "b").mkdir(parents=True)
     precious.mkdir()
     with open_history(history, create=True) as lines:
-        for name, place in (("a", str(precious)), ("b", "nights/b"), ("c", "nights/../../precious"), ("d", "nights/d")):
+        for name, place in (
+            ("a", str(precious)),
+            ("b", "nights/b"),
+            ("c", "nights/../../precious"),
+            ("d", "nights/d"),
+        ):
             lines._connection.execute(
                 "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", (name, place)
             )
@@ -505,7 +576,8 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path: Path) -> N
 
 
 def test_a_noisy_ads_is_found_and_its_new_collision_driven_again(tmp_path: Path) -> None:
-    """At one of three points the ADS sleeps and shakes: no two drives are alike, and all five collide."""
+    """At one of three points the ADS sleeps and shakes: no two drives are alike, and all five
+    collide."""
     file, history = evaluation(tmp_path, "2"), tmp_path / "history"
     shaking = "Command(acceleration=__import__('random').SystemRandom().uniform(-0.3, 0.3)"
     module = tmp_path / "my_ads.py"
@@ -517,5 +589,7 @@ def test_a_noisy_ads_is_found_and_its_new_collision_driven_again(tmp_path: Path)
     assert (told["verdict"], told["exit_status"]) == ("worse", 1)
     assert (told["repeats"]["mine"]["cases"], told["repeats"]["mine"]["alike"]) == (3, 2)
     assert max(told["repeats"]["mine"]["floors"].values()) > 0.0
-    assert [(one["quantity"], one["since"]) for one in told["failed"]] == [("collided", told["night"])]
+    assert [(one["quantity"], one["since"]) for one in told["failed"]] == [
+        ("collided", told["night"])
+    ]
     assert not (history / "again").exists()

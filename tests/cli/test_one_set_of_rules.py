@@ -1,4 +1,5 @@
-"""`check` of a scenario file, `check` of an evaluation that uses it, and `run` say the same, in the same sentence."""
+"""`check` of a scenario file, `check` of an evaluation that uses it, and `run` say the same, in the
+same sentence."""
 
 from __future__ import annotations
 
@@ -47,7 +48,10 @@ CHANGES = {
     "a vehicle off the road": ('gap = "room"', "gap = 7000.0"),
     "a vehicle beside the lanes": ('gap = "room"', 'gap = "room"\ny = 30.0'),
     "the ego beside the lanes": ("[ego]", "[ego]\ny = -9.0"),
-    "a vehicle off the road at one point": ('gap = "room"', 'gap = "where(ego_speed > 20, 9000, 20)"'),
+    "a vehicle off the road at one point": (
+        'gap = "room"',
+        'gap = "where(ego_speed > 20, 9000, 20)"',
+    ),
     "a negative speed at one point": ('speed = "lead_speed"', 'speed = "lead_speed - 6.0"'),
     "division by zero at one point": ("2.0 * ego_speed", "1.0 / (ego_speed - 15.0)"),
     "no deceleration": ("deceleration = 3.0", "deceleration = 0.0"),
@@ -86,7 +90,8 @@ def said(done: Result) -> str:
 
 
 def alike(folder: Path) -> tuple[int, str]:
-    """The verdict of all three, and the sentence of the run, which the other two must say as well."""
+    """The verdict of all three, and the sentence of the run, which the other two must say as
+    well."""
     evaluation = folder / "evaluation.toml"
     evaluation.write_text(EVALUATION)
     run = CliRunner().invoke(main, ["run", str(evaluation), "--dry-run"], standalone_mode=True)
@@ -110,7 +115,8 @@ def sentences(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(it, marks=pytest.mark.campaign) if it == "another gap" else it for it in CHANGES]
+    "name",
+    [pytest.param(it, marks=pytest.mark.campaign) if it == "another gap" else it for it in CHANGES],
 )
 def test_check_and_run_have_one_verdict_and_one_sentence(tmp_path: Path, name: str) -> None:
     old, new = CHANGES[name]
@@ -121,7 +127,9 @@ def test_check_and_run_have_one_verdict_and_one_sentence(tmp_path: Path, name: s
 
 
 @pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.campaign), *range(1, 8)])
-def test_files_with_a_line_lost_or_a_number_changed_are_judged_alike(tmp_path: Path, seed: int) -> None:
+def test_files_with_a_line_lost_or_a_number_changed_are_judged_alike(
+    tmp_path: Path, seed: int
+) -> None:
     rng = random.Random(seed)
     lines = GOOD.strip().splitlines()
     if seed % 2:
@@ -129,7 +137,10 @@ def test_files_with_a_line_lost_or_a_number_changed_are_judged_alike(tmp_path: P
     else:
         place = rng.choice([n for n, line in enumerate(lines) if re.search(r"\d", line)])
         lines[place] = re.sub(
-            r"\d+\.\d", rng.choice(["-1.0", "1e300", "0.0", "1e-9", "nan", "inf"]), lines[place], count=1
+            r"\d+\.\d",
+            rng.choice(["-1.0", "1e300", "0.0", "1e-9", "nan", "inf"]),
+            lines[place],
+            count=1,
         )
     (tmp_path / "own.toml").write_text("\n".join(lines))
     assert alike(tmp_path)[0] in (0, 2)
@@ -139,7 +150,9 @@ def test_two_scenarios_of_one_name_are_refused_alike(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(GOOD)
     (tmp_path / "other.toml").write_text(GOOD)
     evaluation = tmp_path / "evaluation.toml"
-    evaluation.write_text(EVALUATION.replace("[[ads]]", '[[scenario]]\nuse = "other.toml"\n[[ads]]'))
+    evaluation.write_text(
+        EVALUATION.replace("[[ads]]", '[[scenario]]\nuse = "other.toml"\n[[ads]]')
+    )
     words = "must differ in their names, got `own` twice"
     for command in (["run", str(evaluation), "--dry-run"], ["check", str(evaluation)]):
         done = CliRunner().invoke(main, command)

@@ -1,4 +1,5 @@
-"""Progress where there is no terminal: plain lines with rate, time left and failures, one at a stage's end."""
+"""Progress where there is no terminal: plain lines with rate, time left and failures, one at a
+stage's end."""
 
 from __future__ import annotations
 
@@ -27,7 +28,12 @@ def test_plain_lines_tell_rate_time_left_and_failures(
     ]
 
 
-def shown(monkeypatch: pytest.MonkeyPatch, reports: list[tuple[float, int]], total: int, at_most: bool = False) -> None:
+def shown(
+    monkeypatch: pytest.MonkeyPatch,
+    reports: list[tuple[float, int]],
+    total: int,
+    at_most: bool = False,
+) -> None:
     """Report how much was done at these times, s."""
     now = [0.0]
     monkeypatch.setattr(module.clock, "monotonic", lambda: now[0])
@@ -40,8 +46,13 @@ def shown(monkeypatch: pytest.MonkeyPatch, reports: list[tuple[float, int]], tot
 def test_what_is_compiled_before_the_first_case_does_not_count_for_the_rest(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """After 40 s of compiling, packs of 20 every 2 s: 10/s. The mean since the beginning, 80/46 s, would give 9 min."""
-    shown(monkeypatch, [(0.0, 0), (40.0, 20), (42.0, 40), (44.0, 60), (46.0, 80), (52.0, 140)], 1000)
+    """After 40 s of compiling, packs of 20 every 2 s: 10/s.
+
+    The mean since the beginning, 80/46 s, would give 9 min.
+    """
+    shown(
+        monkeypatch, [(0.0, 0), (40.0, 20), (42.0, 40), (44.0, 60), (46.0, 80), (52.0, 140)], 1000
+    )
     assert capsys.readouterr().err.splitlines() == [
         "drives: 20 of 1000",
         "drives: 140 of 1000, 10.0/s, about 86 s left",
@@ -55,7 +66,9 @@ def test_a_pack_that_ends_at_once_is_no_rate(
     assert capsys.readouterr().err.splitlines() == ["drives: 1 of 1000"]
 
 
-def test_a_search_that_may_settle_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_search_that_may_settle_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     shown(monkeypatch, [(0.0, 0), (2.0, 8), (7.0, 28), (12.0, 48)], 500, at_most=True)
     assert capsys.readouterr().err.splitlines() == [
         "drives: 48 of at most 500, 4.0/s, about 113 s left if it takes them all"

@@ -13,7 +13,10 @@ from sumo_eval.record import cluster
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.terminal import gate_lines
 
-TWO = "class Brake:\n    def act(self, seen):\n        return None\n\n\ndef steer(seen):\n    return None\n"
+TWO = (
+    "class Brake:\n    def act(self, seen):\n        return None\n\n\ndef steer(seen):\n    "
+    "return None\n"
+)
 
 
 @pytest.mark.parametrize("words", [("check",), ("run", "--out", "x", "--ads")])
@@ -33,7 +36,12 @@ def test_a_file_that_is_not_there_is_said_to_be_missing() -> None:
     assert result.output == "sumo-eval: There is no file nothing.py.\n"
 
 
-SCHEMES = ["exec:python 'a b.py'", "traci:python é.py", "exec:./a:b.py", "exec:python a.py --file b.toml"]
+SCHEMES = [
+    "exec:python 'a b.py'",
+    "traci:python é.py",
+    "exec:./a:b.py",
+    "exec:python a.py --file b.toml",
+]
 
 
 @pytest.mark.parametrize("words", [("check",), ("run", "--dry-run", "--ads")])
@@ -48,7 +56,8 @@ def test_a_locator_with_a_scheme_is_no_file(locator: str, words: tuple[str, ...]
 def test_an_evaluation_without_ads_is_driven_by_those_named(tmp_path: Path) -> None:
     file = tmp_path / "é b.toml"
     file.write_text(
-        'name = "a"\n[[scenario]]\nuse = "front_vehicle_low_speed"\nsampling.levels = 2\n[drivers]\ncount = 2\n'
+        'name = "a"\n[[scenario]]\nuse = "front_vehicle_low_speed"\nsampling.levels = '
+        "2\n[drivers]\ncount = 2\n"
     )
     done = CliRunner().invoke(main, ["run", str(file), "--ads", "idm", "--dry-run"])
     assert done.exit_code == 0, done.output
@@ -61,10 +70,14 @@ def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path:
     words = ["boundary", "exit_cut", "idm", "--fix", "side=0.5", "--out", str(tmp_path / "edge")]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 2
-    assert result.output == ("sumo-eval: `side` of the slice of scenario `exit_cut` must be one of -1, 1, got 0.5.\n")
+    assert result.output == (
+        "sumo-eval: `side` of the slice of scenario `exit_cut` must be one of -1, 1, got 0.5.\n"
+    )
 
 
-def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(tmp_path: Path) -> None:
+def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "notes.txt").write_text("mine")
     result = CliRunner().invoke(main, ["run", "--out", str(tmp_path / "taken")])
@@ -81,7 +94,11 @@ def test_gates_that_were_not_judged_for_one_reason_are_one_line() -> None:
         for quantity in ("A", "H", "S+")
     ]
     lines = gate_lines([*gates, GateResult("C", "a", "s", False, "C: fell", None, None)])
-    assert lines == ["gate FAILED: a in s: C: fell", f"6 gates not judged: {reason}", "0 gates passed."]
+    assert lines == [
+        "gate FAILED: a in s: C: fell",
+        f"6 gates not judged: {reason}",
+        "0 gates passed.",
+    ]
 
 
 @pytest.mark.parametrize("options", [("--out", "x"), ("--dry-run",)])
@@ -91,7 +108,8 @@ def test_a_misspelt_scenario_is_refused_before_an_ads_is_asked(
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text('open("asked", "w").close()\n\n\ndef acc(seen):\n    return 0.0\n')
     Path("evaluation.toml").write_text(
-        'name = "x"\n[[scenario]]\nuse = "cut_inn"\n[[ads]]\nname = "mine"\ncontroller = "mine.py:acc"\n'
+        'name = "x"\n[[scenario]]\nuse = "cut_inn"\n[[ads]]\nname = "mine"\ncontroller = '
+        '"mine.py:acc"\n'
     )
     result = CliRunner().invoke(main, ["run", "evaluation.toml", *options])
     assert result.exit_code == 2
@@ -103,28 +121,37 @@ def test_a_misspelt_scenario_is_refused_before_an_ads_is_asked(
 def test_a_bend_that_is_too_tight_for_the_steering_of_the_evaluation_is_refused_before_the_first_drive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A steering wheel that stops at 8 deg turns the wheels by 0.5 deg: 2.7 m / tan(0.5 deg) = 309.4 m, in the left
-    lane, which is 3.5 m further inside.
+    """A steering wheel that stops at 8 deg turns the wheels by 0.5 deg: 2.7 m / tan(0.5 deg) =
+    309.4 m, in the left lane, which is 3.5 m further inside.
     """
     monkeypatch.chdir(tmp_path)
     Path("evaluation.toml").write_text(
-        'name = "x"\n[[scenario]]\nuse = "curve_braking"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n'
+        'name = "x"\n[[scenario]]\nuse = "curve_braking"\n[[ads]]\nname = "idm"\ncontroller = '
+        '"idm"\n'
         "[simulation.vehicle]\nmax_steering_wheel_angle_deg = 8.0\n"
     )
     result = CliRunner().invoke(main, ["run", "evaluation.toml", "--out", "x"])
     assert result.exit_code == 2
-    assert "The radius of scenario `curve_braking` must be at least 312.9 m, so that the ego can drive" in result.output
+    assert (
+        "The radius of scenario `curve_braking` must be at least 312.9 m, so that the ego can drive"
+        in result.output
+    )
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [((), "needs the address of a scheduler"), (("--scheduler", "tcp://127.0.0.1:1"), "needs the extra `cluster`")],
+    [
+        ((), "needs the address of a scheduler"),
+        (("--scheduler", "tcp://127.0.0.1:1"), "needs the extra `cluster`"),
+    ],
 )
 def test_a_cluster_that_cannot_be_is_refused_before_anything_is_compiled(
     tmp_path: Path, options: tuple[str, ...], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cluster, "find_spec", lambda name: None)
-    result = CliRunner().invoke(main, ["run", "--engine", "dask", *options, "--out", str(tmp_path / "x")])
+    result = CliRunner().invoke(
+        main, ["run", "--engine", "dask", *options, "--out", str(tmp_path / "x")]
+    )
     assert result.exit_code == 2
     assert words in result.output
     assert "compiling" not in result.output
@@ -163,6 +190,8 @@ def test_a_folder_to_check_is_answered_with_what_it_holds(tmp_path: Path) -> Non
         (tmp_path / name).write_text("")
     result = CliRunner().invoke(main, ["check", str(tmp_path)])
     assert result.exit_code == 2
-    assert f"is a folder; name a file that it holds: {str(tmp_path / 'mine.py')!r}, " in result.output
+    assert (
+        f"is a folder; name a file that it holds: {str(tmp_path / 'mine.py')!r}, " in result.output
+    )
     assert "night.toml" in result.output
     assert "notes" not in result.output

@@ -15,7 +15,9 @@ from sumo_eval.cli import main
 NIGHTS = Path(__file__).parents[2] / "docs" / "examples" / "nights"
 
 
-@pytest.mark.parametrize("name", ["night.cron", "sumo-eval-night.service", "night.yml", "gitlab.yml"])
+@pytest.mark.parametrize(
+    "name", ["night.cron", "sumo-eval-night.service", "night.yml", "gitlab.yml"]
+)
 def test_recipe_names_options_of_nightly(name: str) -> None:
     text = (NIGHTS / name).read_text()
     known = CliRunner().invoke(main, ["nightly", "--help"]).output
@@ -50,6 +52,8 @@ def test_recipes_hide_no_failure_and_pin_what_they_run() -> None:
 
 
 def test_removed_option_names_the_files() -> None:
-    result = CliRunner().invoke(main, ["nightly", "evaluation.toml", "--history", "nights", "--install", "cron"])
+    result = CliRunner().invoke(
+        main, ["nightly", "evaluation.toml", "--history", "nights", "--install", "cron"]
+    )
     assert result.exit_code == 2
     assert "docs/examples/nights" in result.output

@@ -11,7 +11,9 @@ from click.testing import CliRunner
 from sumo_eval.cli import main
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "scenario_file.md"
-EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[0]
+EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[
+    0
+]
 
 
 def run(*arguments):
@@ -51,7 +53,12 @@ def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path)
     texts = []
     for number, seed in enumerate((1, 1, 2)):
         out = tmp_path / str(number)
-        assert run("sample", "cut_in", "--method", "sobol", "--count", 8, "--seed", seed, "--out", out).exit_code == 0
+        assert (
+            run(
+                "sample", "cut_in", "--method", "sobol", "--count", 8, "--seed", seed, "--out", out
+            ).exit_code
+            == 0
+        )
         texts.append((out / "points.csv").read_text())
     assert texts[0] == texts[1] != texts[2]
 
@@ -81,7 +88,9 @@ def test_check_says_what_is_in_a_scenario_file_and_what_is_wrong(truck):
     done = run("check", truck)
     assert done.exit_code == 0, done.output
     assert "12 possible points; constraints refuse 3 more." in done.output
-    truck.write_text(EXAMPLE.replace('"truck_speed < ego_speed"', '"truck_sped < ego_speed"'), encoding="utf-8")
+    truck.write_text(
+        EXAMPLE.replace('"truck_speed < ego_speed"', '"truck_sped < ego_speed"'), encoding="utf-8"
+    )
     wrong = run("check", truck)
     assert wrong.exit_code == 2
     assert "Did you mean `truck_speed`?" in wrong.stderr
@@ -89,7 +98,8 @@ def test_check_says_what_is_in_a_scenario_file_and_what_is_wrong(truck):
 
 def test_boundary_finds_an_edge_and_writes_it(tmp_path):
     done = run(
-        "boundary", "front_vehicle_cut_out", "no_reaction", "--fix", "ego_speed=30", "--fix", "obstacle_speed=5",
+        "boundary", "front_vehicle_cut_out", "no_reaction", "--fix", "ego_speed=30", "--fix",
+        "obstacle_speed=5",
         "--budget", 16, "--workers", 1, "--out", tmp_path / "out",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
@@ -107,7 +117,18 @@ def test_an_edge_is_drawn_for_a_paper_from_what_the_search_wrote(tmp_path, held)
     pytest.importorskip("matplotlib")
     out = tmp_path / "edge"
     fixed = [word for value in held for word in ("--fix", value)]
-    args = ("boundary", "front_vehicle_cut_out", "careful_driver", *fixed, "--budget", 16, "--workers", 1, "--out", out)
+    args = (
+        "boundary",
+        "front_vehicle_cut_out",
+        "careful_driver",
+        *fixed,
+        "--budget",
+        16,
+        "--workers",
+        1,
+        "--out",
+        out,
+    )
     assert run(*args).exit_code == 0
     rows = (out / "chances.csv").read_text().splitlines()
     assert len(rows) == 1 + {0: 5 * 80 * 80, 1: 80 * 80, 2: 80}[len(held)]

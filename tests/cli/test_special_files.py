@@ -1,4 +1,5 @@
-"""Special files where a user's file is asked for: one sentence, at once, whatever command reads them."""
+"""Special files where a user's file is asked for: one sentence, at once, whatever command reads
+them."""
 
 from __future__ import annotations
 
@@ -41,7 +42,14 @@ INPUTS = {
     "campaign": ("campaign", "special.toml", "--out", "out"),
     "nightly": ("nightly", "special.toml", "--history", "nights"),
 }
-NAMES = ("special.toml", "special.py", "special.onnx", "special.xosc", "special.csv", "special.csv.gz")
+NAMES = (
+    "special.toml",
+    "special.py",
+    "special.onnx",
+    "special.xosc",
+    "special.csv",
+    "special.csv.gz",
+)
 
 
 def fifo(path: Path) -> None:

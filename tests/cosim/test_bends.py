@@ -43,14 +43,20 @@ def channels(recording: Recording) -> np.ndarray:
     return np.nan_to_num(np.concatenate(found, axis=1))
 
 
-@pytest.mark.parametrize("ads", ["idm", "careful_driver", "ideal_braking", "no_reaction", "reg157", "fsm", "rss"])
+@pytest.mark.parametrize(
+    "ads", ["idm", "careful_driver", "ideal_braking", "no_reaction", "reg157", "fsm", "rss"]
+)
 def test_law_on_a_radius_of_a_thousand_kilometres_all_is_as_on_the_straight(ads: str) -> None:
-    """The rear axle is on the line; half a wheelbase ahead the centre is l^2 / (2 R) = 9e-7 m outside it. That
-    decides when a lead has left the lane, up to 1e-6 s earlier or later, and rules that switch then show it.
+    """The rear axle is on the line; half a wheelbase ahead the centre is l^2 / (2 R) = 9e-7 m
+    outside it. That decides when a lead has left the lane, up to 1e-6 s earlier or later, and rules
+    that switch then show it.
     A contact is earlier by the 5e-6 m that turned corners reach further, over the closing speed.
     """
     for concrete, tolerance in ((CUT_IN, 1e-6), (BRAKING, 1e-6), (CHANGING, 1e-4)):
-        straight, bent = simulate(concrete, ads, SHORT), simulate(on(bend(1e6), concrete), ads, SHORT)
+        straight, bent = (
+            simulate(concrete, ads, SHORT),
+            simulate(on(bend(1e6), concrete), ads, SHORT),
+        )
         assert (bent.end_reason, bent.error) == (straight.end_reason, None)
         driven = slice(-1 if straight.collision is not None else None)
         for before, after in zip(vehicles(straight), vehicles(bent), strict=True):
@@ -58,14 +64,16 @@ def test_law_on_a_radius_of_a_thousand_kilometres_all_is_as_on_the_straight(ads:
             assert np.abs(before.y - after.y)[driven].max() < tolerance
         if straight.collision is not None and bent.collision is not None:
             assert bent.collision.time == pytest.approx(straight.collision.time, abs=2e-6)
-            assert bent.collision.relative_speed == pytest.approx(straight.collision.relative_speed, abs=1e-4)
+            assert bent.collision.relative_speed == pytest.approx(
+                straight.collision.relative_speed, abs=1e-4
+            )
             assert bent.collision.overlap == pytest.approx(straight.collision.overlap, abs=1e-4)
 
 
 @pytest.mark.parametrize("radius", [250.0, -250.0, 60.0])
 def test_law_an_ego_that_keeps_its_lane_drives_the_circle_of_the_closed_form(radius: float) -> None:
-    """At constant speed the rear axle is on the circle, half a wheelbase before it the centre on one of the radius
-    sqrt(R^2 + l^2), and both turn by v / R a second.
+    """At constant speed the rear axle is on the circle, half a wheelbase before it the centre on
+    one of the radius sqrt(R^2 + l^2), and both turn by v / R a second.
     """
     speed = 12.0
     concrete = on(bend(radius), case(lead(900.0, 30.0), speed=speed, x=1.0))
@@ -84,7 +92,11 @@ def test_law_an_ego_that_keeps_its_lane_drives_the_circle_of_the_closed_form(rad
 
 @pytest.mark.parametrize("ads", ["idm", "lane_changer", "careful_driver", "fsm"])
 def test_law_on_a_bend_too_a_case_has_the_bits_it_has_alone(ads: str) -> None:
-    cases = [on(bend(radius), it) for radius in (250.0, -250.0) for it in (CUT_IN, replace(CUT_IN, exposure=0.5))]
+    cases = [
+        on(bend(radius), it)
+        for radius in (250.0, -250.0)
+        for it in (CUT_IN, replace(CUT_IN, exposure=0.5))
+    ]
     together = list(simulate_many(cases, ads, SHORT))
     for concrete, found in zip(cases, together, strict=True):
         assert found.error is None
@@ -93,7 +105,10 @@ def test_law_on_a_bend_too_a_case_has_the_bits_it_has_alone(ads: str) -> None:
 
 def test_over_a_spiral_into_a_bend_and_out_again_the_lane_is_kept() -> None:
     line = (Piece(60.0), Piece(60.0, 0.0, 1 / 200), arc(100.0, 200.0), Piece(60.0, 1 / 200, 0.0))
-    concrete = on(replace(ROAD, name="spirals", run_out=900.0, line=line), case(lead(500.0, 30.0), speed=18.0, x=10.0))
+    concrete = on(
+        replace(ROAD, name="spirals", run_out=900.0, line=line),
+        case(lead(500.0, 30.0), speed=18.0, x=10.0),
+    )
     found = simulate(concrete, "idm", SimulationSettings(time_limit=25.0))
     assert found.error is None
     assert np.abs(found.ego.y).max() < 0.02
@@ -101,14 +116,19 @@ def test_over_a_spiral_into_a_bend_and_out_again_the_lane_is_kept() -> None:
 
 def test_a_lane_changer_arrives_in_the_left_lane_of_a_bend() -> None:
     slow = Actor("slow", Start(110.0, 0.0, 10.0))
-    found = simulate(on(bend(500.0), case(slow)), "lane_changer", SimulationSettings(time_limit=20.0))
+    found = simulate(
+        on(bend(500.0), case(slow)), "lane_changer", SimulationSettings(time_limit=20.0)
+    )
     assert (found.error, found.collision) == (None, None)
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.05)
 
 
 def test_a_rear_end_on_a_bend_is_judged_on_the_map() -> None:
-    """On R = 100 m bodies 4.55 m apart are turned by 0.0455 rad, and the ego leans out by atan(1.35 / 100) more."""
-    found = simulate(on(bend(100.0), case(lead(20.0, 5.0), speed=15.0, x=10.0)), "no_reaction", SHORT)
+    """On R = 100 m bodies 4.55 m apart are turned by 0.0455 rad, and the ego leans out by atan(1.35
+    / 100) more."""
+    found = simulate(
+        on(bend(100.0), case(lead(20.0, 5.0), speed=15.0, x=10.0)), "no_reaction", SHORT
+    )
     hit = found.collision
     assert hit is not None
     assert (hit.other, hit.side) == ("lead", "front")
@@ -116,7 +136,8 @@ def test_a_rear_end_on_a_bend_is_judged_on_the_map() -> None:
     assert hit.other_pose[2] - hit.ego_pose[2] == pytest.approx(turned, abs=1e-3)
     relative = math.hypot(15.0 - 5.0 * math.cos(turned), 5.0 * math.sin(turned))
     assert hit.relative_speed == pytest.approx(relative, abs=0.01)
-    # the corners inside the bend meet first, 0.9 m from the line: half a width times the angle before the centres would
+    # the corners inside the bend meet first, 0.9 m from the line: half a width times the angle
+    # before the centres would
     assert 0.0 < found.actors["lead"].x[-1] - found.ego.x[-1] - 4.5 < 0.9 * turned + 0.01
 
 
@@ -129,8 +150,8 @@ class StraightOn:
 
 
 def test_an_ego_that_does_not_steer_leaves_the_road_where_the_tangent_does() -> None:
-    """On R = 250 m the right edge is sqrt(251.75^2 - 250^2) = 29.63 m along the tangent; an ego that leans out of the
-    bend by 1.35 / 250 to begin with is there after 28.3 m.
+    """On R = 250 m the right edge is sqrt(251.75^2 - 250^2) = 29.63 m along the tangent; an ego
+    that leans out of the bend by 1.35 / 250 to begin with is there after 28.3 m.
     """
     found = simulate(on(bend(250.0), case(lead(100.0, 30.0), x=3.0, speed=20.0)), StraightOn, SHORT)
     assert found.end_reason == "off_road"
@@ -147,19 +168,26 @@ def test_what_an_ads_sees_of_a_bend() -> None:
             seen.append((scene.curvature, lines, scene.plain()["curvature"], scene.ego))
             return Command(0.0, 0.0)
 
-    simulate(on(bend(-100.0), case(lead(100.0, 30.0), x=10.0)), Looks, SimulationSettings(time_limit=0.1))
+    simulate(
+        on(bend(-100.0), case(lead(100.0, 30.0), x=10.0)), Looks, SimulationSettings(time_limit=0.1)
+    )
     curvature, (right, left), plain, ego = seen[0]
     assert curvature == plain == -0.01
     s = np.arange(0.0, 51.0, 10.0)
-    ahead, beside = 100.0 * np.sin(s / 100.0), 100.0 * np.cos(s / 100.0) - 100.0 - ego.y  # in the road's axes there
+    # in the road's axes there
+    ahead, beside = 100.0 * np.sin(s / 100.0), 100.0 * np.cos(s / 100.0) - 100.0 - ego.y
     c, n = math.cos(ego.heading), math.sin(ego.heading)
-    assert np.allclose(right, np.stack([ahead * c + beside * n, beside * c - ahead * n], 1), atol=1e-9)
+    assert np.allclose(
+        right, np.stack([ahead * c + beside * n, beside * c - ahead * n], 1), atol=1e-9
+    )
     assert np.allclose(left[0] - right[0], (3.5 * n, 3.5 * c), atol=1e-9)
 
 
 @pytest.mark.parametrize("ads", ["sumo:IDM", "sumo:Krauss"])
 def test_a_model_of_sumos_follows_a_bend(ads: str) -> None:
-    found = simulate(on(bend(250.0), case(lead(40.0, 15.0))), ads, SimulationSettings(time_limit=15.0))
+    found = simulate(
+        on(bend(250.0), case(lead(40.0, 15.0))), ads, SimulationSettings(time_limit=15.0)
+    )
     assert found.error is None
     assert np.abs(found.ego.y).max() < 0.02  # the chord between its bumpers
     assert np.abs(found.ego.heading).max() < 0.012
@@ -176,7 +204,8 @@ def test_a_shipped_rule_asked_step_by_step_through_traci_drives_the_bend() -> No
     concrete = on(bend(250.0), case(lead(40.0, 15.0)))
     plain, mine = simulate(concrete, "idm", SHORT), simulate(concrete, Mine, SHORT)
     assert mine.error is None
-    assert np.abs(channels(plain)[1:3] - channels(mine)[1:3]).max() < 0.03  # SUMO has no wheel to begin with
+    # SUMO has no wheel to begin with
+    assert np.abs(channels(plain)[1:3] - channels(mine)[1:3]).max() < 0.03
 
 
 def test_an_ego_may_begin_sideways() -> None:

@@ -1,4 +1,5 @@
-"""Contact: hand-worked numbers, exact instants within a step, and a brute-force twin that must agree."""
+"""Contact: hand-worked numbers, exact instants within a step, and a brute-force twin that must
+agree."""
 
 import math
 import random
@@ -36,7 +37,7 @@ def moved(body, dx=0.0, dy=0.0, turn=0.0):
     return body._replace(x=body.x + dx, y=body.y + dy, heading=body.heading + turn)
 
 
-# --- distance between bodies ------------------------------------------------------------------------------------------
+# --- distance between bodies ----------------------------------------------------------------------
 
 
 def test_bumper_to_bumper():
@@ -50,11 +51,12 @@ def test_side_by_side():
 
 
 def test_a_corner_pointing_at_a_side():
-    # turned by 45 deg the other reaches (2.25 + 0.9)/sqrt(2) = 2.22739 m towards the ego: 4 - 0.9 - 2.22739 = 0.87261 m
+    # turned by 45 deg the other reaches (2.25 + 0.9)/sqrt(2) = 2.22739 m towards the ego: 4 - 0.9 -
+    # 2.22739 = 0.87261 m
     assert widest_gap(EGO, car(0.0, 4.0, math.pi / 4))[0] == pytest.approx(0.87261, abs=1e-5)
 
 
-# --- the collision, by hand -------------------------------------------------------------------------------------------
+# --- the collision, by hand -----------------------------------------------------------------------
 
 
 def test_square_on_to_the_rear():
@@ -67,7 +69,9 @@ def test_square_on_to_the_rear():
     assert found.other_pose == (4.5, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("offset", "overlap"), [(0.0, 1.0), (0.9, 0.5), (-0.9, 0.5), (1.35, 0.25), (-1.71, 0.05)])
+@pytest.mark.parametrize(
+    ("offset", "overlap"), [(0.0, 1.0), (0.9, 0.5), (-0.9, 0.5), (1.35, 0.25), (-1.71, 0.05)]
+)
 def test_an_offset_of_half_the_width_is_half_the_overlap(offset, overlap):
     # 1.8 m wide each: (1.8 - |offset|) / 1.8
     other = car(4.5, offset)
@@ -93,7 +97,8 @@ def test_a_side_swipe_names_the_side_and_has_no_bumper_overlap(y, side):
 
 
 def test_a_crossing_car_is_hit_with_the_front():
-    # it stands across the road, its side 2.25 + 0.9 = 3.15 m ahead of the ego's centre, longer than the ego is wide
+    # it stands across the road, its side 2.25 + 0.9 = 3.15 m ahead of the ego's centre, longer than
+    # the ego is wide
     other = car(3.15, 0.5, heading=math.pi / 2, speed=5.0)
     found = describe(0.0, "crossing", EGO, other)
     assert (found.side, found.overlap) == ("front", 1.0)
@@ -101,7 +106,8 @@ def test_a_crossing_car_is_hit_with_the_front():
 
 
 def test_a_rotated_corner_touching_the_left_side():
-    # turned by 45 deg it reaches 2.22739 m down: its lowest corner is on the ego's left side at 0.9 m
+    # turned by 45 deg it reaches 2.22739 m down: its lowest corner is on the ego's left side at 0.9
+    # m
     other = car(0.0, 0.9 + 2.22739, heading=math.pi / 4)
     assert widest_gap(EGO, other)[0] == pytest.approx(0.0, abs=1e-5)
     assert struck_side(EGO, other) == "left"
@@ -109,15 +115,17 @@ def test_a_rotated_corner_touching_the_left_side():
 
 @pytest.mark.parametrize(
     ("velocity_heading", "speed", "side"),
-    [(0.0, 5.0, "front"), (-math.pi / 2, 30.0, "left")],  # slower car ahead; one that drops in from the left
+    # slower car ahead; one that drops in from the left
+    [(0.0, 5.0, "front"), (-math.pi / 2, 30.0, "left")],
 )
 def test_corner_to_corner_the_faster_closing_names_the_side(velocity_heading, speed, side):
-    # a square body, so that turning it changes only where it moves; its corner sits on the ego's front left corner
+    # a square body, so that turning it changes only where it moves; its corner sits on the ego's
+    # front left corner
     other = Body(2.25 + 0.9, 0.9 + 0.9, velocity_heading, speed, 1.8, 1.8)
     assert struck_side(EGO, other) == side
 
 
-# --- the instant ------------------------------------------------------------------------------------------------------
+# --- the instant ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("gap", "closing"), [(0.3, 1.0), (0.999, 1.0), (0.05, 1.5), (0.0005, 0.5)])
@@ -138,12 +146,16 @@ def test_a_gap_not_closed_within_the_step_is_no_contact():
 
 
 def test_a_body_jumped_over_between_two_samples_is_hit():
-    # 30 m in one step, past a car that is 10 m ahead: apart before, apart after, and through it in between
-    assert first_touch(EGO, moved(EGO, 30.0), car(10.0, 0.0), car(10.0, 0.0)) == pytest.approx(5.5 / 30.0)
+    # 30 m in one step, past a car that is 10 m ahead: apart before, apart after, and through it in
+    # between
+    assert first_touch(EGO, moved(EGO, 30.0), car(10.0, 0.0), car(10.0, 0.0)) == pytest.approx(
+        5.5 / 30.0
+    )
 
 
 def test_a_grazing_corner_that_the_samples_miss_is_found():
-    # the other passes crosswise and clips the ego's front left corner for about a hundredth of the step
+    # the other passes crosswise and clips the ego's front left corner for about a hundredth of the
+    # step
     before, after = (
         car(2.25 + 0.9 - 2.0, 0.9 + 0.9 + 1.99, length=1.8),
         car(2.25 + 0.9 + 1.99, 0.9 + 0.9 - 2.0, length=1.8),
@@ -152,7 +164,8 @@ def test_a_grazing_corner_that_the_samples_miss_is_found():
     assert widest_gap(EGO, before)[0] > 0.5
     assert widest_gap(EGO, after)[0] > 0.5
     assert share is not None
-    # in y it comes within reach after 1.99/3.99 of the step, in x it is out of reach after 2/3.99: 2/3.99 - 1.99/3.99
+    # in y it comes within reach after 1.99/3.99 of the step, in x it is out of reach after 2/3.99:
+    # 2/3.99 - 1.99/3.99
     assert share == pytest.approx(1.99 / 3.99, abs=1e-6)
     assert not twin.overlap(EGO, twin.pose(before, after, share + 0.0026))
 
@@ -172,7 +185,10 @@ def test_bodies_that_overlap_already_touch_at_once():
 def test_sliding_along_a_millimetre_apart_is_no_contact():
     beside = car(1.0, 1.801)
     assert first_touch(EGO, moved(EGO, 2.0), beside, moved(beside, -2.0)) is None
-    assert first_touch(EGO, moved(EGO, 2.0), car(1.0, 1.8 + 2 * TOUCH), car(-1.0, 1.8 + 2 * TOUCH)) is None
+    assert (
+        first_touch(EGO, moved(EGO, 2.0), car(1.0, 1.8 + 2 * TOUCH), car(-1.0, 1.8 + 2 * TOUCH))
+        is None
+    )
 
 
 def test_standing_bodies_do_not_touch():
@@ -180,10 +196,12 @@ def test_standing_bodies_do_not_touch():
 
 
 def test_turning_into_the_neighbour_is_found():
-    # 0.1 m beside each other; the ego turns by 0.2 rad on the spot and its front left corner swings out
+    # 0.1 m beside each other; the ego turns by 0.2 rad on the spot and its front left corner swings
+    # out
     neighbour = car(1.0, 1.9)
     share = first_touch(EGO, moved(EGO, turn=0.2), neighbour, neighbour)
-    # the corner reaches 1.0 m at an angle of 0.04486 rad: 2.25*0.044845 + 0.9*0.998994 = 1.0000; 0.04486/0.2 = 0.2243
+    # the corner reaches 1.0 m at an angle of 0.04486 rad: 2.25*0.044845 + 0.9*0.998994 = 1.0000;
+    # 0.04486/0.2 = 0.2243
     assert share == pytest.approx(0.2243, abs=1e-3)
 
 
@@ -192,7 +210,7 @@ def test_between_turns_the_shorter_way_round():
     assert abs(math.remainder(half.heading - math.pi, math.tau)) < 1e-12
 
 
-# --- laws -------------------------------------------------------------------------------------------------------------
+# --- laws -----------------------------------------------------------------------------------------
 
 
 def random_body(rng, reach):
@@ -206,7 +224,9 @@ def random_pairs(seed, count):
     rng = random.Random(seed)
     for _ in range(count):
         a, b = random_body(rng, 4.0), random_body(rng, 4.0)
-        shift = lambda body: moved(body, rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-0.3, 0.3))  # noqa: E731
+        shift = lambda body: moved(  # noqa: E731
+            body, rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-0.3, 0.3)
+        )
         yield a, shift(a), b, shift(b)
 
 
@@ -230,7 +250,9 @@ def test_law_a_contact_is_a_contact_and_before_it_there_is_none():
             assert twin.first_overlap(a, a_after, b, b_after, samples=60) is None
             continue
         found += 1
-        assert twin.overlap(twin.pose(a, a_after, share), twin.pose(b, b_after, share), grow=10 * TOUCH)
+        assert twin.overlap(
+            twin.pose(a, a_after, share), twin.pose(b, b_after, share), grow=10 * TOUCH
+        )
         for index in range(20 if share > 0 else 0):
             earlier = share * index / 20
             assert not twin.overlap(twin.pose(a, a_after, earlier), twin.pose(b, b_after, earlier))
@@ -260,7 +282,9 @@ def test_law_moving_and_turning_the_world_moves_nothing(a, a_shift, b, b_shift, 
     def world(body):
         c, s = math.cos(turn), math.sin(turn)
         return body._replace(
-            x=dx + c * body.x - s * body.y, y=dy + s * body.x + c * body.y, heading=body.heading + turn
+            x=dx + c * body.x - s * body.y,
+            y=dy + s * body.x + c * body.y,
+            heading=body.heading + turn,
         )
 
     pair = a, moved(a, *a_shift), b, moved(b, *b_shift)

@@ -1,4 +1,5 @@
-"""The contract as a function: what every controller that ships keeps, and how one that breaks it is told."""
+"""The contract as a function: what every controller that ships keeps, and how one that breaks it is
+told."""
 
 import itertools
 import math
@@ -52,7 +53,8 @@ def test_commanding_more_than_the_vehicle_can_do_is_a_warning_with_the_clip(aske
 
 
 def test_a_speed_controller_keeps_the_contract():
-    """(v_wanted - v) / dt reaches the wanted speed in one step, if the vehicle could: 5 m/s off is 100 m/s2."""
+    """(v_wanted - v) / dt reaches the wanted speed in one step, if the vehicle could: 5 m/s off is
+    100 m/s2."""
     assert failures(lambda seen: (25.0 - seen.ego.speed) / 0.05) == []
 
 
@@ -81,21 +83,34 @@ def test_a_slow_step_is_told():
 
 
 def test_what_a_run_would_lose_to_case_timeout_is_told_with_the_pace():
-    """55 ms a step at 20 steps a second: 1.1 s of wall time a simulated second, so 2 s reach for less than 2 s."""
+    """55 ms a step at 20 steps a second: 1.1 s of wall time a simulated second, so 2 s reach for
+    less than 2 s."""
     short = SimulationSettings(time_limit=2.5)
-    (lost,) = [f for f in check_controller(lambda seen: clock.sleep(0.055) or 0.0, CASES, short, case_timeout=2.0)
+    (lost,
+        ) = [f for f in check_controller(lambda seen: clock.sleep(0.055) or 0.0, CASES, short,
+            case_timeout=2.0)
                if f.kind == "FAIL"]  # fmt: skip
-    assert "`run` would lose 2 of these 2 cases to case_timeout = 2 s, e.g. front_vehicle_low_speed" in lost.text
+    assert (
+        "`run` would lose 2 of these 2 cases to case_timeout = 2 s, e.g. front_vehicle_low_speed"
+        in lost.text
+    )
     assert "a case may simulate" in lost.text
 
 
 def test_a_case_as_long_as_the_time_limit_is_projected():
-    """At 20 ms a step, 20 steps a second, a second takes 0.4 s of wall time: 600 s as the time limit take 240 s."""
+    """At 20 ms a step, 20 steps a second, a second takes 0.4 s of wall time: 600 s as the time
+    limit take 240 s."""
     case, slow = CASES[:1], lambda seen: clock.sleep(0.02) or -8.0
-    (note,) = [f for f in check_controller(slow, case, SimulationSettings(time_limit=600.0)) if "time limit" in f.text]
+    (note,) = [
+        f
+        for f in check_controller(slow, case, SimulationSettings(time_limit=600.0))
+        if "time limit" in f.text
+    ]
     assert note.kind == "note"
     assert "`run` would lose a case that lasts until the time limit of 600 s" in note.text
-    (fine,) = [f for f in check_controller(lambda seen: -8.0, case, SHORT) if "would lose none" in f.text]
+    (fine,) = [
+        f for f in check_controller(lambda seen: -8.0, case, SHORT) if "would lose none" in f.text
+    ]
     assert fine.kind == "ok"
 
 
@@ -106,14 +121,22 @@ class Faulty:
         self.fault = fault
 
     def act(self, seen):
-        return [lambda: "fast", lambda: math.nan, lambda: seen.leed.gap, lambda: 1 / 0, lambda: [1, 2, 3]][self.fault]()
+        return [
+            lambda: "fast",
+            lambda: math.nan,
+            lambda: seen.leed.gap,
+            lambda: 1 / 0,
+            lambda: [1, 2, 3],
+        ][self.fault]()
 
 
 @pytest.mark.parametrize("fault", range(5))
 def test_a_cause_is_told_once_with_its_count_and_the_users_line(fault):
     speeds = (10.0, 20.0, 30.0)
     cases = [case(speed=speed) for speed in speeds]
-    found = [one for one in check_controller(Faulty(fault), cases, HALF_SECOND) if one.kind == "FAIL"]
+    found = [
+        one for one in check_controller(Faulty(fault), cases, HALF_SECOND) if one.kind == "FAIL"
+    ]
     assert len(found) == 1
     assert "3 of 3 cases" in found[0].text
     assert "test_contract.py:" in found[0].text
@@ -130,5 +153,7 @@ def test_hints_name_what_traci_code_is_written_with():
         traci.vehicle.setType(ego, "CC")
 
     for code, word in ((stranger, "`ego`"), (typed, "`vehicle_type`")):
-        (found,) = [one for one in check_controller(code, [case()], HALF_SECOND) if one.kind == "FAIL"]
+        (found,) = [
+            one for one in check_controller(code, [case()], HALF_SECOND) if one.kind == "FAIL"
+        ]
         assert word in found.mend, found

@@ -1,4 +1,5 @@
-"""What stands beside a controller: how often it is asked, what it is made with, what it loads once."""
+"""What stands beside a controller: how often it is asked, what it is made with, what it loads
+once."""
 
 import random
 import shlex
@@ -14,7 +15,13 @@ from sumo_eval.cosim.doors.entry import Entry, loading, made_absolute, split_ent
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.errors import InputError
 from sumo_eval.record.recording import planner
-from sumo_eval.settings import AdsSettings, ConditionSettings, EvaluationSettings, FmuSettings, ScenarioSettings
+from sumo_eval.settings import (
+    AdsSettings,
+    ConditionSettings,
+    EvaluationSettings,
+    FmuSettings,
+    ScenarioSettings,
+)
 from sumo_eval.settings.config import read_evaluation, settings_from, to_plain
 
 MODULE = """
@@ -65,7 +72,10 @@ def folder(tmp_path, monkeypatch):
 
 def test_an_entry_in_one_text_and_back():
     entry = AdsSettings(
-        "a", "mine.py:Mine", period=0.2, options={"gain": 2.5, "path": "w/a b?&:x.onnx", "deep": [1, 2]}
+        "a",
+        "mine.py:Mine",
+        period=0.2,
+        options={"gain": 2.5, "path": "w/a b?&:x.onnx", "deep": [1, 2]},
     )
     bare, found = split_entry(entry.locator)
     assert (bare, found.period, dict(found.options)) == ("mine.py:Mine", 0.2, entry.options)
@@ -79,12 +89,24 @@ def test_an_entry_in_one_text_and_back():
 
 @pytest.mark.parametrize("seed", range(200))
 def test_any_locator_stays_whole_with_its_entry(seed, tmp_path):
-    """A fuzz of locators: schemes, spaces, quotes, colons, letters beyond ASCII, question marks, with an entry."""
+    """A fuzz of locators: schemes, spaces, quotes, colons, letters beyond ASCII, question marks,
+    with an entry."""
     draw = random.Random(seed)
-    name = "".join(draw.choice("ab é:?='\" ß中") for _ in range(draw.randint(1, 8))).strip(" ?") or "a"
-    bare = draw.choice([f"{name}.py:Mine", f"exec:python {shlex.quote(name)}.py", f"traci:{shlex.quote(name)} --a b"])
+    name = (
+        "".join(draw.choice("ab é:?='\" ß中") for _ in range(draw.randint(1, 8))).strip(" ?") or "a"
+    )
+    bare = draw.choice(
+        [
+            f"{name}.py:Mine",
+            f"exec:python {shlex.quote(name)}.py",
+            f"traci:{shlex.quote(name)} --a b",
+        ]
+    )
     entry = AdsSettings(
-        "a", bare, period=draw.choice([None, 0.2]), options={"q": "".join(draw.choices('?&=:é "', k=4))}
+        "a",
+        bare,
+        period=draw.choice([None, 0.2]),
+        options={"q": "".join(draw.choices('?&=:é "', k=4))},
     )
     assert split_entry(entry.locator) == (bare, Entry(entry.period or 0.0, entry.options))
     assert split_entry(made_absolute(entry.locator, tmp_path / "é: b"))[1].options == entry.options
@@ -102,7 +124,8 @@ def test_an_ads_with_a_period_is_asked_that_often_and_its_answer_holds(folder):
     found = simulate(case(), "mine.py:Counting?period=0.2", HALF_SECOND, folder=folder)
     # asked at 0, 0.2 and 0.4 s: -1, -1.2, -1.4; samples are every 0.1 s
     assert found.ego.acceleration.tolist() == pytest.approx([0.0, -1.0, -1.0, -1.2, -1.2, -1.4])
-    together = list(simulate_many([case(lead(g)) for g in (100.0, 90.0)], "mine.py:Counting?period=0.2", HALF_SECOND,
+    together = list(simulate_many([case(lead(g)) for g in (100.0, 90.0)],
+        "mine.py:Counting?period=0.2", HALF_SECOND,
                                   folder=folder))  # fmt: skip
     assert [one.ego.speed.tolist() for one in together] == [found.ego.speed.tolist()] * 2
 
@@ -144,10 +167,16 @@ def test_a_late_answer_is_late_once_and_not_at_every_step_that_it_holds():
 @pytest.mark.parametrize(
     ("locator", "sentence"),
     [
-        ("mine.py:Counting?period=0.07", "`period` of ADS `mine.py:Counting?period=0.07` must be a multiple of"),
+        (
+            "mine.py:Counting?period=0.07",
+            "`period` of ADS `mine.py:Counting?period=0.07` must be a multiple of",
+        ),
         ("mine.py:Counting?period=-1", "must be a number greater than 0 s, got -1"),
         ("mine.py:Counting?period=soon", "must be a number greater than 0 s, got 'soon'"),
-        ("mine.py:Counting?options.gian=2", "Unknown option `gian` of ADS `mine.py:Counting`. Did you mean `gain`?"),
+        (
+            "mine.py:Counting?options.gian=2",
+            "Unknown option `gian` of ADS `mine.py:Counting`. Did you mean `gain`?",
+        ),
         ("mine.py:function?options.gain=2", "takes no `options`"),
         ("idm?period=0.2", "ADS `idm` drives at every step; it takes no `period`"),
         ("sumo:IDM?tau=2&period=0.2", "drives at every step; it takes no `period`"),
@@ -161,7 +190,9 @@ def test_an_entry_that_cannot_be_is_refused(folder, locator, sentence):
 
 
 def test_options_are_handed_to_the_constructor(folder):
-    found = simulate(case(), "mine.py:Counting?options.gain=2.5&options.path=a.onnx", HALF_SECOND, folder=folder)
+    found = simulate(
+        case(), "mine.py:Counting?options.gain=2.5&options.path=a.onnx", HALF_SECOND, folder=folder
+    )
     assert found.ego.acceleration[1] == pytest.approx(-2.625)  # -2.5 (1 + 0.05 s)
 
 
@@ -173,7 +204,9 @@ def test_a_program_is_told_its_options(folder):
 def test_what_a_class_loads_once_is_loaded_once_in_a_process_and_its_time_is_told(folder):
     loading()
     locator = "mine.py:Network?options.size=7"
-    for _ in simulate_many([case(lead(100.0)), case(lead(90.0))], locator, HALF_SECOND, folder=folder):
+    for _ in simulate_many(
+        [case(lead(100.0)), case(lead(90.0))], locator, HALF_SECOND, folder=folder
+    ):
         pass
     simulate(case(), locator, HALF_SECOND, folder=folder)
     assert loading().startswith("Loading Network took 0.0")
@@ -183,7 +216,9 @@ def test_what_a_class_loads_once_is_loaded_once_in_a_process_and_its_time_is_tol
 def test_a_retrained_network_is_another_ads_and_a_file_that_is_not_there_is_refused(folder):
     ads = AdsSettings("a", "mine.py:Counting", files=("weights.bin",))
     settings = EvaluationSettings("x", (ScenarioSettings("cut_in"),), (ads,))
-    with pytest.raises(InputError, match=r"`files` of ADS `a` must be files that are there, got 'weights\.bin'"):
+    with pytest.raises(
+        InputError, match=r"`files` of ADS `a` must be files that are there, got 'weights\.bin'"
+    ):
         planner(settings, folder)
     found = []
     for content in (b"1", b"2", b"1"):
@@ -193,8 +228,13 @@ def test_a_retrained_network_is_another_ads_and_a_file_that_is_not_there_is_refu
 
 
 def test_the_entry_is_read_from_the_file_and_a_misspelt_key_is_named(folder):
-    text = 'name = "x"\n[[scenario]]\nuse = "cut_in"\n[[ads]]\nname = "a"\ncontroller = "mine.py:Counting"\n'
-    (folder / "e.toml").write_text(text + 'period = 0.2\nfiles = ["w.bin"]\n[ads.options]\ngain = 2.0\n')
+    text = (
+        'name = "x"\n[[scenario]]\nuse = "cut_in"\n[[ads]]\nname = "a"\ncontroller = '
+        '"mine.py:Counting"\n'
+    )
+    (folder / "e.toml").write_text(
+        text + 'period = 0.2\nfiles = ["w.bin"]\n[ads.options]\ngain = 2.0\n'
+    )
     (ads,) = read_evaluation(folder / "e.toml").ads
     assert (ads.period, ads.files, ads.options) == (0.2, ("w.bin",), {"gain": 2.0})
     assert settings_from(to_plain(read_evaluation(folder / "e.toml")), "again").ads == (ads,)

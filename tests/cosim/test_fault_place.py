@@ -51,7 +51,9 @@ def test_the_place_is_the_innermost_line_of_the_users_own_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.syspath_prepend(str(tmp_path))
-    (tmp_path / "fault_place_helper.py").write_text("def plan():\n    raise ValueError('no path')\n")
+    (tmp_path / "fault_place_helper.py").write_text(
+        "def plan():\n    raise ValueError('no path')\n"
+    )
     (tmp_path / "fault_place_ads.py").write_text(ADS)
     found = simulate(case(), f"fault_place_ads.py:{name}", HALF_SECOND, folder=tmp_path)
     assert found.end_reason == "ads_error"

@@ -1,4 +1,7 @@
-"""`fmu:`: FMUs of FMI 2.0 and 3.0 as the ADS and as the ego's vehicle model. They are built here."""
+"""`fmu:`: FMUs of FMI 2.0 and 3.0 as the ADS and as the ego's vehicle model.
+
+They are built here.
+"""
 
 import math
 import shutil
@@ -52,7 +55,9 @@ def test_a_parameter_reaches_the_fmu_and_every_case_has_a_fresh_instance(fmus):
     concrete = case(lead(60.0, speed=15.0))
     settings = SimulationSettings(time_limit=5.0)
     near, far, again = (
-        simulate(concrete, f"{MAPPED}&parameters.headway={headway}", settings, folder=fmus).ego.x[-1]
+        simulate(concrete, f"{MAPPED}&parameters.headway={headway}", settings, folder=fmus).ego.x[
+            -1
+        ]
         for headway in (1.0, 3.0, 1.0)
     )
     assert near > far + 5.0
@@ -67,7 +72,9 @@ def test_an_fmi_3_car_is_the_egos_vehicle_model(fmus):
     # a' = (u - a) / 4 a step: after 40 steps v = 20 - 4 * 0.05 * (40 - 3 (1 - 0.75^40)) = 12.6 m/s
     assert found.ego.speed[-1] == pytest.approx(20.0 - 4.0 * 0.05 * (40.0 - 3.0 * (1.0 - 0.75**40)))
     assert found.ego.x[0] == 50.0
-    assert found.ego.x[-1] == pytest.approx(50.0 + sum(found.ego.speed[:-1] + found.ego.speed[1:]) * 0.05, abs=0.01)
+    assert found.ego.x[-1] == pytest.approx(
+        50.0 + sum(found.ego.speed[:-1] + found.ego.speed[1:]) * 0.05, abs=0.01
+    )
     turning = simulate(case(), lambda seen: (0.0, 0.3), settings, folder=fmus)
     assert turning.ego.heading[-1] == pytest.approx(40.0 * math.tan(0.3 / 16.0) / 2.7)
 
@@ -91,10 +98,22 @@ def test_that_sumo_moves_an_ego_that_has_a_vehicle_model_of_its_own_is_on_record
         ("fmu:nowhere.fmu", "There is no FMU"),
         ("fmu:acc_fmu.py", "cannot be read"),
         ("fmu:Acc.fmu", "Input `v` of FMU `Acc.fmu` is no signal; `inputs` must map it."),
-        (f"{MAPPED}&inputs.gapp=lead_gap", "`gapp` of FMU `Acc.fmu` in `inputs`. Did you mean `gap`?"),
-        (f"{MAPPED}&outputs.steer=a_cmd", "`steer` in the mapping of FMU `Acc.fmu`. Did you mean `steering`?"),
-        ("fmu:Acc.fmu?inputs.v=ego_sped&inputs.gap=lead_gap", "`ego_sped`. Did you mean `ego_speed`?"),
-        ("fmu:Acc.fmu?inputs.v=ego_speed&inputs.gap=lead_gap", "no output `acceleration`; `outputs` must map it"),
+        (
+            f"{MAPPED}&inputs.gapp=lead_gap",
+            "`gapp` of FMU `Acc.fmu` in `inputs`. Did you mean `gap`?",
+        ),
+        (
+            f"{MAPPED}&outputs.steer=a_cmd",
+            "`steer` in the mapping of FMU `Acc.fmu`. Did you mean `steering`?",
+        ),
+        (
+            "fmu:Acc.fmu?inputs.v=ego_sped&inputs.gap=lead_gap",
+            "`ego_sped`. Did you mean `ego_speed`?",
+        ),
+        (
+            "fmu:Acc.fmu?inputs.v=ego_speed&inputs.gap=lead_gap",
+            "no output `acceleration`; `outputs` must map it",
+        ),
         (f"{MAPPED}&parameters.tau=1", "`tau`"),
         (f"{MAPPED}&input.v=x", "must be inputs.NAME, outputs.NAME or parameters.NAME"),
     ],
@@ -117,7 +136,9 @@ def test_the_mapping_in_the_evaluation_file_is_the_one_of_the_locator(fmus):
     settings = settings_from(EVALUATION, "evaluation.toml")
     assert settings_from(to_plain(settings), "again") == settings
     written = simulate(case(lead(50.0)), settings.ads[0].locator, HALF_SECOND, folder=fmus)
-    typed = simulate(case(lead(50.0)), f"{MAPPED}&parameters.headway=1.25", HALF_SECOND, folder=fmus)
+    typed = simulate(
+        case(lead(50.0)), f"{MAPPED}&parameters.headway=1.25", HALF_SECOND, folder=fmus
+    )
     assert written.ego.speed.tolist() == typed.ego.speed.tolist()
 
 

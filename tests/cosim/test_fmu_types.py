@@ -1,4 +1,7 @@
-"""`fmu:`: FMUs whose inputs have all kinds of types, constants, start values and arrays. They are built here."""
+"""`fmu:`: FMUs whose inputs have all kinds of types, constants, start values and arrays.
+
+They are built here.
+"""
 
 from __future__ import annotations
 
@@ -152,8 +155,11 @@ def deceleration(locator: str, folder: Path, *others: object) -> float:
         ("inputs.whole_in=lead_present&inputs.truth_in=true&inputs.text_in=firm", -0.2),
     ],
 )
-def test_constants_start_values_and_every_type_of_fmi_2(fmus: Path, mapping: str, expected: float) -> None:
-    """-0.1 of the whole number, which starts as 7, twice as much if the text is `firm`, nothing if not true."""
+def test_constants_start_values_and_every_type_of_fmi_2(
+    fmus: Path, mapping: str, expected: float
+) -> None:
+    """-0.1 of the whole number, which starts as 7, twice as much if the text is `firm`, nothing if
+    not true."""
     assert deceleration(f"{TWO}&{mapping}", fmus, lead(50.0)) == expected
 
 
@@ -163,13 +169,15 @@ def test_an_output_may_be_a_whole_number(fmus: Path) -> None:
 
 
 def test_arrays_of_fmi_3_are_given_a_value_of_each_vehicle(fmus: Path) -> None:
-    """Gaps of 40 and 90 m, the nearest first: -0.01 of their sum, -1 for each that is there, -0.5 of the 3 that `count`
-    starts with.
+    """Gaps of 40 and 90 m, the nearest first: -0.01 of their sum, -1 for each that is there, -0.5
+    of the 3 that `count` starts with.
     """
     both = (lead(90.0), replace(lead(40.0), name="near"))
     assert deceleration(f"{THREE}&outputs.acceleration=speeds[1]", fmus, *both) == -2.0
     assert deceleration(f"{THREE}&outputs.acceleration=speeds[2]", fmus, *both) == -1.5
-    first = simulate(case(*both), f"{THREE}&outputs.acceleration=speeds[0]", HALF_SECOND, folder=fmus)
+    first = simulate(
+        case(*both), f"{THREE}&outputs.acceleration=speeds[0]", HALF_SECOND, folder=fmus
+    )
     assert -1.4 < first.ego.acceleration[1] < -0.5
     assert deceleration(f"{THREE}&outputs.acceleration=speeds[1]", fmus, lead(90.0)) == -1.0
 
@@ -188,7 +196,8 @@ PLANS = {
 
 @pytest.mark.parametrize("kind", PLANS)
 def test_an_fmu_may_plan(fmus: Path, kind: str) -> None:
-    """From where the ego is at half its speed, every second or at every step: it slows down along its lane."""
+    """From where the ego is at half its speed, every second or at every step: it slows down along
+    its lane."""
     found = simulate(case(), PLANS[kind], SimulationSettings(time_limit=2.0), folder=fmus)
     assert found.error is None, found.log
     assert found.ego.speed[-1] < 0.6 * found.ego.speed[0]
@@ -198,10 +207,13 @@ def test_an_fmu_may_plan(fmus: Path, kind: str) -> None:
 
 def test_a_plan_that_an_fmu_does_not_have_is_refused(fmus: Path) -> None:
     with pytest.raises(
-        InputError, match=r"has no output `plan_x`, nor `plan_x\[1\]`, for `plan_x`; `outputs` must map it"
+        InputError,
+        match=r"has no output `plan_x`, nor `plan_x\[1\]`, for `plan_x`; `outputs` must map it",
     ):
         load_controller("fmu:Feedthrough3.fmu?outputs.plan_time=speeds&inputs.*=start", fmus)
-    recording = simulate(case(), PLANS["scalars"].replace("=places", "=number"), HALF_SECOND, folder=fmus)
+    recording = simulate(
+        case(), PLANS["scalars"].replace("=places", "=number"), HALF_SECOND, folder=fmus
+    )
     assert recording.error is None  # the first plan of number 1 has one place
     wide = PLANS["scalars"].replace("plan_count=places", "plan_count=plan_time[1]")
     recording = simulate(case(), wide, HALF_SECOND, folder=fmus)
@@ -213,13 +225,21 @@ def test_a_plan_that_an_fmu_does_not_have_is_refused(fmus: Path) -> None:
     [
         (TWO, "its start value (`inputs.*=start`: of all that are left)"),
         (f"{TWO}&inputs.*=1", "`inputs.*` of FMU `Feedthrough2.fmu` must be `start`"),
-        (f"{TWO}&inputs.whole_in=objects_gap&inputs.*=start", "must be an array to be given `objects_gap`"),
+        (
+            f"{TWO}&inputs.whole_in=objects_gap&inputs.*=start",
+            "must be an array to be given `objects_gap`",
+        ),
         (f"{THREE}&outputs.acceleration=speeds", "must be one value, `speeds[0]`"),
         (f"{THREE}&outputs.acceleration=speeds[3]", "must be within its 3 values"),
-        (THREE.replace("objects_gap", "lead_gap") + "&outputs.acceleration=speeds[0]", "as it is an array"),
+        (
+            THREE.replace("objects_gap", "lead_gap") + "&outputs.acceleration=speeds[0]",
+            "as it is an array",
+        ),
     ],
 )
-def test_what_does_not_fit_is_refused_before_anything_runs(fmus: Path, locator: str, sentence: str) -> None:
+def test_what_does_not_fit_is_refused_before_anything_runs(
+    fmus: Path, locator: str, sentence: str
+) -> None:
     with pytest.raises(InputError) as caught:
         load_controller(locator, fmus)
     assert sentence in str(caught.value)
@@ -227,7 +247,8 @@ def test_what_does_not_fit_is_refused_before_anything_runs(fmus: Path, locator: 
 
 def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(fmus: Path) -> None:
     locator = f"{THREE}&inputs.count=ego_acceleration&outputs.acceleration=speeds[2]"
-    recording = simulate(case(), locator.replace("inputs.count=ego_acceleration", "inputs.count=-3"), HALF_SECOND,
+    recording = simulate(case(),
+        locator.replace("inputs.count=ego_acceleration", "inputs.count=-3"), HALF_SECOND,
                          folder=fmus)  # fmt: skip
     assert recording.end_reason == "ads_error"
     assert "is of type UInt64, which cannot hold -3" in (recording.error or "")
@@ -236,14 +257,17 @@ def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(fmus: Path) -> N
 def test_fmi_1_is_refused_by_its_version(tmp_path: Path) -> None:
     text = (
         '<fmiModelDescription fmiVersion="1.0" modelName="old" modelIdentifier="old" guid="{1}"'
-        ' numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables><ScalarVariable name="u"'
+        ' numberOfContinuousStates="0" '
+        'numberOfEventIndicators="0"><ModelVariables><ScalarVariable name="u"'
         ' valueReference="0" causality="input"><Real start="0"/></ScalarVariable></ModelVariables>'
         "<Implementation><CoSimulation_StandAlone><Capabilities/></CoSimulation_StandAlone></Implementation>"
         "</fmiModelDescription>"
     )
     with zipfile.ZipFile(tmp_path / "old.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", text)
-    with pytest.raises(InputError, match=r"The FMI version of FMU `old\.fmu` must be 2\.0 or 3\.0, got"):
+    with pytest.raises(
+        InputError, match=r"The FMI version of FMU `old\.fmu` must be 2\.0 or 3\.0, got"
+    ):
         load_controller("fmu:old.fmu", tmp_path)
 
 
@@ -251,7 +275,8 @@ def test_a_constant_in_the_evaluation_file_is_a_number() -> None:
     settings = settings_from(
         {
             "name": "x", "scenario": [{"use": "front_vehicle_low_speed"}],
-            "ads": [{"name": "mine", "controller": "fmu:F.fmu", "fmu": {"inputs": {"whole_in": 12, "*": "start"}}}],
+            "ads": [{"name": "mine", "controller": "fmu:F.fmu",
+                "fmu": {"inputs": {"whole_in": 12, "*": "start"}}}],
         },
         "evaluation.toml",
     )  # fmt: skip

@@ -1,4 +1,5 @@
-"""A recording in a SUMO program: every vehicle stands where it was, front bumper and angle as SUMO has them."""
+"""A recording in a SUMO program: every vehicle stands where it was, front bumper and angle as SUMO
+has them."""
 
 from __future__ import annotations
 
@@ -37,7 +38,12 @@ def test_vehicles_stand_where_they_were_recorded_and_are_what_they_were(
     def watched() -> None:
         step()
         shapes.update((name, traci.vehicle.getShapeClass(name)) for name in vehicles)
-        seen.append({name: (traci.vehicle.getPosition(name), traci.vehicle.getAngle(name)) for name in vehicles})
+        seen.append(
+            {
+                name: (traci.vehicle.getPosition(name), traci.vehicle.getAngle(name))
+                for name in vehicles
+            }
+        )
 
     monkeypatch.setattr(traci, "simulationStep", watched)
     assert SUMO is not None

@@ -1,4 +1,5 @@
-"""No impossible position: what SUMO answers for a vehicle that it has lost is never recorded as its state."""
+"""No impossible position: what SUMO answers for a vehicle that it has lost is never recorded as its
+state."""
 
 import math
 from collections import Counter
@@ -81,15 +82,24 @@ class Keeps:
 
 
 def test_packs_hold_vehicles_off_the_lanes_to_the_last_bit():
-    cases = [case(leaver(moves), speed=15.0 + place) for place, moves in enumerate(OFF_ROAD.values())]
+    cases = [
+        case(leaver(moves), speed=15.0 + place) for place, moves in enumerate(OFF_ROAD.values())
+    ]
     left = Counter()
     packed = list(simulate_many(cases, "no_reaction", FOUR_SECONDS, alone=left))
     assert not left
     for concrete, together in zip(cases, packed, strict=True):
         single = simulate(concrete, "no_reaction", FOUR_SECONDS)
         assert physical(together)
-        assert (together.end_reason, together.error) == (single.end_reason, single.error) == ("time_limit", None)
-        for mine, its in ((single.ego, together.ego), (single.actors["leaver"], together.actors["leaver"])):
+        assert (
+            (together.end_reason, together.error)
+            == (single.end_reason, single.error)
+            == ("time_limit", None)
+        )
+        for mine, its in (
+            (single.ego, together.ego),
+            (single.actors["leaver"], together.actors["leaver"]),
+        ):
             for channel in CHANNELS:
                 assert getattr(mine, channel).tobytes() == getattr(its, channel).tobytes(), channel
 
@@ -97,29 +107,35 @@ def test_packs_hold_vehicles_off_the_lanes_to_the_last_bit():
 def test_a_braking_vehicle_that_passes_the_end_of_the_lanes_has_left_the_network():
     short = replace(case(lead(100.0)), road=replace(ROAD, length=300.0, run_out=0.0))
     actor = Actor("gone", Start(280.0, 0.0, 20.0), (brake_to_stop(0.1, 8.0),))  # stands beyond it
-    found = simulate(replace(short, actors=(actor,)), lambda traci, ego, time: Command(0.0), FOUR_SECONDS)
+    found = simulate(
+        replace(short, actors=(actor,)), lambda traci, ego, time: Command(0.0), FOUR_SECONDS
+    )
     assert found.error is None
     assert "actor_left_the_network" in {clip.what for clip in found.clips}
     assert physical(found)
 
 
-# --- the ego ----------------------------------------------------------------------------------------------------------
+# --- the ego --------------------------------------------------------------------------------------
 
 
 def crabs_off(traci, ego, time):
-    """An ADS of moveToXY that turns on the spot where SUMO has the front bumper beside the lanes, then lets go."""
+    """An ADS of moveToXY that turns on the spot where SUMO has the front bumper beside the lanes,
+    then lets go."""
     x, y = traci.vehicle.getPosition(ego)
     if time < 0.4:
         traci.vehicle.setSpeed(ego, 20.0)
         angle = math.radians(60.0)
-        traci.vehicle.moveToXY(ego, "", -1, x + 1.0 * math.cos(angle), y - 1.0 * math.sin(angle), 150.0, 2)
+        traci.vehicle.moveToXY(
+            ego, "", -1, x + 1.0 * math.cos(angle), y - 1.0 * math.sin(angle), 150.0, 2
+        )
 
 
 @pytest.mark.parametrize("y", [0.0, 3.5])
 def test_an_ego_of_traci_calls_that_sumo_has_lost_beside_the_road_ended_off_the_road(y):
     found = alone(controller=crabs_off, y=y)
     assert physical(found)
-    assert (found.ego.y[-1] > ROAD.right_edge) == (y > 0.0)  # from the left lane SUMO loses it first
+    # from the left lane SUMO loses it first
+    assert (found.ego.y[-1] > ROAD.right_edge) == (y > 0.0)
     assert (found.end_reason, found.error) == ("off_road", None)
 
 
@@ -128,13 +144,16 @@ def test_an_ego_that_is_let_go_with_its_front_bumper_beside_the_lanes_ended_off_
         return Command(0.0, -8.0) if traci.vehicle.getPosition(ego)[1] > -2.7 else None
 
     found = alone(controller=drive, speed=4.0)
-    assert ROAD.right_edge < found.ego.y[-1]  # its centre is on the road, and SUMO has lost it all the same
+    # its centre is on the road, and SUMO has lost it all the same
+    assert ROAD.right_edge < found.ego.y[-1]
     assert physical(found)
     assert (found.end_reason, found.error) == ("off_road", None)
 
 
 @pytest.mark.parametrize(
-    "controller", [Keeps, lambda: lambda traci, ego, time: Command(0.0, 1.0)], ids=["acts", "steers"]
+    "controller",
+    [Keeps, lambda: lambda traci, ego, time: Command(0.0, 1.0)],
+    ids=["acts", "steers"],
 )
 def test_an_ego_of_commands_never_gets_where_sumo_would_lose_it(controller):
     found = alone(leaver(OFF_ROAD["right"]), controller=controller())
@@ -162,7 +181,10 @@ def lose(name):
 def test_a_vehicle_that_sumo_has_lost_ends_the_case_with_its_name_its_place_and_the_time():
     found = alone(lead(50.0, speed=20.0), controller=round_the_door(lambda: lose("lead")))
     assert found.end_reason == "sim_error"
-    assert "SUMO gave vehicle `lead` the place (-1.07374e+09, -1.07374e+09) m, a step after (" in found.error
+    assert (
+        "SUMO gave vehicle `lead` the place (-1.07374e+09, -1.07374e+09) m, a step after ("
+        in found.error
+    )
     assert found.error.endswith(" m, at 0.40 s, which no vehicle can have.")
     assert (np.abs(found.actors["lead"].y) < 50.0).all()
 
@@ -183,7 +205,9 @@ def test_a_place_that_is_no_number_is_sumos_error_and_not_a_sample():
     for name in ("ego", "lead"):
         found = alone(
             lead(50.0, speed=20.0),
-            controller=round_the_door(lambda name=name: libsumo.vehicle.setLateralLanePosition(name, math.nan)),
+            controller=round_the_door(
+                lambda name=name: libsumo.vehicle.setLateralLanePosition(name, math.nan)
+            ),
         )
         assert found.end_reason == "sim_error"
         assert f"SUMO gave vehicle `{name}` the place (" in found.error
@@ -203,7 +227,8 @@ def test_a_placed_ego_that_sumo_shows_nowhere_is_sumos_error():
 
 
 def test_a_native_ego_that_sumo_has_lost_in_mid_road_is_sumos_error():
-    """`sumo:` models run no code of a user's, so the loss is made by a listener of libsumo's own."""
+    """`sumo:` models run no code of a user's, so the loss is made by a listener of libsumo's
+    own."""
 
     class Thief(libsumo.StepListener):
         def step(self, t=0):
@@ -222,7 +247,8 @@ def test_a_native_ego_that_sumo_has_lost_in_mid_road_is_sumos_error():
 
 
 def after_a_listener(action, controller=follow):
-    """What a drive comes to when a listener of libsumo's does something between SUMO's step at 0.5 s and our look."""
+    """What a drive comes to when a listener of libsumo's does something between SUMO's step at 0.5
+    s and our look."""
 
     class Acts(libsumo.StepListener):
         def step(self, t=0):
@@ -246,15 +272,23 @@ def turned_to_nan(name):
 def test_a_speed_no_vehicle_can_have_ends_the_case_although_its_place_is_possible(controller):
     found = after_a_listener(lambda: libsumo.vehicle.setPreviousSpeed("lead", 5000.0), controller)
     assert found.end_reason == "sim_error"
-    assert found.error == "SUMO gave vehicle `lead` the speed 5000 m/s at 0.45 s, which no vehicle can have."
+    assert (
+        found.error
+        == "SUMO gave vehicle `lead` the speed 5000 m/s at 0.45 s, which no vehicle can have."
+    )
     assert physical(found)
 
 
-@pytest.mark.parametrize(("name", "controller"), [("lead", follow), ("lead", "sumo:IDM"), ("ego", "sumo:IDM")])
+@pytest.mark.parametrize(
+    ("name", "controller"), [("lead", follow), ("lead", "sumo:IDM"), ("ego", "sumo:IDM")]
+)
 def test_an_angle_that_is_no_number_ends_the_case(name, controller):
     found = after_a_listener(lambda: turned_to_nan(name), controller)
     assert found.end_reason == "sim_error"
-    assert found.error == f"SUMO gave vehicle `{name}` the angle nan deg at 0.50 s, which no vehicle can have."
+    assert (
+        found.error
+        == f"SUMO gave vehicle `{name}` the angle nan deg at 0.50 s, which no vehicle can have."
+    )
     assert physical(found)
 
 

@@ -17,7 +17,9 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process
 
 def shell(text, step_timeout=5.0, settings=HALF_SECOND):
     quoted = text.replace("'", "'\\''")
-    return simulate(case(lead(100.0)), f"exec:sh -c '{quoted}'", settings, step_timeout=step_timeout)
+    return simulate(
+        case(lead(100.0)), f"exec:sh -c '{quoted}'", settings, step_timeout=step_timeout
+    )
 
 
 def alive(pid):
@@ -30,15 +32,21 @@ def alive(pid):
 
 
 def test_a_shell_script_drives():
-    found = shell('read brief; echo "{}"; while read seen; do echo "{\\"acceleration\\": -2}"; done')
+    found = shell(
+        'read brief; echo "{}"; while read seen; do echo "{\\"acceleration\\": -2}"; done'
+    )
     assert (found.end_reason, found.error) == ("time_limit", None)
-    assert found.ego.speed[-1] == simulate(case(lead(100.0)), lambda seen: -2.0, HALF_SECOND).ego.speed[-1]
+    assert (
+        found.ego.speed[-1]
+        == simulate(case(lead(100.0)), lambda seen: -2.0, HALF_SECOND).ego.speed[-1]
+    )
 
 
 def test_the_protocol_line_by_line(tmp_path):
     log = tmp_path / "lines"
     found = shell(
-        f'while read line; do echo "$line" >> {log}; echo "{{\\"acceleration\\": 0, \\"steering\\": 0}}"; done'
+        f'while read line; do echo "$line" >> {log}; echo '
+        f'"{{\\"acceleration\\": 0, \\"steering\\": 0}}"; done'
     )
     import json
 
@@ -46,7 +54,13 @@ def test_the_protocol_line_by_line(tmp_path):
     brief, *steps = [json.loads(line) for line in log.read_text().splitlines()]
     assert (brief["type"], brief["protocol"], brief["step"]) == ("reset", 1, 0.05)
     lines = brief["road"].pop("lane_borders")
-    assert brief["road"] == {"lanes": 2, "lane_width": 3.5, "length": 600.0, "speed_limit": 60.0, "line": []}
+    assert brief["road"] == {
+        "lanes": 2,
+        "lane_width": 3.5,
+        "length": 600.0,
+        "speed_limit": 60.0,
+        "line": [],
+    }
     end = 600.0 + ROAD.run_out
     assert lines[1] == {"centre": [[0, 3.5], [end, 3.5]], "left": [[0, 5.25], [end, 5.25]],
                         "right": [[0, 1.75], [end, 1.75]]}  # fmt: skip
@@ -56,9 +70,20 @@ def test_the_protocol_line_by_line(tmp_path):
     assert [step["time"] for step in steps] == pytest.approx([0.05 * i for i in range(10)])
     assert steps[0]["ego"]["speed"] == 20.0
     assert steps[0]["lead"]["gap"] == pytest.approx(100.0)
-    assert (steps[0]["lead"]["x"], steps[0]["lead"]["y"], steps[0]["lead"]["kind"]) == (154.5, 0.0, "car")
-    assert set(steps[0]["neighbours"]) == {"left_ahead", "left_behind", "right_ahead", "right_behind", "behind"}
-    assert set(steps[0]) == {"type", "time", "ego", "lead", "second_lead", "neighbours", "vehicles", "lanes",
+    assert (steps[0]["lead"]["x"], steps[0]["lead"]["y"], steps[0]["lead"]["kind"]) == (
+        154.5,
+        0.0,
+        "car",
+    )
+    assert set(steps[0]["neighbours"]) == {
+        "left_ahead",
+        "left_behind",
+        "right_ahead",
+        "right_behind",
+        "behind",
+    }
+    assert set(steps[0]) == {"type", "time", "ego", "lead", "second_lead", "neighbours",
+        "vehicles", "lanes",
                              "left_edge", "right_edge", "curvature"}  # fmt: skip
 
 
@@ -71,7 +96,9 @@ def test_the_scenario_is_told_when_it_is_revealed(tmp_path):
 def test_a_hung_program_is_killed_at_its_deadline_with_everything_it_started(tmp_path):
     pids = tmp_path / "pids"
     began = clock.monotonic()
-    found = shell(f"read x; echo {{}}; echo $$ > {pids}; sleep 60 & echo $! >> {pids}; wait", step_timeout=0.3)
+    found = shell(
+        f"read x; echo {{}}; echo $$ > {pids}; sleep 60 & echo $! >> {pids}; wait", step_timeout=0.3
+    )
     assert (found.end_reason, found.error) == (
         "ads_timeout", "The ADS's program must answer within 0.3 s, and was ended at 0.00 s.",
     )  # fmt: skip
@@ -82,7 +109,10 @@ def test_a_hung_program_is_killed_at_its_deadline_with_everything_it_started(tmp
 
 def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
     pids = tmp_path / "pids"
-    text = f'echo $$ > {pids}; read x; echo {{}}; while read s; do echo "{{\\"acceleration\\":0}}"; done; sleep 60'
+    text = (
+        f'echo $$ > {pids}; read x; echo {{}}; while read s; do echo "{{\\"acceleration\\":0}}"; '
+        f"done; sleep 60"
+    )
     assert shell(text).error is None
     if sys.platform == "linux":
         assert not alive(int(pids.read_text()))
@@ -92,24 +122,48 @@ def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
     ("text", "sentence"),
     [
         ("exit 3", "The ADS's program ended before its case did, with status 3 in reset."),
-        ("read x; echo {}; read x; echo oh >&2; exit 4", "ended before its case did, with status 4 at 0.00 s."),
-        ("read x; echo {}; read x; echo brake", "answer with a JSON object on one line, got 'brake' at 0.00 s."),
-        ("read x; echo {}; read x; echo 3", "answer with a JSON object on one line, got '3' at 0.00 s."),
+        (
+            "read x; echo {}; read x; echo oh >&2; exit 4",
+            "ended before its case did, with status 4 at 0.00 s.",
+        ),
+        (
+            "read x; echo {}; read x; echo brake",
+            "answer with a JSON object on one line, got 'brake' at 0.00 s.",
+        ),
+        (
+            "read x; echo {}; read x; echo 3",
+            "answer with a JSON object on one line, got '3' at 0.00 s.",
+        ),
         ("read x; echo {}; read x; echo {}", "must have an `acceleration`, got {} at 0.00 s."),
-        ('read x; echo {}; read x; echo "{\\"honk\\": 1}"', "unknown `honk`, and not only acceleration and steering"),
-        ('read x; echo {}; read x; echo "{\\"brake\\":1,\\"speed\\":1}"', "`brake`, and not only speed and steering"),
+        (
+            'read x; echo {}; read x; echo "{\\"honk\\": 1}"',
+            "unknown `honk`, and not only acceleration and steering",
+        ),
+        (
+            'read x; echo {}; read x; echo "{\\"brake\\":1,\\"speed\\":1}"',
+            "`brake`, and not only speed and steering",
+        ),
         (
             'read x; echo {}; read x; echo "{\\"brake\\": 2}"',
             "`brake` of the ADS's pedals must be within 0..1, got 2",
         ),
-        ('read x; echo {}; read x; echo "{\\"plan\\": null}"', "must give a plan before one can hold at 0.00 s."),
-        ('read x; echo {}; read x; echo "{\\"acceleration\\": NaN}"', "must be a finite number, got nan at 0.00 s."),
+        (
+            'read x; echo {}; read x; echo "{\\"plan\\": null}"',
+            "must give a plan before one can hold at 0.00 s.",
+        ),
+        (
+            'read x; echo {}; read x; echo "{\\"acceleration\\": NaN}"',
+            "must be a finite number, got nan at 0.00 s.",
+        ),
         (
             'read x; echo {}; read x; echo "{\\"acceleration\\": \\"1\\"}"',
             "must be a finite number, got '1' at 0.00 s.",
         ),
         ("read x; printf '{}\\n{}\\n'; sleep 5", "must answer with one line, got more"),
-        ("read x; printf 'loading\\n{}\\n'; sleep 5", "answer with a JSON object on one line, got 'loading' in reset."),
+        (
+            "read x; printf 'loading\\n{}\\n'; sleep 5",
+            "answer with a JSON object on one line, got 'loading' in reset.",
+        ),
     ],
 )
 def test_what_is_no_answer_is_the_adss_error(text, sentence):
@@ -123,7 +177,9 @@ def test_what_a_program_says_on_stderr_is_in_the_log():
 
 
 def test_every_case_has_a_program_of_its_own():
-    text = 'n=0; read x; echo {}; while read s; do n=$((n+1)); echo "{\\"acceleration\\": -$n}"; done'
+    text = (
+        'n=0; read x; echo {}; while read s; do n=$((n+1)); echo "{\\"acceleration\\": -$n}"; done'
+    )
     assert shell(text).ego.speed.tolist() == shell(text).ego.speed.tolist()
 
 

@@ -1,4 +1,5 @@
-"""The measured traps of libsumo 1.28, one by one: that bare libsumo has it, and that we are not caught by it."""
+"""The measured traps of libsumo 1.28, one by one: that bare libsumo has it, and that we are not
+caught by it."""
 
 import itertools
 import math
@@ -34,7 +35,14 @@ def bare(tmp_path):
         (tmp_path / "net.xml").write_text(network_xml(concrete.road))
         (tmp_path / "rou.xml").write_text(text or routes_xml(concrete, CAR, ego_type))
         files = ["-n", str(tmp_path / "net.xml"), "-r", str(tmp_path / "rou.xml")]
-        quiet = ["--no-step-log", "true", "--no-warnings", "true", "--step-method.ballistic", "true"]
+        quiet = [
+            "--no-step-log",
+            "true",
+            "--no-warnings",
+            "true",
+            "--step-method.ballistic",
+            "true",
+        ]
         libsumo.start(["sumo", *files, *quiet, "--step-length", str(STEP), *options])
         libsumo.simulationStep()
 
@@ -43,7 +51,7 @@ def bare(tmp_path):
         libsumo.close()
 
 
-# 1 --------------------------------------------------------------------------------------------------------------------
+# 1 ------------------------------------------------------------------------------------------------
 
 TOO_CLOSE = case(lead(gap=1.0, speed=10.0))  # 20 m/s, 1 m behind a car at 10 m/s
 
@@ -68,11 +76,17 @@ def test_trap_1_the_session_starts_it_as_requested():
     ("written", "instead", "sentence"),
     [
         (' depart="0"', ' depart="3"', "did not insert vehicle `ego`"),
-        ('departPos="52.25"', 'departPos="53"', "at (50.750, 0.000) m instead of (50.000, 0.000) m"),
+        (
+            'departPos="52.25"',
+            'departPos="53"',
+            "at (50.750, 0.000) m instead of (50.000, 0.000) m",
+        ),
         ('departSpeed="20.0"', 'departSpeed="19"', "the speed 19.000 m/s instead of 20.000 m/s"),
     ],
 )
-def test_trap_1_a_start_that_is_not_the_requested_one_is_refused(monkeypatch, written, instead, sentence):
+def test_trap_1_a_start_that_is_not_the_requested_one_is_refused(
+    monkeypatch, written, instead, sentence
+):
     text = routes_xml(case(), CAR)
     assert written in text
     monkeypatch.setattr(session_module, "routes_xml", lambda *_: text.replace(written, instead))
@@ -81,9 +95,10 @@ def test_trap_1_a_start_that_is_not_the_requested_one_is_refused(monkeypatch, wr
     assert sentence in found.error
 
 
-# 2 --------------------------------------------------------------------------------------------------------------------
+# 2 ------------------------------------------------------------------------------------------------
 
-# both leave their lane by 0.9 m and 1.1 m towards the other's: 3.5 - 0.9 - 1.1 = 1.5 m apart, 1.8 m wide
+# both leave their lane by 0.9 m and 1.1 m towards the other's: 3.5 - 0.9 - 1.1 = 1.5 m apart, 1.8 m
+# wide
 ACROSS_THE_LINE = case(Actor("lead", Start(51.0, 2.4, 20.0)), y=0.9)
 
 
@@ -98,16 +113,24 @@ def test_trap_2_bare_libsumo_misses_bodies_that_overlap_across_a_lane_line(bare)
 
 def test_trap_2_our_contact_test_sees_the_overlap():
     found = simulate(ACROSS_THE_LINE, lambda *_: None)
-    assert (found.end_reason, found.collision.other, found.collision.time) == ("contact", "lead", 0.0)
+    assert (found.end_reason, found.collision.other, found.collision.time) == (
+        "contact",
+        "lead",
+        0.0,
+    )
 
 
 def test_trap_2_a_side_swipe_on_the_way_into_the_next_lane_is_seen():
     neighbour = Actor("neighbour", Start(50.0, 3.5, 20.0))
     found = simulate(case(neighbour), lambda *_: Command(0.0, 0.3))
-    assert (found.end_reason, found.collision.other, found.collision.side) == ("contact", "neighbour", "left")
+    assert (found.end_reason, found.collision.other, found.collision.side) == (
+        "contact",
+        "neighbour",
+        "left",
+    )
 
 
-# 3 --------------------------------------------------------------------------------------------------------------------
+# 3 ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mode", [0, 2, 32])
@@ -142,7 +165,8 @@ def test_trap_3_under_test_a_speed_mode_is_taken_back_and_recorded(mode):
     clips = {clip.what: clip for clip in found.clips}
     assert clips["speed_mode"].count == 10  # each of the 10 steps
     assert (clips["speed_mode"].requested, clips["speed_mode"].applied) == (mode, 6)
-    assert clips["vtype_limit"].requested == pytest.approx(-9.0)  # that the limit was reached is on record
+    # that the limit was reached is on record
+    assert clips["vtype_limit"].requested == pytest.approx(-9.0)
     assert found.ego.speed[-1] == pytest.approx(20.0 - 9.0 * 0.5)
 
 
@@ -150,12 +174,14 @@ def test_trap_3_under_test_an_ads_that_does_nothing_does_collide():
     assert simulate(case(lead(gap=35.0)), lambda *_: None).end_reason == "contact"
 
 
-# 4 --------------------------------------------------------------------------------------------------------------------
+# 4 ------------------------------------------------------------------------------------------------
 
 ONE_METRE_BEHIND = case(lead(gap=1.0, speed=20.0))
 
 
-@pytest.mark.parametrize(("options", "collisions"), [((), 1), (("--collision.mingap-factor", "0"), 0)])
+@pytest.mark.parametrize(
+    ("options", "collisions"), [((), 1), (("--collision.mingap-factor", "0"), 0)]
+)
 def test_trap_4_bare_libsumo_takes_min_gap_for_body(bare, options, collisions):
     bare(ONE_METRE_BEHIND, "--collision.action", "warn", *options, ego_type={"minGap": "2.5"})
     for name in ("ego", "lead"):
@@ -189,7 +215,7 @@ def test_trap_4_in_our_sessions_min_gap_is_no_body_and_nobody_teleports():
     assert collisions[-1] == 1  # SUMO still sees those within a lane: a TraCI ADS may ask it
 
 
-# 5 --------------------------------------------------------------------------------------------------------------------
+# 5 ------------------------------------------------------------------------------------------------
 
 
 def test_trap_5_bare_libsumo_accepts_a_second_start_silently(bare):
@@ -200,7 +226,9 @@ def test_trap_5_bare_libsumo_accepts_a_second_start_silently(bare):
 
 def test_trap_5_a_nested_session_is_refused_with_a_sentence_and_the_outer_one_lives():
     with session(case(), SimulationSettings()) as traci:
-        refused = pytest.raises(SimulationError, match="already running in this process; libsumo holds one at a time")
+        refused = pytest.raises(
+            SimulationError, match="already running in this process; libsumo holds one at a time"
+        )
         with refused, session(case(), SimulationSettings()):
             pass
         traci.simulationStep()
@@ -218,20 +246,30 @@ def test_trap_5_bare_libsumo_says_no_more_than_process_error(bare, capfd):
     ("writer", "text", "quote"),
     [
         ("network_xml", "no network at all", "invalid document structure"),
-        ("routes_xml", '<routes><vehicle id="ego" route="nowhere" depart="0"/></routes>', "nowhere"),
+        (
+            "routes_xml",
+            '<routes><vehicle id="ego" route="nowhere" depart="0"/></routes>',
+            "nowhere",
+        ),
         ("routes_xml", "<routes>", "rou.xml"),
     ],
 )
-def test_trap_5_a_bad_file_quotes_sumos_log_and_keeps_the_console_clean(monkeypatch, capfd, writer, text, quote):
+def test_trap_5_a_bad_file_quotes_sumos_log_and_keeps_the_console_clean(
+    monkeypatch, capfd, writer, text, quote
+):
     monkeypatch.setattr(session_module, writer, lambda *_: text)
-    with pytest.raises(SimulationError, match="SUMO could not start the case") as caught, session(case(), HALF_SECOND):
+    with (
+        pytest.raises(SimulationError, match="SUMO could not start the case") as caught,
+        session(case(), HALF_SECOND),
+    ):
         pass
     assert quote in str(caught.value)
     assert "Process Error" not in str(caught.value).replace("TraCIException: Process Error (", "(")
     captured = capfd.readouterr()
     assert (captured.out, captured.err) == ("", "")
     monkeypatch.undo()
-    assert simulate(case(), lambda *_: None, HALF_SECOND).end_reason == "time_limit"  # the next case works
+    # the next case works
+    assert simulate(case(), lambda *_: None, HALF_SECOND).end_reason == "time_limit"
 
 
 def test_trap_5_stderr_works_again_after_a_session(capfd):
@@ -241,7 +279,7 @@ def test_trap_5_stderr_works_again_after_a_session(capfd):
     assert capfd.readouterr().err == "here again\n"
 
 
-# 6 --------------------------------------------------------------------------------------------------------------------
+# 6 ------------------------------------------------------------------------------------------------
 
 
 def test_trap_6_importing_prints_nothing_to_stdout():
@@ -262,11 +300,15 @@ def test_trap_6_importing_prints_nothing_to_stdout():
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-# 7 --------------------------------------------------------------------------------------------------------------------
+# 7 ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("options", "across"), [((), 3.5), (("--lanechange.duration", "5"), 3.5 / 5 * STEP)])
-def test_trap_7_bare_libsumo_changes_lane_in_one_step_unless_the_duration_is_given(bare, options, across):
+@pytest.mark.parametrize(
+    ("options", "across"), [((), 3.5), (("--lanechange.duration", "5"), 3.5 / 5 * STEP)]
+)
+def test_trap_7_bare_libsumo_changes_lane_in_one_step_unless_the_duration_is_given(
+    bare, options, across
+):
     bare(case(), *options)
     libsumo.vehicle.setLaneChangeMode("ego", 0)
     libsumo.vehicle.changeLane("ego", 1, 10.0)
@@ -276,7 +318,8 @@ def test_trap_7_bare_libsumo_changes_lane_in_one_step_unless_the_duration_is_giv
 
 def test_trap_7_sumos_position_is_the_front_bumper_and_its_angle_runs_clockwise_from_north(bare):
     bare(case())
-    assert libsumo.vehicle.getPosition("ego") == pytest.approx((52.25, 0.0))  # centre 50 + half of 4.5
+    # centre 50 + half of 4.5
+    assert libsumo.vehicle.getPosition("ego") == pytest.approx((52.25, 0.0))
     assert libsumo.vehicle.getAngle("ego") == 90.0  # east
 
 
@@ -284,7 +327,8 @@ def test_trap_7_we_record_centres_and_mathematical_headings_as_commanded():
     found = simulate(case(), lambda *_: Command(0.0, 0.2), HALF_SECOND)
     assert (found.ego.x[0], found.ego.heading[0]) == (50.0, 0.0)
     assert found.ego.heading[-1] > 0.0  # to the left
-    # the centre moves where the body points, up to the slip of a mid-wheelbase point, half * curvature: 0.0063 rad
+    # the centre moves where the body points, up to the slip of a mid-wheelbase point, half *
+    # curvature: 0.0063 rad
     course = math.atan2(found.ego.y[-1] - found.ego.y[-2], found.ego.x[-1] - found.ego.x[-2])
     assert course == pytest.approx((found.ego.heading[-1] + found.ego.heading[-2]) / 2, abs=0.01)
 
@@ -293,18 +337,21 @@ def test_trap_7_scripted_lateral_motion_is_smooth_in_what_sumo_shows():
     mover = Actor("mover", Start(80.0, 0.0, 20.0), (lane_change(0.5, 3.0, 3.5),))
     seen = []
     simulate(
-        case(mover), lambda traci, *_: seen.append(traci.vehicle.getPosition("mover")), SimulationSettings(time_limit=5)
+        case(mover),
+        lambda traci, *_: seen.append(traci.vehicle.getPosition("mover")),
+        SimulationSettings(time_limit=5),
     )
     across = [(b[1] - a[1]) / STEP for a, b in itertools.pairwise(seen)]
     assert seen[-1][1] == pytest.approx(3.5)
-    # the quintic's greatest lateral acceleration is 5.7735 * 3.5 / 3^2 = 2.245 m/s2; SUMO shows the bumper, 2.25 m
-    # ahead of the centre, so the yaw acceleration adds: v'' / v * 2.25 = (60*3.5/27)/20 * 2.25 = 0.875 m/s2 at most
+    # the quintic's greatest lateral acceleration is 5.7735 * 3.5 / 3^2 = 2.245 m/s2; SUMO shows the
+    # bumper, 2.25 m ahead of the centre, so the yaw acceleration adds: v'' / v * 2.25 =
+    # (60*3.5/27)/20 * 2.25 = 0.875 m/s2 at most
     change = [abs(b - a) / STEP for a, b in itertools.pairwise(across)]
     assert max(change) < 2.245 + 0.875
     assert max(across) < 1.875 * 3.5 / 3.0 * 1.1
 
 
-# 8 --------------------------------------------------------------------------------------------------------------------
+# 8 ------------------------------------------------------------------------------------------------
 
 
 def test_trap_8_one_simulation_a_process_but_hundreds_one_after_the_other():
@@ -316,12 +363,15 @@ def test_trap_8_one_simulation_a_process_but_hundreds_one_after_the_other():
     assert not libsumo.simulation.isLoaded()
 
 
-# 9 --------------------------------------------------------------------------------------------------------------------
+# 9 ------------------------------------------------------------------------------------------------
 
 
 def test_trap_9_the_hand_written_network_needs_no_netconvert():
     with session(case(), SimulationSettings()) as traci:
-        assert [lane for lane in traci.lane.getIDList() if not lane.startswith(":")] == ["road_0", "road_1"]
+        assert [lane for lane in traci.lane.getIDList() if not lane.startswith(":")] == [
+            "road_0",
+            "road_1",
+        ]
         assert traci.lane.getLength("road_0") == 6000.0
         assert traci.lane.getShape("road_1") == ((0.0, 3.5), (6000.0, 3.5))
         assert traci.lane.getWidth("road_1") == 3.5
@@ -331,11 +381,12 @@ def test_trap_9_the_hand_written_network_needs_no_netconvert():
 def test_trap_9_uneven_lengths_reach_sumo_unrounded():
     road = replace(ROAD, lane_width=3.333, length=600.125)
     concrete = replace(case(Actor("lead", Start(80.0, 3.333, 5.0))), road=road)
-    with session(concrete, SimulationSettings()) as traci:  # which checks the start to the millimetre
+    # which checks the start to the millimetre
+    with session(concrete, SimulationSettings()) as traci:
         assert traci.lane.getLength("road_0") == 6000.125
 
 
-# 10 -------------------------------------------------------------------------------------------------------------------
+# 10 -----------------------------------------------------------------------------------------------
 
 
 def test_trap_10_no_fcd_output_is_used(monkeypatch):
@@ -346,18 +397,21 @@ def test_trap_10_no_fcd_output_is_used(monkeypatch):
         pass
     options = dict(zip(lines[0][1::2], lines[0][2::2], strict=True))
     assert set(options) == {
-        "--net-file", "--route-files", "--begin", "--step-length", "--lanechange.duration", "--error-log", "--seed",
-        "--xml-validation", "--xml-validation.net", "--xml-validation.routes", "--no-step-log", "--no-warnings",
+        "--net-file", "--route-files", "--begin", "--step-length", "--lanechange.duration",
+        "--error-log", "--seed",
+        "--xml-validation", "--xml-validation.net", "--xml-validation.routes", "--no-step-log",
+        "--no-warnings",
         "--duration-log.disable", "--thread-rngs", *(f"--{name}" for name in SIMULATION_OPTIONS),
     }  # fmt: skip
     assert not any("fcd" in option or "parquet" in option for option in lines[0])
 
 
-# what outlives a simulation -------------------------------------------------------------------------------------------
+# what outlives a simulation -----------------------------------------------------------------------
 
 
 class MovesInItsLastStep:
-    """Tells SUMO to move its vehicle when no step is to come that would: before it fails, or when it is closed."""
+    """Tells SUMO to move its vehicle when no step is to come that would: before it fails, or when
+    it is closed."""
 
     def __init__(self, fails):
         self.fails = fails
@@ -387,7 +441,7 @@ def test_a_move_that_no_step_carries_out_does_not_reach_the_next_case(fails, end
     assert after.ego.x.tobytes() == alone.ego.x.tobytes()
 
 
-# what makes a start quick ---------------------------------------------------------------------------------------------
+# what makes a start quick -------------------------------------------------------------------------
 
 
 def test_one_generator_a_lane_draws_what_sumos_own_64_draw(monkeypatch):
@@ -423,7 +477,7 @@ def test_the_library_that_reads_sumos_files_is_found():
     assert insides.keep_xml_parser()
 
 
-# values that are no numbers -------------------------------------------------------------------------------------------
+# values that are no numbers -----------------------------------------------------------------------
 
 
 def test_trap_nan_bare_libsumo_takes_set_speed_nan_for_do_as_you_like(bare):
@@ -444,7 +498,8 @@ def test_trap_nan_bare_libsumo_moves_a_vehicle_to_nowhere_without_a_word(bare):
 
 
 @pytest.mark.parametrize(
-    "command", [Command(math.nan), Command(0.0, math.nan), Command(math.inf), Command(0.0, -math.inf)]
+    "command",
+    [Command(math.nan), Command(0.0, math.nan), Command(math.inf), Command(0.0, -math.inf)],
 )
 def test_trap_nan_a_command_that_is_no_number_is_refused(command):
     found = simulate(case(), lambda *_: command)
@@ -458,10 +513,15 @@ def test_trap_nan_an_ego_moved_to_nowhere_is_the_adss_fault():
 
     found = simulate(case(), lost)
     assert found.end_reason == "ads_error"
-    assert "traci.vehicle.moveToXY with `x` = nan at 0.00 s; it must be a finite number" in found.error
+    assert (
+        "traci.vehicle.moveToXY with `x` = nan at 0.00 s; it must be a finite number" in found.error
+    )
 
 
 def test_our_gap_and_sumos_positions_agree(bare):
     bare(case(lead(gap=7.0)))
-    ego, other = (Body(libsumo.vehicle.getPosition(name)[0] - 2.25, 0, 0, 0, 4.5, 1.8) for name in ("ego", "lead"))
+    ego, other = (
+        Body(libsumo.vehicle.getPosition(name)[0] - 2.25, 0, 0, 0, 4.5, 1.8)
+        for name in ("ego", "lead")
+    )
     assert widest_gap(ego, other)[0] == pytest.approx(7.0)

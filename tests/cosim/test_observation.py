@@ -39,11 +39,14 @@ def seen_by(ads, concrete, **conditions):
         shown.append(observation)
         return ads(observation) if ads else 0.0
 
-    return simulate(concrete, act, replace(HALF_SECOND, conditions=ConditionSettings(**conditions))), shown
+    return simulate(
+        concrete, act, replace(HALF_SECOND, conditions=ConditionSettings(**conditions))
+    ), shown
 
 
 def test_a_lead_and_its_neighbours_by_hand():
-    # gaps: 84.5 - 50 - 4.5 = 30 m ahead; 50 - 30 - 4.5 = 15.5 m behind; 70 - 50 - 4.5 = 15.5 m ahead in the left lane
+    # gaps: 84.5 - 50 - 4.5 = 30 m ahead; 50 - 30 - 4.5 = 15.5 m behind; 70 - 50 - 4.5 = 15.5 m
+    # ahead in the left lane
     seen = look({"lead": car(84.5), "left": car(70.0, 3.5, 25.0), "behind": car(30.0, 0.0, 20.0)})
     assert (seen.lead.gap, seen.lead.relative_speed, seen.lead.offset) == (30.0, -10.0, 0.0)
     assert seen.neighbours["left_ahead"].gap == 15.5
@@ -62,7 +65,10 @@ def test_a_vehicle_that_leaves_the_strip_is_no_lead_once_its_body_is_out_of_it()
 
 def test_speeds_are_along_and_across_the_road():
     seen = look({"lead": car(84.5, 0.0, 10.0, math.radians(30.0))}).lead
-    assert (seen.relative_speed + 20.0, seen.lateral_speed) == (pytest.approx(8.660254), pytest.approx(5.0))
+    assert (seen.relative_speed + 20.0, seen.lateral_speed) == (
+        pytest.approx(8.660254),
+        pytest.approx(5.0),
+    )
 
 
 def test_an_observation_is_frozen_and_worked_out_once_when_asked():
@@ -90,7 +96,9 @@ def test_a_function_of_the_observation_or_an_object_with_act_will_do(action):
         return action
 
     drives = [simulate(case(), ads, HALF_SECOND) for ads in (Policy, Policy(), function)]
-    assert {d.ego.speed[-1] for d in drives} == {simulate(case(), lambda *_: Command(-2.0), HALF_SECOND).ego.speed[-1]}
+    assert {d.ego.speed[-1] for d in drives} == {
+        simulate(case(), lambda *_: Command(-2.0), HALF_SECOND).ego.speed[-1]
+    }
 
 
 @pytest.mark.parametrize("action", ["brake", None, (1.0, 2.0, 3.0), {"a": 1}])
@@ -130,13 +138,16 @@ def test_sumos_files_do_not_tell_the_future_unless_the_scenario_is_revealed():
 
     secret = replace(case(lead(50.0)), scenario="secret", values={"gap": 50.0})
     for reveal in (False, True):
-        simulate(secret, spy, replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=reveal)))
+        simulate(
+            secret, spy, replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=reveal))
+        )
     assert "secret" not in told[0]
     assert "secret: gap=50" in told[-1]
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"sensor_range": 0.0}, {"field_of_view_deg": 361.0}, {"dropout": 1.5}, {"step_budget": -1.0}]
+    "wrong",
+    [{"sensor_range": 0.0}, {"field_of_view_deg": 361.0}, {"dropout": 1.5}, {"step_budget": -1.0}],
 )
 def test_conditions_that_cannot_be_are_refused_in_the_file_and_in_python(wrong):
     with pytest.raises(InputError):
@@ -144,7 +155,8 @@ def test_conditions_that_cannot_be_are_refused_in_the_file_and_in_python(wrong):
     with pytest.raises(InputError, match=r"simulation\.conditions"):
         settings_from(
             {
-                "name": "x", "scenario": [{"use": "cut_in"}], "ads": [{"name": "a", "controller": "idm"}],
+                "name": "x", "scenario": [{"use": "cut_in"}],
+                "ads": [{"name": "a", "controller": "idm"}],
                 "simulation": {"conditions": wrong},
             },
             "evaluation.toml",
@@ -153,13 +165,22 @@ def test_conditions_that_cannot_be_are_refused_in_the_file_and_in_python(wrong):
 
 def test_every_seen_vehicle_has_its_place_in_the_world_beside_the_relative_values():
     seen = look({"lead": car(84.5, 0.5, 10.0, 0.1), "left": car(70.0, 3.5, 25.0)})
-    assert [(v.x, v.y, v.heading, v.kind) for v in seen.vehicles] == [(70.0, 3.5, 0.0, "car"), (84.5, 0.5, 0.1, "car")]
-    assert (seen.ego.x + seen.lead.gap + 4.5, seen.ego.y + seen.lead.offset) == (pytest.approx(84.5, abs=0.15), 0.5)
+    assert [(v.x, v.y, v.heading, v.kind) for v in seen.vehicles] == [
+        (70.0, 3.5, 0.0, "car"),
+        (84.5, 0.5, 0.1, "car"),
+    ]
+    assert (seen.ego.x + seen.lead.gap + 4.5, seen.ego.y + seen.lead.offset) == (
+        pytest.approx(84.5, abs=0.15),
+        0.5,
+    )
 
 
-@pytest.mark.parametrize("conditions", [{}, {"sensor_range": 1000.0}], ids=["as_it_is", "through_senses"])
+@pytest.mark.parametrize(
+    "conditions", [{}, {"sensor_range": 1000.0}], ids=["as_it_is", "through_senses"]
+)
 def test_every_seen_vehicle_says_what_it_is(conditions):
-    """A lorry ahead, a person beside the road behind it; as numbers, 2 and 5 of car, van, truck, motorcycle, ..."""
+    """A lorry ahead, a person beside the road behind it; as numbers, 2 and 5 of car, van, truck,
+    motorcycle, ..."""
     truck = Actor("truck", Start(100.0, 0.0, 20.0), length=12.0, width=2.5, body="truck")
     person = Actor("person", Start(160.0, -3.0, 0.0), length=0.215, width=0.478, body="pedestrian")
     _, shown = seen_by(None, case(truck, person), **conditions)
@@ -175,18 +196,30 @@ def test_a_policy_over_arrays_is_told_the_kinds_as_numbers():
         batch = True
 
         def act(self, seen):
-            told.append((seen.vehicles.length[:, 0].tolist(), seen.kinds.tolist(), feature.show(seen).tolist()))
+            told.append(
+                (
+                    seen.vehicles.length[:, 0].tolist(),
+                    seen.kinds.tolist(),
+                    feature.show(seen).tolist(),
+                )
+            )
             return np.zeros(len(seen.number))
 
-    feature = Interface((Feature("vehicles.1.kind"), Feature("vehicles.2.kind")), (Action("acceleration"),))
+    feature = Interface(
+        (Feature("vehicles.1.kind"), Feature("vehicles.2.kind")), (Action("acceleration"),)
+    )
     bicycle = Actor("bicycle", Start(150.0, 0.0, 5.0), length=1.6, width=0.65, body="bicycle")
     cases = [case(bicycle), case(lead(60.0))]
-    assert [it.error for it in simulate_many(cases, Policy(), SimulationSettings(time_limit=0.1))] == [None, None]
+    assert [
+        it.error for it in simulate_many(cases, Policy(), SimulationSettings(time_limit=0.1))
+    ] == [None, None]
     assert sorted(zip(*told[0], strict=True)) == [(1.6, [4], [4.0, -1.0]), (4.5, [0], [0.0, -1.0])]
 
 
 def test_the_second_lead_is_the_next_one_ahead_in_the_strip():
-    seen = look({"far": car(150.0), "beside": car(90.0, 3.5), "lead": car(84.5), "second": car(110.0)})
+    seen = look(
+        {"far": car(150.0), "beside": car(90.0, 3.5), "lead": car(84.5), "second": car(110.0)}
+    )
     assert (seen.lead.x, seen.second_lead.x) == (84.5, 110.0)
     assert look({"lead": car(84.5)}).second_lead is None
     assert look({}).second_lead is None
@@ -195,17 +228,34 @@ def test_the_second_lead_is_the_next_one_ahead_in_the_strip():
 def test_the_road_has_its_lanes_as_lines_and_the_ads_is_told_its_task():
     _, shown = seen_by(None, case(lead(50.0)))
     end = ROAD.length + ROAD.run_out
-    assert [line.centre for line in shown[0].lane_borders] == [((0.0, 0.0), (end, 0.0)), ((0.0, 3.5), (end, 3.5))]
-    assert shown[0].lane_borders[0].left == shown[0].lane_borders[1].right == ((0.0, 1.75), (end, 1.75))
-    assert (shown[0].desired_speed, shown[0].goal, shown[0].speed_limit) == (20.0, (600.0, 0.0), ROAD.speed_limit)
+    assert [line.centre for line in shown[0].lane_borders] == [
+        ((0.0, 0.0), (end, 0.0)),
+        ((0.0, 3.5), (end, 3.5)),
+    ]
+    assert (
+        shown[0].lane_borders[0].left
+        == shown[0].lane_borders[1].right
+        == ((0.0, 1.75), (end, 1.75))
+    )
+    assert (shown[0].desired_speed, shown[0].goal, shown[0].speed_limit) == (
+        20.0,
+        (600.0, 0.0),
+        ROAD.speed_limit,
+    )
 
 
-@pytest.mark.parametrize("conditions", [{}, {"sensor_range": 1000.0}], ids=["as_it_is", "through_senses"])
+@pytest.mark.parametrize(
+    "conditions", [{}, {"sensor_range": 1000.0}], ids=["as_it_is", "through_senses"]
+)
 def test_acceleration_is_the_rate_of_the_seen_speed(conditions):
     # braking from 20 m/s at 4 m/s2 from the start: 0 at the first look, then -4
-    _, shown = seen_by(None, case(Actor("lead", Start(150.0, 0.0, 20.0), (brake_to_stop(0.0, 4.0),))), **conditions)
+    _, shown = seen_by(
+        None, case(Actor("lead", Start(150.0, 0.0, 20.0), (brake_to_stop(0.0, 4.0),))), **conditions
+    )
     assert [seen.lead.acceleration for seen in shown] == pytest.approx([0.0] + [-4.0] * 9)
-    assert [seen.lead.x for seen in shown][:2] == pytest.approx([150.0, 150.0 + 0.05 * 20.0 - 0.5 * 4.0 * 0.05**2])
+    assert [seen.lead.x for seen in shown][:2] == pytest.approx(
+        [150.0, 150.0 + 0.05 * 20.0 - 0.5 * 4.0 * 0.05**2]
+    )
 
 
 def test_under_conditions_the_places_in_the_world_are_the_noisy_ones_and_the_late_ones():
@@ -224,17 +274,20 @@ def test_acceleration_under_noise_is_that_of_the_noisy_speeds():
         senses.take_in(0.05 * step, EGO, 0.0, {"lead": car(84.5)})
         speeds.append(senses.observe().lead.speed)
         found.append(senses.observe().lead.acceleration)
-    assert found == pytest.approx([0.0, (speeds[1] - speeds[0]) / 0.05, (speeds[2] - speeds[1]) / 0.05])
+    assert found == pytest.approx(
+        [0.0, (speeds[1] - speeds[0]) / 0.05, (speeds[2] - speeds[1]) / 0.05]
+    )
 
 
-# --- conditions -------------------------------------------------------------------------------------------------------
+# --- conditions -----------------------------------------------------------------------------------
 
 
 def test_a_perception_delay_shows_the_world_as_it_was():
     _, shown = seen_by(None, case(lead(50.0)), perception_delay=0.2)
     # 1 m a step of 0.05 s at 20 m/s towards a standing lead
     assert [round(seen.lead.gap, 6) for seen in shown] == [50, 50, 50, 50, 50, 49, 48, 47, 46, 45]
-    assert [round(seen.ego.x, 6) for seen in shown][:3] == [50, 51, 52]  # its own state is the present one
+    # its own state is the present one
+    assert [round(seen.ego.x, 6) for seen in shown][:3] == [50, 51, 52]
 
 
 def test_what_is_beyond_the_sensors_range_is_not_seen():
@@ -243,15 +296,20 @@ def test_what_is_beyond_the_sensors_range_is_not_seen():
 
 
 def test_what_is_outside_the_field_of_view_is_not_seen():
-    # 60 deg: from the front bumper at 52.25 m, a body whose nearest corner lies within 30 deg of straight ahead
+    # 60 deg: from the front bumper at 52.25 m, a body whose nearest corner lies within 30 deg of
+    # straight ahead
     others = {"ahead": car(80.0), "beside": car(53.0, 3.5), "behind": car(30.0)}
-    assert [v.number for v in look(others, ConditionSettings(field_of_view_deg=60.0)).vehicles] == [1]
+    assert [v.number for v in look(others, ConditionSettings(field_of_view_deg=60.0)).vehicles] == [
+        1
+    ]
     assert len(look(others, ConditionSettings(field_of_view_deg=360.0)).vehicles) == 3
 
 
 def test_a_vehicle_behind_a_nearer_one_is_hidden_until_a_fifth_of_it_shows():
     hidden = ConditionSettings(occlusion=True)
-    assert [v.number for v in look({"lead": car(70.0), "obstacle": car(100.0)}, hidden).vehicles] == [1]
+    assert [
+        v.number for v in look({"lead": car(70.0), "obstacle": car(100.0)}, hidden).vehicles
+    ] == [1]
     assert len(look({"lead": car(70.0, 0.35), "obstacle": car(100.0)}, hidden).vehicles) == 1
     assert len(look({"lead": car(70.0, 0.37), "obstacle": car(100.0)}, hidden).vehicles) == 2
 
@@ -273,7 +331,9 @@ def test_misses_and_noise_have_the_stated_size_and_leave_the_truth_alone():
 def test_one_seed_is_one_drive_and_another_seed_another():
     noisy = replace(HALF_SECOND, conditions=ConditionSettings(position_noise=1.0, dropout=0.1))
     ads = lambda seen: -0.1 * seen.lead.gap if seen.lead else 0.0  # noqa: E731
-    drives = [simulate(case(lead(50.0)), ads, noisy, seed=seed).ego.speed.tolist() for seed in (1, 1, 2)]
+    drives = [
+        simulate(case(lead(50.0)), ads, noisy, seed=seed).ego.speed.tolist() for seed in (1, 1, 2)
+    ]
     assert drives[0] == drives[1] != drives[2]
 
 
@@ -310,7 +370,9 @@ def test_a_late_command_is_dropped_the_last_one_holds_and_it_is_counted():
             return 4.0
         return -4.0
 
-    found = simulate(case(), slow, replace(HALF_SECOND, conditions=ConditionSettings(step_budget=0.02)))
+    found = simulate(
+        case(), slow, replace(HALF_SECOND, conditions=ConditionSettings(step_budget=0.02))
+    )
     late = {clip.what: clip.count for clip in found.clips}["late_command"]
     assert late >= 5
     assert (found.ego.acceleration[2:] == -4.0).all()  # as at 0.2 s
@@ -329,11 +391,23 @@ def test_the_flat_signals_and_the_plain_form_say_the_same():
     assert signals["lead_gap"] == plain["lead"]["gap"] == 30.0
     assert signals["ego_speed"] == plain["ego"]["speed"] == 20.0
     assert len(plain["vehicles"]) == 2
-    assert (signals["lead_x"], signals["left_ahead_x"], signals["left_ahead_y"]) == (84.5, 70.0, 3.5)
-    assert (signals["lanes"], signals["lane_width"], signals["second_lead_present"]) == (2.0, 3.5, 0.0)
+    assert (signals["lead_x"], signals["left_ahead_x"], signals["left_ahead_y"]) == (
+        84.5,
+        70.0,
+        3.5,
+    )
+    assert (signals["lanes"], signals["lane_width"], signals["second_lead_present"]) == (
+        2.0,
+        3.5,
+        0.0,
+    )
     assert tuple(signals) == signal_names()
     nobody = look({})
-    assert (nobody.signals()["lead_present"], nobody.signals()["lead_gap"], nobody.plain()["lead"]) == (
+    assert (
+        nobody.signals()["lead_present"],
+        nobody.signals()["lead_gap"],
+        nobody.plain()["lead"],
+    ) == (
         0.0,
         1000.0,
         None,

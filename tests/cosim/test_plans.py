@@ -33,7 +33,9 @@ def to_the_left(seen):
     """20 m/s, 3.5 m to the left within 4 s, after 1 s: a quintic, at rest across at both ends."""
     t = np.arange(0.0, 10.0, 0.25)
     u = np.clip((t - 1.0) / 4.0, 0.0, 1.0)
-    return Plan(t, seen.ego.x + 20.0 * t, seen.ego.y + 3.5 * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5))
+    return Plan(
+        t, seen.ego.x + 20.0 * t, seen.ego.y + 3.5 * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
+    )
 
 
 def slower(seen):
@@ -41,7 +43,9 @@ def slower(seen):
     t = np.arange(0.0, 9.01, 0.5)
     v = np.clip(20.0 - 2.0 * (t - 2.0), 10.0, 20.0)
     x = np.where(
-        t <= 2.0, 20.0 * t, np.where(t <= 7.0, 40.0 + 20.0 * (t - 2.0) - (t - 2.0) ** 2, 115.0 + 10.0 * (t - 7.0))
+        t <= 2.0,
+        20.0 * t,
+        np.where(t <= 7.0, 40.0 + 20.0 * (t - 2.0) - (t - 2.0) ** 2, 115.0 + 10.0 * (t - 7.0)),
     )
     return Plan(t, seen.ego.x + x, np.zeros_like(t), speed=v)
 
@@ -53,7 +57,9 @@ def test_a_lane_change_is_tracked_within_two_centimetres_and_the_worst_error_is_
     error = clips(found)["plan_error"]
     assert (error.count, error.requested) == (240, 0.0)
     assert 0.001 < error.applied < 0.02
-    worst = max(abs(y - np.interp(t, *_path())) for t, y in zip(found.ego.time, found.ego.y, strict=True))
+    worst = max(
+        abs(y - np.interp(t, *_path())) for t, y in zip(found.ego.time, found.ego.y, strict=True)
+    )
     assert worst <= error.applied + 1e-9
 
 
@@ -107,27 +113,53 @@ def test_alone_and_beside_others_a_plan_is_driven_to_the_same_bits():
 @pytest.mark.parametrize(
     ("plan", "sentence"),
     [
-        (Plan([0.0, 1.0], [0.0, math.nan], [0.0, 0.0]), "`x` of the ADS's Plan must be a finite number, got nan"),
-        (Plan([0.0, 1.0], [0.0, True], [0.0, 0.0]), "`x` of the ADS's Plan must be a finite number, got True"),
-        (Plan([0.0, 1.0], [0.0, 10**400], [0.0, 0.0]), "`x` of the ADS's Plan must be a finite number"),
-        (Plan([1.0, 1.0], [0.0, 1.0], [0.0, 0.0]), "`time` of the ADS's Plan must increase, got 1 s behind 1 s"),
-        (Plan([0.0, 1.0], [0.0], [0.0, 0.0]), "`x` of the ADS's Plan must have as many values as `time`, 2, got 1"),
+        (
+            Plan([0.0, 1.0], [0.0, math.nan], [0.0, 0.0]),
+            "`x` of the ADS's Plan must be a finite number, got nan",
+        ),
+        (
+            Plan([0.0, 1.0], [0.0, True], [0.0, 0.0]),
+            "`x` of the ADS's Plan must be a finite number, got True",
+        ),
+        (
+            Plan([0.0, 1.0], [0.0, 10**400], [0.0, 0.0]),
+            "`x` of the ADS's Plan must be a finite number",
+        ),
+        (
+            Plan([1.0, 1.0], [0.0, 1.0], [0.0, 0.0]),
+            "`time` of the ADS's Plan must increase, got 1 s behind 1 s",
+        ),
+        (
+            Plan([0.0, 1.0], [0.0], [0.0, 0.0]),
+            "`x` of the ADS's Plan must have as many values as `time`, 2, got 1",
+        ),
         (Plan([], [], []), "`time` of the ADS's Plan must be a sequence of numbers, got []"),
         (Plan(0.0, 1.0, 2.0), "`time` of the ADS's Plan must be a sequence of numbers, got 0.0"),
-        (Plan([0.0], [1.0], [0.0], speed=["fast"]), "`speed` of the ADS's Plan must be a finite number, got 'fast'"),
+        (
+            Plan([0.0], [1.0], [0.0], speed=["fast"]),
+            "`speed` of the ADS's Plan must be a finite number, got 'fast'",
+        ),
         (Command(speed=math.inf), "`speed` of the ADS's Command must be a finite number, got inf"),
         (Command.pedals(1.2), "`throttle` of the ADS's pedals must be within 0..1, got 1.2"),
         (Command.pedals(steer=-1.5), "`steer` of the ADS's pedals must be within -1..1, got -1.5"),
-        (Command.pedals(brake="hard"), "`brake` of the ADS's pedals must be a finite number, got 'hard'"),
+        (
+            Command.pedals(brake="hard"),
+            "`brake` of the ADS's pedals must be a finite number, got 'hard'",
+        ),
     ],
 )
 def test_what_nobody_can_mean_costs_its_case_alone_and_beside_others(plan, sentence):
     wrong = lambda seen: plan if seen.lead.gap < 101.0 else 0.0  # noqa: E731
     found = list(simulate_many([case(lead(100.0)), case(lead(300.0))], wrong, HALF_SECOND))
-    assert (found[0].end_reason, found[0].error.startswith(sentence)) == ("ads_error", True), found[0].error
+    assert (found[0].end_reason, found[0].error.startswith(sentence)) == ("ads_error", True), found[
+        0
+    ].error
     assert found[0].error.endswith("at 0.00 s.")
     assert found[1].error is None
-    assert simulate(case(lead(100.0)), lambda traci, ego, time: plan, HALF_SECOND).error == found[0].error
+    assert (
+        simulate(case(lead(100.0)), lambda traci, ego, time: plan, HALF_SECOND).error
+        == found[0].error
+    )
 
 
 def test_a_wanted_speed_is_taken_up_by_the_stated_first_order_law():
@@ -145,7 +177,9 @@ def test_pedals_are_shares_of_what_the_vehicle_can_do():
     found = simulate(case(), lambda seen: Command.pedals(0.0, 0.5, -0.01), HALF_SECOND)
     assert found.ego.acceleration[-1] == pytest.approx(-4.5)
     assert found.ego.steering_wheel_angle[-1] == pytest.approx(math.radians(-5.4))
-    assert simulate(case(), lambda seen: Command.pedals(0.25), HALF_SECOND).ego.acceleration[-1] == pytest.approx(1.0)
+    assert simulate(case(), lambda seen: Command.pedals(0.25), HALF_SECOND).ego.acceleration[
+        -1
+    ] == pytest.approx(1.0)
 
 
 def test_a_command_takes_an_acceleration_or_a_speed():
@@ -159,7 +193,10 @@ def test_a_command_takes_an_acceleration_or_a_speed():
     [
         ({"speed": 15.0}, lambda seen: Command(speed=15.0)),
         ({"throttle": 0.1, "steer": 0.01}, lambda seen: Command.pedals(0.1, 0.0, 0.01)),
-        ({"plan": {"time": [0, 9], "x": [50, 200], "y": [0, 1]}}, lambda seen: Plan([0, 9], [50, 200], [0, 1])),
+        (
+            {"plan": {"time": [0, 9], "x": [50, 200], "y": [0, 1]}},
+            lambda seen: Plan([0, 9], [50, 200], [0, 1]),
+        ),
     ],
 )
 def test_a_program_may_answer_so_too(answer, python):
@@ -168,4 +205,7 @@ def test_a_program_may_answer_so_too(answer, python):
     found = simulate(case(), text, HALF_SECOND, step_timeout=5.0)
     assert found.error is None
     expected = simulate(case(), python, HALF_SECOND)
-    assert (found.ego.speed.tolist(), found.ego.y.tolist()) == (expected.ego.speed.tolist(), expected.ego.y.tolist())
+    assert (found.ego.speed.tolist(), found.ego.y.tolist()) == (
+        expected.ego.speed.tolist(),
+        expected.ego.y.tolist(),
+    )

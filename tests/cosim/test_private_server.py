@@ -1,4 +1,5 @@
-"""The TraCI server of `traci:` is out of reach of every network: measured in the kernel's own table of sockets."""
+"""The TraCI server of `traci:` is out of reach of every network: measured in the kernel's own table
+of sockets."""
 
 from __future__ import annotations
 
@@ -27,7 +28,11 @@ LISTENS = "0A"
 
 def listening(table: str) -> set[tuple[str, int]]:
     """Addresses (hexadecimal, as the kernel writes them) and ports that somebody listens on."""
-    rows = [line.split() for path in (table, f"{table}6") for line in Path(path).read_text().splitlines()[1:]]
+    rows = [
+        line.split()
+        for path in (table, f"{table}6")
+        for line in Path(path).read_text().splitlines()[1:]
+    ]
     places = [row[1].split(":") for row in rows if row[3] == LISTENS]
     return {(address, int(port, 16)) for address, port in places}
 
@@ -76,13 +81,18 @@ def test_in_a_network_of_its_own_sumo_listens_where_nobody_is(tmp_path: Path) ->
         server.sockets[1].close()
 
 
-VERSION = b"\x00\x00\x00\x06\x02\x00"  # TraCI: 6 bytes, of which the command has 2, 0x00 asks for the version
+# TraCI: 6 bytes, of which the command has 2, 0x00 asks for the version
+VERSION = b"\x00\x00\x00\x06\x02\x00"
 
 
 def waiting(port: int) -> int:
     """Connections to a listening port that nobody has taken yet, by the kernel."""
     rows = [line.split() for line in Path("/proc/self/net/tcp").read_text().splitlines()[1:]]
-    return next(int(row[4].split(":")[1], 16) for row in rows if row[3] == LISTENS and row[1].endswith(f":{port:04X}"))
+    return next(
+        int(row[4].split(":")[1], 16)
+        for row in rows
+        if row[3] == LISTENS and row[1].endswith(f":{port:04X}")
+    )
 
 
 def test_without_one_sumo_serves_its_two_clients_and_never_a_third(tmp_path: Path) -> None:
@@ -111,7 +121,9 @@ def test_the_relay_listens_on_loopback_only_for_one_client_and_passes_on_both_wa
         near = socket.create_connection(there.getsockname())
         far, _ = there.accept()
     relay = Relay(near)
-    assert {address for address, port in listening("/proc/self/net/tcp") if port == relay.port} == {"0100007F"}
+    assert {address for address, port in listening("/proc/self/net/tcp") if port == relay.port} == {
+        "0100007F"
+    }
     with socket.create_connection((LOOPBACK, relay.port), timeout=5.0) as client, far:
         far.settimeout(5.0)
         client.sendall(b"to the server")

@@ -1,6 +1,8 @@
-"""Modelica's Reference-FMUs (https://github.com/modelica/Reference-FMUs) drive as they are, FMI 2.0 and 3.0.
+"""Modelica's Reference-FMUs (https://github.com/modelica/Reference-FMUs) drive as they are, FMI 2.0
+and 3.0.
 
-Their releases are no package: REFERENCE_FMUS names a folder with `2.0` and `3.0` as in the release's archive.
+Their releases are no package: REFERENCE_FMUS names a folder with `2.0` and `3.0` as in the
+release's archive.
 """
 
 from __future__ import annotations
@@ -16,17 +18,22 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 
 if "REFERENCE_FMUS" not in os.environ:
-    pytest.skip("REFERENCE_FMUS names no folder with Modelica's Reference-FMUs", allow_module_level=True)
+    pytest.skip(
+        "REFERENCE_FMUS names no folder with Modelica's Reference-FMUs", allow_module_level=True
+    )
 FOLDER = Path(os.environ["REFERENCE_FMUS"])
 TYPES = {
     "2.0/Feedthrough.fmu": ("Float64_continuous", "Int32"),
     "3.0/Feedthrough.fmu": (
-        "Float64_continuous", "Float64_discrete", "Float32_continuous", "Int8", "Int16", "Int32", "Int64",
+        "Float64_continuous", "Float64_discrete", "Float32_continuous", "Int8", "Int16", "Int32",
+        "Int64",
     ),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("file", "kind"), [(file, kind) for file, kinds in TYPES.items() for kind in kinds])
+@pytest.mark.parametrize(
+    ("file", "kind"), [(file, kind) for file, kinds in TYPES.items() for kind in kinds]
+)
 def test_feedthrough_gives_back_what_it_is_given_in_every_type(file: str, kind: str) -> None:
     """-2 in, -2 m/s2 out; all its other inputs keep their start values."""
     locator = f"fmu:{file}?inputs.{kind}_input=-2&inputs.*=start&outputs.acceleration={kind}_output"
@@ -46,10 +53,21 @@ def test_feedthrough_takes_texts_truth_and_enumerations_beside() -> None:
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize(
     ("name", "output"),
-    [("BouncingBall", "v"), ("Dahlquist", "x"), ("Stair", "counter"), ("VanDerPol", "x1"), ("Resource", "y")],
+    [
+        ("BouncingBall", "v"),
+        ("Dahlquist", "x"),
+        ("Stair", "counter"),
+        ("VanDerPol", "x1"),
+        ("Resource", "y"),
+    ],
 )
 def test_models_without_inputs_drive_too(version: str, name: str, output: str) -> None:
-    found = simulate(case(), f"fmu:{version}/{name}.fmu?outputs.acceleration={output}", HALF_SECOND, folder=FOLDER)
+    found = simulate(
+        case(),
+        f"fmu:{version}/{name}.fmu?outputs.acceleration={output}",
+        HALF_SECOND,
+        folder=FOLDER,
+    )
     assert found.error is None, found.log
 
 
@@ -59,5 +77,7 @@ def test_a_state_space_takes_an_array() -> None:
 
 
 def test_clocks_is_refused_for_what_it_is() -> None:
-    with pytest.raises(InputError, match="must be one for co-simulation, got one for scheduled execution"):
+    with pytest.raises(
+        InputError, match="must be one for co-simulation, got one for scheduled execution"
+    ):
         load_controller("fmu:3.0/Clocks.fmu", FOLDER)

@@ -1,4 +1,5 @@
-"""Driving where lanes open and end: the way of an ego, the end of its lane, merging, missing an exit."""
+"""Driving where lanes open and end: the way of an ego, the end of its lane, merging, missing an
+exit."""
 
 from __future__ import annotations
 
@@ -18,8 +19,18 @@ from sumo_eval.scenario.road.reference_line import arc, map_places
 from sumo_eval.trajectory import Recording
 
 POINTS = {
-    "ramp_merge": {"ego_speed": 24.0, "other_speed": 24.0, "offset": 15.0, "other_acceleration": -2.0},
-    "lane_drop": {"ego_speed": 24.0, "other_speed": 24.0, "offset": -15.0, "other_acceleration": 0.0},
+    "ramp_merge": {
+        "ego_speed": 24.0,
+        "other_speed": 24.0,
+        "offset": 15.0,
+        "other_acceleration": -2.0,
+    },
+    "lane_drop": {
+        "ego_speed": 24.0,
+        "other_speed": 24.0,
+        "offset": -15.0,
+        "other_acceleration": 0.0,
+    },
     "exit": {"ego_speed": 24.0, "other_speed": 24.0, "gap": 35.0, "other_acceleration": -2.0},
 }
 CROSSED = {"crossing_path": {"ego_speed": 14.0, "other_speed": 10.0, "arrival": 1.0}}
@@ -43,10 +54,13 @@ class Straight:
         return Command(0.0, 0.0)
 
 
-def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_crosses_the_edge() -> None:
+def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_crosses_the_edge() -> (
+    None
+):
     ads = Straight()
     found = simulate(case("ramp_merge", offset=60.0), ads)
-    # the edge moves from y = -1.75 m at 660 m to 1.75 m at 720 m: it is at 0 at 690 m; 24 m/s and 0.05 s are 1.2 m
+    # the edge moves from y = -1.75 m at 660 m to 1.75 m at 720 m: it is at 0 at 690 m; 24 m/s and
+    # 0.05 s are 1.2 m
     assert found.end_reason == "off_road"
     assert 690.0 < found.ego.x[-1] <= 691.2
     assert "goal_missed" in clips(found)
@@ -82,8 +96,11 @@ def test_who_chooses_a_gap_reaches_its_goal_without_a_touch(name: str, ads: str)
 
 
 def test_who_finds_no_gap_waits_before_the_end_of_its_lane() -> None:
-    concrete = case("ramp_merge", offset=0.0, other_acceleration=0.0, ego_speed=16.0, other_speed=16.0)
-    wall = [replace(concrete.actors[0], name=f"other_{k}", start=replace(concrete.actors[0].start, x=60.0 + 18.0 * k))
+    concrete = case(
+        "ramp_merge", offset=0.0, other_acceleration=0.0, ego_speed=16.0, other_speed=16.0
+    )
+    wall = [replace(concrete.actors[0], name=f"other_{k}",
+        start=replace(concrete.actors[0].start, x=60.0 + 18.0 * k))
             for k in range(40)]  # fmt: skip
     found = simulate(replace(concrete, actors=tuple(wall), time_limit=32.0), "idm")
     assert found.collision is None
@@ -97,7 +114,10 @@ def test_law_a_case_on_such_a_road_has_the_bits_alone_that_it_has_in_company() -
     together = list(simulate_many(cases, "idm"))
     for concrete, packed in zip(cases, together, strict=True):
         alone = simulate(concrete, "idm")
-        for one, other in ((alone.ego, packed.ego), (alone.actors["other"], packed.actors["other"])):
+        for one, other in (
+            (alone.ego, packed.ego),
+            (alone.actors["other"], packed.actors["other"]),
+        ):
             assert np.array_equal(one.x, other.x)
             assert np.array_equal(one.y, other.y)
             assert np.array_equal(one.speed, other.speed)
@@ -111,7 +131,9 @@ def test_a_model_of_sumos_takes_the_exit_that_its_route_leads_to() -> None:
 
 def bent(concrete: ConcreteScenario, radius: float) -> ConcreteScenario:
     """The case where the road bends from its beginning on."""
-    return replace(concrete, road=replace(concrete.road, name=f"bend_{radius:g}", line=(arc(900.0, radius),)))
+    return replace(
+        concrete, road=replace(concrete.road, name=f"bend_{radius:g}", line=(arc(900.0, radius),))
+    )
 
 
 @pytest.mark.parametrize("name", sorted(POINTS | CROSSED))
@@ -122,13 +144,21 @@ def test_law_a_ramp_a_lane_drop_an_exit_and_a_crossing_on_a_very_wide_bend_are_t
     assert straight.end_reason == wide.end_reason
     assert len(straight.ego) == len(wide.ego)
     for channel in ("x", "y", "heading", "speed"):
-        assert np.abs(getattr(straight.ego, channel) - getattr(wide.ego, channel)).max() < 1e-4, channel
+        assert np.abs(getattr(straight.ego, channel) - getattr(wide.ego, channel)).max() < 1e-4, (
+            channel
+        )
 
 
 @pytest.mark.parametrize("radius", [250.0, -250.0])
-def test_on_a_bend_who_has_to_change_lanes_reaches_the_goal_on_the_way_in_the_frame(radius: float) -> None:
+def test_on_a_bend_who_has_to_change_lanes_reaches_the_goal_on_the_way_in_the_frame(
+    radius: float,
+) -> None:
     merges = simulate(bent(case("ramp_merge"), radius), "idm")
-    assert (merges.collision, merges.end_reason, clips(merges) & {"goal_missed"}) == (None, "road_end", set())
+    assert (merges.collision, merges.end_reason, clips(merges) & {"goal_missed"}) == (
+        None,
+        "road_end",
+        set(),
+    )
     assert merges.ego.y[-1] == pytest.approx(3.5, abs=0.05)
     pedals = bent(case("ramp_merge", offset=60.0, other_speed=28.0, other_acceleration=2.0), radius)
     found = simulate(pedals, "no_reaction")
@@ -138,10 +168,11 @@ def test_on_a_bend_who_has_to_change_lanes_reaches_the_goal_on_the_way_in_the_fr
 
 @pytest.mark.parametrize("radius", [250.0, -250.0])
 def test_a_road_crosses_a_bend_on_the_straight_line_through_its_centre(radius: float) -> None:
-    """At x = 300 m of an arc from the beginning on, the bend's centre is (0, R) and everything at that x on one line
-    through it. Who drives along the crossing at 10 m/s covers that of it on the map, SUMO shows him there (or the case
-    would be a `sim_error`), and an ego that does nothing is struck where it would be on a straight road, to the bodies'
-    corners: (half a width) / R of their lengths."""
+    """At x = 300 m of an arc from the beginning on, the bend's centre is (0, R) and everything at
+    that x on one line through it. Who drives along the crossing at 10 m/s covers that of it on the
+    map, SUMO shows him there (or the case would be a `sim_error`), and an ego that does nothing is
+    struck where it would be on a straight road, to the bodies' corners: (half a width) / R of their
+    lengths."""
     flat = case("crossing_path", arrival=0.2)
     concrete = bent(flat, radius)
     found, straight = simulate(concrete, "no_reaction"), simulate(flat, "no_reaction")
@@ -150,23 +181,29 @@ def test_a_road_crosses_a_bend_on_the_straight_line_through_its_centre(radius: f
     east, north, _ = map_places(concrete.road.line, other.x, other.y)
     turned = np.arctan2(east, (radius - north) * np.sign(radius))
     assert turned == pytest.approx(np.full(len(other), 300.0 / 250.0), abs=1e-9)
-    assert np.hypot(np.diff(east), np.diff(north)) == pytest.approx(10.0 * np.diff(other.time), abs=1e-9)
+    assert np.hypot(np.diff(east), np.diff(north)) == pytest.approx(
+        10.0 * np.diff(other.time), abs=1e-9
+    )
     assert found.collision is not None
     assert straight.collision is not None
     assert found.collision.other == "other"
     assert found.collision.time == pytest.approx(straight.collision.time, abs=0.01)
-    # so far the road still turns, and the ego leans out by atan(1.35 / R), until it would stand square to the other
+    # so far the road still turns, and the ego leans out by atan(1.35 / R), until it would stand
+    # square to the other
     askew = (300.0 - found.ego.x[-1]) / radius + math.atan(1.35 / radius)
     meets = math.sqrt(14.0**2 + 10.0**2 + 2.0 * 14.0 * 10.0 * math.sin(askew))
     assert found.collision.relative_speed == pytest.approx(meets, abs=0.01)
 
 
 def test_the_network_of_a_bend_has_the_road_that_crosses_it() -> None:
-    """Its lane ends 130 m to both sides of the line: 250 - 130 and 250 + 130 m from the centre (0, 250) of the bend."""
+    """Its lane ends 130 m to both sides of the line: 250 - 130 and 250 + 130 m from the centre (0,
+    250) of the bend."""
     net = etree.fromstring(network_xml(bent(case("crossing_path"), 250.0).road).encode())
     lane = net.find("edge[@id='crossing0']/lane")
     ends = np.array([place.split(",") for place in lane.get("shape").split()], dtype=float)
-    assert sorted(np.hypot(ends[:, 0], ends[:, 1] - 250.0)) == pytest.approx([120.0, 380.0], abs=1e-3)
+    assert sorted(np.hypot(ends[:, 0], ends[:, 1] - 250.0)) == pytest.approx(
+        [120.0, 380.0], abs=1e-3
+    )
     west, south, east, north = map(float, net.find("location").get("convBoundary").split(","))
     inside = [west, south] <= ends + 0.01, ends <= np.array([east, north]) + 0.01
     assert np.all(inside)

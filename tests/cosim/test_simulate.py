@@ -16,7 +16,16 @@ from sumo_eval.cosim.doors.controller import NativeModel, load_controller
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import Actor, EgoBody, Start, brake_to_stop, catalogue, constant_lateral, lane_change, motion
+from sumo_eval.scenario import (
+    Actor,
+    EgoBody,
+    Start,
+    brake_to_stop,
+    catalogue,
+    constant_lateral,
+    lane_change,
+    motion,
+)
 from sumo_eval.scenario.sampling.samples import grid, sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
@@ -36,7 +45,7 @@ def clips_of(recording):
     return {clip.what: clip for clip in recording.clips}
 
 
-# --- why a case ends --------------------------------------------------------------------------------------------------
+# --- why a case ends ------------------------------------------------------------------------------
 
 
 def test_it_ends_in_contact_at_the_very_instant():
@@ -44,7 +53,11 @@ def test_it_ends_in_contact_at_the_very_instant():
     found = simulate(case(lead(gap=31.4)), nothing)
     assert (found.end_reason, found.error) == ("contact", None)
     assert found.collision.time == pytest.approx(1.57)
-    assert (found.collision.other, found.collision.side, found.collision.overlap) == ("lead", "front", 1.0)
+    assert (found.collision.other, found.collision.side, found.collision.overlap) == (
+        "lead",
+        "front",
+        1.0,
+    )
     assert found.collision.ego_velocity == (20.0, 0.0)
     assert found.collision.other_velocity == (0.0, 0.0)
     assert found.collision.ego_pose == (pytest.approx(81.4), 0.0, 0.0)
@@ -55,7 +68,8 @@ def test_it_ends_in_contact_at_the_very_instant():
 def test_it_ends_at_a_standstill_of_two_seconds():
     found = simulate(case(), brake)
     assert found.end_reason == "standstill"
-    # below 0.1 m/s after 0.075 + 19.9/9 = 2.286 s: the first such step ends at 2.30 s, the 40th (2 s) at 4.25 s
+    # below 0.1 m/s after 0.075 + 19.9/9 = 2.286 s: the first such step ends at 2.30 s, the 40th (2
+    # s) at 4.25 s
     assert found.simulated_time == pytest.approx(4.25)
     assert found.collision is None
 
@@ -69,7 +83,9 @@ def test_it_ends_at_the_end_of_the_road():
 @pytest.mark.parametrize("step", [0.05, 0.005])
 def test_nothing_touches_the_ego_after_the_end_of_the_road_within_a_step_either(step, beyond):
     """At 20 m/s a step of 0.05 s is 1 m; this one ends at 600.5 m."""
-    found = simulate(case(lead(gap=10.5 + beyond, x=589.5), x=589.5), nothing, SimulationSettings(step=step))
+    found = simulate(
+        case(lead(gap=10.5 + beyond, x=589.5), x=589.5), nothing, SimulationSettings(step=step)
+    )
     assert found.end_reason == ("contact" if beyond < 0.0 else "road_end")
     assert (found.collision is None) == (beyond > 0.0)
 
@@ -98,7 +114,8 @@ def test_it_ends_in_an_ads_error():
 def test_it_ends_in_an_ads_timeout():
     found = simulate(case(), lambda *_: clock.sleep(0.02), step_timeout=0.01)
     assert found.end_reason == "ads_timeout"
-    assert found.error == "The ADS must answer within 0.01 s, took longer at 0.00 s."  # no digit of the clock's
+    # no digit of the clock's
+    assert found.error == "The ADS must answer within 0.01 s, took longer at 0.00 s."
     assert found.controller_latency[1] >= 0.02
 
 
@@ -126,7 +143,9 @@ def test_it_ends_in_a_sim_error_when_sumo_refuses_the_start():
 def test_it_ends_in_a_sim_error_when_sumo_shows_the_ego_elsewhere(monkeypatch, dx, dy):
     calls = session_module.vehicles(libsumo)
     place = calls.moveToXY
-    askew = lambda name, edge, lane, x, y, angle, keep: place(name, edge, lane, x + dx, y + dy, angle, keep)  # noqa: E731
+    askew = lambda name, edge, lane, x, y, angle, keep: place(  # noqa: E731
+        name, edge, lane, x + dx, y + dy, angle, keep
+    )
     monkeypatch.setattr(calls, "moveToXY", askew)
     found = simulate(case(), lambda *_: Command(0.0))
     assert found.end_reason == "sim_error"
@@ -147,7 +166,7 @@ def test_a_simulation_of_somebody_else_in_the_process_is_a_sim_error_and_survive
         assert traci.simulation.isLoaded()
 
 
-# --- the controller door ----------------------------------------------------------------------------------------------
+# --- the controller door --------------------------------------------------------------------------
 
 
 class Counting:
@@ -232,7 +251,11 @@ def test_a_file_and_name_relative_to_a_folder_with_its_neighbours(tmp_path, monk
         ("no_such_module_of_mine:Ads", "there is no module `no_such_module_of_mine`"),
         ("no_such_file.py:Ads", "there is no file"),
         ("math:squrt", "`math` has no `squrt`. Did you mean `sqrt`?"),
-        ("math:pi", "must be a function (traci, ego, time), a class or an object with a `step` method, got float"),
+        (
+            "math:pi",
+            "must be a function (traci, ego, time), a class or an object with a `step` method, "
+            "got float",
+        ),
         ("leaves.py:Ads", "SystemExit"),
         ("raises.py:Ads", "RuntimeError: not today"),
         ("needs.py:Ads", "making one without arguments failed: TypeError"),
@@ -245,7 +268,9 @@ def test_what_cannot_be_a_controller_is_refused_in_a_sentence_before_anything_ru
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "leaves.py").write_text("import sys\nsys.exit(3)\n")
     (tmp_path / "raises.py").write_text("raise RuntimeError('not today')\n")
-    (tmp_path / "needs.py").write_text("class Ads:\n    def __init__(self, map_file): pass\n    step = None\n")
+    (tmp_path / "needs.py").write_text(
+        "class Ads:\n    def __init__(self, map_file): pass\n    step = None\n"
+    )
     (tmp_path / "quits.py").write_text("class Ads:\n    def __init__(self): raise SystemExit(2)\n")
     with pytest.raises(InputError) as caught:
         simulate(case(), locator, folder=tmp_path)
@@ -258,12 +283,17 @@ def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, monke
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "my_ads.py").write_text("def drive(traci, ego, time):\n    pass\n")
     code = (
-        "import sys; from pathlib import Path; from sumo_eval.cosim.doors.controller import find_controller\n"
+        "import sys; from pathlib import Path; from sumo_eval.cosim.doors.controller import "
+        "find_controller\n"
         f"print(find_controller('my_ads.py:drive', Path({str(tmp_path)!r})).__module__)"
     )
     names = {
         subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": seed}
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={"PYTHONHASHSEED": seed},
         ).stdout
         for seed in ("1", "2")
     }
@@ -278,11 +308,17 @@ def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, monke
         (True, "must return a Command or None, got bool"),
         (Command(True), "`acceleration` of the ADS's Command must be a finite number, got True"),
         (Command(0.0, False), "`steering` of the ADS's Command must be a finite number, got False"),
-        (Command("brake"), "`acceleration` of the ADS's Command must be a finite number, got 'brake'"),
+        (
+            Command("brake"),
+            "`acceleration` of the ADS's Command must be a finite number, got 'brake'",
+        ),
         (Command(None), "`acceleration` of the ADS's Command must be a finite number, got None"),
         (Command(math.nan), "`acceleration` of the ADS's Command must be a finite number, got nan"),
         (Command(np.float64("nan")), "`acceleration` of the ADS's Command must be a finite number"),
-        (Command(0.0, -math.inf), "`steering` of the ADS's Command must be a finite number, got -inf"),
+        (
+            Command(0.0, -math.inf),
+            "`steering` of the ADS's Command must be a finite number, got -inf",
+        ),
         (Command(np.zeros(1)), "`acceleration` of the ADS's Command must be a finite number"),
         (Command(1j), "`acceleration` of the ADS's Command must be a finite number"),
     ],
@@ -292,7 +328,8 @@ def test_an_answer_that_is_no_command_is_the_adss_error(answer, sentence):
     assert found.end_reason == "ads_error"
     assert sentence in found.error
     assert "at 0.25 s" in found.error
-    assert found.ego.time[-1] == pytest.approx(0.25)  # what was driven until then is kept, to the instant
+    # what was driven until then is kept, to the instant
+    assert found.ego.time[-1] == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize("value", [-1, np.float64(-1.0), np.float32(-1.0), np.int64(-1)])
@@ -355,7 +392,7 @@ def test_a_keyboard_interrupt_passes_and_leaves_nothing_running(where):
     assert not libsumo.simulation.isLoaded()
 
 
-# --- what is SUMO's and the harness's ---------------------------------------------------------------------------------
+# --- what is SUMO's and the harness's -------------------------------------------------------------
 
 
 def at(moment, action):
@@ -372,17 +409,25 @@ def at(moment, action):
     ("action", "sentence"),
     [
         (lambda traci, ego: traci.close(), "The ADS closed the simulation at 0.30 s"),
-        (lambda traci, ego: traci.simulationStep(), "The ADS moved SUMO's clock by +0.05 s at 0.30 s"),
+        (
+            lambda traci, ego: traci.simulationStep(),
+            "The ADS moved SUMO's clock by +0.05 s at 0.30 s",
+        ),
         (lambda traci, ego: traci.simulationStep(7.0), "The ADS moved SUMO's clock by"),
         (
             lambda traci, ego: traci.vehicle.remove(ego),
             "SUMO cannot move the ego: TraCIException: Vehicle 'ego' is not known",
         ),
-        (lambda traci, ego: traci.vehicle.setSpeed("nobody", 1.0), "TraCIException: Vehicle 'nobody' is not known"),
+        (
+            lambda traci, ego: traci.vehicle.setSpeed("nobody", 1.0),
+            "TraCIException: Vehicle 'nobody' is not known",
+        ),
     ],
 )
 @pytest.mark.parametrize("answer", [None, Command(0.0)])
-def test_an_ads_that_takes_over_the_simulation_is_stopped_and_the_next_case_works(action, sentence, answer):
+def test_an_ads_that_takes_over_the_simulation_is_stopped_and_the_next_case_works(
+    action, sentence, answer
+):
     def ads(traci, ego, time):
         at(0.3, action)(traci, ego, time)
         return answer
@@ -414,16 +459,23 @@ def test_closing_the_simulation_in_reset_is_named_before_a_step_trips_over_it():
         def step(self, traci, ego, time):
             traci.vehicle.getSpeed(ego)
 
-    assert simulate(case(), Closing()).error == "The ADS closed the simulation at 0.00 s; that is the harness's."
+    assert (
+        simulate(case(), Closing()).error
+        == "The ADS closed the simulation at 0.00 s; that is the harness's."
+    )
 
 
 def test_an_actor_that_leaves_the_simulation_is_recorded():
-    found = simulate(case(lead(gap=50.0)), at(0.3, lambda traci, ego: libsumo.vehicle.remove("lead")), HALF_SECOND)
+    found = simulate(
+        case(lead(gap=50.0)),
+        at(0.3, lambda traci, ego: libsumo.vehicle.remove("lead")),
+        HALF_SECOND,
+    )
     assert "actor_left_the_network" in clips_of(found)
     assert found.actors["lead"].time[-1] == pytest.approx(0.3)
 
 
-# --- an ADS that drives through TraCI stays physical ------------------------------------------------------------------
+# --- an ADS that drives through TraCI stays physical ----------------------------------------------
 
 
 def test_set_speed_0_brakes_at_the_vehicles_limit():
@@ -434,14 +486,18 @@ def test_set_speed_0_brakes_at_the_vehicles_limit():
 
 
 def test_set_speed_100_accelerates_at_the_vehicles_limit():
-    found = simulate(case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 100.0), HALF_SECOND)
+    found = simulate(
+        case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 100.0), HALF_SECOND
+    )
     assert found.ego.speed[-1] == pytest.approx(22.0)  # 20 + 4 * 0.5
     assert found.ego.acceleration[1:] == pytest.approx(4.0)
 
 
 def test_set_speed_within_the_limits_is_no_clip():
     found = simulate(
-        case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 20.0 - 2.0 * (time + 0.05)), HALF_SECOND
+        case(),
+        lambda traci, ego, time: traci.vehicle.setSpeed(ego, 20.0 - 2.0 * (time + 0.05)),
+        HALF_SECOND,
     )
     assert found.ego.speed[-1] == pytest.approx(19.0)
     assert found.clips == ()
@@ -451,7 +507,11 @@ def test_set_speed_within_the_limits_is_no_clip():
     ("trick", "sentence"),
     [
         (
-            lambda v, ego: (v.setDecel(ego, 50.0), v.setEmergencyDecel(ego, 50.0), v.setSpeed(ego, 0.0)),
+            lambda v, ego: (
+                v.setDecel(ego, 50.0),
+                v.setEmergencyDecel(ego, 50.0),
+                v.setSpeed(ego, 0.0),
+            ),
             "got -50.0 m/s2",
         ),
         (lambda v, ego: (v.setAccel(ego, 30.0), v.setSpeed(ego, 60.0)), "got 30.0 m/s2"),
@@ -460,8 +520,16 @@ def test_set_speed_within_the_limits_is_no_clip():
             lambda v, ego: v.moveToXY(ego, "", -1, 80.0, 0.0, 90.0, 2),
             "moved its vehicle 21.75 m in a step that its speed",
         ),
-        (lambda v, ego: v.moveToXY(ego, "", -1, 59.25, 3.5, 90.0, 2), "moved its vehicle 3.64 m in a step"),  # sideways
-        (lambda v, ego: v.moveToXY(ego, "", -1, 58.25, 0.0, 90.0, 2), "moved its vehicle 0.00 m in a step"),  # frozen
+        # sideways
+        (
+            lambda v, ego: v.moveToXY(ego, "", -1, 59.25, 3.5, 90.0, 2),
+            "moved its vehicle 3.64 m in a step",
+        ),
+        # frozen
+        (
+            lambda v, ego: v.moveToXY(ego, "", -1, 58.25, 0.0, 90.0, 2),
+            "moved its vehicle 0.00 m in a step",
+        ),
         (lambda v, ego: v.moveTo(ego, "road_1", 400.0), "moved its vehicle"),
     ],
 )
@@ -474,7 +542,10 @@ def test_motion_that_no_vehicle_can_do_is_the_adss_error(trick, sentence):
 
 def test_nobody_escapes_a_crash_by_jumping():
     for target in ((95.0, 0.0), (58.0, 3.5)):
-        jump = at(0.3, lambda traci, ego, target=target: traci.vehicle.moveToXY(ego, "", -1, *target, 90.0, 2))
+        jump = at(
+            0.3,
+            lambda traci, ego, target=target: traci.vehicle.moveToXY(ego, "", -1, *target, 90.0, 2),
+        )
         assert simulate(case(lead(gap=7.0)), jump).end_reason == "ads_error"
 
 
@@ -494,13 +565,16 @@ def test_an_ads_with_its_own_vehicle_dynamics_may_use_move_to_xy_with_a_set_spee
 def test_change_lane_takes_the_lane_change_duration():
     ads = at(0.5, lambda traci, ego: traci.vehicle.changeLane(ego, 1, 100.0))
     found = simulate(case(), ads, SimulationSettings(time_limit=9.0, lane_change_duration=4.0))
-    # 3.5 m at 0.875 m/s for 4 s: the front bumper crosses half way at 0.5 + 2 s; the angle lags a little
+    # 3.5 m at 0.875 m/s for 4 s: the front bumper crosses half way at 0.5 + 2 s; the angle lags a
+    # little
     crossed = np.interp(1.75, found.ego.y, found.ego.time)
     assert crossed == pytest.approx(2.5, abs=0.15)
     assert found.ego.y[-1] == pytest.approx(3.5, abs=1e-3)
-    assert np.abs(np.diff(found.ego.y)).max() < 0.0875 * 1.3  # never faster than a tenth of a second's share
+    # never faster than a tenth of a second's share
+    assert np.abs(np.diff(found.ego.y)).max() < 0.0875 * 1.3
     assert found.clips == ()
-    assert found.ego.speed.max() == pytest.approx(math.hypot(20.0, 0.875))  # over ground, not along the lane
+    # over ground, not along the lane
+    assert found.ego.speed.max() == pytest.approx(math.hypot(20.0, 0.875))
 
 
 @pytest.mark.parametrize("speed", [0.5, 2.0, 8.0, 30.0])
@@ -535,12 +609,14 @@ def test_sumos_own_models_drive_the_ego_and_keep_to_its_speed(model):
 
 
 def test_a_native_model_has_its_attributes():
-    gentle = simulate(case(), NativeModel("Krauss", {"desiredMaxSpeed": "30"}), SimulationSettings(time_limit=8.0))
+    gentle = simulate(
+        case(), NativeModel("Krauss", {"desiredMaxSpeed": "30"}), SimulationSettings(time_limit=8.0)
+    )
     assert gentle.ego.speed[-1] == pytest.approx(30.0, abs=0.1)
     assert gentle.ego.acceleration.max() == pytest.approx(2.6)  # SUMO's default for a car
 
 
-# --- commands and TraCI in turn ---------------------------------------------------------------------------------------
+# --- commands and TraCI in turn -------------------------------------------------------------------
 
 
 def test_commands_and_traci_may_take_turns():
@@ -552,19 +628,32 @@ def test_commands_and_traci_may_take_turns():
         return Command(1.0)
 
     found = simulate(case(), ads, SimulationSettings(time_limit=3.0))
-    assert (found.end_reason, found.error, found.clips[0].what) == ("time_limit", None, "acceleration_rate")
+    assert (found.end_reason, found.error, found.clips[0].what) == (
+        "time_limit",
+        None,
+        "acceleration_rate",
+    )
     speed = dict(zip(found.ego.time.round(2), found.ego.speed, strict=True))
-    # 20 - 2*1 + 2*2/(2*60) = 18.0333: kept by SUMO, then +1 m/s2 for 1 s less a rise of 0.1 s at 10 m/s3: 0.95 m/s
+    # 20 - 2*1 + 2*2/(2*60) = 18.0333: kept by SUMO, then +1 m/s2 for 1 s less a rise of 0.1 s at 10
+    # m/s3: 0.95 m/s
     assert speed[1.0] == pytest.approx(18.03333, abs=1e-5)
     assert speed[2.0] == pytest.approx(18.03333, abs=1e-5)
     assert speed[3.0] == pytest.approx(18.98333, abs=1e-5)
     steering = dict(zip(found.ego.time.round(2), found.ego.steering_wheel_angle, strict=True))
-    assert [bool(np.isnan(steering[t])) for t in (0.0, 1.0, 1.1, 2.0, 2.1)] == [False, False, True, True, False]
+    assert [bool(np.isnan(steering[t])) for t in (0.0, 1.0, 1.1, 2.0, 2.1)] == [
+        False,
+        False,
+        True,
+        True,
+        False,
+    ]
 
 
 def test_a_body_left_to_sumo_at_an_angle_snaps_to_the_lane_and_that_is_recorded():
     found = simulate(
-        case(), lambda traci, ego, time: Command(0.0, 0.5) if time < 0.5 else None, SimulationSettings(time_limit=1)
+        case(),
+        lambda traci, ego, time: Command(0.0, 0.5) if time < 0.5 else None,
+        SimulationSettings(time_limit=1),
     )
     clip = clips_of(found)["heading"]
     assert (clip.count, clip.applied) == (1, 0.0)
@@ -573,25 +662,35 @@ def test_a_body_left_to_sumo_at_an_angle_snaps_to_the_lane_and_that_is_recorded(
 
 
 def test_clips_keep_count_first_time_and_worst_request():
-    found = simulate(case(), lambda traci, ego, time: Command(-20.0 if time > 0.12 else -10.0), HALF_SECOND)
+    found = simulate(
+        case(), lambda traci, ego, time: Command(-20.0 if time > 0.12 else -10.0), HALF_SECOND
+    )
     clip = clips_of(found)["acceleration"]
     assert (clip.count, clip.first_time, clip.requested, clip.applied) == (10, 0.0, -20.0, -9.0)
 
 
-# --- recordings -------------------------------------------------------------------------------------------------------
+# --- recordings -----------------------------------------------------------------------------------
 
 
 def test_samples_come_ten_times_a_second_from_the_requested_start_to_the_end():
     found = simulate(case(lead(gap=31.4)), nothing)
-    assert found.ego.time == pytest.approx([*np.arange(16) / 10, 1.57])  # 0.0 .. 1.5, and the contact at 1.57 s
-    assert (found.ego.x[0], found.ego.y[0], found.ego.heading[0], found.ego.speed[0]) == (50.0, 0.0, 0.0, 20.0)
+    # 0.0 .. 1.5, and the contact at 1.57 s
+    assert found.ego.time == pytest.approx([*np.arange(16) / 10, 1.57])
+    assert (found.ego.x[0], found.ego.y[0], found.ego.heading[0], found.ego.speed[0]) == (
+        50.0,
+        0.0,
+        0.0,
+        20.0,
+    )
     assert found.ego.x == pytest.approx(50.0 + 20.0 * found.ego.time)  # the centre, not the bumper
     assert found.actors["lead"].x == pytest.approx(85.9)  # 50 + 4.5 + 31.4
     assert np.all(np.diff(found.ego.time) > 0)
     assert (found.ego.length, found.ego.width) == (4.5, 1.8)
 
 
-@pytest.mark.parametrize(("step", "interval"), [(0.05, 0.05), (0.02, 0.1), (0.1, 0.1), (0.025, 0.1)])
+@pytest.mark.parametrize(
+    ("step", "interval"), [(0.05, 0.05), (0.02, 0.1), (0.1, 0.1), (0.025, 0.1)]
+)
 def test_samples_come_at_the_recording_interval(step, interval):
     settings = SimulationSettings(step=step, record_interval=interval, time_limit=1.0)
     found = simulate(case(), nothing, settings)
@@ -607,8 +706,11 @@ def test_at_the_contact_every_vehicle_is_recorded_at_that_instant():
 
 def test_acceleration_is_recorded_under_commands_and_under_traci():
     commanded = simulate(case(), brake, HALF_SECOND)
-    assert commanded.ego.acceleration == pytest.approx([0.0, -6.0, -9.0, -9.0, -9.0, -9.0])  # 60 m/s3 * 0.1 s
-    native = simulate(case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 0.0), HALF_SECOND)
+    # 60 m/s3 * 0.1 s
+    assert commanded.ego.acceleration == pytest.approx([0.0, -6.0, -9.0, -9.0, -9.0, -9.0])
+    native = simulate(
+        case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 0.0), HALF_SECOND
+    )
     assert native.ego.acceleration == pytest.approx([0.0, -9.0, -9.0, -9.0, -9.0, -9.0])
 
 
@@ -623,7 +725,9 @@ def test_an_actors_acceleration_is_that_of_its_motion():
 
 
 @pytest.mark.parametrize("jerk", [math.inf, 12.65])
-@pytest.mark.parametrize("moves", [(), (lane_change(0.5, 2.0, 3.5),), (constant_lateral(0.33, 1.3, 3.5),)])
+@pytest.mark.parametrize(
+    "moves", [(), (lane_change(0.5, 2.0, 3.5),), (constant_lateral(0.33, 1.3, 3.5),)]
+)
 def test_law_a_scripted_actor_is_where_its_closed_form_says_at_every_sample(jerk, moves):
     mover = Actor("mover", Start(80.0, 0.0, 17.0), (*moves, brake_to_stop(0.42, 4.0, jerk)))
     found = simulate(case(mover, speed=5.0), nothing, SimulationSettings(time_limit=8.0))
@@ -649,11 +753,15 @@ def test_law_a_scripted_actor_is_where_its_closed_form_says_at_every_sample(jerk
     [
         (
             {"step": 0.0125},
-            "`step` of the simulation must be a whole number of milliseconds (SUMO rounds it), got 0.0125",
+            "`step` of the simulation must be a whole number of milliseconds (SUMO rounds it), "
+            "got 0.0125",
         ),
         ({"step": 0.0004, "record_interval": 0.0004}, "a whole number of milliseconds"),
         ({"step": 1e-10, "record_interval": 1e-10}, "a whole number of milliseconds"),
-        ({"step": 0.04}, "`record_interval` of the simulation must be a multiple of `step` (0.04 s), got 0.1"),
+        (
+            {"step": 0.04},
+            "`record_interval` of the simulation must be a multiple of `step` (0.04 s), got 0.1",
+        ),
         ({"step": 0.1, "record_interval": 0.05}, "must be a multiple of `step`"),
         ({"record_interval": 1e-12}, "must be a multiple of `step`"),
     ],
@@ -664,7 +772,7 @@ def test_steps_and_samples_that_do_not_fit_are_refused(settings, sentence):
     assert sentence in str(caught.value)
 
 
-# --- laws -------------------------------------------------------------------------------------------------------------
+# --- laws -----------------------------------------------------------------------------------------
 
 
 def late_brake(traci, ego, time):
@@ -689,7 +797,8 @@ def test_law_the_same_case_gives_the_same_recording():
 
 @pytest.mark.parametrize("gap", [15.0, 20.0, 24.0, 26.0])
 def test_law_halving_the_step_hardly_changes_the_impact_speed(gap):
-    # the ego brakes from 20 m/s towards a standing car: v^2 = 19.325^2 - 2*9*(gap - 2.96625), brakes built up
+    # the ego brakes from 20 m/s towards a standing car: v^2 = 19.325^2 - 2*9*(gap - 2.96625),
+    # brakes built up
     exact = math.sqrt(max(19.325**2 - 18.0 * (gap - 2.96625), 0.0))
     for step in (0.1, 0.05, 0.025):
         found = simulate(case(lead(gap=gap)), brake, SimulationSettings(step=step))
@@ -704,7 +813,8 @@ def test_the_longest_gap_that_is_hit_is_the_braking_distance():
 
 
 def test_a_scenarios_ego_body_is_the_one_that_drives_touches_and_is_recorded():
-    # centres 4.3 + 10 m apart and bodies of 4.3 m: 10 m to go at 20 m/s, not the 9.8 m of the settings' 4.5 m
+    # centres 4.3 + 10 m apart and bodies of 4.3 m: 10 m to go at 20 m/s, not the 9.8 m of the
+    # settings' 4.5 m
     wall = Actor("lead", Start(50.0 + 14.3, 0.0, 0.0), length=4.3, width=1.9)
     sizes = []
 
@@ -724,31 +834,45 @@ def test_a_scenarios_time_limit_ends_the_case():
 
 @pytest.mark.parametrize("overlap", [-0.5, 0.5])
 def test_the_ncap_target_stays_at_its_offset_and_is_hit_with_that_overlap(overlap):
-    concrete = catalogue.load("ncap_ccrm").concrete(ego_speed=20.0, overlap=overlap, lead_speed=10.0)
+    concrete = catalogue.load("ncap_ccrm").concrete(
+        ego_speed=20.0, overlap=overlap, lead_speed=10.0
+    )
     found = simulate(concrete, nothing)
     assert found.collision.time == pytest.approx(5.0)  # the initial time to collision
     assert found.collision.overlap == pytest.approx(0.5)
     assert np.ptp(found.actors["target"].y) < 1e-9
 
 
-# --- cut-out: the lead leaves and does not touch what it reveals ------------------------------------------------------
+# --- cut-out: the lead leaves and does not touch what it reveals ----------------------------------
 
 
 def body(actor, time):
     """The actor's body as its script says."""
     across = actor.lateral_speed(time)
     heading = math.atan2(across, actor.start.speed)
-    return Body(actor.start.x + actor.start.speed * time, actor.y(time), heading, 0.0, actor.length, actor.width)
+    return Body(
+        actor.start.x + actor.start.speed * time,
+        actor.y(time),
+        heading,
+        0.0,
+        actor.length,
+        actor.width,
+    )
 
 
 def test_the_leads_lane_change_is_smooth_and_within_its_tyres_grip():
     times = np.linspace(-0.2, 2.4, 2601)
-    actor = next(a for a in CUT_OUT.concrete(ego_speed=20.0, obstacle_speed=10.0, gap=70.0).actors if a.name == "lead")
+    actor = next(
+        a
+        for a in CUT_OUT.concrete(ego_speed=20.0, obstacle_speed=10.0, gap=70.0).actors
+        if a.name == "lead"
+    )
     across = np.array([actor.y(t) for t in times])
     speed = np.array([actor.lateral_speed(t) for t in times])
     assert np.gradient(across, times) == pytest.approx(speed, abs=0.01)
     acceleration = np.gradient(speed, times)
-    assert np.abs(np.diff(acceleration)).max() < 0.1  # continuous: the jerk is at most 60*3.5/8 = 26 m/s3, * 1 ms
+    # continuous: the jerk is at most 60*3.5/8 = 26 m/s3, * 1 ms
+    assert np.abs(np.diff(acceleration)).max() < 0.1
     # 10/sqrt(3) * 3.5 / 2^2 = 5.0518 m/s2 of the 9.0252 that the tyres hold
     assert np.abs(acceleration).max() == pytest.approx(5.0518, abs=0.01)
     assert np.abs(acceleration).max() < GRIP
@@ -779,7 +903,16 @@ def test_the_lead_never_touches_the_obstacle_in_sumo_either():
             for name in ("lead", "obstacle"):
                 x, y = traci.vehicle.getPosition(name)
                 heading = math.radians(90.0 - traci.vehicle.getAngle(name))
-                bodies.append(Body(x - 2.25 * math.cos(heading), y - 2.25 * math.sin(heading), heading, 0.0, 4.5, 1.8))
+                bodies.append(
+                    Body(
+                        x - 2.25 * math.cos(heading),
+                        y - 2.25 * math.sin(heading),
+                        heading,
+                        0.0,
+                        4.5,
+                        1.8,
+                    )
+                )
             gaps.append(widest_gap(*bodies)[0])
             return Command(-9.0)
 
@@ -793,7 +926,9 @@ def test_infeasible_points_are_refused_with_the_constraints_sentence():
     assert len(points) > 0
     for row in points:
         with pytest.raises(
-            InputError, match=r"The point of scenario `front_vehicle_cut_out` must be one where the (lead|obstacle)"
+            InputError,
+            match=r"The point of scenario `front_vehicle_cut_out` must be one where the "
+            r"(lead|obstacle)",
         ):
             CUT_OUT.concretes(row[None])
 

@@ -1,4 +1,5 @@
-"""SUMO's input files: what is written, that it loads, and that the checked-in ones are what would be written."""
+"""SUMO's input files: what is written, that it loads, and that the checked-in ones are what would
+be written."""
 
 import shutil
 import subprocess
@@ -12,7 +13,12 @@ from loaded import load
 from lxml import etree
 
 from sumo_eval.cosim.sumo.session import session
-from sumo_eval.cosim.sumo.sumo_files import SIMULATION_OPTIONS, configuration_xml, network_xml, routes_xml
+from sumo_eval.cosim.sumo.sumo_files import (
+    SIMULATION_OPTIONS,
+    configuration_xml,
+    network_xml,
+    routes_xml,
+)
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start, brake_to_stop, catalogue, lane_change, shipped_files
 from sumo_eval.scenario.sampling.samples import central_point
@@ -29,12 +35,15 @@ def parse(text):
     return etree.fromstring(text.encode())
 
 
-# --- text -------------------------------------------------------------------------------------------------------------
+# --- text -----------------------------------------------------------------------------------------
 
 
 def test_the_network_has_the_right_lane_on_y_0_and_the_others_to_its_left():
     lanes = parse(network_xml(ROAD)).findall("edge/lane")
-    assert [lane.get("shape") for lane in lanes] == ["0.00,0.00 6000.00,0.00", "0.00,3.50 6000.00,3.50"]
+    assert [lane.get("shape") for lane in lanes] == [
+        "0.00,0.00 6000.00,0.00",
+        "0.00,3.50 6000.00,3.50",
+    ]
     assert {(lane.get("length"), lane.get("width"), lane.get("speed")) for lane in lanes} == {
         ("6000.00", "3.50", "60.00")
     }
@@ -49,9 +58,18 @@ def test_the_network_keeps_every_decimal_that_two_would_lose():
 def test_a_route_file_places_front_bumpers_and_lateral_offsets():
     routes = parse(routes_xml(case(Actor("other", Start(100.0, 2.5, 7.0), length=5.0)), CAR))
     ego, other = routes.findall("vehicle")
-    assert (ego.get("departLane"), ego.get("departPos"), ego.get("departPosLat")) == ("0", "52.25", None)
-    # 2.5 m to the left is lane 1 (3.5 m), 1.0 m to the right of its centre line; front bumper at 100 + 5/2
-    assert (other.get("departLane"), other.get("departPos"), other.get("departPosLat")) == ("1", "102.5", "-1.0")
+    assert (ego.get("departLane"), ego.get("departPos"), ego.get("departPosLat")) == (
+        "0",
+        "52.25",
+        None,
+    )
+    # 2.5 m to the left is lane 1 (3.5 m), 1.0 m to the right of its centre line; front bumper at
+    # 100 + 5/2
+    assert (other.get("departLane"), other.get("departPos"), other.get("departPosLat")) == (
+        "1",
+        "102.5",
+        "-1.0",
+    )
     assert {vehicle.get("insertionChecks") for vehicle in (ego, other)} == {"none"}
 
 
@@ -63,11 +81,14 @@ def test_the_egos_type_has_the_vehicles_limits_and_may_be_added_to():
 
 def test_a_vehicle_that_sumo_drives_wants_its_initial_speed():
     types = parse(routes_xml(case(lead(gap=10.0, speed=0.0)), CAR)).findall("vType")
-    assert [vtype.get("desiredMaxSpeed") for vtype in types] == ["20.0", "0.001"]  # SUMO refuses a desired 0
+    # SUMO refuses a desired 0
+    assert [vtype.get("desiredMaxSpeed") for vtype in types] == ["20.0", "0.001"]
 
 
 def test_a_route_file_says_which_point_it_is_and_what_it_cannot_express():
-    mover = Actor("mover", Start(80.0, 0.0, 20.0), (lane_change(0.5, 3.0, 3.5), lane_change(5.0, 2.0, -3.5)))
+    mover = Actor(
+        "mover", Start(80.0, 0.0, 20.0), (lane_change(0.5, 3.0, 3.5), lane_change(5.0, 2.0, -3.5))
+    )
     concrete = replace(case(mover), scenario="cut--out", values={"gap": 30.0, "ego_speed": 20.0})
     text = routes_xml(concrete, CAR, origin="From a test.")
     comment = parse(text).getprevious()
@@ -76,7 +97,9 @@ def test_a_route_file_says_which_point_it_is_and_what_it_cannot_express():
     assert "`mover` moves 3.5 m to the left from 0.5 s to 3.5 s" in comment.text
     assert "`mover` moves 3.5 m to the right from 5 s to 7 s" in comment.text
     assert "Not in this file" not in routes_xml(case(), CAR)
-    braking = routes_xml(case(Actor("lead", Start(80.0, 0.0, 20.0), (brake_to_stop(0.5, 4.0),))), CAR)
+    braking = routes_xml(
+        case(Actor("lead", Start(80.0, 0.0, 20.0), (brake_to_stop(0.5, 4.0),))), CAR
+    )
     assert "`lead` brakes to a standstill with 4 m/s2 from 0.5 s on" in braking
 
 
@@ -91,18 +114,24 @@ def test_a_configuration_has_the_options_of_the_harness():
     assert other.find("processing/lanechange.duration").get("value") == "3.5"
 
 
-# --- the files in the tree --------------------------------------------------------------------------------------------
+# --- the files in the tree ------------------------------------------------------------------------
 
 
 def files_below(folder):
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def test_the_checked_in_files_are_what_the_tool_writes_byte_for_byte(tmp_path):
     assert tool.main(["--out", str(tmp_path)]) == 0
     written = files_below(tmp_path)
     in_tree = {
-        f"{name}/{key}": text for name in ("networks", "routes") for key, text in files_below(TREE / name).items()
+        f"{name}/{key}": text
+        for name in ("networks", "routes")
+        for key, text in files_below(TREE / name).items()
     }
     assert written == in_tree
     assert {f"routes/{name}.sumocfg" for name in catalogue.SCENARIOS} <= set(written)
@@ -125,10 +154,21 @@ def test_the_check_names_every_file_that_is_not_right(tmp_path, capsys):
 def test_every_shipped_configuration_loads_in_libsumo_and_steps(name):
     logical = catalogue.load(name)
     concrete = logical.concretes(central_point(logical)[None])[0]
-    libsumo.start(["sumo", "-c", str(shipped_files.routes_folder() / f"{name}.sumocfg"), "--no-step-log", "true"])
+    libsumo.start(
+        [
+            "sumo",
+            "-c",
+            str(shipped_files.routes_folder() / f"{name}.sumocfg"),
+            "--no-step-log",
+            "true",
+        ]
+    )
     try:
         libsumo.simulationStep()
-        assert set(libsumo.vehicle.getIDList()) == {"ego", *(actor.name for actor in concrete.actors)}
+        assert set(libsumo.vehicle.getIDList()) == {
+            "ego",
+            *(actor.name for actor in concrete.actors),
+        }
         assert libsumo.vehicle.getSpeed("ego") == concrete.ego.speed
         assert libsumo.simulation.getDeltaT() == SimulationSettings().step
         for _ in range(40):  # nobody drives off at the road's limit of 60 m/s
@@ -146,20 +186,24 @@ def test_what_is_checked_in_is_what_a_session_starts(name):
     concrete = logical.concretes(central_point(logical)[None])[0]
     shipped = etree.parse(shipped_files.routes_folder() / f"{name}.rou.xml").getroot()
     started = parse(routes_xml(concrete, SimulationSettings().vehicle))
-    assert [dict(element.attrib) for element in shipped] == [dict(element.attrib) for element in started]
+    assert [dict(element.attrib) for element in shipped] == [
+        dict(element.attrib) for element in started
+    ]
     with session(concrete, SimulationSettings()):
         pass
 
 
 def test_the_cut_out_file_says_that_the_leads_move_is_not_in_it():
-    text = (shipped_files.routes_folder() / "front_vehicle_cut_out.rou.xml").read_text(encoding="utf-8")
+    text = (shipped_files.routes_folder() / "front_vehicle_cut_out.rou.xml").read_text(
+        encoding="utf-8"
+    )
     comment = text.split("<routes>")[0]
     assert "front_vehicle_cut_out: ego_speed=20, obstacle_speed=10, gap=70." in comment
     assert "Generated by tools/generate_sumo_inputs.py" in comment
     assert "Not in this file: `lead` moves 3.5 m to the left from 0 s to 2 s" in comment
 
 
-# --- where they are ---------------------------------------------------------------------------------------------------
+# --- where they are -------------------------------------------------------------------------------
 
 
 def test_the_shipped_files_are_found_in_the_source_tree():
@@ -176,29 +220,39 @@ def test_the_shipped_files_are_found_inside_an_installed_package_first(tmp_path)
 
 
 def test_a_folder_of_that_name_beside_an_installed_package_is_not_taken_for_ours(tmp_path):
-    (tmp_path / "networks").mkdir()  # site-packages/networks of some other project: no pyproject.toml beside it
-    with pytest.raises(InputError, match=r"The shipped networks are missing: .* Reinstall sumo_eval"):
+    # site-packages/networks of some other project: no pyproject.toml beside it
+    (tmp_path / "networks").mkdir()
+    with pytest.raises(
+        InputError, match=r"The shipped networks are missing: .* Reinstall sumo_eval"
+    ):
         shipped_files._find("networks", tmp_path / "sumo_eval")
 
 
-# --- against SUMO's own tool ------------------------------------------------------------------------------------------
+# --- against SUMO's own tool ----------------------------------------------------------------------
 
 
-@pytest.mark.skipif(shutil.which("netconvert") is None, reason="netconvert comes with the extra `gui` (eclipse-sumo)")
+@pytest.mark.skipif(
+    shutil.which("netconvert") is None,
+    reason="netconvert comes with the extra `gui` (eclipse-sumo)",
+)
 def test_netconvert_makes_the_same_network(tmp_path):
     (tmp_path / "n.xml").write_text(
         '<nodes><node id="begin" x="0" y="5.25"/><node id="end" x="6000" y="5.25"/></nodes>'
     )
     (tmp_path / "e.xml").write_text(
-        '<edges><edge id="road" from="begin" to="end" numLanes="2" speed="60" width="3.5" priority="1"/></edges>'
+        '<edges><edge id="road" from="begin" to="end" numLanes="2" speed="60" width="3.5" '
+        'priority="1"/></edges>'
     )
     subprocess.run(
-        ["netconvert", "-n", "n.xml", "-e", "e.xml", "-o", "o.xml", "--offset.disable-normalization"],
+        ["netconvert", "-n", "n.xml", "-e", "e.xml", "-o", "o.xml",
+            "--offset.disable-normalization"],
         cwd=tmp_path, check=True, capture_output=True,
     )  # fmt: skip
     theirs, ours = etree.parse(tmp_path / "o.xml").getroot(), parse(network_xml(ROAD))
     for path in ("edge", "edge/lane"):
-        assert [dict(e.attrib) for e in ours.findall(path)] == [dict(e.attrib) for e in theirs.findall(path)]
+        assert [dict(e.attrib) for e in ours.findall(path)] == [
+            dict(e.attrib) for e in theirs.findall(path)
+        ]
     for mine, other in zip(ours.findall("junction"), theirs.findall("junction"), strict=True):
         for name in ("id", "type", "x", "incLanes", "intLanes", "shape"):  # y is a label's place
             assert mine.get(name) == other.get(name)

@@ -1,4 +1,5 @@
-"""`sumo:`: Plexe's CC, CACC and EIDM with parameters, and TraCI code that names its vehicle's type."""
+"""`sumo:`: Plexe's CC, CACC and EIDM with parameters, and TraCI code that names its vehicle's
+type."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ TEN = SimulationSettings(time_limit=10.0)
 
 
 @pytest.mark.parametrize(
-    "model", ["sumo:CC", "sumo:cc?tauEngine=0.3", "sumo:CACC?gapControlGainGap=0.5", "sumo:EIDM?jerkmax=2"]
+    "model",
+    ["sumo:CC", "sumo:cc?tauEngine=0.3", "sumo:CACC?gapControlGainGap=0.5", "sumo:EIDM?jerkmax=2"],
 )
 def test_a_model_follows_a_slower_vehicle_without_a_contact(model: str) -> None:
     found = simulate(case(lead(60.0, speed=10.0)), model, SimulationSettings(time_limit=30.0))

@@ -30,7 +30,10 @@ DECIDED = SimulationSettings(end_when_decided=True)
 def everything(recording: Recording) -> tuple[object, ...]:
     """All of a recording that is no wall time, to the last bit."""
     vehicles = {"ego": recording.ego, **recording.actors}
-    channels = {name: [getattr(it, channel).tobytes() for channel in CHANNELS] for name, it in vehicles.items()}
+    channels = {
+        name: [getattr(it, channel).tobytes() for channel in CHANNELS]
+        for name, it in vehicles.items()
+    }
     outcome = repr((recording.end_reason, recording.error, recording.collision, recording.clips))
     return outcome, channels, [(it.length, it.width) for it in vehicles.values()]
 
@@ -61,7 +64,8 @@ def alone(monkeypatch):
     ],
 )
 @pytest.mark.parametrize(
-    ("scenario", "every"), [("cut_in", 191), ("r157_cut_out", 101), ("front_vehicle_braking", 67), ("ncap_ccrb", 11)]
+    ("scenario", "every"),
+    [("cut_in", 191), ("r157_cut_out", 101), ("front_vehicle_braking", 67), ("ncap_ccrb", 11)],
 )
 @pytest.mark.parametrize("ads", ["careful_driver_aeb", "lane_changer", "fsm", "no_reaction"])
 def test_packed_recordings_are_the_unpacked_ones_bit_for_bit(ads, scenario, every, settings, alone):
@@ -72,7 +76,9 @@ def test_packed_recordings_are_the_unpacked_ones_bit_for_bit(ads, scenario, ever
 
 
 @pytest.mark.parametrize("ads", ["ideal_braking", "no_reaction"])
-@pytest.mark.parametrize("scenario", ["cut_in", "cut_in?lateral_acceleration=1.5", "front_vehicle_cut_out"])
+@pytest.mark.parametrize(
+    "scenario", ["cut_in", "cut_in?lateral_acceleration=1.5", "front_vehicle_cut_out"]
+)
 def test_the_references_are_the_same_bit_for_bit_together_and_alone(scenario, ads, alone):
     cases = points(scenario, 211)
     together = [everything(recording) for recording in simulate_many(cases, ads, DECIDED)]
@@ -83,7 +89,9 @@ def test_the_references_are_the_same_bit_for_bit_together_and_alone(scenario, ad
 def test_the_outcome_of_a_decided_case_is_the_one_of_the_whole_case():
     cases = points("cut_in", 53)
     for whole, decided in zip(
-        simulate_many(cases, "careful_driver"), simulate_many(cases, "careful_driver", DECIDED), strict=True
+        simulate_many(cases, "careful_driver"),
+        simulate_many(cases, "careful_driver", DECIDED),
+        strict=True,
     ):
         assert repr(whole.collision) == repr(decided.collision)
         n = len(decided.ego) - 1
@@ -95,7 +103,9 @@ def test_the_outcome_of_a_decided_case_is_the_one_of_the_whole_case():
 @pytest.mark.parametrize("ads", ["careful_driver", "idm"])
 def test_a_case_of_a_run_ends_when_its_ads_says_that_it_is_settled(ads):
     """Under the watch of the batch, too; an ADS that says nothing drives to the end."""
-    passed = catalogue.load("cut_in").concrete(ego_speed=20.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9)
+    passed = catalogue.load("cut_in").concrete(
+        ego_speed=20.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9
+    )
     run = Setup(DECIDED, RunSettings(), Path())
     recording = run_case(Case(0, passed, "ads", "mine", ads), run).recording
     assert recording is not None
@@ -124,7 +134,10 @@ def test_a_policy_over_arrays_says_of_each_of_its_rows_whether_it_is_settled():
     assert ends[0] == "decided"
     assert ends[1] != "decided"
     wrong = [one.error for one in simulate_many(cases, SettledOverArrays(rows=1), DECIDED)]
-    assert all("What `settled()` of the ADS gives must have the shape (2,), got (1,)" in error for error in wrong)
+    assert all(
+        "What `settled()` of the ADS gives must have the shape (2,), got (1,)" in error
+        for error in wrong
+    )
 
 
 def test_recordings_come_in_the_order_of_the_cases_whatever_the_pack(monkeypatch):
@@ -160,7 +173,9 @@ def test_a_faulty_case_costs_only_itself(alone):
         assert everything(found) == everything(simulate(concrete, Gives(float("nan"), 15.0), SHORT))
 
 
-@pytest.mark.parametrize("answer", [3.0, -50.0, 50.0, -4.0], ids=["drives", "beyond brakes", "beyond drive", "brakes"])
+@pytest.mark.parametrize(
+    "answer", [3.0, -50.0, 50.0, -4.0], ids=["drives", "beyond brakes", "beyond drive", "brakes"]
+)
 def test_what_the_vehicle_cannot_do_is_clipped_and_counted_as_alone(answer, alone):
     cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
     together = list(simulate_many(cases, [Gives(answer, 15.0) for _ in cases], SHORT))
@@ -222,7 +237,10 @@ class OneByOne:
 @pytest.mark.parametrize("scenario", ["cut_in", "front_vehicle_cut_out"])
 def test_a_policy_over_arrays_drives_as_one_over_single_observations(scenario, alone):
     cases = points(scenario, 97)
-    batch, single = simulate_many(cases, AllAtOnce, DECIDED), simulate_many(cases, OneByOne, DECIDED)
+    batch, single = (
+        simulate_many(cases, AllAtOnce, DECIDED),
+        simulate_many(cases, OneByOne, DECIDED),
+    )
     for one, other in zip(batch, single, strict=True):
         assert one.end_reason == other.end_reason
         assert one.ego.x == pytest.approx(other.ego.x, abs=1e-6)
@@ -238,7 +256,8 @@ def test_a_policy_over_arrays_that_gives_too_few_actions_fails_all_cases_of_the_
     for recording in simulate_many(cases, TooFew, SHORT):
         assert recording.end_reason == "ads_error"
         assert recording.error == (
-            "The actions of the ADS must have the shape (2,) or (2, 2), got (1,) at 0.00 s, in one call for 2 cases, "
+            "The actions of the ADS must have the shape (2,) or (2, 2), got (1,) at 0.00 s, in "
+            "one call for 2 cases, "
             "which fails them all."
         )
 
@@ -253,11 +272,15 @@ def test_a_fault_in_a_call_over_arrays_belongs_to_all_its_cases_and_a_bad_number
     cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0, 20.0)]
     bad, *others = simulate_many(cases, Raises, SHORT)
     assert (bad.end_reason, bad.error) == (
-        "ads_error", "`acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s.",
+        "ads_error", "`acceleration` of the ADS's Command must be a finite number, got nan at "
+                     "0.00 s.",
     )  # fmt: skip
     for recording in others:
         assert recording.end_reason == "ads_error"
-        assert "in one call for 2 cases, which fails them all: ValueError: no path found" in recording.error
+        assert (
+            "in one call for 2 cases, which fails them all: ValueError: no path found"
+            in recording.error
+        )
         assert "in act" in recording.error_place
 
     class FailsInReset(AllAtOnce):
@@ -266,7 +289,8 @@ def test_a_fault_in_a_call_over_arrays_belongs_to_all_its_cases_and_a_bad_number
 
     for recording in simulate_many(cases, FailsInReset, SHORT):
         assert recording.error == (
-            "The ADS raised in reset, in one call for 3 cases, which fails them all: ValueError: no weights."
+            "The ADS raised in reset, in one call for 3 cases, which fails them all: ValueError: "
+            "no weights."
         )
 
 
@@ -288,16 +312,20 @@ class Subclass(CarefulDriver):
 
 def test_a_subclass_that_decides_otherwise_is_asked(alone):
     cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
-    assert [found.ego.speed[-1] < found.ego.speed[0] - 0.5 for found in simulate_many(cases, Subclass, SHORT)] == [
-        True
-    ] * 2
+    assert [
+        found.ego.speed[-1] < found.ego.speed[0] - 0.5
+        for found in simulate_many(cases, Subclass, SHORT)
+    ] == [True] * 2
     assert alone == cases
 
 
 class Sways:
-    """Steers a sine, brakes behind what is near and else drives on; every bit of what it sees is in what it does."""
+    """Steers a sine, brakes behind what is near and else drives on; every bit of what it sees is in
+    what it does."""
 
-    def __init__(self, amplitude: float, rate: float, brakes: float, drives: float, turns_off: float = 0.0) -> None:
+    def __init__(
+        self, amplitude: float, rate: float, brakes: float, drives: float, turns_off: float = 0.0
+    ) -> None:
         self.habits = amplitude, rate, brakes, drives, turns_off
 
     def act(self, seen):
@@ -308,7 +336,9 @@ class Sways:
             if other.ahead and other.gap < -3.0 * other.relative_speed + 4.0:
                 wanted = -brakes
             wanted += 1e-3 * (other.offset + other.lateral_speed + other.gap)
-        return wanted, amplitude * math.sin(rate * seen.time) - 0.8 * me.heading - 0.05 * me.y + turns_off
+        return wanted, amplitude * math.sin(
+            rate * seen.time
+        ) - 0.8 * me.heading - 0.05 * me.y + turns_off
 
 
 SWAYS = [
@@ -329,19 +359,24 @@ SWAYS = [
         *(
             pytest.param(name, every, marks=pytest.mark.campaign)
             for name, every in [
-                ("front_vehicle_low_speed", 5), ("cut_in", 331), ("r157_cut_out", 151), ("ncap_ccrb", 9),
+                ("front_vehicle_low_speed", 5), ("cut_in", 331), ("r157_cut_out", 151),
+                ("ncap_ccrb", 9),
                 ("ncap_ccrs", 5), ("front_vehicle_braking", 41), ("ncap_ccrm", 5),
             ]
         ),
     ],
 )  # fmt: skip
-def test_egos_that_steer_and_vehicles_that_turn_are_recorded_as_alone_bit_for_bit(scenario, every, alone):
+def test_egos_that_steer_and_vehicles_that_turn_are_recorded_as_alone_bit_for_bit(
+    scenario, every, alone
+):
     cases = [concrete for concrete in points(scenario, every) for _ in SWAYS]
     drivers = [driver for _ in points(scenario, every) for driver in SWAYS]
     together = list(simulate_many(cases, drivers))
     assert not alone
     reasons = set()
-    for number, (concrete, driver, recording) in enumerate(zip(cases, drivers, together, strict=True)):
+    for number, (concrete, driver, recording) in enumerate(
+        zip(cases, drivers, together, strict=True)
+    ):
         if number % 3 == 0:
             assert everything(recording) == everything(simulate(concrete, driver))
         reasons.add(recording.end_reason)
@@ -364,8 +399,12 @@ SCRIPTS = {
     "at constant lateral speed": scripted(constant_lateral(0.33, 1.1, 3.5)),
     "braking": scripted(brake_to_stop(0.4, 6.0, 20.0)),
     "braking as it changes lane": scripted(lane_change(0.5, 1.5, 3.5), brake_to_stop(1.0, 4.0)),
-    "sliding twice": scripted(constant_lateral(0.2, 1.0, 2.0), constant_lateral(3.05, 0.7, -1.0), slides=True),
-    "sliding as it brakes": scripted(constant_lateral(0.2, 2.0, 3.5), brake_to_stop(1.0, 3.0), slides=True),
+    "sliding twice": scripted(
+        constant_lateral(0.2, 1.0, 2.0), constant_lateral(3.05, 0.7, -1.0), slides=True
+    ),
+    "sliding as it brakes": scripted(
+        constant_lateral(0.2, 2.0, 3.5), brake_to_stop(1.0, 3.0), slides=True
+    ),
     "sliding off the road": scripted(constant_lateral(0.2, 2.0, -3.0), slides=True),
     "sliding half a lane": scripted(constant_lateral(0.2, 2.0, 1.75), slides=True),
     "off the centre": scripted(lane_change(0.5, 3.0, 2.0), y=0.6),
@@ -379,7 +418,9 @@ def test_what_the_other_vehicles_do_is_the_same_in_a_pack_whatever_their_script(
     settings = SimulationSettings(time_limit=9.0)
     cases = [SCRIPTS[name]] * len(SWAYS)
     why: Counter[Alone] = Counter()
-    for driver, recording in zip(SWAYS, simulate_many(cases, SWAYS, settings, alone=why), strict=True):
+    for driver, recording in zip(
+        SWAYS, simulate_many(cases, SWAYS, settings, alone=why), strict=True
+    ):
         assert everything(recording) == everything(simulate(SCRIPTS[name], driver, settings))
     assert not why
 
@@ -391,7 +432,10 @@ def test_controllers_that_are_too_few_for_the_cases_are_refused():
 
 def test_vehicles_of_different_roads_of_a_pack_do_not_see_each_other():
     follower, leader = case(speed=20.0), case(speed=5.0, x=70.0)
-    texts = shared_network_xml([follower, leader]), shared_routes_xml([follower, leader], SHORT.vehicle)
+    texts = (
+        shared_network_xml([follower, leader]),
+        shared_routes_xml([follower, leader], SHORT.vehicle),
+    )
     with running(*texts, SHORT, collisions="none") as traci:
         assert traci.vehicle.getPosition("1.0")[0] > traci.vehicle.getPosition("0.0")[0]
         assert not (traci.vehicle.getLeader("0.0", 200.0) or ("",))[0]

@@ -124,7 +124,10 @@ def test_an_ads_that_raises_in_close_still_has_its_listeners_cleaned_up():
             raise RuntimeError("no")
 
     found = simulate(case(), Script(), HALF_SECOND)
-    assert (found.end_reason, found.error) == ("ads_error", "The ADS raised in close: RuntimeError: no.")
+    assert (found.end_reason, found.error) == (
+        "ads_error",
+        "The ADS raised in close: RuntimeError: no.",
+    )
     assert listener.cleaned == 1
 
 
@@ -134,20 +137,45 @@ def test_a_listener_that_raises_is_the_adss_error():
             raise RuntimeError("no")
 
     found = simulate(case(), Broken(), HALF_SECOND)
-    assert (found.end_reason, found.error) == ("ads_error", "The ADS raised at 0.00 s: RuntimeError: no.")
+    assert (found.end_reason, found.error) == (
+        "ads_error",
+        "The ADS raised at 0.00 s: RuntimeError: no.",
+    )
 
 
 TOUCHES = [
-    (lambda traci: traci.vehicle.setSpeed("lead", 1.0), "vehicle.setSpeed for `lead`", "touched_vehicle"),
-    (lambda traci: traci.vehicle.setSpeed(vehID="lead", speed=1.0), "vehicle.setSpeed for `lead`", "touched_vehicle"),
+    (
+        lambda traci: traci.vehicle.setSpeed("lead", 1.0),
+        "vehicle.setSpeed for `lead`",
+        "touched_vehicle",
+    ),
+    (
+        lambda traci: traci.vehicle.setSpeed(vehID="lead", speed=1.0),
+        "vehicle.setSpeed for `lead`",
+        "touched_vehicle",
+    ),
     (lambda traci: traci.vehicle.add("mine", "along"), "vehicle.add for `mine`", "touched_vehicle"),
-    (lambda traci: traci.vehicletype.setLength("lead", 1.0), "vehicletype.setLength for `lead`", "touched_vehicletype"),
-    (lambda traci: traci.lane.setMaxSpeed("road_0", 9.0), "lane.setMaxSpeed for `road_0`", "touched_lane"),
-    (lambda traci: traci.simulation.setScale(2.0), "simulation.setScale for `2.0`", "touched_simulation"),
+    (
+        lambda traci: traci.vehicletype.setLength("lead", 1.0),
+        "vehicletype.setLength for `lead`",
+        "touched_vehicletype",
+    ),
+    (
+        lambda traci: traci.lane.setMaxSpeed("road_0", 9.0),
+        "lane.setMaxSpeed for `road_0`",
+        "touched_lane",
+    ),
+    (
+        lambda traci: traci.simulation.setScale(2.0),
+        "simulation.setScale for `2.0`",
+        "touched_simulation",
+    ),
 ]
 
 
-@pytest.mark.parametrize(("action", "sentence", "what"), TOUCHES, ids=[sentence for _, sentence, _ in TOUCHES])
+@pytest.mark.parametrize(
+    ("action", "sentence", "what"), TOUCHES, ids=[sentence for _, sentence, _ in TOUCHES]
+)
 def test_who_touches_what_is_not_the_egos_is_refused_or_put_on_record(action, sentence, what):
     found = simulate(case(lead(50.0)), once(action), HALF_SECOND)
     assert found.end_reason == "ads_error"
@@ -203,14 +231,20 @@ def test_the_egos_own_type_and_new_types_are_the_adss():
 
 def test_whoever_goes_round_the_door_is_noticed_where_the_other_vehicle_then_is():
     found = simulate(
-        case(lead(50.0, speed=20.0)), once(lambda traci: libsumo.vehicle.setSpeed("lead", 1.0)), HALF_SECOND
+        case(lead(50.0, speed=20.0)),
+        once(lambda traci: libsumo.vehicle.setSpeed("lead", 1.0)),
+        HALF_SECOND,
     )
     assert "actor_off_its_script" in counts(found)
 
 
 def test_the_clock_of_sumo_is_a_step_ahead_of_what_is_seen():
     ahead = []
-    simulate(case(), lambda traci, ego, time: ahead.append(traci.simulation.getTime() - time), HALF_SECOND)
+    simulate(
+        case(),
+        lambda traci, ego, time: ahead.append(traci.simulation.getTime() - time),
+        HALF_SECOND,
+    )
     assert ahead == pytest.approx([HALF_SECOND.step] * len(ahead))
     assert ahead
 
@@ -230,7 +264,9 @@ def test_a_call_beside_a_command_is_dropped_and_recorded(write):
         return Command(-1.0, 0.0)
 
     both = simulate(case(), drive, HALF_SECOND)
-    alone = simulate(case(), lambda traci, ego, time: drive(traci, ego, time, calls=False), HALF_SECOND)
+    alone = simulate(
+        case(), lambda traci, ego, time: drive(traci, ego, time, calls=False), HALF_SECOND
+    )
     assert counts(both) == {"dropped_traci_call": round(0.1 / HALF_SECOND.step) + 1}
     assert counts(alone) == {}
     assert both.ego.speed.tobytes() == alone.ego.speed.tobytes()
@@ -238,7 +274,12 @@ def test_a_call_beside_a_command_is_dropped_and_recorded(write):
 
 
 def test_calls_without_a_command_are_not_dropped():
-    assert counts(simulate(case(), once(lambda traci: traci.vehicle.setSpeed("ego", 19.9)), HALF_SECOND)) == {}
+    assert (
+        counts(
+            simulate(case(), once(lambda traci: traci.vehicle.setSpeed("ego", 19.9)), HALF_SECOND)
+        )
+        == {}
+    )
 
 
 ALWAYS = {
@@ -274,7 +315,10 @@ OF_TYPES = {
 
 
 def driven(call, speed, domain="vehicle"):
-    """Closing in on another for 6 s. speed: that is set at every step, or once, to hand over to SUMO's model."""
+    """Closing in on another for 6 s.
+
+    speed: that is set at every step, or once, to hand over to SUMO's model.
+    """
 
     def drive(traci, ego, time):
         if speed > 0.0 or time < 0.01:
@@ -286,7 +330,10 @@ def driven(call, speed, domain="vehicle"):
 
 
 def is_same(one, two):
-    return one.ego.speed.tobytes() == two.ego.speed.tobytes() and one.ego.y.tobytes() == two.ego.y.tobytes()
+    return (
+        one.ego.speed.tobytes() == two.ego.speed.tobytes()
+        and one.ego.y.tobytes() == two.ego.y.tobytes()
+    )
 
 
 def test_every_call_that_sumo_ignores_is_tried_here():
@@ -315,7 +362,9 @@ def test_sumos_own_model_ignores_some_calls_too(name):
     assert is_same(found, driven(None, -1.0))
 
 
-@pytest.mark.parametrize("name", [name for name in BESIDE_A_SPEED if name != "deactivateGapControl"])
+@pytest.mark.parametrize(
+    "name", [name for name in BESIDE_A_SPEED if name != "deactivateGapControl"]
+)
 def test_calls_that_sumos_own_model_heeds_are_not_clips(name):
     found = driven(BESIDE_A_SPEED[name], -1.0)
     assert "ignored_traci_call" not in counts(found)
@@ -330,5 +379,6 @@ def test_check_says_which_calls_are_ignored():
     said = [finding.text for finding in check_controller(drive, [case()], settings=HALF_SECOND)]
     (found,) = [text for text in said if "SUMO ignored" in text]
     assert found.startswith(
-        "makes TraCI calls that SUMO ignores, 10 in a case; SUMO ignored setTau: only SUMO's own model"
+        "makes TraCI calls that SUMO ignores, 10 in a case; SUMO ignored setTau: only SUMO's own "
+        "model"
     )

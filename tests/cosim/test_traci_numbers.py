@@ -1,4 +1,5 @@
-"""No silent number: whatever an ADS writes through TraCI is finite, a lane that is there, a time that can be meant."""
+"""No silent number: whatever an ADS writes through TraCI is finite, a lane that is there, a time
+that can be meant."""
 
 import inspect
 import math
@@ -20,12 +21,17 @@ from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.settings import ConditionSettings
 
 RECORD = replace(HALF_SECOND, conditions=ConditionSettings(interference="record"))
-DOMAINS = {"vehicle": (libsumo.vehicle, VehicleDomain), "vehicletype": (libsumo.vehicletype, VehicleTypeDomain)}
+DOMAINS = {
+    "vehicle": (libsumo.vehicle, VehicleDomain),
+    "vehicletype": (libsumo.vehicletype, VehicleTypeDomain),
+}
 NO_NUMBERS = [math.nan, math.inf, -math.inf]
 TEXTS = ["nan", "-inf", "INFINITY", "nan(0x1)", "1e999", "0.5 nan", "1,inf"]
 OF_TEXT = {
-    "edgeID", "routeID", "typeID", "newTypeID", "laneID", "stopID", "parkingAreaID", "referenceVehID", "line",
-    "fromTaz", "toTaz", "clazz", "shapeClass", "latAlignment", "edgeList", "reservations", "key", "param", "departLane",
+    "edgeID", "routeID", "typeID", "newTypeID", "laneID", "stopID", "parkingAreaID",
+    "referenceVehID", "line",
+    "fromTaz", "toTaz", "clazz", "shapeClass", "latAlignment", "edgeList", "reservations", "key",
+    "param", "departLane",
     "arrivalLane",
 }  # fmt: skip
 CALLS = [(domain, call) for domain, calls in ARGUMENTS.items() for call in calls]
@@ -63,11 +69,14 @@ def test_the_table_has_every_call_of_libsumo_that_writes_and_its_arguments_in_th
     assert set(ARGUMENTS[domain]) == writes(domain)
     of_traci = DOMAINS[domain][1]
     for call, names in ARGUMENTS[domain].items():
-        told = tuple(inspect.signature(getattr(of_traci, call)).parameters)[2:]  # after `self` and the name
+        # after `self` and the name
+        told = tuple(inspect.signature(getattr(of_traci, call)).parameters)[2:]
         assert names == told, call
 
 
-@pytest.mark.parametrize(("domain", "call"), CALLS, ids=[f"{domain}.{call}" for domain, call in CALLS])
+@pytest.mark.parametrize(
+    ("domain", "call"), CALLS, ids=[f"{domain}.{call}" for domain, call in CALLS]
+)
 def test_numbers_of_the_ordinary_course_are_none_of_the_rules_business(domain, call):
     with session(case(lead(50.0)), HALF_SECOND):
         assert breach(domain, call, "ego", harmless(domain, call), {}) is None
@@ -80,11 +89,19 @@ def running():
 
 
 @pytest.mark.parametrize(
-    ("domain", "call", "place"), ARGUMENTS_OF_NUMBERS, ids=["-".join(map(str, one)) for one in ARGUMENTS_OF_NUMBERS]
+    ("domain", "call", "place"),
+    ARGUMENTS_OF_NUMBERS,
+    ids=["-".join(map(str, one)) for one in ARGUMENTS_OF_NUMBERS],
 )
 def test_every_call_with_every_number_that_is_none_is_refused(running, domain, call, place):
     name = ARGUMENTS[domain][call][place]
-    values = [*NO_NUMBERS, *(np.float64(value) for value in NO_NUMBERS), np.float32(math.nan), 10**400, -(10**5000)]
+    values = [
+        *NO_NUMBERS,
+        *(np.float64(value) for value in NO_NUMBERS),
+        np.float32(math.nan),
+        10**400,
+        -(10**5000),
+    ]
     values += [(1.0, (math.nan, 2.0)), [[math.inf]], np.array([1.0, math.nan])]
     for value in values:
         for how in ("by place", "by name"):
@@ -92,7 +109,10 @@ def test_every_call_with_every_number_that_is_none_is_refused(running, domain, c
             args, kwargs = harmless(domain, call), {}
             args[place] = value
             if how == "by name":
-                args, kwargs = args[:place], dict(zip(ARGUMENTS[domain][call][place:], args[place:], strict=True))
+                args, kwargs = (
+                    args[:place],
+                    dict(zip(ARGUMENTS[domain][call][place:], args[place:], strict=True)),
+                )
             with pytest.raises(RefusedCallError) as refused:
                 getattr(getattr(TRACI, domain), call)("ego", *args, **kwargs)
             assert f"The ADS called traci.{domain}.{call} with `{name}` = " in str(refused.value)
@@ -116,7 +136,12 @@ SILENT = [  # what libsumo takes without a word: measured
     ("changeSublane", (math.nan,), "`latDist` = nan", "a finite number"),
     ("setLateralLanePosition", (math.nan,), "`posLat` = nan", "a finite number"),
     ("setPreviousSpeed", (math.nan,), "`speed` = nan", "a finite number"),
-    ("setActionStepLength", (1e12,), "`actionStepLength` = 1000000000000.0", "within 0..2147483648 s"),
+    (
+        "setActionStepLength",
+        (1e12,),
+        "`actionStepLength` = 1000000000000.0",
+        "within 0..2147483648 s",
+    ),
     ("openGap", (1.0, 1.0, -3.0, 1.0), "`duration` = -3.0", "within 0..2147483648 s"),
     ("setStop", ("road", 500.0, 0, -4.0), "`duration` = -4.0", "within 0..2147483648 s"),
     ("changeLane", (10**6, 1.0), "`laneIndex` = 1000000", "within 0..1, the lanes of its road"),
@@ -126,15 +151,29 @@ SILENT = [  # what libsumo takes without a word: measured
     ("changeLaneRelative", (2, 1.0), "`indexOffset` = 2", "within 0..1, the lanes of its road"),
     ("changeLaneRelative", (-1, 1.0), "`indexOffset` = -1", "within 0..1, the lanes of its road"),
     ("moveTo", ("nowhere", 60.0), "`laneID` = 'nowhere'", "the id of a lane of the network"),
-    ("moveTo", ("road_0", 1e6), "`pos` = 1000000.0", "within 0..6000 m, the length of lane `road_0`"),
-    ("moveToXY", ("", 10**6, 60.0, 0.0), "`laneIndex` = 1000000", "within -1..1, the lanes of its road"),
+    (
+        "moveTo",
+        ("road_0", 1e6),
+        "`pos` = 1000000.0",
+        "within 0..6000 m, the length of lane `road_0`",
+    ),
+    (
+        "moveToXY",
+        ("", 10**6, 60.0, 0.0),
+        "`laneIndex` = 1000000",
+        "within -1..1, the lanes of its road",
+    ),
     ("setParameter", ("laneChangeModel.lcStrategic", "inf"), "`value` = 'inf'", "a finite number"),
 ]
 
 
-@pytest.mark.parametrize(("call", "args", "argument", "rule"), SILENT, ids=[f"{it[0]}-{it[2]}" for it in SILENT])
+@pytest.mark.parametrize(
+    ("call", "args", "argument", "rule"), SILENT, ids=[f"{it[0]}-{it[2]}" for it in SILENT]
+)
 @pytest.mark.parametrize("settings", [HALF_SECOND, RECORD], ids=["refuse", "record"])
-def test_what_sumo_takes_in_silence_ends_the_case_with_call_and_argument(call, args, argument, rule, settings):
+def test_what_sumo_takes_in_silence_ends_the_case_with_call_and_argument(
+    call, args, argument, rule, settings
+):
     def drive(traci):
         try:
             getattr(traci.vehicle, call)("ego", *args)
@@ -143,7 +182,10 @@ def test_what_sumo_takes_in_silence_ends_the_case_with_call_and_argument(call, a
 
     found = simulate(case(lead(50.0)), once(drive), settings)
     assert found.end_reason == "ads_error"
-    assert found.error == f"The ADS called traci.vehicle.{call} with {argument} at 0.30 s; it must be {rule}."
+    assert (
+        found.error
+        == f"The ADS called traci.vehicle.{call} with {argument} at 0.30 s; it must be {rule}."
+    )
     assert found.ego.time[-1] == pytest.approx(0.3)
 
 
@@ -194,7 +236,9 @@ ALLOWED = [
     lambda traci: traci.vehicle.setSpeed("ego", -1.0),
     lambda traci: traci.vehicle.setSpeed(vehID="ego", speed=1e9),
     lambda traci: traci.vehicle.setStop("ego", "road", 500.0),
-    lambda traci: traci.vehicle.setStop("ego", "road", 500.0, duration=-1073741824.0, until=-1073741824.0),
+    lambda traci: traci.vehicle.setStop(
+        "ego", "road", 500.0, duration=-1073741824.0, until=-1073741824.0
+    ),
     lambda traci: traci.vehicle.setParameter("ego", "my.note", "nancy drives to Infinite Loop"),
     lambda traci: traci.vehicle.setAdaptedTraveltime("ego", "road"),
     lambda traci: traci.vehicle.setRoute("ego", ("road",)),
@@ -231,8 +275,10 @@ class Mute(str):
 
 
 BAD = [
-    math.nan, math.inf, -math.inf, 10**400, -(10**5000), Fraction(10**400), "1", None, True, np.bool_(True), 1j, [1.0],
-    np.array([1.0]), np.array(math.nan), np.float32(math.nan), np.float64(math.inf), Number(math.nan),
+    math.nan, math.inf, -math.inf, 10**400, -(10**5000), Fraction(10**400), "1", None, True,
+    np.bool_(True), 1j, [1.0],
+    np.array([1.0]), np.array(math.nan), np.float32(math.nan), np.float64(math.inf),
+    Number(math.nan),
     Mute("1"), object,
 ]  # fmt: skip
 KINDS = [f"{place} {type(value).__name__}" for place, value in enumerate(BAD)]
@@ -241,7 +287,9 @@ KINDS = [f"{place} {type(value).__name__}" for place, value in enumerate(BAD)]
 @pytest.mark.parametrize("value", BAD, ids=KINDS)
 @pytest.mark.parametrize("field", ["acceleration", "steering"])
 def test_a_command_of_anything_but_finite_numbers_is_the_adss_error_in_one_sentence(value, field):
-    found = simulate(case(), once(lambda traci: Command(**{"acceleration": 0.0, field: value})), HALF_SECOND)
+    found = simulate(
+        case(), once(lambda traci: Command(**{"acceleration": 0.0, field: value})), HALF_SECOND
+    )
     assert found.end_reason == "ads_error"
     assert f"`{field}` of the ADS's Command must be a finite number, got " in found.error
     assert found.error.endswith(" at 0.30 s.")
@@ -269,12 +317,17 @@ def test_a_command_that_cannot_be_read_is_the_adss_error(command):
 
 
 @pytest.mark.parametrize(
-    "action", [10**400, (0.0, 10**400), [math.nan], "1", None, True, [], [1.0, 2.0, 3.0], {}, 1j], ids=range(10)
+    "action",
+    [10**400, (0.0, 10**400), [math.nan], "1", None, True, [], [1.0, 2.0, 3.0], {}, 1j],
+    ids=range(10),
 )
 def test_an_action_of_anything_but_finite_numbers_is_the_adss_error_in_one_sentence(action):
     found = simulate(case(), lambda observation: action, HALF_SECOND)
     assert found.end_reason == "ads_error"
-    assert "The action of the ADS must be a Command, an acceleration or (acceleration, steering)" in found.error
+    assert (
+        "The action of the ADS must be a Command, an acceleration or (acceleration, steering)"
+        in found.error
+    )
     assert found.error.endswith(" at 0.00 s.")
 
 

@@ -43,7 +43,9 @@ except traci.FatalTraCIError:
 def run(folder, text, settings=HALF_SECOND, step_timeout=10.0):
     (folder / "client.py").write_text(text)
     locator = f"traci:{sys.executable} client.py"
-    return simulate(case(lead(60.0, speed=10.0)), locator, settings, folder=folder, step_timeout=step_timeout)
+    return simulate(
+        case(lead(60.0, speed=10.0)), locator, settings, folder=folder, step_timeout=step_timeout
+    )
 
 
 def test_a_client_and_the_same_script_in_process_make_the_same_recording(tmp_path, monkeypatch):
@@ -70,7 +72,8 @@ def test_a_client_that_breaks_ends_its_case_and_what_it_said_is_kept(tmp_path):
 
 
 def test_an_entry_names_the_type_of_the_vehicle_that_a_client_drives(tmp_path):
-    """SUMO's IDM with a headway of its own, which the client sees; anything else is refused before the first case."""
+    """SUMO's IDM with a headway of its own, which the client sees; anything else is refused before
+    the first case."""
     sees = CLIENT.replace("from the_drive import drive", "import sys").replace(
         'drive(traci, "ego")', "sys.exit(f\"tau {traci.vehicle.getTau('ego')}\")"
     )
@@ -98,14 +101,18 @@ def test_a_client_that_hangs_is_ended(tmp_path):
 
 
 def test_a_client_that_moves_another_vehicle_is_noticed(tmp_path):
-    (tmp_path / "the_drive.py").write_text("def drive(traci, ego):\n    traci.vehicle.setSpeed('lead', 0.0)\n")
+    (tmp_path / "the_drive.py").write_text(
+        "def drive(traci, ego):\n    traci.vehicle.setSpeed('lead', 0.0)\n"
+    )
     assert "actor_off_its_script" in {clip.what for clip in run(tmp_path, CLIENT).clips}
 
 
 def test_without_sumo_the_sentence_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "sumo", None)
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(InputError, match=r"needs the extra `gui`, which this installs: .* -m pip install .*\[gui\]"):
+    with pytest.raises(
+        InputError, match=r"needs the extra `gui`, which this installs: .* -m pip install .*\[gui\]"
+    ):
         simulate(case(), "traci:python client.py")
 
 
@@ -149,7 +156,8 @@ def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):
         "    before = traci.vehicle.getSubscriptionResults(ego)\n"
         "    traci.vehicle.subscribe(ego, (tc.VAR_ROAD_ID, tc.VAR_SPEED))\n"
         "    shown = traci.vehicle.getSubscriptionResults(ego)\n"
-        "    assert (shown[tc.VAR_ROAD_ID], shown[tc.VAR_SPEED]) == ('road', traci.vehicle.getSpeed(ego))\n"
+        "    assert (shown[tc.VAR_ROAD_ID], shown[tc.VAR_SPEED]) == ('road', "
+        "traci.vehicle.getSpeed(ego))\n"
         "    if traci.simulation.getTime() > 0.2:\n"
         "        traci.vehicle.unsubscribe(ego)\n"
     )
@@ -168,13 +176,21 @@ OPENINGS = (
 
 
 @pytest.mark.parametrize(
-    "opening", [*OPENINGS[:2], *(pytest.param(opening, marks=pytest.mark.campaign) for opening in OPENINGS[2:])]
+    "opening",
+    [
+        *OPENINGS[:2],
+        *(pytest.param(opening, marks=pytest.mark.campaign) for opening in OPENINGS[2:]),
+    ],
 )
 def test_a_script_of_a_simulation_of_its_own_drives_as_it_is(tmp_path, monkeypatch, opening):
-    """Whatever opens its connection, it drives as the same rule in process; when the case is over it need not care."""
+    """Whatever opens its connection, it drives as the same rule in process; when the case is over
+    it need not care."""
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "the_drive.py").write_text(DRIVE)
-    text = f"from the_drive import drive\n{opening}\nwhile True:\n    traci.simulationStep()\n    drive(traci, 'ego')\n"
+    text = (
+        f"from the_drive import drive\n{opening}\nwhile True:\n    traci.simulationStep()\n    "
+        "drive(traci, 'ego')\n"
+    )
     settings = SimulationSettings(time_limit=3.0)
     there = run(tmp_path, text, settings)
     here = simulate(case(lead(60.0, speed=10.0)), "the_drive.py:step", settings, folder=tmp_path)
@@ -203,5 +219,7 @@ def test_the_programs_python_is_the_environments(tmp_path, monkeypatch):
     monkeypatch.delenv("VIRTUAL_ENV", raising=False)
     monkeypatch.setenv("PATH", "/usr/bin:/bin")
     (tmp_path / "client.py").write_text("import sys, traci\nprint('by', sys.prefix)\n")
-    found = simulate(case(), "traci:python client.py", HALF_SECOND, folder=tmp_path, step_timeout=10.0)
+    found = simulate(
+        case(), "traci:python client.py", HALF_SECOND, folder=tmp_path, step_timeout=10.0
+    )
     assert f"by {sys.prefix}" in found.log

@@ -21,7 +21,9 @@ TWENTY = SimulationSettings(time_limit=12.0)
 ROAD = Road("r", 900.0, 2, 3.5, 300.0)
 
 
-def rear(model: str = "IDM", gap: float = 25.0, y: float = 0.0, name: str = "rear", speed: float = 25.0) -> Actor:
+def rear(
+    model: str = "IDM", gap: float = 25.0, y: float = 0.0, name: str = "rear", speed: float = 25.0
+) -> Actor:
     return Actor(name, Start(100.0 - 4.5 - gap, y, speed), model=Model(model, speed))
 
 
@@ -37,7 +39,11 @@ def same(one: Recording, two: Recording) -> bool:
     assert one.error is None
     assert two.error is None
     pairs = [(one.ego, two.ego), *((one.actors[name], two.actors[name]) for name in one.actors)]
-    return all(np.array_equal(getattr(a, c), getattr(b, c), equal_nan=True) for a, b in pairs for c in CHANNELS)
+    return all(
+        np.array_equal(getattr(a, c), getattr(b, c), equal_nan=True)
+        for a, b in pairs
+        for c in CHANNELS
+    )
 
 
 @pytest.mark.parametrize("model", ["Krauss", "IDM", "EIDM"])
@@ -66,7 +72,10 @@ def test_one_that_is_too_near_runs_into_the_ego_from_behind() -> None:
 
 def cuts_in(observation: Any) -> tuple[float, float]:
     time = observation.time
-    return -9.0 if time > 1.8 else 0.0, 0.5 if 1.0 < time < 1.7 else -0.5 if 1.7 <= time < 2.2 else 0.0
+    return (
+        -9.0 if time > 1.8 else 0.0,
+        0.5 if 1.0 < time < 1.7 else -0.5 if 1.7 <= time < 2.2 else 0.0,
+    )
 
 
 def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck() -> None:
@@ -82,18 +91,24 @@ def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck() -> None:
 @pytest.mark.parametrize("radius", [1e6, 250.0])
 def test_law_on_a_bend_vehicles_react_and_wait_as_on_a_straight_road(radius: float) -> None:
     content = {
-        "name": "t", "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+        "name": "t",
+        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
         "ego": {"speed": "v"}, "end": {"x": 600.0, "time": 6.0}, "zone": "none",
         "vehicle": [
-            {"name": "walker", "body": "pedestrian", "x": 150.0, "y": -4.0, "speed": 0.0, "heading": 90.0,
-             "manoeuvre": [{"do": "accelerate", "when": "ttc(ego, walker) < 4", "speed": 1.0, "acceleration": 2.0}]},
+            {"name": "walker", "body": "pedestrian", "x": 150.0, "y": -4.0, "speed": 0.0,
+                "heading": 90.0,
+             "manoeuvre": [{"do": "accelerate", "when": "ttc(ego, walker) < 4", "speed": 1.0,
+                 "acceleration": 2.0}]},
             {"name": "lead", "x": 100.0, "speed": "v",
              "manoeuvre": [{"do": "brake", "when": "time > 1", "deceleration": 3.0}]},
-            {"name": "rear", "gap_behind": 15.0, "speed": "v", "manoeuvre": [{"do": "follow", "model": "IDM"}]},
+            {"name": "rear", "gap_behind": 15.0, "speed": "v",
+                "manoeuvre": [{"do": "follow", "model": "IDM"}]},
         ],
     }  # fmt: skip
     bent = {**content, "road": {"line": [{"length": 1400.0, "radius": radius}]}}
-    straight, found = (simulate(scenario_from(it, "t", Path()).concrete(v=15.0), "idm") for it in (content, bent))
+    straight, found = (
+        simulate(scenario_from(it, "t", Path()).concrete(v=15.0), "idm") for it in (content, bent)
+    )
     assert found.error is None
     # the reference line is the middle of the right lane: there everything is as on a straight road
     least, far = (1e-3, 1e-6) if radius > 1e5 else (0.2, 0.15)
@@ -108,7 +123,8 @@ def test_law_on_a_bend_vehicles_react_and_wait_as_on_a_straight_road(radius: flo
 
 def test_law_reacting_traffic_has_the_same_bits_alone_in_packs_and_in_any_order() -> None:
     cases = [
-        scene(rear(gap=10.0 + 3 * k), rear("EIDM", 5.0, 3.5, "beside", 20.0 + k), speed=20.0 + k) for k in range(6)
+        scene(rear(gap=10.0 + 3 * k), rear("EIDM", 5.0, 3.5, "beside", 20.0 + k), speed=20.0 + k)
+        for k in range(6)
     ]
     for who in ("idm", "lane_changer", "no_reaction"):
         alone = [simulate(case, who, TWENTY) for case in cases]
@@ -121,8 +137,8 @@ def test_law_reacting_traffic_has_the_same_bits_alone_in_packs_and_in_any_order(
 def test_law_cases_with_other_numbers_of_vehicles_between_them_have_the_bits_that_they_have_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A stream's number of vehicles follows from its density: of five cases those with two others share a simulation,
-    and those with three, although they take turns."""
+    """A stream's number of vehicles follows from its density: of five cases those with two others
+    share a simulation, and those with three, although they take turns."""
     short, sizes = SimulationSettings(time_limit=4.0), []
     module = import_module("sumo_eval.cosim.simulation")
     drive = module.drive
@@ -132,8 +148,14 @@ def test_law_cases_with_other_numbers_of_vehicles_between_them_have_the_bits_tha
         drive(world, *rest)
 
     third = rear(gap=60.0, y=3.5, name="third")
-    few = [scene(rear(gap=12.0 + 4 * k), rear(gap=30.0, y=3.5, name="beside"), speed=20.0 + k) for k in range(3)]
-    many = [scene(rear(gap=14.0 + 4 * k), rear(gap=25.0, y=3.5, name="beside"), third, speed=20.0) for k in range(2)]
+    few = [
+        scene(rear(gap=12.0 + 4 * k), rear(gap=30.0, y=3.5, name="beside"), speed=20.0 + k)
+        for k in range(3)
+    ]
+    many = [
+        scene(rear(gap=14.0 + 4 * k), rear(gap=25.0, y=3.5, name="beside"), third, speed=20.0)
+        for k in range(2)
+    ]
     cases = [few[0], many[0], few[1], many[1], few[2]]
     alone = [simulate(case, "idm", short) for case in cases]
     monkeypatch.setattr(module, "drive", counted)
@@ -146,8 +168,12 @@ def swerve(observation: Any) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("over", [0.0, 0.6])
-def test_others_see_the_ego_once_it_reaches_over_their_line_as_the_setting_says(over: float) -> None:
-    settings = replace(SimulationSettings(time_limit=8.0, record_interval=0.05), seen_over_line=over)
+def test_others_see_the_ego_once_it_reaches_over_their_line_as_the_setting_says(
+    over: float,
+) -> None:
+    settings = replace(
+        SimulationSettings(time_limit=8.0, record_interval=0.05), seen_over_line=over
+    )
     left = rear("IDM", gap=40.0, y=3.5, name="left", speed=26.0)
     found = simulate(scene(left, speed=20.0), swerve, settings)
     track = found.actors["left"]
@@ -159,12 +185,14 @@ def test_others_see_the_ego_once_it_reaches_over_their_line_as_the_setting_says(
 
 def test_a_scripted_vehicle_is_followed_as_well() -> None:
     content = {
-        "name": "t", "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+        "name": "t",
+        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
         "ego": {"speed": "v", "y": 3.5}, "end": {"x": 600.0, "time": 12.0}, "zone": "none",
         "vehicle": [
             {"name": "lead", "x": 200.0, "speed": "v",
              "manoeuvre": [{"do": "brake", "begin": 1.0, "deceleration": 5.0}]},
-            {"name": "next", "x": 170.0, "speed": "v", "manoeuvre": [{"do": "follow", "model": "IDM"}]},
+            {"name": "next", "x": 170.0, "speed": "v",
+                "manoeuvre": [{"do": "follow", "model": "IDM"}]},
         ],
     }  # fmt: skip
     found = simulate(scenario_from(content, "t", Path()).concrete(v=20.0), "no_reaction")
@@ -177,12 +205,14 @@ def test_a_scripted_vehicle_is_followed_as_well() -> None:
 
 def test_a_trigger_that_never_fires_is_on_record() -> None:
     content = {
-        "name": "t", "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+        "name": "t",
+        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
         "ego": {"speed": "v"}, "end": {"x": 400.0, "time": 12.0}, "zone": "none",
         "vehicle": [
             {"name": "child", "body": "child", "x": 200.0, "y": -5.0, "speed": 0.0, "heading": 90.0,
              "manoeuvre": [
-                 {"do": "accelerate", "when": "ttc(ego, child) < 0.01", "speed": 2.0, "acceleration": 2.0},
+                 {"do": "accelerate", "when": "ttc(ego, child) < "
+                                              "0.01", "speed": 2.0, "acceleration": 2.0},
              ]},
         ],
     }  # fmt: skip
@@ -194,12 +224,15 @@ def test_a_trigger_that_never_fires_is_on_record() -> None:
 
 def test_law_packed_scripts_with_conditions_have_the_bits_of_single_ones() -> None:
     content = {
-        "name": "t", "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+        "name": "t",
+        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
         "ego": {"speed": "v"}, "end": {"x": 400.0, "time": 12.0}, "zone": "none",
         "vehicle": [
-            {"name": "walker", "body": "pedestrian", "x": 180.0, "y": -5.0, "speed": 0.0, "heading": 90.0,
+            {"name": "walker", "body": "pedestrian", "x": 180.0, "y": -5.0, "speed": 0.0,
+                "heading": 90.0,
              "manoeuvre": [
-                 {"do": "accelerate", "name": "go", "when": "ttc(ego, walker) < 3", "speed": 1.5, "acceleration": 2.0},
+                 {"do": "accelerate", "name": "go", "when": "ttc(ego, walker) < 3", "speed": 1.5,
+                     "acceleration": 2.0},
              ]},
             {"name": "lead", "gap": 90.0, "y": 3.5, "speed": "v", "manoeuvre": [
                 {"do": "sinus", "when": "ended(walker, go)", "offset": -0.5, "acceleration": 1.0}]},

@@ -37,7 +37,7 @@ def run(state, command, step, duration, limits=CAR):
     return states, names
 
 
-# --- braking ----------------------------------------------------------------------------------------------------------
+# --- braking --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("step", STEPS)
@@ -45,7 +45,8 @@ def run(state, command, step, duration, limits=CAR):
 def test_the_braking_distance_is_build_up_plus_plateau_at_any_step(step, speed):
     # build-up: a falls to -9 m/s2 within 0.15 s at -60 m/s3:
     #   distance v*0.15 - 60*0.15^3/6 = 0.15 v - 0.03375 m, speed v - 60*0.15^2/2 = v - 0.675 m/s
-    # plateau: (v - 0.675)^2 / (2*9); at 20 m/s: 2.96625 + 19.325^2/18 = 2.96625 + 20.74753 = 23.71378 m
+    # plateau: (v - 0.675)^2 / (2*9); at 20 m/s: 2.96625 + 19.325^2/18 = 2.96625 + 20.74753 =
+    # 23.71378 m
     expected = 0.15 * speed - 0.03375 + (speed - 0.675) ** 2 / 18.0
     states, _ = run(EgoState(0.0, 0.0, 0.0, speed), Command(-9.0), step, 5.0)
     assert states[-1].speed == 0.0
@@ -67,14 +68,17 @@ def test_a_stop_inside_the_build_up_is_exact_too(step):
 
 def test_a_standing_vehicle_does_not_reverse_however_long_it_brakes():
     states, names = run(EgoState(3.0, 1.0, 0.2, 0.0), Command(-9.0), 0.05, 2.0)
-    assert {(state.x, state.y, state.speed, state.acceleration) for state in states} == {(3.0, 1.0, 0.0, 0.0)}
+    assert {(state.x, state.y, state.speed, state.acceleration) for state in states} == {
+        (3.0, 1.0, 0.0, 0.0)
+    }
     assert names == set()  # holding a standing vehicle is granted
 
 
 @pytest.mark.parametrize("step", STEPS)
 def test_brakes_are_released_as_fast_as_they_build_up_and_drive_begins_only_then(step):
     # from -6 m/s2 to +2: release 6/60 = 0.1 s, then drive 2/10 = 0.2 s. Speed after 0.3 s:
-    #   20 - 6*0.1/2 + 2*0.2/2 = 20 - 0.3 + 0.2 = 19.9 m/s; before it has reached 2 m/s2 it must not have it
+    #   20 - 6*0.1/2 + 2*0.2/2 = 20 - 0.3 + 0.2 = 19.9 m/s; before it has reached 2 m/s2 it must not
+    # have it
     states, _ = run(EgoState(0.0, 0.0, 0.0, 20.0, -6.0), Command(2.0), step, 0.3)
     assert states[-1].speed == pytest.approx(19.9, abs=1e-9)
     assert states[-1].acceleration == pytest.approx(2.0)
@@ -83,18 +87,20 @@ def test_brakes_are_released_as_fast_as_they_build_up_and_drive_begins_only_then
 
 
 def test_releasing_the_brakes_within_a_step_does_not_skip_the_drive_jerk():
-    # -0.5 m/s2 is released in 0.5/60 = 0.00833 s; the 0.09167 s left of the step bring 10*0.09167 = 0.9167 m/s2, not 4
+    # -0.5 m/s2 is released in 0.5/60 = 0.00833 s; the 0.09167 s left of the step bring 10*0.09167 =
+    # 0.9167 m/s2, not 4
     state, clips = advance(EgoState(0.0, 0.0, 0.0, 20.0, -0.5), Command(4.0), CAR, 0.1)
     assert state.acceleration == pytest.approx(0.916667, abs=1e-6)
     assert ("acceleration_rate", 4.0, state.acceleration) in clips
 
 
-# --- drive ------------------------------------------------------------------------------------------------------------
+# --- drive ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("step", STEPS)
 def test_drive_rises_with_its_jerk(step):
-    # 0 -> 4 m/s2 at 10 m/s3 takes 0.4 s and brings 4*0.4/2 = 0.8 m/s; distance 10*0.4 + 10*0.4^3/6 = 4.106667 m
+    # 0 -> 4 m/s2 at 10 m/s3 takes 0.4 s and brings 4*0.4/2 = 0.8 m/s; distance 10*0.4 + 10*0.4^3/6
+    # = 4.106667 m
     states, _ = run(EgoState(0.0, 0.0, 0.0, 10.0), Command(4.0), step, 0.4)
     assert states[-1].speed == pytest.approx(10.8)
     assert states[-1].x == pytest.approx(4.1066667)
@@ -111,8 +117,10 @@ def test_drive_from_a_standstill_starts_from_no_drive(step):
 
 @pytest.mark.parametrize("step", STEPS)
 def test_a_vehicle_that_stops_while_its_brakes_are_released_starts_again_gently(step):
-    # 0.03 m/s with the brakes at -6: it stands after 0.005 s, and from there drive rises at 10 m/s3:
-    #   after 0.1 s: v = 10*(0.1 - t)^2/2 with t = 0.005 s to within a hair (release at 60 m/s3 shifts t by < 2 us)
+    # 0.03 m/s with the brakes at -6: it stands after 0.005 s, and from there drive rises at 10
+    # m/s3:
+    #   after 0.1 s: v = 10*(0.1 - t)^2/2 with t = 0.005 s to within a hair (release at 60 m/s3
+    # shifts t by < 2 us)
     states, _ = run(EgoState(0.0, 0.0, 0.0, 0.03, -6.0), Command(4.0), step, 0.1)
     assert states[-1].speed == pytest.approx(5.0 * 0.095**2, rel=1e-2)
 
@@ -124,24 +132,29 @@ def test_the_top_speed_is_kept_and_recorded():
     assert max(state.speed for state in states) == CAR.max_speed
 
 
-# --- steering ---------------------------------------------------------------------------------------------------------
+# --- steering -------------------------------------------------------------------------------------
 
 
 def test_the_steady_turning_radius_of_the_rear_axle_is_wheelbase_over_tan_of_the_road_wheel_angle():
-    # steering wheel 160 deg / 16 = 10 deg at the road wheel: R = 2.7 / tan(10 deg) = 2.7/0.176327 = 15.3125 m
+    # steering wheel 160 deg / 16 = 10 deg at the road wheel: R = 2.7 / tan(10 deg) = 2.7/0.176327 =
+    # 15.3125 m
     wheel = math.radians(160.0)
     states, _ = run(EgoState(0.0, 0.0, 0.0, 3.0, 0.0, wheel), Command(0.0, wheel), 0.05, 10.0)
     half = CAR.wheelbase / 2
     rear = [(s.x - half * math.cos(s.heading), s.y - half * math.sin(s.heading)) for s in states]
-    centre = (rear[0][0], rear[0][1] + 15.3125)  # heading 0, turning left: the centre is straight to the left
+    # heading 0, turning left: the centre is straight to the left
+    centre = (rear[0][0], rear[0][1] + 15.3125)
     assert all(math.dist(point, centre) == pytest.approx(15.3125, abs=1e-3) for point in rear)
 
 
 def test_a_full_circle_closes():
-    # circumference of the rear axle's circle 2 pi 15.3125 = 96.2114 m; driven at just the speed that takes 10 s
+    # circumference of the rear axle's circle 2 pi 15.3125 = 96.2114 m; driven at just the speed
+    # that takes 10 s
     wheel = math.radians(160.0)
     circumference = 2 * math.pi * CAR.wheelbase / math.tan(math.radians(10.0))
-    states, _ = run(EgoState(7.0, -3.0, 0.4, circumference / 10.0, 0.0, wheel), Command(0.0, wheel), 0.05, 10.0)
+    states, _ = run(
+        EgoState(7.0, -3.0, 0.4, circumference / 10.0, 0.0, wheel), Command(0.0, wheel), 0.05, 10.0
+    )
     end = states[-1]
     assert (end.x, end.y) == (pytest.approx(7.0, abs=1e-9), pytest.approx(-3.0, abs=1e-9))
     assert end.heading == pytest.approx(0.4 + math.tau)
@@ -179,13 +192,16 @@ def test_the_grip_angle_is_the_one_whose_cornering_needs_all_the_grip():
     angle = grip_steering_wheel_angle(20.0, CAR)
     radius = CAR.wheelbase / math.tan(angle / CAR.steering_ratio)
     assert 20.0**2 / radius == pytest.approx(GRIP)
-    assert grip_steering_wheel_angle(0.0, CAR) > math.radians(CAR.max_steering_wheel_angle_deg)  # no limit, standing
+    # no limit, standing
+    assert grip_steering_wheel_angle(0.0, CAR) > math.radians(CAR.max_steering_wheel_angle_deg)
 
 
 def test_the_grip_angle_beside_braking_needs_only_what_braking_leaves():
     # sqrt(9.0252^2 - 7^2) = sqrt(81.454 - 49) = 5.6969 m/s2
     angle = grip_steering_wheel_angle(20.0, CAR, 7.0)
-    assert 20.0**2 * math.tan(angle / CAR.steering_ratio) / CAR.wheelbase == pytest.approx(5.6969, abs=1e-3)
+    assert 20.0**2 * math.tan(angle / CAR.steering_ratio) / CAR.wheelbase == pytest.approx(
+        5.6969, abs=1e-3
+    )
 
 
 @pytest.mark.parametrize("step", STEPS)
@@ -200,12 +216,16 @@ def test_the_grip_angle_beside_braking_needs_only_what_braking_leaves():
 def test_braking_and_cornering_together_stay_within_the_friction_circle(step, start, command):
     states, names = run(start, command, step, 2.0)
     for state in states[1:]:
-        lateral = state.speed**2 * math.tan(state.steering_wheel_angle / CAR.steering_ratio) / CAR.wheelbase
+        lateral = (
+            state.speed**2
+            * math.tan(state.steering_wheel_angle / CAR.steering_ratio)
+            / CAR.wheelbase
+        )
         assert math.hypot(state.acceleration, lateral) <= GRIP * (1 + 1e-9)
     assert names & {"friction", "lateral_friction"}
 
 
-# --- laws -------------------------------------------------------------------------------------------------------------
+# --- laws -----------------------------------------------------------------------------------------
 
 states = st.builds(
     EgoState,
@@ -235,14 +255,18 @@ def test_law_acceleration_stays_within_the_limits(state, command, step):
 
 
 @given(st.floats(0, 55), st.floats(-9, 4), st.floats(-9, 4), steps)
-def test_law_distance_lies_between_that_of_the_slowest_and_of_the_fastest_speed(speed, acceleration, target, step):
-    # sub-steps give the speeds in between, which the end speeds do not when acceleration changes its sign
+def test_law_distance_lies_between_that_of_the_slowest_and_of_the_fastest_speed(
+    speed, acceleration, target, step
+):
+    # sub-steps give the speeds in between, which the end speeds do not when acceleration changes
+    # its sign
     speeds, a, v = [speed], acceleration, speed
     for _ in range(20):
         a, v, _ = drive(v, a, target, CAR, step / 20)
         speeds.append(v)
     _, _, distance = drive(speed, acceleration, target, CAR, step)
-    room = 0.5 * 60.0 * (step / 20) ** 2 + 9.0 * step / 20  # m/s that the speed can move between two sub-steps
+    # m/s that the speed can move between two sub-steps
+    room = 0.5 * 60.0 * (step / 20) ** 2 + 9.0 * step / 20
     assert (min(speeds) - room) * step <= distance <= (max(speeds) + room) * step
 
 
@@ -264,8 +288,12 @@ def test_law_a_clip_is_recorded_exactly_when_a_request_is_not_granted(state, com
     granted_steering = after.steering_wheel_angle == command.steering
     named = {clip[0] for clip in clips}
     if not standing:
-        assert bool(named & {"acceleration", "acceleration_rate", "friction", "speed"}) == (not granted_acceleration)
-    assert bool(named & {"steering_angle", "steering_rate", "lateral_friction"}) == (not granted_steering)
+        assert bool(named & {"acceleration", "acceleration_rate", "friction", "speed"}) == (
+            not granted_acceleration
+        )
+    assert bool(named & {"steering_angle", "steering_rate", "lateral_friction"}) == (
+        not granted_steering
+    )
 
 
 @given(states, commands, steps, st.floats(-3, 3), st.floats(-500, 500), st.floats(-500, 500))
@@ -278,18 +306,24 @@ def test_law_moving_and_turning_the_world_moves_nothing_else(state, command, ste
     here, _ = advance(state, command, CAR, step)
     there, _ = advance(moved, command, CAR, step)
     assert there.speed == here.speed
-    assert there.x == pytest.approx(dx + here.x * math.cos(turn) - here.y * math.sin(turn), abs=1e-6)
-    assert there.y == pytest.approx(dy + here.x * math.sin(turn) + here.y * math.cos(turn), abs=1e-6)
+    assert there.x == pytest.approx(
+        dx + here.x * math.cos(turn) - here.y * math.sin(turn), abs=1e-6
+    )
+    assert there.y == pytest.approx(
+        dy + here.x * math.sin(turn) + here.y * math.cos(turn), abs=1e-6
+    )
 
 
-# --- beyond the kinematic model ---------------------------------------------------------------------------------------
+# --- beyond the kinematic model -------------------------------------------------------------------
 
 
 def test_a_bend_above_0_4_g_is_beyond_the_kinematic_model_and_says_so():
     # 20 m/s on 1 / R: 400 / R = 0.4 g at R = 101.9 m; road wheel atan(2.7 / R), times 16
     for radius, beyond in ((105.0, False), (98.0, True)):
         wheel = 16.0 * math.atan(2.7 / radius)
-        _, clips = advance(EgoState(0.0, 0.0, 0.0, 20.0, 0.0, wheel), Command(0.0, wheel), CAR, 0.05)
+        _, clips = advance(
+            EgoState(0.0, 0.0, 0.0, 20.0, 0.0, wheel), Command(0.0, wheel), CAR, 0.05
+        )
         assert ("beyond_kinematic" in {clip[0] for clip in clips}) == beyond
         assert all(clip[2] == KINEMATIC_UP_TO for clip in clips if clip[0] == "beyond_kinematic")
 
@@ -297,15 +331,22 @@ def test_a_bend_above_0_4_g_is_beyond_the_kinematic_model_and_says_so():
 FOOT, POUND = 0.3048, 4.4482216152605
 BMW = SimpleNamespace(
     friction=1.0489, cornering_stiffness=21.92 / 1.0489, wheelbase=FOOT * (3.793293 + 4.667707),
-    front_share=3.793293 / (3.793293 + 4.667707), centre_height=FOOT * 2.01355, mass=POUND / FOOT * 74.91452,
+    front_share=3.793293 / (3.793293 + 4.667707), centre_height=FOOT * 2.01355,
+    mass=POUND / FOOT * 74.91452,
     yaw_inertia=POUND * FOOT * 1321.416,
 )  # fmt: skip
 """Vehicle 2 of commonroad-vehicle-models."""
 
 
 def test_slip_and_yaw_rates_of_linear_tyres_are_the_published_ones():
-    # test_st of commonroad-vehicle-models: x_st, u and f_st, whose last two are the rates of yaw rate and of slip
-    steer, speed, yaw, slip = 0.0197545248559617, 15.7216236334290116, 0.0529001056654038, 0.0033012170610298
+    # test_st of commonroad-vehicle-models: x_st, u and f_st, whose last two are the rates of yaw
+    # rate and of slip
+    steer, speed, yaw, slip = (
+        0.0197545248559617,
+        15.7216236334290116,
+        0.0529001056654038,
+        0.0033012170610298,
+    )
     slipping, turning, used = slip_rates(speed, slip, yaw, steer, 5.3536773276413925, BMW, math.inf)
     assert turning == pytest.approx(0.6435589397748606, abs=1e-12)
     assert slipping == pytest.approx(0.0313297971641291, abs=1e-12)
@@ -326,7 +367,8 @@ def drive_dynamic(speed, wheel, duration, step=0.05, wanted=0.0):
 
 
 def test_a_gentle_bend_of_the_dynamic_model_has_the_steady_yaw_rate_of_the_linear_one():
-    # yaw rate = v delta / (L + K v^2), K = m (l_r / (C F_zr share ...)): equal stiffness over load: K = 0, neutral
+    # yaw rate = v delta / (L + K v^2), K = m (l_r / (C F_zr share ...)): equal stiffness over load:
+    # K = 0, neutral
     wheel = 16.0 * math.radians(0.3)
     (*_, yaw_rate), clips = drive_dynamic(20.0, wheel, 6.0)
     assert yaw_rate == pytest.approx(20.0 * math.radians(0.3) / 2.7, rel=0.01)
@@ -339,7 +381,8 @@ def test_tyres_of_the_dynamic_model_let_go_at_the_friction_circle_and_the_step_m
     for steps in range(1, 41):
         (_, _, heading, _, _, _, slip, _), clips = drive_dynamic(25.0, wheel, 0.05 * steps)
         courses.append(heading + slip)
-    across = [25.0 * (b - a) / 0.05 for a, b in itertools.pairwise(courses)]  # m/s2: v times the turn of its course
+    # m/s2: v times the turn of its course
+    across = [25.0 * (b - a) / 0.05 for a, b in itertools.pairwise(courses)]
     assert "lateral_friction" in clips
     assert 0.9 * GRIP < max(across) <= 1.001 * GRIP
     fine, _ = drive_dynamic(15.0, 16.0 * math.radians(2.0), 2.0, step=0.01)

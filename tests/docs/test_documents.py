@@ -1,4 +1,5 @@
-"""What the pages for who carries on name is there: links, files, make targets; and the picture is sound."""
+"""What the pages for who carries on name is there: links, files, make targets; and the picture is
+sound."""
 
 from __future__ import annotations
 
@@ -9,7 +10,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-DECISIONS = tuple(f"docs/decisions/{path.name}" for path in sorted((ROOT / "docs" / "decisions").glob("*.md")))
+DECISIONS = tuple(
+    f"docs/decisions/{path.name}" for path in sorted((ROOT / "docs" / "decisions").glob("*.md"))
+)
 PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "GLOSSARY.md", *DECISIONS)
 PICTURE = ROOT / "docs" / "pictures" / "flow.svg"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -22,11 +25,13 @@ def text(page: str) -> str:
 
 
 def paths_in(page: str) -> set[str]:
-    """Files and folders that a page names in code spans; placeholders and a user's own files are none."""
+    """Files and folders that a page names in code spans; placeholders and a user's own files are
+    none."""
     spans = " ".join(re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text(page), flags=re.S)))
     found = set(
         re.findall(
-            r"(?<![\w./<>*-])((?:[a-z_0-9]+/)*[a-z_0-9]+\.(?:py|toml|js|j2|sh)|(?:[a-z_0-9]+/)+)(?![\w<*])", spans
+            r"(?<![\w./<>*-])((?:[a-z_0-9]+/)*[a-z_0-9]+\.(?:py|toml|js|j2|sh)|(?:[a-z_0-9]+/)+)(?![\w<*])",
+            spans,
         )
     )
     return found - {"my_ads.py", "evaluation.toml", "utils.py", "dist/"}
@@ -53,7 +58,9 @@ def test_every_room_of_the_package_stands_in_the_architecture() -> None:
 def test_make_targets_that_the_pages_name_are_there_and_quick_names_files_that_are() -> None:
     makefile = text("Makefile")
     for target in {
-        target for page in (*PAGES, "README.md") for target in re.findall(r"(?:^|`)make (\w+)", text(page), flags=re.M)
+        target
+        for page in (*PAGES, "README.md")
+        for target in re.findall(r"(?:^|`)make (\w+)", text(page), flags=re.M)
     }:
         assert re.search(rf"^{target}:", makefile, flags=re.M), target
     quick = re.findall(r"tests/\S+\.py", makefile)
@@ -142,7 +149,9 @@ NOT_UNDERSTOOD = (
 
 def test_sentences_that_readers_did_not_understand_stand_nowhere() -> None:
     files = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
-    files += [path for ending in ("py", "j2", "js") for path in (ROOT / "sumo_eval").rglob(f"*.{ending}")]
+    files += [
+        path for ending in ("py", "j2", "js") for path in (ROOT / "sumo_eval").rglob(f"*.{ending}")
+    ]
     assert len(files) > 300
     for path in files:
         words = " ".join(path.read_text(encoding="utf-8").split()).lower()

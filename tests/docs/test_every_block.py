@@ -1,5 +1,5 @@
-"""Every fenced block of every page is run, or read by the program's own reader with a reason that says what runs it
-elsewhere or why nothing here can; and so is every command.
+"""Every fenced block of every page is run, or read by the program's own reader with a reason that
+says what runs it elsewhere or why nothing here can; and so is every command.
 """
 
 from __future__ import annotations
@@ -55,25 +55,39 @@ NOT_RUN = {
     "--scheduler": "needs a cluster",
     "CCRm.xosc": "needs a file of Euro NCAP; test_openscenario_catalogues.py reads and drives it",
     "drive": "needs somebody at the wheel; tests/wheel has bots there",
-    "dlr_highway": "needs a recording; test_recorded_people_example.py runs it where the wheel tasi is",
+    "dlr_highway": "needs a recording; test_recorded_people_example.py runs it where the wheel "
+    "tasi is",
     "afternoon/ratings.csv": "needs a study's ratings; tests/cli/test_as_typed.py has some",
-    "people.toml": "needs a recording; test_recorded_people_example.py runs these lines where the wheel tasi is",
+    "people.toml": "needs a recording; test_recorded_people_example.py runs these lines where the "
+    "wheel tasi is",
     "afternoon/evaluation.toml": "needs a study; tests/wheel has one",
     "/work/evaluation.toml": "a path inside a container",
     "cut_in-0042-mine": "needs a night with that case; tests/cli/test_compare.py drives one again so",
-    "nights/nights/2026-11-21T02-00-00Z": "compares it with that night; tests/cli/test_compare.py does so",
+    "nights/nights/2026-11-21T02-00-00Z": "compares it with that night; tests/cli/test_compare.py "
+    "does so",
     "qualify": "takes minutes; tests/studies runs its parts",
 }
 """Commands that are read and not run, by a word in them, and why."""
 
 READERS = {
-    "evaluation": {"scenario", "ads", "drivers", "method", "simulation", "report", "run", "name", "seed"},
+    "evaluation": {
+        "scenario",
+        "ads",
+        "drivers",
+        "method",
+        "simulation",
+        "report",
+        "run",
+        "name",
+        "seed",
+    },
     "scenario": {"road", "end", "ego", "require", "joint", "met", "recorded"},
 }
 """Keys of fragments: an evaluation's, and a scenario file's."""
 
 ELSEWHERE = {
-    "make quick": ".ci/run runs `make test` and `make check`; quick is a part of the first, the others take long",
+    "make quick": ".ci/run runs `make test` and `make check`; quick is a part of the first, the "
+    "others take long",
     "make score": "tests/golden/test_golden.py runs this evaluation and compares README's table",
     "make test": ".ci/run runs it",
     "tests/golden/golden.py": "tests/golden/test_golden.py compares what this one does",
@@ -88,11 +102,13 @@ ELSEWHERE = {
     "old path  ": "a table",
     "project.entry-points": "tests/scenario/test_formats.py installs such a package",
     "consent": "needs people who rate; tests/wheel/test_study.py has bots",
-    "train_ppo.py": "trains for minutes; tests/learning/test_examples_of_learning.py trains a little",
+    "train_ppo.py": "trains for minutes; tests/learning/test_examples_of_learning.py trains a "
+    "little",
     "paper_example.py": "draws for minutes; tests/golden/test_golden.py drives the same evaluation",
     "16384 steps": "what that training printed",
 }
-"""Blocks that this test only reads, by a text in them, and what runs them or why nothing here can."""
+"""Blocks that this test only reads, by a text in them, and what runs them or why nothing here
+can."""
 
 BASE_EVALUATION = {
     "name": "base",
@@ -117,11 +133,12 @@ def desk(small_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> De
     return Desk(tmp_path, small_run)
 
 
-# --- commands ---------------------------------------------------------------------------------------------------------
+# --- commands -------------------------------------------------------------------------------------
 
 
 def read(words: list[str]) -> None:
-    """Have the program's own parser read a command: names, options, types of values, how many arguments."""
+    """Have the program's own parser read a command: names, options, types of values, how many
+    arguments."""
     context = click.Context(main, info_name="sumo-eval")
     name, command, rest = main.resolve_command(context, words)
     if isinstance(command, click.Group) and rest:
@@ -149,7 +166,9 @@ def test_every_command_in_a_sentence_exists_with_its_options(page: str) -> None:
         if isinstance(command, click.Group) and len(words) > 1:
             command = command.get_command(click.Context(command), words[1])
             assert command is not None, words
-        known = {name for item in command.params for name in (*item.opts, *item.secondary_opts)} | {"--help"}
+        known = {name for item in command.params for name in (*item.opts, *item.secondary_opts)} | {
+            "--help"
+        }
         assert {word.partition("=")[0] for word in words if word.startswith("--")} <= known, words
 
 
@@ -171,11 +190,15 @@ TO_RUN = commands_to_run()
 
 
 def first_of_each_command() -> list[Any]:
-    """What is typed: each command and each scheme of a locator once in the suite, all of it in the campaign."""
+    """What is typed: each command and each scheme of a locator once in the suite, all of it in the
+    campaign."""
     seen: set[str] = set()
     found = []
     for typed, words in TO_RUN.items():
-        names = {words[0], *(word.partition(":")[0] for word in words[1:] if re.match(r"[a-z]+:[^/]", word))}
+        names = {
+            words[0],
+            *(word.partition(":")[0] for word in words[1:] if re.match(r"[a-z]+:[^/]", word)),
+        }
         found.append(typed if names - seen else pytest.param(typed, marks=pytest.mark.campaign))
         seen |= names
     return found
@@ -200,12 +223,16 @@ def test_shell_can_read_every_block_of_it() -> None:
     for block in BLOCKS:
         if block.language in ("sh", "bash"):
             text = re.sub(r"^[AB]\$ ", "", block.text, flags=re.M)
-            checked = subprocess.run(["bash", "-n"], input=text, text=True, capture_output=True, check=False)
+            checked = subprocess.run(
+                ["bash", "-n"], input=text, text=True, capture_output=True, check=False
+            )
             assert checked.returncode == 0, (block.place, checked.stderr)
 
 
 def test_what_blocks_call_besides_the_program_is_there() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for block in BLOCKS:
         if block.language not in CODE:
@@ -218,7 +245,7 @@ def test_what_blocks_call_besides_the_program_is_there() -> None:
             assert extra in extras, (block.place, extra)
 
 
-# --- TOML and YAML ----------------------------------------------------------------------------------------------------
+# --- TOML and YAML --------------------------------------------------------------------------------
 
 
 def reader_of(content: dict[str, Any]) -> str:
@@ -239,7 +266,8 @@ def reader_of(content: dict[str, Any]) -> str:
 
 
 def read_toml_block(text: str, folder: Path) -> str:
-    """Have the program's own reader read a block: a whole file, or a part of one within the smallest whole."""
+    """Have the program's own reader read a block: a whole file, or a part of one within the
+    smallest whole."""
     content = tomllib.loads(text)
     kind = reader_of(content)
     (folder / "block.toml").write_text(text, encoding="utf-8")
@@ -281,7 +309,9 @@ def files(name: str) -> dict[str, Any]:
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("block", [one for one in BLOCKS if one.language == "toml"], ids=lambda one: one.place)
+@pytest.mark.parametrize(
+    "block", [one for one in BLOCKS if one.language == "toml"], ids=lambda one: one.place
+)
 def test_the_programs_own_reader_reads_every_block_of_toml(block: Block, desk: Desk) -> None:
     if "consent" in block.text:
         shutil.copytree(desk.run, desk.folder / "results" / "first")
@@ -289,7 +319,8 @@ def test_the_programs_own_reader_reads_every_block_of_toml(block: Block, desk: D
 
 
 NOT_DRIVEN = {
-    "[joint]": "a road test's events, which learning and exposure read; a drive knows nothing of them",
+    "[joint]": "a road test's events, which learning and exposure read; a drive knows nothing of "
+    "them",
     "[recorded]": "which recordings are like a scenario; needs recordings",
     'source = "recorded"': "needs a recording; test_recorded_people_example.py has one",
     'kind = "recorded"': "needs a recording; tests/drivers has some",
@@ -298,7 +329,8 @@ NOT_DRIVEN = {
     "simulation.plant": "needs an FMU; tests/cosim/test_fmu.py builds one",
     "ros2_node.py": "needs ROS 2; tests/ads/test_ros2.py has a stand-in",
     "weights.onnx": "a planner of the reader's own, with its weights",
-    "folder = ": "needs the reader's own copy of a catalogue; test_openscenario_catalogues.py drives them",
+    "folder = ": "needs the reader's own copy of a catalogue; test_openscenario_catalogues.py "
+    "drives them",
     ".xosc": "needs a file of OpenSCENARIO; test_openscenario_catalogues.py drives them",
     "qualification =": "a run names its qualification; it changes no drive",
 }
@@ -317,8 +349,12 @@ def drivable(block: Block) -> bool:
     return reader_of(tomllib.loads(block.text)) in ("scenario", "evaluation")
 
 
-@pytest.mark.parametrize("block", [one for one in BLOCKS if drivable(one)], ids=lambda one: one.place)
-def test_the_first_point_of_a_scenario_or_an_evaluation_of_a_block_is_driven(block: Block, desk: Desk) -> None:
+@pytest.mark.parametrize(
+    "block", [one for one in BLOCKS if drivable(one)], ids=lambda one: one.place
+)
+def test_the_first_point_of_a_scenario_or_an_evaluation_of_a_block_is_driven(
+    block: Block, desk: Desk
+) -> None:
     desk.lay_out()
     content = tomllib.loads(block.text)
     if reader_of(content) == "scenario":
@@ -336,7 +372,9 @@ def test_the_first_point_of_a_scenario_or_an_evaluation_of_a_block_is_driven(blo
 
 
 def test_reasons_not_to_drive_a_block_are_all_used() -> None:
-    assert {text for text in NOT_DRIVEN if any(text in block.text for block in BLOCKS)} == set(NOT_DRIVEN)
+    assert {text for text in NOT_DRIVEN if any(text in block.text for block in BLOCKS)} == set(
+        NOT_DRIVEN
+    )
 
 
 def test_every_block_of_yaml_can_be_read() -> None:
@@ -345,15 +383,20 @@ def test_every_block_of_yaml_can_be_read() -> None:
             assert isinstance(yaml.safe_load(block.text), dict), block.place
 
 
-# --- Python, and programs ---------------------------------------------------------------------------------------------
+# --- Python, and programs -------------------------------------------------------------------------
 
 PYTHON = [block for block in BLOCKS if block.language == "python"]
 STAND_INS = {
     "sumo_eval.evaluate(\n": [
         ('"sampling": {"levels": 3}', '"sampling": {"levels": 2}'),
-        ('"name": "mine",\n', '"name": "mine", "run": {"engine": "serial"}, "drivers": {"count": 2},\n'),
+        (
+            '"name": "mine",\n',
+            '"name": "mine", "run": {"engine": "serial"}, "drivers": {"count": 2},\n',
+        ),
     ],
-    "front_vehicle_cut_out-0042-mine": [("front_vehicle_cut_out-0042-mine", "front_vehicle_low_speed-0000-idm")],
+    "front_vehicle_cut_out-0042-mine": [
+        ("front_vehicle_cut_out-0042-mine", "front_vehicle_low_speed-0000-idm")
+    ],
     "num_envs=512": [("num_envs=512", "num_envs=8")],
     '"name": "first look"': [('"seed": 1,', '"seed": 1, "run": {"engine": "serial"},')],
 }
@@ -377,7 +420,9 @@ def test_every_block_of_python_runs(block: Block, desk: Desk) -> None:
         space["envs"].close()
     ads = next((space[name] for name in ("MyAds", "Platoon", "acc") if name in space), None)
     if ads is not None:
-        concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=10.0)
+        concrete = catalogue.load("front_vehicle_low_speed").concrete(
+            ego_speed=20.0, lead_speed=10.0
+        )
         recording = simulate(concrete, ads() if isinstance(ads, type) else ads)
         assert recording.end_reason != "ads_error", recording
         assert recording.collision is None or "Platoon" in space
@@ -393,7 +438,9 @@ def test_the_controller_in_shell_drives(tmp_path: Path) -> None:
     assert recording.collision is None
 
 
-@pytest.mark.parametrize("block", [one for one in BLOCKS if is_gate(one)], ids=lambda one: one.place)
+@pytest.mark.parametrize(
+    "block", [one for one in BLOCKS if is_gate(one)], ids=lambda one: one.place
+)
 def test_a_gate_of_a_block_judges_a_run_beside_itself(block: Block, desk: Desk) -> None:
     text = block.text.replace('"mine"', '"idm"').replace('"cut_in"', '"front_vehicle_low_speed"')
     (desk.folder / "gate.toml").write_text(text, encoding="utf-8")
@@ -401,14 +448,20 @@ def test_a_gate_of_a_block_judges_a_run_beside_itself(block: Block, desk: Desk) 
     assert done.returncode == 0, done.said
 
 
-# --- all of them ------------------------------------------------------------------------------------------------------
+# --- all of them ----------------------------------------------------------------------------------
 
 
 def treated(block: Block) -> str:
-    """`run` in this file, `read` by the program's own reader, or `marked` as a language that neither is done to."""
+    """`run` in this file, `read` by the program's own reader, or `marked` as a language that
+    neither is done to."""
     if block.language in MARKED:
         return "marked"
-    if block.language == "python" or "read -r briefing" in block.text or drivable(block) or is_gate(block):
+    if (
+        block.language == "python"
+        or "read -r briefing" in block.text
+        or drivable(block)
+        or is_gate(block)
+    ):
         return "run"
     return "run" if any(not why_not_run(words) for words in block.commands()) else "read"
 
@@ -423,13 +476,17 @@ def why_only_read(block: Block) -> str:
 def test_no_block_is_of_a_language_that_nothing_treats() -> None:
     assert {block.language for block in BLOCKS} <= {*MARKED, *CODE, "python", "toml"}
     drawn = [block for block in BLOCKS if block.language in ("", "groovy")]
-    assert len(drawn) == 5, "a block without a language is a drawing or what a command printed: count it here"
+    assert len(drawn) == 5, (
+        "a block without a language is a drawing or what a command printed: count it here"
+    )
 
 
 def test_every_block_runs_or_says_what_runs_it_or_why_nothing_can() -> None:
     only_read = [block for block in BLOCKS if treated(block) == "read"]
     assert [block.place for block in only_read if not why_only_read(block)] == []
-    assert {text for text in ELSEWHERE if any(text in block.text for block in only_read)} == set(ELSEWHERE)
+    assert {text for text in ELSEWHERE if any(text in block.text for block in only_read)} == set(
+        ELSEWHERE
+    )
 
 
 def test_what_a_reason_says_to_run_a_block_is_there() -> None:

@@ -1,4 +1,5 @@
-"""GLOSSARY.md has every symbol, reference/outputs.md every column and key of a score, and nothing else."""
+"""GLOSSARY.md has every symbol, reference/outputs.md every column and key of a score, and nothing
+else."""
 
 from __future__ import annotations
 
@@ -15,7 +16,10 @@ from sumo_eval.report.tables import cases_csv
 from sumo_eval.results import Evaluation, ScenarioResult
 
 ROOT = Path(__file__).parents[2]
-PAGES = [(ROOT / page).read_text(encoding="utf-8") for page in ("GLOSSARY.md", "docs/reference/outputs.md")]
+PAGES = [
+    (ROOT / page).read_text(encoding="utf-8")
+    for page in ("GLOSSARY.md", "docs/reference/outputs.md")
+]
 
 
 def rows(section: str) -> list[list[str]]:
@@ -50,7 +54,9 @@ def test_every_key_of_a_score_has_one_row_and_every_row_a_key() -> None:
 
 def test_every_symbol_of_a_setting_and_of_the_readmes_equations_has_a_row() -> None:
     classes = [
-        found for found in vars(settings).values() if isinstance(found, type) and dataclasses.is_dataclass(found)
+        found
+        for found in vars(settings).values()
+        if isinstance(found, type) and dataclasses.is_dataclass(found)
     ]
     given = {
         settings.about(owner, field.name).symbol
@@ -76,13 +82,22 @@ def test_every_symbol_used_in_a_table_is_explained() -> None:
         if "," in row[2]
     }
     assert len(shown) > 20
-    parts = {part for symbol in shown for part in symbol.split()} - {"THW", "DRAC", "PET", "x_i", "b", "f_n+"}
+    parts = {part for symbol in shown for part in symbol.split()} - {
+        "THW",
+        "DRAC",
+        "PET",
+        "x_i",
+        "b",
+        "f_n+",
+    }
     assert parts <= symbols()
 
 
 @pytest.mark.parametrize(
-    "function", sorted({name for row in rows("Symbols") for name in re.findall(r"`(\w+\.\w+)`", row[3])} - {
-        "method.anthropomorphic", "method.score", "scenario.exposure", "simulation.ideal_deceleration",
+    "function",
+    sorted({name for row in rows("Symbols") for name in re.findall(r"`(\w+\.\w+)`", row[3])} - {
+        "method.anthropomorphic", "method.score", "scenario.exposure",
+        "simulation.ideal_deceleration",
         "ZonePartition.most_dangerous",
     }),
 )  # fmt: skip

@@ -1,4 +1,5 @@
-"""Data files of measurements: complete, linked from a page, and equal to the figures that docs/trust.md repeats."""
+"""Data files of measurements: complete, linked from a page, and equal to the figures that
+docs/trust.md repeats."""
 
 from __future__ import annotations
 
@@ -28,8 +29,17 @@ def table(name: str, title: str) -> dict[str, Any]:
 
 def page_rows(heading: str) -> dict[str, list[str]]:
     """Cells of the first table under a heading of docs/trust.md, by its first cell."""
-    part = (DOCS / "trust.md").read_text(encoding="utf-8").split(f"\n## {heading}\n")[1].split("\n## ")[0]
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in part.splitlines() if line[:1] == "|"]
+    part = (
+        (DOCS / "trust.md")
+        .read_text(encoding="utf-8")
+        .split(f"\n## {heading}\n")[1]
+        .split("\n## ")[0]
+    )
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in part.splitlines()
+        if line[:1] == "|"
+    ]
     return {re.sub(r"[`*]", "", row[0]): row[1:] for row in rows[2:]}
 
 
@@ -58,7 +68,14 @@ def test_ladder_of_the_page_is_the_measured_one() -> None:
 def test_games_of_the_page_are_the_measured_ones() -> None:
     measured = {row[0]: row for row in table("trust", "Games")["rows"]}
     shown = page_rows("Games")
-    for name in ("lane_changer", "idm", "careful_driver", "creeps at 2 m/s", "crawls at 60 %", "brakes to a stop"):
+    for name in (
+        "lane_changer",
+        "idm",
+        "careful_driver",
+        "creeps at 2 m/s",
+        "crawls at 60 %",
+        "brakes to a stop",
+    ):
         _, task, _, grade, likeness, s_plus, *_ = measured[name]
         assert [float(cell) for cell in shown[name]] == [task, grade, likeness, s_plus]
 
@@ -66,7 +83,12 @@ def test_games_of_the_page_are_the_measured_ones() -> None:
 def test_areas_under_curves_of_the_page_are_the_measured_ones() -> None:
     rows = {row[0]: row for row in table("trust", "AUC")["rows"]}
     for name, (paper, likeness, least, target) in page_rows("Recorded drivers").items():
-        row = rows.get(name) or rows["swerves at a TTC of 1.5 s" if "swerves" in name else "drives through its leader"]
+        row = (
+            rows.get(name)
+            or rows[
+                "swerves at a TTC of 1.5 s" if "swerves" in name else "drives through its leader"
+            ]
+        )
         seeds = [float(value) for value in row[6].split()]
         assert [float(paper), float(likeness)] == pytest.approx([row[1], row[3]], abs=0.0051)
         assert float(least) == pytest.approx(min(row[3], *seeds), abs=0.0051)

@@ -1,4 +1,5 @@
-"""README is true: its ADS runs, its evaluation file is accepted; so is the table of equations in docs/formulas.md."""
+"""README is true: its ADS runs, its evaluation file is accepted; so is the table of equations in
+docs/formulas.md."""
 
 from __future__ import annotations
 
@@ -21,7 +22,9 @@ def code_blocks(language: str) -> list[str]:
 def equation_rows() -> list[tuple[str, str, str, str, str]]:
     page = (ROOT / "docs" / "formulas.md").read_text(encoding="utf-8")
     table = page.split("## Where each equation is")[1].split("\n## ")[0]
-    rows = re.findall(r"^\| (\d+(?:-\d+)?) \| (.*?) \| `(.*?)` \| `(.*?)` \| (.*?) \|$", table, flags=re.M)
+    rows = re.findall(
+        r"^\| (\d+(?:-\d+)?) \| (.*?) \| `(.*?)` \| `(.*?)` \| (.*?) \|$", table, flags=re.M
+    )
     return [(row[0], row[1], row[2], row[3], row[4]) for row in rows]
 
 
@@ -41,7 +44,9 @@ def test_an_equation_is_where_the_table_says(row: tuple[str, str, str, str, str]
     module_name, _, name = function.rpartition(".")
     found = getattr(importlib.import_module(f"sumo_eval.method.{module_name}"), name)
     first_line = (found.__doc__ or "").strip().split("\n")[0]
-    named = set().union(*(equations(hit) for hit in re.findall(r"Eqs?\. (\d+(?:-\d+)?)", first_line)))
+    named = set().union(
+        *(equations(hit) for hit in re.findall(r"Eqs?\. (\d+(?:-\d+)?)", first_line))
+    )
     assert equations(number) <= named, f"{function} names {named}"
     source = (ROOT / "tests" / "method" / f"test_{module_name}.py").read_text(encoding="utf-8")
     assert f"def {test}(" in source

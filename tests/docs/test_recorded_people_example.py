@@ -1,4 +1,5 @@
-"""The worked example of recorded people, as the tutorial has it, on a recording that anybody can have."""
+"""The worked example of recorded people, as the tutorial has it, on a recording that anybody can
+have."""
 
 from __future__ import annotations
 
@@ -19,7 +20,10 @@ PAGE = "docs/tutorials/recorded_drivers.md"
 
 
 @pytest.mark.campaign
-@pytest.mark.skipif(SAMPLE["archive"]() is None, reason="the wheel tasi is not installed: pip install --no-deps tasi")
+@pytest.mark.skipif(
+    SAMPLE["archive"]() is None,
+    reason="the wheel tasi is not installed: pip install --no-deps tasi",
+)
 def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_people(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -38,7 +42,9 @@ def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_pe
         assert result.exit_code == (3 if words[0] == "run" else 0), result.output + result.stderr
         said += result.output
     assert "3 have at least 3 recorded people" in said
-    (told,) = json.loads((tmp_path / "results" / "people" / "scores.json").read_text())["recorded_people"]
+    (told,) = json.loads((tmp_path / "results" / "people" / "scores.json").read_text())[
+        "recorded_people"
+    ]
     assert (told["points"], told["with_people"]) == (14, 3)
     assert told["drives"] >= 3 * 3
 

@@ -1,4 +1,5 @@
-"""What a release ships beside the wheel agrees with the package: image, conda recipe, citation, system libraries."""
+"""What a release ships beside the wheel agrees with the package: image, conda recipe, citation,
+system libraries."""
 
 from __future__ import annotations
 
@@ -15,7 +16,9 @@ import yaml
 from sumo_eval.cosim.sumo.insides import SYSTEM_LIBRARIES
 
 ROOT = Path(__file__).parents[2]
-PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
+    "project"
+]
 
 
 def text(name: str) -> str:
@@ -24,13 +27,19 @@ def text(name: str) -> str:
 
 def requirement(line: str) -> tuple[str, str]:
     """Name and versions of a requirement, without spaces."""
-    name, versions = re.fullmatch(r"([A-Za-z0-9_.-]+) *(.*)", line.strip()).groups()  # type: ignore[union-attr]
+    name, versions = re.fullmatch(
+        r"([A-Za-z0-9_.-]+) "
+        r"*(.*)",
+        line.strip(),
+    ).groups()  # type: ignore[union-attr]
     return name, versions.replace(" ", "")
 
 
 def test_the_conda_recipe_requires_what_the_package_requires() -> None:
     source = text("packaging/conda/meta.yaml")
-    recipe = yaml.safe_load(re.sub(r"\{% .*? %\}", "", source).replace("{{ ", "").replace(" }}", ""))
+    recipe = yaml.safe_load(
+        re.sub(r"\{% .*? %\}", "", source).replace("{{ ", "").replace(" }}", "")
+    )
     run = dict(requirement(line) for line in recipe["requirements"]["run"])
     assert run.pop("python") == PROJECT["requires-python"]
     wheels = dict(requirement(line) for line in re.findall(r'"([^"]+)"', source.split("{%")[0]))
@@ -57,7 +66,9 @@ def test_the_image_and_the_pages_name_the_system_libraries_that_sumo_links() -> 
         assert packages in text(page), page
 
 
-def test_a_system_library_that_is_missing_is_one_sentence_with_the_command_that_installs_it(tmp_path: Path) -> None:
+def test_a_system_library_that_is_missing_is_one_sentence_with_the_command_that_installs_it(
+    tmp_path: Path,
+) -> None:
     """A libsumo that cannot be loaded, as in a container without a desktop's libraries."""
     words = "libGL.so.1: cannot open shared object file: No such file or directory"
     (tmp_path / "libsumo.py").write_text(f"raise ImportError({words!r})\n")
@@ -71,6 +82,8 @@ def test_a_system_library_that_is_missing_is_one_sentence_with_the_command_that_
     )  # fmt: skip
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
-        f"sumo-eval: SUMO's library cannot be loaded: {words}. It needs system libraries that a machine without a "
-        f"desktop may lack; on Debian and Ubuntu: apt-get install --no-install-recommends {' '.join(SYSTEM_LIBRARIES)}"
+        f"sumo-eval: SUMO's library cannot be loaded: {words}. It needs system libraries that a "
+        "machine without a "
+        "desktop may lack; on Debian and Ubuntu: apt-get install --no-install-recommends "
+        f"{' '.join(SYSTEM_LIBRARIES)}"
     ]

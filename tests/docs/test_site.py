@@ -1,4 +1,5 @@
-"""The site's pages are true: blocks of code parse, commands and options exist, links lead somewhere, examples run."""
+"""The site's pages are true: blocks of code parse, commands and options exist, links lead
+somewhere, examples run."""
 
 from __future__ import annotations
 
@@ -33,7 +34,9 @@ NOTEBOOK = DOCS / "tutorials" / "first_look.ipynb"
 
 
 def blocks(page: Path, *languages: str) -> list[str]:
-    found = re.findall(r"^ *```(\w+)[^\n]*\n(.*?)^ *```", page.read_text(encoding="utf-8"), flags=re.S | re.M)
+    found = re.findall(
+        r"^ *```(\w+)[^\n]*\n(.*?)^ *```", page.read_text(encoding="utf-8"), flags=re.S | re.M
+    )
     return [text for language, text in found if language in languages]
 
 
@@ -69,7 +72,12 @@ def test_every_page_is_in_the_menu() -> None:
 
 def redirects() -> dict[str, str]:
     """The rows of mkdocs.yml: new address by old address."""
-    rows = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("  redirects:\n")[1].split("\nvalidation:")[0]
+    rows = (
+        (ROOT / "mkdocs.yml")
+        .read_text(encoding="utf-8")
+        .split("  redirects:\n")[1]
+        .split("\nvalidation:")[0]
+    )
     return dict(re.findall(r"^    (\S+): (\S+)$", rows, flags=re.M))
 
 
@@ -117,20 +125,27 @@ def test_a_scenario_has_its_picture_parameters_options_and_source(name: str) -> 
     logical = SCENARIOS[name]
     for parameter in logical.names:
         assert f"| `{parameter}` | " in text, parameter
-    assert all(f"Option `{option['name']}`" in text for option in reference_file(name).get("option", ()))
+    assert all(
+        f"Option `{option['name']}`" in text for option in reference_file(name).get("option", ())
+    )
     assert f"- Source: {logical.source}" in text
 
 
 def reference_file(name: str) -> dict[str, Any]:
     """Content of a shipped scenario file."""
-    return tomllib.loads((ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(
+        (ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml").read_text(encoding="utf-8")
+    )
 
 
 def test_the_reference_has_every_setting_command_and_option() -> None:
     reference = hooks().reference
     settings, commands = reference.settings_reference(), reference.command_reference()
     for owner, name in every_setting(EvaluationSettings):
-        assert f"| `{name}`" in settings or f".{name}]" in settings or f"[{name}]" in settings, (owner, name)
+        assert f"| `{name}`" in settings or f".{name}]" in settings or f"[{name}]" in settings, (
+            owner,
+            name,
+        )
     for name in cli.commands():
         command = cli.main.get_command(click.Context(cli.main), name)
         assert f"### sumo-eval {name}\n" in commands
@@ -160,13 +175,17 @@ def test_the_leaderboard_has_every_ads_that_ships_in_every_suite_with_what_the_f
     text = hooks().leaderboard()
     for suite in SUITES.glob("*.toml"):
         part = text.split(f"\n## {suite.stem}\n")[1].split("\n## ")[0]
-        found = json.loads((DOCS / "leaderboard" / suite.stem / "shipped.json").read_text(encoding="utf-8"))
+        found = json.loads(
+            (DOCS / "leaderboard" / suite.stem / "shipped.json").read_text(encoding="utf-8")
+        )
         said = {row["ads"]: row["s_plus"] for row in found["ranking"]["ads"]}
         assert set(said) == set(SHIPPED)
         for name, s_plus in said.items():
             assert f"| `{name}` | {s_plus:.1f} (" in part
         ordered = re.findall(r"^\| `(\w+)` \| ([\d.]+) ", part, flags=re.M)
-        assert [float(value) for _, value in ordered] == sorted((float(value) for _, value in ordered), reverse=True)
+        assert [float(value) for _, value in ordered] == sorted(
+            (float(value) for _, value in ordered), reverse=True
+        )
 
 
 @pytest.mark.parametrize(("key", "value"), [("seed", 1), ("drivers", {"count": 7}), ("zones", [])])
@@ -174,38 +193,56 @@ def test_scores_of_another_suite_are_refused(tmp_path: Path, key: str, value: An
     module = hooks()
     board = tmp_path / "leaderboard" / "2026.1"
     board.mkdir(parents=True)
-    found = json.loads((DOCS / "leaderboard" / "2026.1" / "shipped.json").read_text(encoding="utf-8"))
+    found = json.loads(
+        (DOCS / "leaderboard" / "2026.1" / "shipped.json").read_text(encoding="utf-8")
+    )
     (board / "other.json").write_text(json.dumps({**found, key: value}))
     module.BOARD = board.parent
     with pytest.raises(ValueError, match="is no run of its suite"):
         module.leaderboard()
 
 
-@pytest.mark.parametrize("name", ["bicycle_crossing", "cut_in", "curve_cut_in", "lane_drop", "turn_across_path"])
+@pytest.mark.parametrize(
+    "name", ["bicycle_crossing", "cut_in", "curve_cut_in", "lane_drop", "turn_across_path"]
+)
 def test_a_moving_picture_shows_what_the_code_drives(name: str) -> None:
     """Where this fails: python tools/animate_scenarios.py docs/pictures/moving"""
     kept = DOCS / "pictures" / "moving" / f"{name}.svg"
-    assert load("tools/animate_scenarios.py").drawn(find(name, ROOT)) == kept.read_text(encoding="utf-8")
+    assert load("tools/animate_scenarios.py").drawn(find(name, ROOT)) == kept.read_text(
+        encoding="utf-8"
+    )
 
 
 def test_figures_of_the_formulas_are_what_their_functions_give() -> None:
     """Where this fails: python tools/draw_method.py"""
     done = subprocess.run(
-        [sys.executable, str(ROOT / "tools" / "draw_method.py"), "--check"], capture_output=True, text=True, check=False
+        [sys.executable, str(ROOT / "tools" / "draw_method.py"), "--check"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    shown = re.findall(r"\]\(pictures/(method_\w+\.svg)\)", (DOCS / "formulas.md").read_text(encoding="utf-8"))
+    shown = re.findall(
+        r"\]\(pictures/(method_\w+\.svg)\)", (DOCS / "formulas.md").read_text(encoding="utf-8")
+    )
     assert sorted(shown) == sorted(path.name for path in (DOCS / "pictures").glob("method_*.svg"))
 
 
 def test_formulas_and_the_glossary_of_the_site_are_the_repositorys() -> None:
     formulas = (DOCS / "formulas.md").read_text(encoding="utf-8")
     assert formulas.count("```math") >= 7
-    assert all(f"Eq{'s' if '-' in part else ''}. {part}" in formulas for part in ("1-6", "7-8", "9-10", "14-17", "18"))
+    assert all(
+        f"Eq{'s' if '-' in part else ''}. {part}" in formulas
+        for part in ("1-6", "7-8", "9-10", "14-17", "18")
+    )
 
 
 def test_the_scenario_of_the_tutorial_is_one(tmp_path: Path) -> None:
-    (source,) = [text for text in blocks(DOCS / "tutorials" / "own_scenario.md", "toml") if "[[parameter]]" in text]
+    (source,) = [
+        text
+        for text in blocks(DOCS / "tutorials" / "own_scenario.md", "toml")
+        if "[[parameter]]" in text
+    ]
     (tmp_path / "lorry.toml").write_text(source)
     logical = find("lorry.toml", tmp_path)
     assert logical.names == ("ego_speed", "gap")
@@ -223,11 +260,17 @@ nbformat.write(book, "executed.ipynb")
 
 
 @pytest.mark.campaign
-def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
     done = subprocess.run(
-        [sys.executable, "-c", EXECUTE, str(NOTEBOOK)], cwd=tmp_path, capture_output=True, text=True, check=False
+        [sys.executable, "-c", EXECUTE, str(NOTEBOOK)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     cells = json.loads((tmp_path / "executed.ipynb").read_text(encoding="utf-8"))["cells"]
@@ -240,6 +283,10 @@ def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(tmp_path: Path, monk
 
 
 def test_no_module_needs_posix_to_be_imported() -> None:
-    posix = re.compile(r"^(?:import|from) (?:fcntl|resource|termios|pwd|grp|pty|tty|syslog)\b", flags=re.M)
+    posix = re.compile(
+        r"^(?:import|from) (?:fcntl|resource|termios|pwd|grp|pty|tty|syslog)\b", flags=re.M
+    )
     package = Path(str(files(sumo_eval)))
-    assert not [path for path in package.rglob("*.py") if posix.search(path.read_text(encoding="utf-8"))]
+    assert not [
+        path for path in package.rglob("*.py") if posix.search(path.read_text(encoding="utf-8"))
+    ]

@@ -1,4 +1,5 @@
-"""`make docs`: builds the site; a broken link fails; what was built leads nowhere and loads nothing."""
+"""`make docs`: builds the site; a broken link fails; what was built leads nowhere and loads
+nothing."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ pytestmark = pytest.mark.campaign
 def site() -> Path:
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(SITE)],
-        cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, check=False,
+        cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True,
+        check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return SITE
@@ -30,7 +32,11 @@ def site() -> Path:
 
 @pytest.fixture(scope="module")
 def pages(site: Path) -> dict[Path, html.HtmlElement]:
-    return {path: html.parse(str(path)).getroot() for path in sorted(site.rglob("*.html")) if path.name != "404.html"}
+    return {
+        path: html.parse(str(path)).getroot()
+        for path in sorted(site.rglob("*.html"))
+        if path.name != "404.html"
+    }
 
 
 def addresses(page: html.HtmlElement) -> Iterator[str]:
@@ -39,7 +45,9 @@ def addresses(page: html.HtmlElement) -> Iterator[str]:
             yield address
 
 
-def test_every_link_of_the_built_site_leads_somewhere(site: Path, pages: dict[Path, html.HtmlElement]) -> None:
+def test_every_link_of_the_built_site_leads_somewhere(
+    site: Path, pages: dict[Path, html.HtmlElement]
+) -> None:
     assert len(pages) > 80
     names = {path: {*page.xpath("//@id"), *page.xpath("//a/@name")} for path, page in pages.items()}
     broken = []
@@ -55,13 +63,19 @@ def test_every_link_of_the_built_site_leads_somewhere(site: Path, pages: dict[Pa
     assert broken == []
 
 
-def test_no_page_of_the_site_loads_anything_from_elsewhere(pages: dict[Path, html.HtmlElement]) -> None:
+def test_no_page_of_the_site_loads_anything_from_elsewhere(
+    pages: dict[Path, html.HtmlElement],
+) -> None:
     for path, page in pages.items():
-        loaded = page.xpath("//script/@src | //img/@src | //link[@rel='stylesheet']/@href | //iframe/@src")
+        loaded = page.xpath(
+            "//script/@src | //img/@src | //link[@rel='stylesheet']/@href | //iframe/@src"
+        )
         assert not [address for address in loaded if str(address).startswith(("http", "//"))], path
 
 
-def test_formulas_are_rendered_and_every_scenario_moves(site: Path, pages: dict[Path, html.HtmlElement]) -> None:
+def test_formulas_are_rendered_and_every_scenario_moves(
+    site: Path, pages: dict[Path, html.HtmlElement]
+) -> None:
     assert len(pages[site / "formulas.html"].xpath("//*[local-name()='math']")) >= 9
     pictures = {
         Path(address).stem: str(address).removeprefix("../")
@@ -69,16 +83,22 @@ def test_formulas_are_rendered_and_every_scenario_moves(site: Path, pages: dict[
         if path.parent.name == "scenarios"
         for address in page.xpath("//article//img/@src")
     }
-    assert set(pictures) == {path.stem for path in (ROOT / "sumo_eval" / "scenario" / "files").glob("*.toml")}
+    assert set(pictures) == {
+        path.stem for path in (ROOT / "sumo_eval" / "scenario" / "files").glob("*.toml")
+    }
     for name, picture in pictures.items():
         assert "<animate" in (site / picture).read_text(encoding="utf-8"), name
 
 
-def test_the_search_of_pages_read_as_files_says_what_it_needs(pages: dict[Path, html.HtmlElement]) -> None:
+def test_the_search_of_pages_read_as_files_says_what_it_needs(
+    pages: dict[Path, html.HtmlElement],
+) -> None:
     for path, page in pages.items():
         if page.xpath("//meta[@http-equiv='refresh']"):
             continue  # an old address
-        (script,) = [one for one in page.iter("script") if str(one.get("src")).endswith("search_note.js")]
+        (script,) = [
+            one for one in page.iter("script") if str(one.get("src")).endswith("search_note.js")
+        ]
         words = (path.parent / str(script.get("src"))).read_text(encoding="utf-8")
         assert 'location.protocol === "file:"' in words
         assert "The search needs a server" in words

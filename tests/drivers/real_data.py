@@ -9,7 +9,9 @@ import pytest
 _PLACES = [parent / "shared" / "data" / "human" for parent in Path(__file__).resolve().parents]
 HUMAN = next((place for place in _PLACES if place.is_dir()), None)
 
-needs_recordings = pytest.mark.skipif(HUMAN is None, reason="the recordings for tests are not on this machine")
+needs_recordings = pytest.mark.skipif(
+    HUMAN is None, reason="the recordings for tests are not on this machine"
+)
 
 
 def recording(*parts: str) -> Path:

@@ -16,8 +16,20 @@ from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.scenario.concrete import smooth_step
 
 
-def track(name: str, x0: float, speed, *, y0: float = 0.0, move=None, seconds: float = 30.0, kind: str = "car"):
-    """A vehicle at `speed` (a number or a function of time); move: (begin, duration, offset) of a lane change."""
+def track(
+    name: str,
+    x0: float,
+    speed,
+    *,
+    y0: float = 0.0,
+    move=None,
+    seconds: float = 30.0,
+    kind: str = "car",
+):
+    """A vehicle at `speed` (a number or a function of time);
+
+    move: (begin, duration, offset) of a lane change.
+    """
     time = np.round(np.arange(0.0, seconds, 0.1), 3)
     v = np.array([speed(t) for t in time]) if callable(speed) else np.full(time.size, float(speed))
     x = x0 + np.concatenate(([0.0], np.cumsum((v[1:] + v[:-1]) * 0.05)))
@@ -26,7 +38,8 @@ def track(name: str, x0: float, speed, *, y0: float = 0.0, move=None, seconds: f
         y = y0 + move[2] * smooth_step((time - move[0]) / move[1])
     return pd.DataFrame(
         {
-            "recording": "r", "vehicle": name, "driver": "", "t": time, "x": x, "y": y, "heading": 0.0, "speed": v,
+            "recording": "r", "vehicle": name, "driver": "", "t": time, "x": x, "y": y,
+            "heading": 0.0, "speed": v,
             "acceleration": np.gradient(v, 0.1), "length": 5.0, "width": 2.0, "class": kind,
             "lane": np.round(y / 3.5).astype(int), "steering": np.nan,
         }
@@ -38,15 +51,21 @@ def events_of(*tracks: pd.DataFrame):
 
 
 def test_an_approach_begins_where_the_gap_passes_three_and_a_half_seconds():
-    # Closing at 10 m/s from a gap of 200 - 5 = 195 m: 3.5 s * 30 m/s = 105 m is reached at 9.0 s; lane change at 12 s,
-    # middle of a move of 4 s from 10 s on.
+    # Closing at 10 m/s from a gap of 200 - 5 = 195 m: 3.5 s * 30 m/s = 105 m is reached at 9.0 s;
+    # lane change at 12 s, middle of a move of 4 s from 10 s on.
     found = events_of(track("ego", 0.0, 30.0, move=(10.0, 4.0, 3.5)), track("lead", 200.0, 20.0))
     (event,) = found.tables["approach"].itertuples()
-    assert (event.ego, event.lead, event.start_kind, event.outcome) == ("ego", "lead", "range_crossing", "lane_change")
+    assert (event.ego, event.lead, event.start_kind, event.outcome) == (
+        "ego",
+        "lead",
+        "range_crossing",
+        "lane_change",
+    )
     assert event.t == pytest.approx(9.0, abs=0.11)
     assert event.gap == pytest.approx(105.0, abs=1.1)
     assert event.t_outcome == pytest.approx(3.0, abs=0.2)
-    assert event.change_onset == pytest.approx(1.5, abs=0.6)  # 10 s, and what it takes to move at 0.12 m/s
+    # 10 s, and what it takes to move at 0.12 m/s
+    assert event.change_onset == pytest.approx(1.5, abs=0.6)
     (change,) = found.lane_changes.itertuples()
     assert (change.vehicle, change.origin, change.to, change.complete) == ("ego", 0, 1, True)
     assert change.middle == pytest.approx(0.506 * 4.0, abs=0.35)
@@ -57,7 +76,8 @@ def test_one_who_slows_down_behind_the_leader_follows_it():
     (event,) = events_of(ego, track("lead", 200.0, 20.0)).tables["approach"].itertuples()
     assert event.outcome == "follow"
     assert event.min_acceleration == pytest.approx(-1.0, abs=0.05)
-    assert event.t + event.t_outcome == pytest.approx(19.6, abs=0.3)  # closing under 0.5 m/s: 30 - (t - 10) = 20.5
+    # closing under 0.5 m/s: 30 - (t - 10) = 20.5
+    assert event.t + event.t_outcome == pytest.approx(19.6, abs=0.3)
 
 
 def test_no_approach_where_nobody_comes_near():
@@ -66,10 +86,17 @@ def test_no_approach_where_nobody_comes_near():
 
 def test_a_cut_out_reveals_the_next_vehicle_and_begins_where_the_leader_begins_to_move():
     found = events_of(
-        track("ego", 0.0, 25.0), track("lead", 45.0, 25.0, move=(5.0, 4.0, 3.5)), track("slow", 250.0, 20.0)
+        track("ego", 0.0, 25.0),
+        track("lead", 45.0, 25.0, move=(5.0, 4.0, 3.5)),
+        track("slow", 250.0, 20.0),
     )
     (event,) = found.tables["cut_out"].itertuples()
-    assert (event.ego, event.cut_out, event.revealed, event.to_left) == ("ego", "lead", "slow", True)
+    assert (event.ego, event.cut_out, event.revealed, event.to_left) == (
+        "ego",
+        "lead",
+        "slow",
+        True,
+    )
     assert event.t == pytest.approx(7.0, abs=0.15)
     assert event.gap_to_cut_out == pytest.approx(40.0)
     # At the start of the move the revealed one is 250 - 5 t - 5 m away.
@@ -79,13 +106,19 @@ def test_a_cut_out_reveals_the_next_vehicle_and_begins_where_the_leader_begins_t
 
 
 def test_a_cut_in_counts_only_near_and_a_violent_one_is_a_ghost():
-    near = events_of(track("ego", 0.0, 25.0), track("other", 40.0, 24.0, y0=3.5, move=(5.0, 5.0, -3.5)))
+    near = events_of(
+        track("ego", 0.0, 25.0), track("other", 40.0, 24.0, y0=3.5, move=(5.0, 5.0, -3.5))
+    )
     (event,) = near.tables["cut_in"].itertuples()
     assert (event.ego, event.cut_in, event.to_left) == ("ego", "other", False)
     assert event.gap == pytest.approx(35.0 - 7.5, abs=0.2)  # closing at 1 m/s for 7.5 s
-    far = events_of(track("ego", 0.0, 25.0), track("other", 120.0, 25.0, y0=3.5, move=(5.0, 5.0, -3.5)))
+    far = events_of(
+        track("ego", 0.0, 25.0), track("other", 120.0, 25.0, y0=3.5, move=(5.0, 5.0, -3.5))
+    )
     assert far.tables["cut_in"].empty  # beyond 3 s * 25 m/s
-    wild = events_of(track("ego", 0.0, 25.0), track("other", 40.0, 24.0, y0=3.5, move=(5.0, 1.5, -3.5)))
+    wild = events_of(
+        track("ego", 0.0, 25.0), track("other", 40.0, 24.0, y0=3.5, move=(5.0, 1.5, -3.5))
+    )
     assert wild.tables["cut_in"].empty
     assert wild.ghosts["cut_in"] == 1
 
@@ -108,7 +141,9 @@ def test_a_lane_that_is_kept_for_less_than_a_second_does_not_count():
 
 def test_vehicles_and_ghosts_are_counted_and_pedestrians_are_not_traffic():
     found = events_of(
-        track("ego", 0.0, 30.0), track("lead", 200.0, 20.0), track("walker", 50.0, 1.0, kind="pedestrian")
+        track("ego", 0.0, 30.0),
+        track("lead", 200.0, 20.0),
+        track("walker", 50.0, 1.0, kind="pedestrian"),
     )
     assert found.vehicles == 2
     assert found.tables["approach"].empty  # the ego drives through the leader: a ghost
@@ -119,10 +154,15 @@ def test_vehicles_and_ghosts_are_counted_and_pedestrians_are_not_traffic():
 @pytest.mark.campaign
 @needs_recordings
 def test_real_approaches_have_the_parameters_and_outcomes_of_their_table():
-    """The series begin up to 2 s before the event, so the way in which it began is not in them; the rest is."""
+    """The series begin up to 2 s before the event, so the way in which it began is not in them; the
+    rest is."""
     duckdb = pytest.importorskip("duckdb")
     table = pd.read_csv(recording("dlr_ht", "approach_events.csv"))
-    table = table[(table["start_kind"] == "range_crossing") & ~table["suspect"]].head(70).set_index("event_id")
+    table = (
+        table[(table["start_kind"] == "range_crossing") & ~table["suspect"]]
+        .head(70)
+        .set_index("event_id")
+    )
     series = duckdb.sql(f"select * from '{recording('dlr_ht', 'approach_series.parquet')}'").df()
     parts = []
     for name, rows in series[series["event_id"].isin(table.index)].groupby("event_id"):
@@ -132,15 +172,20 @@ def test_real_approaches_have_the_parameters_and_outcomes_of_their_table():
             parts.append(
                 pd.DataFrame(
                     {
-                        "recording": name, "vehicle": who, "driver": "", "t": rows["t"].round(1) + 100.0,
-                        "x": rows[f"{who}_x"], "y": rows[f"{who}_y"], "heading": 0.0, "speed": rows[f"{who}_v"],
-                        "acceleration": rows[f"{who}_a"].fillna(0.0), "length": length, "width": 2.0, "class": "car",
+                        "recording": name, "vehicle": who, "driver": "",
+                        "t": rows["t"].round(1) + 100.0,
+                        "x": rows[f"{who}_x"], "y": rows[f"{who}_y"], "heading": 0.0,
+                        "speed": rows[f"{who}_v"],
+                        "acceleration": rows[f"{who}_a"].fillna(0.0), "length": length,
+                        "width": 2.0, "class": "car",
                         "lane": rows[f"{who}_dlane"].astype(int), "steering": np.nan,
                     }
                 )
             )  # fmt: skip
     found = extract_events(Recordings(pd.concat(parts, ignore_index=True))).tables["approach"]
-    first = found[(found["ego"] == "ego") & ((found["t"] - 100.0).abs() < 0.25)].set_index("recording")
+    first = found[(found["ego"] == "ego") & ((found["t"] - 100.0).abs() < 0.25)].set_index(
+        "recording"
+    )
     assert len(first) >= 0.97 * len(table)
     both = first.join(table.rename(columns=lambda name: name + "_table"))
     assert (both["ego_speed"] - both["v_ego0_table"]).abs().quantile(0.95) < 0.1
@@ -156,7 +201,8 @@ def test_real_approaches_have_the_parameters_and_outcomes_of_their_table():
 @pytest.mark.campaign
 @needs_recordings
 def test_the_whole_recording_gives_the_events_of_the_tables():
-    """Needs the raw file of the DLR Highway Traffic dataset v1.1.0; its path is in SUMO_EVAL_DLR_HIGHWAY."""
+    """Needs the raw file of the DLR Highway Traffic dataset v1.1.0; its path is in
+    SUMO_EVAL_DLR_HIGHWAY."""
     path = os.environ.get("SUMO_EVAL_DLR_HIGHWAY")
     if not path:
         pytest.skip("SUMO_EVAL_DLR_HIGHWAY names no trajectories_*.csv")

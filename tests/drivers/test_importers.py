@@ -17,14 +17,24 @@ from sumo_eval.drivers.recorded.recordings import COLUMNS, read_csv, write_csv
 from sumo_eval.errors import InputError
 
 OWN = "recording,vehicle,t,x,y,length,width\n"
-NO_ANGLE = "<fcd-export><timestep time='0'><vehicle id='a' x='1' y='2' speed='3'/></timestep></fcd-export>"
+NO_ANGLE = (
+    "<fcd-export><timestep time='0'><vehicle id='a' x='1' y='2' speed='3'/></timestep></fcd-export>"
+)
 
 
 def _plain(path: Path) -> Path:
     """Two cars on the same road in this project's own layout."""
     time = np.round(np.arange(0.0, 3.0, 0.1), 3)
     rows = [
-        {"recording": "r", "vehicle": name, "t": t, "x": x0 + 20.0 * t, "y": 0.1, "length": 4.5, "width": 1.8}
+        {
+            "recording": "r",
+            "vehicle": name,
+            "t": t,
+            "x": x0 + 20.0 * t,
+            "y": 0.1,
+            "length": 4.5,
+            "width": 1.8,
+        }
         for name, x0 in (("a", 0.0), ("b", 50.0))
         for t in time
     ]
@@ -37,19 +47,22 @@ def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_lef
     (file,) = recording("samples", "highd_layout").glob("*_tracks.csv")
     found = {part.table["recording"].iloc[0]: part.table for part in highd.read(file)}
     raw = pd.read_csv(recording("samples", "highd_layout", "01_tracks.csv"))
-    first = raw[raw["id"] == 1].iloc[0]  # frame 10, x -5.227, y 24.902, width 4.44, height 1.892; drives to the right
+    # frame 10, x -5.227, y 24.902, width 4.44, height 1.892; drives to the right
+    first = raw[raw["id"] == 1].iloc[0]
     row = found["01-lower"][found["01-lower"]["vehicle"] == "1"].iloc[0]
     assert row["length"] == pytest.approx(4.44)
     assert row["width"] == pytest.approx(1.892)
     assert row["t"] == pytest.approx(10 / 25)
     assert row["x"] == pytest.approx(-5.227 + 4.44 / 2)
-    # Lanes 22 .. 25.75 .. 29.5 (down): the right lane's centre is 27.625; the vehicle's is 24.902 + 0.946 = 25.848.
+    # Lanes 22 .. 25.75 .. 29.5 (down): the right lane's centre is 27.625; the vehicle's is 24.902 +
+    # 0.946 = 25.848.
     assert row["y"] == pytest.approx(27.625 - 25.848)
     assert row["speed"] == pytest.approx(np.hypot(first["xVelocity"], first["yVelocity"]))
     # A positive image yVelocity is a move to the right, so the heading is negative.
     assert row["heading"] < 0 < first["yVelocity"]
     upper = found["01-upper"]
-    assert upper.groupby("vehicle")["x"].agg(lambda x: x.iloc[-1] - x.iloc[0]).min() > 0  # they drive forwards too
+    # they drive forwards too
+    assert upper.groupby("vehicle")["x"].agg(lambda x: x.iloc[-1] - x.iloc[0]).min() > 0
     for table in found.values():
         slow, fast = (table.loc[table["lane"] == lane, "speed"].median() for lane in (0, 1))
         assert slow < fast  # the right lane is the slow one
@@ -60,7 +73,8 @@ def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_lef
 def test_ngsim_feet_front_centre_and_lanes_from_the_left():
     path = recording("samples", "ngsim_layout_i80_pairs.csv")
     table, raw = next(ngsim.read(path)).table, pd.read_csv(path)
-    first = raw[raw["Vehicle_ID"] == 101].iloc[0]  # Local_X 6.627 ft, Local_Y 77.133 ft, v_length 16.798 ft, lane 1
+    # Local_X 6.627 ft, Local_Y 77.133 ft, v_length 16.798 ft, lane 1
+    first = raw[raw["Vehicle_ID"] == 101].iloc[0]
     row = table[table["vehicle"] == "101"].iloc[0]
     assert row["x"] == pytest.approx(0.3048 * (77.133 - 16.798 / 2))
     assert row["speed"] == pytest.approx(0.3048 * first["v_Vel"])
@@ -73,7 +87,8 @@ def test_ngsim_feet_front_centre_and_lanes_from_the_left():
 
 def test_ngsim_original_layout_and_a_vehicle_id_that_is_used_again(tmp_path):
     rows = [
-        [7, frame, 20, 1118846980000 + 100 * frame, 18.0, 100.0 + 4.0 * frame, 0, 0, length, 6, 2, 40, 0, 2, 0, 0, 0, 0]
+        [7, frame, 20, 1118846980000 + 100 * frame, 18.0, 100.0 + 4.0 * frame, 0, 0, length, 6, 2,
+            40, 0, 2, 0, 0, 0, 0]
         for length, frames in ((15.0, range(10)), (20.0, range(500, 510)))
         for frame in frames
     ]  # fmt: skip
@@ -82,7 +97,9 @@ def test_ngsim_original_layout_and_a_vehicle_id_that_is_used_again(tmp_path):
     found = import_recordings("ngsim", [path])
     assert sorted(found.table["vehicle"].unique()) == ["7", "7/2"]
     assert any("uses a vehicle id again" in note for note in found.notes)
-    assert found.table.groupby("vehicle")["length"].first().tolist() == pytest.approx([15 * 0.3048, 20 * 0.3048])
+    assert found.table.groupby("vehicle")["length"].first().tolist() == pytest.approx(
+        [15 * 0.3048, 20 * 0.3048]
+    )
 
 
 @needs_recordings
@@ -103,7 +120,8 @@ def test_commonroad_obstacles_are_straightened_with_the_lanes_of_the_map():
     raw = next(commonroad.read(path))
     assert raw.planar
     assert raw.table["vehicle"].nunique() == 32
-    assert raw.table["offset"].abs().median() < 1.0  # map and traffic of this file are up to a metre apart, not a lane
+    # map and traffic of this file are up to a metre apart, not a lane
+    assert raw.table["offset"].abs().median() < 1.0
     table = import_recordings("commonroad", [path]).table
     assert table["vehicle"].nunique() >= 26
     ahead = table.groupby("vehicle")["x"].agg(lambda x: x.iloc[-1] - x.iloc[0])
@@ -117,7 +135,9 @@ def test_openacc_gaps_to_the_vehicle_ahead_are_kept():
     table = next(openacc.read(path)).table
     raw = pd.read_csv(path, skiprows=5)
     chain = table[table["recording"].str.endswith("-1")]
-    third, fourth = (chain[chain["vehicle"].str.startswith(f"{place}-")].set_index("t") for place in (3, 4))
+    third, fourth = (
+        chain[chain["vehicle"].str.startswith(f"{place}-")].set_index("t") for place in (3, 4)
+    )
     both = third.index.intersection(fourth.index)
     gap = third.loc[both, "x"] - fourth.loc[both, "x"] - 4.5
     known = raw["IVS3"].set_axis(raw["Time"] - raw["Time"].iloc[0]).dropna()
@@ -162,9 +182,15 @@ def _levelx(folder: Path) -> Path:
         "xVelocity",
         "yVelocity",
     ]
-    pd.DataFrame(tracks, columns=[*names, "lonAcceleration"]).to_csv(folder / "07_tracks.csv", index=False)
-    pd.DataFrame(meta, columns=["recordingId", "trackId", "class"]).to_csv(folder / "07_tracksMeta.csv", index=False)
-    pd.DataFrame([[0, 25.0]], columns=["recordingId", "frameRate"]).to_csv(folder / "07_recordingMeta.csv", index=False)
+    pd.DataFrame(tracks, columns=[*names, "lonAcceleration"]).to_csv(
+        folder / "07_tracks.csv", index=False
+    )
+    pd.DataFrame(meta, columns=["recordingId", "trackId", "class"]).to_csv(
+        folder / "07_tracksMeta.csv", index=False
+    )
+    pd.DataFrame([[0, 25.0]], columns=["recordingId", "frameRate"]).to_csv(
+        folder / "07_recordingMeta.csv", index=False
+    )
     return folder / "07_tracks.csv"
 
 
@@ -205,22 +231,30 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
     ("form", "name", "text", "words"),
     [
         ("csv", "x.csv", OWN + "r,a,0,1,2,4,2\nr,a,0.1,oops,2,4,2\n", "`x` in row 3 of"),
-        ("csv", "x.csv", "recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n", "must have a column `t`"),
+        ("csv", "x.csv", "recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n",
+            "must have a column `t`"),
         ("csv", "x.csv", "vehicel,time\na,0\n",
-         "must have the columns `recording`, `vehicle`, `t`, `x`, `y`, `length`, `width`. Known: vehicel, time"),
+         "must have the columns `recording`, `vehicle`, `t`, `x`, `y`, `length`, `width`. Known: "
+         "vehicel, time"),
         ("ngsim", "x.txt", "1 2 3\n", "`Global_Time` in row 1 of"),
-        ("highd", "01_tracks.csv", "frame,id,x\n1,1,1\n", "must have the columns `y`, `width`, `height`"),
-        ("commonroad", "x.xml", "<commonRoad timeStepSize='0.1'>\n<dynamic", "is not well-formed XML"),
+        ("highd", "01_tracks.csv", "frame,id,x\n1,1,1\n", "must have the columns `y`, `width`, "
+                                                          "`height`"),
+        ("commonroad", "x.xml", "<commonRoad timeStepSize='0.1'>\n<dynamic", "is not well-formed "
+                                                                             "XML"),
         ("sumo_fcd", "x.xml", NO_ANGLE, "must have `angle`"),
         ("openacc", "x.csv", "a,b\n1,2\n", "must begin with the five rows"),
         ("dlr_highway", "x.csv", "timestamp,id\n1,2\n", "must have the columns `center_easting`"),
         ("hihgD", "x.csv", "", "Did you mean `highd`?"),
     ],
 )  # fmt: skip
-def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(tmp_path, form, name, text, words):
+def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(
+    tmp_path, form, name, text, words
+):
     (tmp_path / name).write_text(text)
     out = tmp_path / "out" / "table.csv"
-    result = CliRunner().invoke(main, ["humans", "import", form, str(tmp_path / name), "--out", str(out)])
+    result = CliRunner().invoke(
+        main, ["humans", "import", form, str(tmp_path / name), "--out", str(out)]
+    )
     assert result.exit_code == 2
     assert words in result.output
     assert "Traceback" not in result.output
@@ -232,7 +266,9 @@ def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(tmp_pa
 def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):
     good = _plain(tmp_path / "good.csv")
     (tmp_path / "bad.csv").write_text(good.read_text().replace("r,b,1.0,", "r,b,when,"))
-    with pytest.raises(InputError, match=r"`t` in row \d+ of .*bad\.csv must be a number, got 'when'"):
+    with pytest.raises(
+        InputError, match=r"`t` in row \d+ of .*bad\.csv must be a number, got 'when'"
+    ):
         import_recordings("csv", [good, tmp_path / "bad.csv"])
 
 
@@ -243,7 +279,8 @@ def test_coordinate_beyond_all_bounds_is_refused(tmp_path):
     cells[head.split(",").index("x")] = "1e300"
     (tmp_path / "bad.csv").write_text("\n".join([head, ",".join(cells), *rest]))
     with pytest.raises(
-        InputError, match=r"`x` in row 2 of .*bad\.csv must be at most 9.0072e\+15 in size, got 1e\+300"
+        InputError,
+        match=r"`x` in row 2 of .*bad\.csv must be at most 9.0072e\+15 in size, got 1e\+300",
     ):
         import_recordings("csv", [tmp_path / "bad.csv"])
 
@@ -253,7 +290,9 @@ def test_files_of_a_folder_are_read_one_by_one_when_they_are_asked_for(tmp_path)
     (tmp_path / "2.csv").write_text(good.read_text().replace("r,b,1.0,", "r,b,when,"))
     parts = each_of("map", [tmp_path])
     assert next(parts).vehicles == 2
-    with pytest.raises(InputError, match=r"`t` in row \d+ of .*2\.csv must be a number, got 'when'"):
+    with pytest.raises(
+        InputError, match=r"`t` in row \d+ of .*2\.csv must be a number, got 'when'"
+    ):
         next(parts)
 
 
@@ -263,15 +302,20 @@ def test_the_help_names_every_format():
 
 
 STATE = "<shape><rectangle><length>4</length><width>2</width></rectangle></shape>"
-SETS = "<commonRoad timeStepSize='0.1'><dynamicObstacle id='7'><type>car</type>{}</dynamicObstacle></commonRoad>"
+SETS = (
+    "<commonRoad timeStepSize='0.1'><dynamicObstacle "
+    "id='7'><type>car</type>{}</dynamicObstacle></commonRoad>"
+)
 
 
 @pytest.mark.parametrize(
     ("name", "inside", "sentence"),
     [
-        ("a.xml", "<occupancySet><occupancy/></occupancySet>", r"got a set-based prediction \(`occupancySet`\)"),
+        ("a.xml", "<occupancySet><occupancy/></occupancySet>", r"got a set-based prediction "
+                                                               r"\(`occupancySet`\)"),
         ("a.xml", "<trajectory><state><position><rectangle/></position></state></trajectory>",
-         r"Obstacle 7 in row 1 of .*a\.xml must have exact states, got sets of them \(`position/rectangle`\)"),
+         r"Obstacle 7 in row 1 of .*a\.xml must have exact states, got sets of them "
+         r"\(`position/rectangle`\)"),
         ("a.pb", "", r"binary format \(\.pb\), which is not read: write it as XML"),
     ],
 )  # fmt: skip
@@ -282,13 +326,15 @@ def test_commonroads_sets_and_binary_files_are_refused_in_words(tmp_path, name, 
 
 
 def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):
-    """One that drives, beside one that stands, a person whose body is a circle, and one that is predicted by sets."""
+    """One that drives, beside one that stands, a person whose body is a circle, and one that is
+    predicted by sets."""
     state = "<position><point><x>{0}</x><y>0</y></point></position><orientation><exact>0</exact></orientation>"
     state = f"<state>{state}<time><exact>{{0}}</exact></time><velocity><exact>10</exact></velocity></state>"
     path = "<trajectory>" + "".join(state.format(k) for k in range(3)) + "</trajectory>"
     circle = "<shape><circle><radius>0.3</radius></circle></shape>"
     (tmp_path / "a.xml").write_text(
-        f"<commonRoad timeStepSize='0.1'><dynamicObstacle id='1'><type>car</type>{STATE}{path}</dynamicObstacle>"
+        "<commonRoad timeStepSize='0.1'><dynamicObstacle "
+        f"id='1'><type>car</type>{STATE}{path}</dynamicObstacle>"
         f"<dynamicObstacle id='2'><type>pedestrian</type>{circle}{path}</dynamicObstacle>"
         f"<dynamicObstacle id='3'><type>car</type>{STATE}<occupancySet/></dynamicObstacle>"
         f"<dynamicObstacle id='4'><type>car</type>{STATE}</dynamicObstacle>"
@@ -312,7 +358,15 @@ def _bend(path: Path, **columns) -> Path:
         radius = 300.0 - 3.5 * lane
         for t in np.round(np.arange(0.0, 12.0, 0.1), 1):
             angle = (20.0 * t + 15.0 * number) / radius
-            rows.append((f"v{number}", t, radius * np.sin(angle), 300.0 - radius * np.cos(angle), np.degrees(angle)))
+            rows.append(
+                (
+                    f"v{number}",
+                    t,
+                    radius * np.sin(angle),
+                    300.0 - radius * np.cos(angle),
+                    np.degrees(angle),
+                )
+            )
     rows += [("parked", t, 80.0, 30.0, 0.0) for t in (0.0, 0.1, 0.2)]
     table = pd.DataFrame(rows, columns=["vehicle", "t", "x", "y", "heading_deg"]).assign(**columns)
     table.to_csv(path, index=False)
@@ -325,7 +379,8 @@ def test_any_table_on_a_map_is_straightened_and_says_what_it_assumed_and_left_ou
     assert set(table["vehicle"]) == {f"v{number}" for number in range(8)}
     assert sorted(table["lane"].unique()) == [0, 1]
     for _, track in table.groupby("vehicle"):
-        # 20 m/s along a lane: what is straightened advances by that, within the 1.2 % by which one lane is shorter.
+        # 20 m/s along a lane: what is straightened advances by that, within the 1.2 % by which one
+        # lane is shorter.
         assert np.polyfit(track["t"], track["x"], 1)[0] == pytest.approx(20.0, rel=0.02)
         assert np.ptp(track["y"]) < 0.5
     said = " ".join(recordings.notes)

@@ -1,4 +1,5 @@
-"""OSI and omega-prime: traces, MCAP files and tables become recordings; what is left out is counted."""
+"""OSI and omega-prime: traces, MCAP files and tables become recordings; what is left out is
+counted."""
 
 from __future__ import annotations
 
@@ -37,15 +38,24 @@ def vector(*values: float) -> bytes:
     return b"".join(field(number, float(value)) for number, value in enumerate(values, 1))
 
 
-def moving(name: int, s: float, d: float, speed: float, kind: tuple[int, int] = CAR, length: float = 4.6) -> bytes:
+def moving(
+    name: int, s: float, d: float, speed: float, kind: tuple[int, int] = CAR, length: float = 4.6
+) -> bytes:
     x, y = s * math.cos(TURN) - d * math.sin(TURN), s * math.sin(TURN) + d * math.cos(TURN)
-    base = field(1, vector(length, 1.9, 1.5)) + field(2, vector(x, y, 0.7)) + field(3, vector(0.0, 0.0, TURN))
+    base = (
+        field(1, vector(length, 1.9, 1.5))
+        + field(2, vector(x, y, 0.7))
+        + field(3, vector(0.0, 0.0, TURN))
+    )
     base += field(4, vector(speed * math.cos(TURN), speed * math.sin(TURN), 0.0))
-    return field(1, field(1, name)) + field(2, base) + field(3, kind[0]) + field(6, field(1, kind[1]))
+    return (
+        field(1, field(1, name)) + field(2, base) + field(3, kind[0]) + field(6, field(1, kind[1]))
+    )
 
 
 def ground_truths(seconds: float = 8.0) -> list[bytes]:
-    """Two cars in two lanes, at 25 and 30 m/s, a semitrailer and a dog, 10 times a second from t = 5 s on."""
+    """Two cars in two lanes, at 25 and 30 m/s, a semitrailer and a dog, 10 times a second from t =
+    5 s on."""
     found = []
     for k in range(round(seconds * 10)):
         t = k / 10
@@ -94,7 +104,9 @@ def test_a_trace_of_sensor_views_is_read_by_its_name(tmp_path):
 
 def test_a_table_of_omega_prime_is_read(tmp_path):
     duckdb = pytest.importorskip("duckdb")
-    rows = pd.DataFrame([row for one in ground_truths() for row in osi._ground_truth(one)], columns=osi._COLUMNS)
+    rows = pd.DataFrame(
+        [row for one in ground_truths() for row in osi._ground_truth(one)], columns=osi._COLUMNS
+    )
     rows["total_nanos"] = (rows["t"] * 1e9).round().astype(np.int64)
     rows["vel_x"], rows["vel_y"] = rows["speed"] * np.cos(TURN), rows["speed"] * np.sin(TURN)
     rows = rows.rename(columns={"vehicle": "idx", "heading": "yaw"}).drop(columns=["t", "speed"])

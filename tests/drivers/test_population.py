@@ -37,7 +37,9 @@ OWN = {
 
 
 def values_of(drivers, name: str) -> np.ndarray:
-    return np.array([getattr(driver.idm if name in IDM_FIT else driver, name) for driver in drivers])
+    return np.array(
+        [getattr(driver.idm if name in IDM_FIT else driver, name) for driver in drivers]
+    )
 
 
 @pytest.mark.parametrize(("name", "fit"), (IDM_FIT | OWN).items())
@@ -70,7 +72,9 @@ def test_shares_offsets_and_free_speeds_are_those_recorded(drivers):
 
 
 def test_a_driver_is_inclined_to_overtake_with_the_recorded_share_whatever_the_seed():
-    assert np.mean([draw_driver(3, seed).overtakes for seed in range(600)]) == pytest.approx(0.771, abs=0.04)
+    assert np.mean([draw_driver(3, seed).overtakes for seed in range(600)]) == pytest.approx(
+        0.771, abs=0.04
+    )
 
 
 def test_any_ten_drivers_hold_two_or_three_followers():
@@ -85,7 +89,8 @@ def test_lane_changes_last_as_long_and_are_as_quick_as_recorded(drivers):
     done = smooth_step(time / duration)
     ten_to_ninety = time[np.argmax(done > 0.9)] - time[np.argmax(done > 0.1)]
     assert ten_to_ninety == pytest.approx(math.exp(1.628), rel=0.03)
-    across = 3.65 / duration * smooth_step_rate(time / duration)  # the recorded motorway has lanes of 3.62 and 3.79 m
+    # the recorded motorway has lanes of 3.62 and 3.79 m
+    across = 3.65 / duration * smooth_step_rate(time / duration)
     assert across.max() == pytest.approx(math.exp(-0.373), rel=0.03)
     assert np.mean(across > 0.12) * duration == pytest.approx(math.exp(2.125), rel=0.1)
 
@@ -112,5 +117,7 @@ def test_another_seed_is_another_population():
 
 @pytest.mark.parametrize("index", [-1, 1.0, False])
 def test_a_driver_has_a_number(index):
-    with pytest.raises(InputError, match="`index` of a driver must be a whole number of at least 0"):
+    with pytest.raises(
+        InputError, match="`index` of a driver must be a whole number of at least 0"
+    ):
         draw_driver(index, seed=1)

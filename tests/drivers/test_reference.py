@@ -1,4 +1,5 @@
-"""The human reference from recordings and the exposure from their events, on traffic made by hand."""
+"""The human reference from recordings and the exposure from their events, on traffic made by
+hand."""
 
 from __future__ import annotations
 
@@ -25,8 +26,8 @@ MOTORWAY = sorted(file for name, file in scenario_files().items() if name.starts
 
 
 def write_people(path, speeds, *, seconds=60.0, same_driver=(), lead_step=0.0):
-    """A recording for each speed: somebody at it approaches a leader at 15 m/s (or faster by up to two steps), and
-    overtakes at 12 s.
+    """A recording for each speed: somebody at it approaches a leader at 15 m/s (or faster by up to
+    two steps), and overtakes at 12 s.
     """
     parts = []
     for number, speed in enumerate(speeds):
@@ -45,15 +46,22 @@ def settings_for(path, **changes):
     return replace(DriverSettings(source="recorded", recordings=(path.name,)), **changes)
 
 
-def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_scenarios_lane(tmp_path):
+def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_scenarios_lane(
+    tmp_path,
+):
     path = write_people(tmp_path / "people.csv", [25.0])
     settings = settings_for(path)
     concrete = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
     found = reference(concrete, open_people(settings, tmp_path), settings)
     (drive,) = found.drives
-    assert (drive.time[0], drive.x[0], drive.y[0]) == (0.0, concrete.ego.x, pytest.approx(concrete.ego.y, abs=1e-6))
+    assert (drive.time[0], drive.x[0], drive.y[0]) == (
+        0.0,
+        concrete.ego.x,
+        pytest.approx(concrete.ego.y, abs=1e-6),
+    )
     assert drive.x[-2] < concrete.road.length <= drive.x[-1]
-    # The event begins 10 s into the recording; the lane change ends at 17 s: 9 s later it is one lane to the left.
+    # The event begins 10 s into the recording; the lane change ends at 17 s: 9 s later it is one
+    # lane to the left.
     assert np.interp(9.0, drive.time, drive.y) == pytest.approx(3.75, abs=0.3)
     assert found.names == ("r0/ego",)
 
@@ -84,7 +92,9 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     folder = tmp_path / "mine"
     folder.mkdir()
     time = np.arange(0.0, 5.0, 0.1)
-    pd.DataFrame({"driver": "ben", "t": time, "x": 50 + 25 * time, "y": 0.3}).to_csv(folder / "ben.csv", index=False)
+    pd.DataFrame({"driver": "ben", "t": time, "x": 50 + 25 * time, "y": 0.3}).to_csv(
+        folder / "ben.csv", index=False
+    )
     cases = pd.DataFrame([["front_vehicle_low_speed", "ben.csv", 25.0, 15.0]])
     cases.columns = ["scenario", "file", "ego_speed", "lead_speed"]
     cases.to_csv(folder / "cases.csv", index=False)
@@ -93,7 +103,9 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     found = reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings)
     assert found.names == ("ben",)
     assert found.drives[0].y.tolist() == [0.3] * 50
-    assert reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=10.0), people, settings).drives == ()
+    assert (
+        reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=10.0), people, settings).drives == ()
+    )
 
 
 def test_recorded_people_without_a_recording_are_refused(tmp_path):
@@ -103,7 +115,7 @@ def test_recorded_people_without_a_recording_are_refused(tmp_path):
         open_people(DriverSettings(source="recorded", recordings=("nobody.csv",)), tmp_path)
 
 
-# --- exposure ---------------------------------------------------------------------------------------------------------
+# --- exposure -------------------------------------------------------------------------------------
 
 
 def test_the_exposure_is_the_kde_of_scipy_and_says_where_it_has_no_support():
@@ -117,7 +129,9 @@ def test_the_exposure_is_the_kde_of_scipy_and_says_where_it_has_no_support():
 
 def test_held_out_likelihood_prefers_a_kde_where_the_events_have_two_modes():
     stream = np.random.default_rng(5)
-    events = np.concatenate([stream.normal(10.0, 1.0, (150, 1)), stream.normal(30.0, 1.0, (150, 1))])
+    events = np.concatenate(
+        [stream.normal(10.0, 1.0, (150, 1)), stream.normal(30.0, 1.0, (150, 1))]
+    )
     stream.shuffle(events)
     held_out = fit_exposure(events, ("ego_speed",)).held_out
     assert held_out["cross_validated"] >= held_out["scott"] > held_out["single_gaussian"] + 0.3
@@ -126,11 +140,15 @@ def test_held_out_likelihood_prefers_a_kde_where_the_events_have_two_modes():
 
 
 def test_a_declared_exposure_is_a_product_of_its_distributions(tmp_path):
-    settings = ExposureSettings("declared", declared={"ego_speed": DeclaredDistribution("normal", 25.0, 4.0)})
+    settings = ExposureSettings(
+        "declared", declared={"ego_speed": DeclaredDistribution("normal", 25.0, 4.0)}
+    )
     density = exposure_of(LOGICAL, settings, DriverSettings(), tmp_path).density
     values = {"ego_speed": np.array([25.0, 29.0]), "lead_speed": np.array([5.0, 20.0])}
     assert density(values)[1] / density(values)[0] == pytest.approx(np.exp(-0.5))
-    wrong = ExposureSettings("declared", declared={"ego_sped": DeclaredDistribution("normal", 25.0, 4.0)})
+    wrong = ExposureSettings(
+        "declared", declared={"ego_sped": DeclaredDistribution("normal", 25.0, 4.0)}
+    )
     with pytest.raises(InputError, match="Did you mean `ego_speed`"):
         exposure_of(LOGICAL, wrong, DriverSettings(), tmp_path)
     with pytest.raises(InputError, match="greater than 0"):
@@ -148,7 +166,9 @@ def test_too_few_events_and_scenarios_without_events_are_refused(tmp_path):
     settings = ExposureSettings("recorded", recordings=(path.name,))
     with pytest.raises(InputError, match="at least 10, got 1"):
         exposure_of(LOGICAL, settings, DriverSettings(), tmp_path)
-    with pytest.raises(InputError, match="no recorded event that corresponds to scenario `ncap_ccrm`"):
+    with pytest.raises(
+        InputError, match="no recorded event that corresponds to scenario `ncap_ccrm`"
+    ):
         exposure_of(catalogue.load("ncap_ccrm"), settings, DriverSettings(), tmp_path)
 
 

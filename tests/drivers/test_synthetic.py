@@ -1,4 +1,5 @@
-"""Synthetic drivers at the wheel: what they know and when, what they do, and that they do it again."""
+"""Synthetic drivers at the wheel: what they know and when, what they do, and that they do it
+again."""
 
 import subprocess
 import sys
@@ -7,7 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drivers.populations import draw_population, synthetic_reference
-from road_scenes import Mover, actor, case, cut_outs_at_the_edge, fresh, low_speed, mover, safe_cut_outs
+from road_scenes import (
+    Mover,
+    actor,
+    case,
+    cut_outs_at_the_edge,
+    fresh,
+    low_speed,
+    mover,
+    safe_cut_outs,
+)
 
 from sumo_eval.ads.perception import carry_on
 from sumo_eval.cosim.records import MOVER
@@ -29,7 +39,9 @@ from sumo_eval.trajectory import CHANNELS
 
 DRIVERS = draw_population(10, seed=1)
 DRIVER = replace(DRIVERS[0], reaction_time=1.0)  # alerted: 0.56 s
-CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=25.0, obstacle_speed=10.0, gap=80.0)
+CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(
+    ego_speed=25.0, obstacle_speed=10.0, gap=80.0
+)
 STEP = 0.05
 
 
@@ -42,9 +54,12 @@ class Attention:
         self.state.attends = 0
 
     def known(self, me, others, time: float):
-        """The vehicles that he acts upon; those that were seen and are out of sight now stand where nobody is."""
+        """The vehicles that he acts upon; those that were seen and are out of sight now stand where
+        nobody is."""
         for other in others:
-            self.memories.setdefault(other.name, (fresh(LOOKS), [fresh(LOOK) for _ in range(60)], fresh(MOVER)))
+            self.memories.setdefault(
+                other.name, (fresh(LOOKS), [fresh(LOOK) for _ in range(60)], fresh(MOVER))
+            )
         here = {other.name: other for other in others}
         away = mover("", float("nan"))
         scene = [here.get(name, away) for name in self.memories]
@@ -59,7 +74,10 @@ class Attention:
 
 
 def known_since(scenes, name: str) -> float | None:
-    """Time at which the driver first acts upon a vehicle. scenes: time -> the others, with the ego at 20 m/s."""
+    """Time at which the driver first acts upon a vehicle.
+
+    scenes: time -> the others, with the ego at 20 m/s.
+    """
     attention = Attention(DRIVER)
     for count in range(80):
         time = count * STEP
@@ -78,7 +96,9 @@ def test_a_steady_scene_is_taken_in_within_the_reaction_time():
 
 
 def test_a_vehicle_that_is_closed_upon_is_taken_in_within_the_alerted_reaction_time():
-    assert known_since(lambda time: (mover("slow", 80.0 + 10.0 * time, along=10.0),), "slow") == pytest.approx(0.6)
+    assert known_since(
+        lambda time: (mover("slow", 80.0 + 10.0 * time, along=10.0),), "slow"
+    ) == pytest.approx(0.6)
 
 
 def test_a_vehicle_that_crosses_is_taken_in_within_the_alerted_reaction_time():
@@ -90,7 +110,11 @@ def test_a_vehicle_that_crosses_is_taken_in_within_the_alerted_reaction_time():
 
 def test_a_vehicle_that_appears_is_known_one_alerted_reaction_time_later():
     def scenes(time):
-        return (same_speed(time), mover("new", 90.0 + 20.0 * time, y=3.5)) if time > 1.99 else (same_speed(time),)
+        return (
+            (same_speed(time), mover("new", 90.0 + 20.0 * time, y=3.5))
+            if time > 1.99
+            else (same_speed(time),)
+        )
 
     assert known_since(scenes, "new") == pytest.approx(2.0 + 0.6)
 
@@ -113,11 +137,13 @@ def test_a_steady_vehicle_is_perceived_exactly_and_braking_one_reaction_time_lat
         lead = mover("lead", x, along=speed)
         known = attention.known(mover("ego", 20.0 * time), (lead,), time)
         if count >= 20:  # 1 s
-            carried_on = 0.9 * 1.0 if count - 20 > 30 else 0.0  # m/s, once a second-old look showed the braking
+            # m/s, once a second-old look showed the braking
+            carried_on = 0.9 * 1.0 if count - 20 > 30 else 0.0
             assert known[0].along == pytest.approx(speeds[count - 20] - carried_on, abs=1e-9)
         if 20 <= count <= 30:
             assert known[0].x == pytest.approx(lead.x)
-        if count >= 30:  # brakes gently from 1.5 s on: never closed upon by 2 m/s, so nothing alerts
+        # brakes gently from 1.5 s on: never closed upon by 2 m/s, so nothing alerts
+        if count >= 30:
             speed -= 0.9 * STEP
         x += speed * STEP
     assert speeds[-1] < 18.3
@@ -167,14 +193,20 @@ def test_ordinary_approaches_are_as_gentle_and_as_varied_as_recorded():
     recordings = [
         recording
         for speed, lead in ((30.0, 20.0), (25.0, 20.0), (25.0, 15.0))
-        for recording in synthetic_reference(logical.concrete(ego_speed=speed, lead_speed=lead), DRIVERS, seed=1)
+        for recording in synthetic_reference(
+            logical.concrete(ego_speed=speed, lead_speed=lead), DRIVERS, seed=1
+        )
     ]
-    strongest = [recording.ego.acceleration[: until_the_lane_change(recording.ego)].min() for recording in recordings]
-    assert np.median(strongest) == pytest.approx(-0.37, abs=0.12)  # of recorded approaches, which end there too
+    strongest = [
+        recording.ego.acceleration[: until_the_lane_change(recording.ego)].min()
+        for recording in recordings
+    ]
+    # of recorded approaches, which end there too
+    assert np.median(strongest) == pytest.approx(-0.37, abs=0.12)
     left = [recording for recording in recordings if recording.ego.y[-1] > 1.75]
-    assert np.std([recording.ego.speed[-1] / recording.ego.speed[0] for recording in left]) == pytest.approx(
-        0.087, abs=0.03
-    )
+    assert np.std(
+        [recording.ego.speed[-1] / recording.ego.speed[0] for recording in left]
+    ) == pytest.approx(0.087, abs=0.03)
     onsets = [float(recording.ego.time[np.argmax(recording.ego.y > 1.75)]) for recording in left]
     assert np.std(onsets) > 0.5
     assert np.mean([count_operations(recording.ego) for recording in recordings]) < 3.0
@@ -191,7 +223,8 @@ def test_alone_on_the_road_a_driver_wanders_about_his_own_line_and_uses_the_peda
         wander.append(ego.y[settled].var())
         lines.append(ego.y[settled].mean() - driver.lane_offset)
         operations.append(count_operations(ego))
-    within = np.sqrt(np.mean(wander) + np.var(lines))  # the mean of 20 s still holds some of the wander
+    # the mean of 20 s still holds some of the wander
+    within = np.sqrt(np.mean(wander) + np.var(lines))
     assert within == pytest.approx(0.25, rel=0.15)
     assert np.mean(operations) < 2.0
 
@@ -211,7 +244,10 @@ def channels(recording) -> bytes:
 
 def test_the_same_seed_driver_and_case_drive_the_same_to_the_last_bit_in_any_order():
     first = [channels(recording) for recording in synthetic_reference(CUT_OUT, DRIVERS[:4], seed=1)]
-    again = [channels(simulate(CUT_OUT, human_controller(index, 10, 1, CUT_OUT))) for index in (3, 1, 2, 0)]
+    again = [
+        channels(simulate(CUT_OUT, human_controller(index, 10, 1, CUT_OUT)))
+        for index in (3, 1, 2, 0)
+    ]
     assert first == [again[3], again[1], again[2], again[0]]
     assert len(set(first)) == 4
 
@@ -240,7 +276,9 @@ def test_a_drive_does_not_depend_on_the_order_of_the_values():
 
 @pytest.mark.parametrize("index", [-1, 10])
 def test_a_driver_outside_the_population_is_refused(index):
-    with pytest.raises(InputError, match=r"`index` of a population of 10 drivers must be within 0\.\.9"):
+    with pytest.raises(
+        InputError, match=r"`index` of a population of 10 drivers must be within 0\.\.9"
+    ):
         human_controller(index, 10, 1, CUT_OUT)
 
 
@@ -260,7 +298,9 @@ def test_a_child_process_that_drives_imports_no_heavy_package():
         "import sumo_eval.ads.lane_changer, sumo_eval.drivers.synthetic.driver;"
         "print(sorted({'scipy', 'pandas', 'sklearn', 'pydantic'} & (set(sys.modules) - there)))"
     )
-    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    answer = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert answer.stdout.strip() == "[]"
 
 

@@ -23,7 +23,9 @@ def test_streams_of_different_seeds_or_names_differ():
 
 @pytest.mark.parametrize("seed", [-1, 1.0, "1", None, True])
 def test_a_seed_is_a_whole_number(seed):
-    with pytest.raises(InputError, match="`seed` of a random stream must be a whole number of at least 0"):
+    with pytest.raises(
+        InputError, match="`seed` of a random stream must be a whole number of at least 0"
+    ):
         random_stream(seed, "a")
 
 
@@ -37,7 +39,12 @@ def at(noise: SmoothNoise, time: float) -> SimpleNamespace:
 
 
 def ensemble(time: float) -> np.ndarray:
-    return np.array([value(SmoothNoise(random_stream(number, "noise"), 0.25, 2.2), time) for number in range(4000)])
+    return np.array(
+        [
+            value(SmoothNoise(random_stream(number, "noise"), 0.25, 2.2), time)
+            for number in range(4000)
+        ]
+    )
 
 
 def test_the_noise_has_its_deviation_at_any_time_and_its_correlation():

@@ -1,4 +1,5 @@
-"""Figures for papers: every one is drawn of a real run, in every format and width, and mistakes are sentences."""
+"""Figures for papers: every one is drawn of a real run, in every format and width, and mistakes are
+sentences."""
 
 from __future__ import annotations
 
@@ -43,7 +44,10 @@ def test_every_figure_of_a_run_fits_its_width_and_holds_its_words(
     assert float(found[1]) == pytest.approx(WIDTHS[width] * 72.0, abs=0.5)
     assert "<path" in file.read_text(), "letters travel as outlines: no font is missing anywhere"
     if width == "column":  # drawn again: the same bytes
-        assert save(draw(done, name, width=width), tmp_path / "again.svg").read_bytes() == file.read_bytes()
+        assert (
+            save(draw(done, name, width=width), tmp_path / "again.svg").read_bytes()
+            == file.read_bytes()
+        )
 
 
 def test_a_column_is_88_mm_and_a_page_180_mm() -> None:
@@ -51,9 +55,16 @@ def test_a_column_is_88_mm_and_a_page_180_mm() -> None:
     assert WIDTHS["page"] / MM == pytest.approx(180.0)
 
 
-@pytest.mark.parametrize(("ending", "begin"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
-def test_the_ending_says_the_format(done: Evaluation, tmp_path: Path, ending: str, begin: bytes) -> None:
-    file = save(draw(done, "zone_map", ads="idm", scenario="front_vehicle_cut_out"), tmp_path / f"map.{ending}")
+@pytest.mark.parametrize(
+    ("ending", "begin"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")]
+)
+def test_the_ending_says_the_format(
+    done: Evaluation, tmp_path: Path, ending: str, begin: bytes
+) -> None:
+    file = save(
+        draw(done, "zone_map", ads="idm", scenario="front_vehicle_cut_out"),
+        tmp_path / f"map.{ending}",
+    )
     assert file.read_bytes().startswith(begin)
     assert ending != "pdf" or b"/FontFile2" in file.read_bytes(), "the fonts are in the file"
 
@@ -61,18 +72,30 @@ def test_the_ending_says_the_format(done: Evaluation, tmp_path: Path, ending: st
 def test_every_point_of_a_map_is_drawn(done: Evaluation) -> None:
     """Each panel of cut-out is one ego speed; its dots are the cases of the ADS at that speed."""
     figure = draw(done, "zone_map", ads="no_reaction", scenario="front_vehicle_cut_out")
-    dots = sum(len(line.get_xdata()) for panel in figure.axes for line in panel.lines if line.get_marker() in "oPX")
-    assert dots == sum((case.scenario, case.ads) == ("front_vehicle_cut_out", "no_reaction") for case in done.cases)
+    dots = sum(
+        len(line.get_xdata())
+        for panel in figure.axes
+        for line in panel.lines
+        if line.get_marker() in "oPX"
+    )
+    assert dots == sum(
+        (case.scenario, case.ads) == ("front_vehicle_cut_out", "no_reaction") for case in done.cases
+    )
 
 
 def test_the_bars_of_the_points_end_at_the_score(done: Evaluation) -> None:
     figure = draw(done, "points")
-    kept = [patch.get_width() for patch in figure.axes[0].patches if patch.get_y() == pytest.approx(-0.3)][:1]
+    kept = [
+        patch.get_width()
+        for patch in figure.axes[0].patches
+        if patch.get_y() == pytest.approx(-0.3)
+    ][:1]
     assert kept == [pytest.approx(done.scores[0].s_plus)]
 
 
 def test_axes_hold_what_is_drawn_and_no_more(done: Evaluation) -> None:
-    """Points go from 0 to 100; the share of collisions begins at 0, the field's colours at its lowest value."""
+    """Points go from 0 to 100; the share of collisions begins at 0, the field's colours at its
+    lowest value."""
     assert draw(done, "points").axes[0].get_xlim() == (0.0, 100.0)
     for line in draw(done, "boundary").axes[0].lines[1:]:
         assert (line.get_xdata()[0], line.get_ydata()[0]) == (-1.0, 0.0)
@@ -82,8 +105,9 @@ def test_axes_hold_what_is_drawn_and_no_more(done: Evaluation) -> None:
 
 @pytest.mark.campaign
 def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path: Path) -> None:
-    """Two levels of cut_in: `no_reaction` collides nowhere at the slow lateral speed and a gap of 0 m, the first slice;
-    no stray piece of the learnt boundary stands at the stairs of the edge of what can be.
+    """Two levels of cut_in: `no_reaction` collides nowhere at the slow lateral speed and a gap of 0
+    m, the first slice; no stray piece of the learnt boundary stands at the stairs of the edge of
+    what can be.
     """
     evaluation = small({"none": "no_reaction"}, ("cut_in",), 2, levels=2)
     run = sumo_eval.evaluate(evaluation, tmp_path / "run")
@@ -119,7 +143,9 @@ def test_a_history_of_nights_is_drawn(done: Evaluation, tmp_path: Path) -> None:
         ("opinion", {"ads": "idm"}, "takes no `ads`, got 'idm'"),
     ],
 )
-def test_what_is_not_there_is_a_sentence(done: Evaluation, figure: str, more: dict[str, str], words: str) -> None:
+def test_what_is_not_there_is_a_sentence(
+    done: Evaluation, figure: str, more: dict[str, str], words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         draw(done, figure, **more)
 
@@ -137,13 +163,17 @@ def test_the_command_draws_and_says_what_it_wrote(done: Evaluation, tmp_path: Pa
 
 
 def test_the_list_of_figures_is_the_documented_one() -> None:
-    documented = "zone_map field trajectories time_history collisions boundary intervals points trend opinion"
+    documented = (
+        "zone_map field trajectories time_history collisions boundary intervals points trend "
+        "opinion"
+    )
     assert " ".join(FIGURES) == documented
 
 
 @pytest.mark.campaign
 def test_on_a_bend_field_and_ways_are_drawn_on_the_map(tmp_path: Path) -> None:
-    """Along an arc of R = 250 m to the left the ego ends about s^2 / 2R to the left of where it began: metres."""
+    """Along an arc of R = 250 m to the left the ego ends about s^2 / 2R to the left of where it
+    began: metres."""
     evaluation = {
         "name": "bend",
         "scenario": [{"use": "curve_cut_in", "sampling": {"levels": {"ego_speed": 2, "gap": 2}}}],
@@ -155,7 +185,12 @@ def test_on_a_bend_field_and_ways_are_drawn_on_the_map(tmp_path: Path) -> None:
     bent = sumo_eval.evaluate(evaluation, tmp_path / "run")
     for name in ("field", "trajectories"):
         figure = draw(bent, name, ads="idm")
-        (x, y) = next(line.get_data() for panel in figure.axes for line in panel.lines if len(line.get_xdata()) > 2)
+        (x, y) = next(
+            line.get_data()
+            for panel in figure.axes
+            for line in panel.lines
+            if len(line.get_xdata()) > 2
+        )
         assert abs(y[-1] - y[0]) > 3.0
         assert len(x) == len(y)
     if CHROMIUM is None:
@@ -166,6 +201,8 @@ def test_on_a_bend_field_and_ways_are_drawn_on_the_map(tmp_path: Path) -> None:
         page.run("document.getElementById('case').closest('details').open = true")
         page.wait("document.documentElement.dataset.fields === 'drawn'")
         assert page.run("document.getElementById('plot-field-ads').layout.images.length") == 1
-        assert page.run("document.getElementById('paths-scale').textContent").startswith("on the map")
+        assert page.run("document.getElementById('paths-scale').textContent").startswith(
+            "on the map"
+        )
         assert page.run("document.querySelector('#plot-paths').layout.yaxis.scaleanchor") == "x"
         assert page.problems == []

@@ -1,11 +1,13 @@
-"""What small evaluations of every shipped scenario come to, kept in files, so that a change of behaviour is seen.
+"""What small evaluations of every shipped scenario come to, kept in files, so that a change of
+behaviour is seen.
 
     python tests/golden/golden.py            says what is different from the kept files
     python tests/golden/golden.py --write    writes them again, and says what changed
 
-One file a scenario: a line for every drive of an ADS (how it ended, when, how hard it hit, a hash of all trajectories),
-a hash for every synthetic driver, and every number of the scores. Hashes are of the recorded channels to the bit; they
-hold for the versions that the file names, because other versions of the C library round a sine differently.
+One file a scenario: a line for every drive of an ADS (how it ended, when, how hard it hit, a hash
+of all trajectories), a hash for every synthetic driver, and every number of the scores. Hashes are
+of the recorded channels to the bit; they hold for the versions that the file names, because other
+versions of the C library round a sine differently.
 """
 
 from __future__ import annotations
@@ -46,7 +48,8 @@ from sumo_eval.trajectory import CHANNELS
 FOLDER = Path(__file__).parent
 POINTS, FEW_POINTS = 12, 4
 FEW = ("no_reaction", "ideal_braking", "idm", "attentive", "lane_changer")
-"""Who drives where others react, wait for what happens, or no zone has a closed form: a second each is enough."""
+"""Who drives where others react, wait for what happens, or no zone has a closed form: a second each
+is enough."""
 COARSE = ZoneSettings(grid_points=1_000, restarts=0, refinements=0)
 DRIVERS, FEW_DRIVERS = 4, 2
 NATIVE = "sumo:IDM"
@@ -67,7 +70,11 @@ IN_THE_SUITE = {
 
 def _others(closed: bool) -> tuple[str, ...]:
     return tuple(
-        sorted(name for name in SCENARIOS if _closed_form(name) == closed and name not in IN_THE_SUITE[closed])
+        sorted(
+            name
+            for name in SCENARIOS
+            if _closed_form(name) == closed and name not in IN_THE_SUITE[closed]
+        )
     )
 
 
@@ -75,14 +82,16 @@ PARTS = (
     IN_THE_SUITE[True], IN_THE_SUITE[False],
     *(_others(closed)[half::2] for closed in (True, False) for half in (0, 1)),
 )  # fmt: skip
-"""The scenarios of each evaluation: to start one costs most, and four of a length can be driven side by side."""
+"""The scenarios of each evaluation: to start one costs most, and four of a length can be driven
+side by side."""
 
 
 def evaluation(part: int) -> EvaluationSettings:
     """One small evaluation of scenarios whose zones all have a closed form, or all have none.
 
-    All shipped ADSs and one of SUMO's models drive a few points of the former, `FEW` fewer points of the latter.
-    `attentive` is `idm` but for who comes into its path, and drives where somebody does.
+    All shipped ADSs and one of SUMO's models drive a few points of the former, `FEW` fewer points
+    of the latter. `attentive` is `idm` but for who comes into its path, and drives where somebody
+    does.
     """
     scenarios = PARTS[part]
     closed_form = _closed_form(scenarios[0])
@@ -111,12 +120,16 @@ def measured(scenario: str) -> dict[str, Any]:
         drives = {fact.case: _drive(fact, store) for fact in store.facts("ads", scenario)}
         people: dict[str, Any] = {}
         for fact in store.facts("human", scenario):
-            people.setdefault(fact.driver, hashlib.sha256()).update(_hash(store, fact.case).encode())
+            people.setdefault(fact.driver, hashlib.sha256()).update(
+                _hash(store, fact.case).encode()
+            )
     return {
         "made_with": made_with(),
         "drives": drives,
         "people": {name: found.hexdigest()[:16] for name, found in sorted(people.items())},
-        "scores": {score.ads: _numbers(score) for score in done.scores if score.scenario == scenario},
+        "scores": {
+            score.ads: _numbers(score) for score in done.scores if score.scenario == scenario
+        },
     }
 
 
@@ -139,20 +152,25 @@ def check(scenario: str) -> None:
     found = measured(scenario)
     assert found["scores"]["ideal_braking"]["c"] == 1.0
     told = list(differences(kept(scenario), found))
-    assert not told, "\n".join([*told[:20], "If this is meant: python tests/golden/golden.py --write"])
+    assert not told, "\n".join(
+        [*told[:20], "If this is meant: python tests/golden/golden.py --write"]
+    )
 
 
 def write(scenario: str, content: Mapping[str, Any]) -> None:
     """Keep it, a line a drive, so that a change shows in a diff."""
     parts = []
     for name, part in content.items():
-        lines = ",\n".join(f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in part.items())
+        lines = ",\n".join(
+            f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in part.items()
+        )
         parts.append(f"{json.dumps(name)}: {{\n{lines}\n}}")
     (FOLDER / f"{scenario}.json").write_text("{" + ",\n".join(parts) + "}\n", encoding="utf-8")
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
-    """A sentence for everything that is not as it was: drives that end otherwise, hashes, scores."""
+    """A sentence for everything that is not as it was: drives that end otherwise, hashes,
+    scores."""
     same_bits = old["made_with"] == new["made_with"]
     for part in ("drives", "people", "scores"):
         for name in sorted({*old[part], *new[part]}):
@@ -166,7 +184,9 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]
                 yield from _unequal(f"{part}: {name}", before, after, same_bits=same_bits)
 
 
-def _unequal(what: str, before: Mapping[str, Any], after: Mapping[str, Any], *, same_bits: bool) -> Iterator[str]:
+def _unequal(
+    what: str, before: Mapping[str, Any], after: Mapping[str, Any], *, same_bits: bool
+) -> Iterator[str]:
     for key in sorted({*before, *after}):
         old, new = before.get(key), after.get(key)
         if key == "trajectories":
@@ -180,7 +200,9 @@ def _close(old: object, new: object) -> bool:
     if isinstance(old, list) and isinstance(new, list):
         return len(old) == len(new) and all(map(_close, old, new))
     if isinstance(old, float) and isinstance(new, int | float):
-        return math.isclose(old, new, rel_tol=TOLERANCE, abs_tol=TOLERANCE) or (math.isnan(old) and math.isnan(new))
+        return math.isclose(old, new, rel_tol=TOLERANCE, abs_tol=TOLERANCE) or (
+            math.isnan(old) and math.isnan(new)
+        )
     return old == new
 
 
@@ -218,8 +240,13 @@ def _is_numeric(value: object) -> bool:
 
 
 def main() -> int:
-    """Compare or write, and say what changed. Exit status 1: something differs and was not written."""
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Compare or write, and say what changed.
+
+    Exit status 1: something differs and was not written.
+    """
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("--write", action="store_true", help="write the files again")
     arguments.add_argument("scenario", nargs="*", help="only these")
     given = arguments.parse_args()
@@ -227,8 +254,14 @@ def main() -> int:
     for scenario in given.scenario or sorted(SCENARIOS):
         new = measured(scenario)
         there = (FOLDER / f"{scenario}.json").is_file()
-        found = list(differences(kept(scenario), new)) if there else ["there is no golden file yet."]
-        print(f"{scenario}: {len(found) or 'no'} difference{'' if len(found) == 1 else 's'}", *found, sep="\n  ")
+        found = (
+            list(differences(kept(scenario), new)) if there else ["there is no golden file yet."]
+        )
+        print(
+            f"{scenario}: {len(found) or 'no'} difference{'' if len(found) == 1 else 's'}",
+            *found,
+            sep="\n  ",
+        )
         changed |= bool(found)
         if given.write:
             write(scenario, new)

@@ -1,4 +1,5 @@
-"""Some of the scenarios whose zones have a closed form: drives, people and scores are the golden ones."""
+"""Some of the scenarios whose zones have a closed form: drives, people and scores are the golden
+ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""How golden files are compared, and the table of the README; the scenarios are in the files beside this one."""
+"""How golden files are compared, and the table of the README; the scenarios are in the files beside
+this one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Environments to learn in: what gymnasium asks of them, and that a drive there is a drive in an evaluation."""
+"""Environments to learn in: what gymnasium asks of them, and that a drive there is a drive in an
+evaluation."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 
 POINT = {"ego_speed": 25.0, "obstacle_speed": 10.0, "gap": 60.0}
-RAW = Interface((Feature("ego.x"), Feature("ego.y"), Feature("ego.speed"), Feature("lead.gap"), Feature("time")),
+RAW = Interface((Feature("ego.x"), Feature("ego.y"), Feature("ego.speed"), Feature("lead.gap"),
+    Feature("time")),
                 (Action("acceleration"),))  # fmt: skip
 
 
@@ -82,7 +84,9 @@ def test_gymnasium_accepts_the_environment_of_every_scenario(scenario: str) -> N
         ("front_vehicle_braking", {}),
     ],
 )
-def test_a_drive_in_the_environment_is_a_drive_in_sumo(scenario: str, values: dict[str, float]) -> None:
+def test_a_drive_in_the_environment_is_a_drive_in_sumo(
+    scenario: str, values: dict[str, float]
+) -> None:
     """The ego brakes gently and steers a little; SUMO steps one of both drives."""
     settings = SimulationSettings(record_interval=0.05, time_limit=12.0)
     interface = Interface(RAW.features, (Action("acceleration"), Action("steering")))
@@ -105,16 +109,21 @@ def test_a_drive_in_the_environment_is_a_drive_in_sumo(scenario: str, values: di
     ego = recording.ego
     assert len(rows) == len(ego.time)
     there = np.array(rows)[:-1, :3]
-    assert there == pytest.approx(np.column_stack([ego.x, ego.y, ego.speed])[:-1], abs=2e-4)  # float32 of 1000 m
+    # float32 of 1000 m
+    assert there == pytest.approx(np.column_stack([ego.x, ego.y, ego.speed])[:-1], abs=2e-4)
     last = env.unwrapped.episodes.pack.world.egos[0]
     assert float(last["x"]) == pytest.approx(ego.x[-1], abs=1e-9)
     for j, other in enumerate(recording.actors.values()):
-        assert float(env.unwrapped.episodes.pack.world.others[0, j]["x"]) == pytest.approx(other.x[-1], abs=1e-6)
+        assert float(env.unwrapped.episodes.pack.world.others[0, j]["x"]) == pytest.approx(
+            other.x[-1], abs=1e-6
+        )
 
 
 def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it() -> None:
     settings = SimulationSettings(time_limit=4.0)
-    vector = make_vec("sumo_eval/cut_in-v0", num_envs=5, settings=settings, autoreset_mode=AutoresetMode.SAME_STEP)
+    vector = make_vec(
+        "sumo_eval/cut_in-v0", num_envs=5, settings=settings, autoreset_mode=AutoresetMode.SAME_STEP
+    )
     seen, _ = vector.reset(seed=7)
     single = gymnasium.make("sumo_eval/cut_in-v0", settings=settings, sumo=False)
     drawn = np.random.default_rng(3)
@@ -145,7 +154,9 @@ def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it() -> N
 
 
 def test_the_next_step_mode_gives_a_first_observation_and_no_reward() -> None:
-    vector = make_vec("sumo_eval/cut_in-v0", num_envs=3, settings=SimulationSettings(time_limit=0.5))
+    vector = make_vec(
+        "sumo_eval/cut_in-v0", num_envs=3, settings=SimulationSettings(time_limit=0.5)
+    )
     vector.reset(seed=0)
     for _ in range(10):
         _, worth, terminated, truncated, info = vector.step(np.zeros((3, 1)))
@@ -161,7 +172,8 @@ def test_the_next_step_mode_gives_a_first_observation_and_no_reward() -> None:
 
 
 def test_several_environments_and_a_simulation_live_in_one_process() -> None:
-    """Two environments take turns, with an evaluation's simulation in between; each as if it were alone."""
+    """Two environments take turns, with an evaluation's simulation in between; each as if it were
+    alone."""
 
     def run(turns: int) -> list[np.ndarray]:
         envs = [gymnasium.make("sumo_eval/cut_in-v0", sumo=False) for _ in range(turns)]
@@ -185,19 +197,32 @@ def test_several_environments_and_a_simulation_live_in_one_process() -> None:
 
 def test_a_second_simulation_in_the_process_is_refused_with_the_way_out() -> None:
     make("sumo_eval/cut_in-v0").reset(seed=0)
-    with pytest.raises(InputError, match="close the other environment first, or make this one with `sumo=False`"):
+    with pytest.raises(
+        InputError, match="close the other environment first, or make this one with `sumo=False`"
+    ):
         gymnasium.make("sumo_eval/cut_in-v0").reset(seed=0)
 
 
 def test_what_sumo_shows_is_what_the_scripts_say() -> None:
-    """Twelve episodes beside each other, many of which begin anew, with SUMO and without: the same, to rounding."""
+    """Twelve episodes beside each other, many of which begin anew, with SUMO and without: the same,
+    to rounding."""
     told = []
     for sumo in (True, False):
-        vector = make_vec("sumo_eval/cut_in-v0", num_envs=12, settings=SimulationSettings(time_limit=6.0), sumo=sumo)
+        vector = make_vec(
+            "sumo_eval/cut_in-v0",
+            num_envs=12,
+            settings=SimulationSettings(time_limit=6.0),
+            sumo=sumo,
+        )
         vector.reset(seed=3)
         drawn = np.random.default_rng(1)
         steps = [vector.step(drawn.uniform(-0.2, 1.0, (12, 1))) for _ in range(400)]
-        told.append((np.array([step[0] for step in steps]), [list(it[4].get("end_reason", ())) for it in steps]))
+        told.append(
+            (
+                np.array([step[0] for step in steps]),
+                [list(it[4].get("end_reason", ())) for it in steps],
+            )
+        )
     np.testing.assert_allclose(told[0][0], told[1][0], atol=1e-6)
     assert told[0][1] == told[1][1]
     reasons = {reason for step in told[0][1] for reason in step}
@@ -213,22 +238,30 @@ def test_reset_takes_a_point_part_of_one_or_a_sampler() -> None:
     assert env.reset(seed=4, options={"gap": 50.0})[1]["values"] == values
     assert env.reset(seed=5, options={"gap": 50.0})[1]["values"] != values
     assert env.reset(options={"sampler": lambda generator: POINT})[1]["values"] == POINT
-    with pytest.raises(InputError, match=r"Unknown parameter `gab` of scenario .*\. Did you mean `gap`"):
+    with pytest.raises(
+        InputError, match=r"Unknown parameter `gab` of scenario .*\. Did you mean `gap`"
+    ):
         env.reset(options={"gab": 50.0})
-    with pytest.raises(InputError, match="`gap` of scenario `front_vehicle_cut_out` must be within"):
+    with pytest.raises(
+        InputError, match="`gap` of scenario `front_vehicle_cut_out` must be within"
+    ):
         env.reset(options={**POINT, "gap": 1e6})
     with pytest.raises(InputError, match="The sampler must give a number for each parameter"):
         env.reset(options={"sampler": lambda generator: 3})
 
 
 def test_the_usual_reward_by_hand() -> None:
-    """0.05 s each. Cruising at 20 of 20 m/s: 0.05. At 10 m/s braking by 3 m/s2: (0.5 - 0.1) 0.05 = 0.02. A contact at
-    30 of 20 m/s with 5 m/s between both: 0.05 - 20 - 2 * 5. A jerk of 15 m/s3 at standstill: -0.01 * 0.05.
+    """0.05 s each.
+
+    Cruising at 20 of 20 m/s: 0.05. At 10 m/s braking by 3 m/s2: (0.5 - 0.1) 0.05 = 0.02. A contact
+    at 30 of 20 m/s with 5 m/s between both: 0.05 - 20 - 2 * 5. A jerk of 15 m/s3 at standstill:
+    -0.01 * 0.05.
     """
     it = Transition(
         seen=None, command=np.zeros((4, 2)), speed=np.array([20.0, 10.0, 30.0, 0.0]),
         acceleration=np.array([0.0, -3.0, 0.0, 0.0]), jerk=np.array([0.0, 0.0, 0.0, 15.0]),
-        start_speed=np.full(4, 20.0), running=np.ones(4, bool), ended=np.array(["", "", "contact", ""]),
+        start_speed=np.full(4, 20.0), running=np.ones(4, bool),
+        ended=np.array(["", "", "contact", ""]),
         impact=np.array([0.0, 0.0, 5.0, 0.0]), step=0.05,
     )  # fmt: skip
     assert usual_reward(it) == pytest.approx([0.05, 0.02, 0.05 - 30.0, -0.0005])
@@ -267,7 +300,10 @@ def test_a_contact_ends_an_episode_with_its_impact_speed() -> None:
 
 def test_what_the_environment_cannot_do_is_refused() -> None:
     with pytest.raises(InputError, match="nothing in `conditions`"):
-        make("sumo_eval/cut_in-v0", settings=SimulationSettings(conditions=ConditionSettings(dropout=0.1))).reset()
+        make(
+            "sumo_eval/cut_in-v0",
+            settings=SimulationSettings(conditions=ConditionSettings(dropout=0.1)),
+        ).reset()
     with pytest.raises(InputError, match="`period` of the interface must be a multiple of `step`"):
         make("sumo_eval/cut_in-v0", interface=Interface(RAW.features, RAW.actions, period=0.07))
     with pytest.raises(InputError, match=r"Unknown feature `lead\.gab`\. Did you mean `lead\.gap`"):

@@ -1,4 +1,5 @@
-"""The examples of docs/learn.md and of drivers that nobody here wrote: they run, and drive as their pages say."""
+"""The examples of docs/learn.md and of drivers that nobody here wrote: they run, and drive as their
+pages say."""
 
 from __future__ import annotations
 
@@ -38,16 +39,28 @@ def test_what_was_trained_drives_as_it_was_trained(trainer: Any, tmp_path: Path)
     np.testing.assert_array_equal(weights, again)
     trainer.write(weights, tmp_path / "policy.onnx")
     policy = load_controller("onnx:policy.onnx", tmp_path).target  # type: ignore[attr-defined]
-    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (50, len(trainer.INTERFACE.features))).astype(np.float32)
+    seen = (
+        np.random.default_rng(0)
+        .uniform(-1.0, 1.0, (50, len(trainer.INTERFACE.features)))
+        .astype(np.float32)
+    )
     expected = trainer.answers(np.repeat(weights[None], 50, axis=0), seen)
     np.testing.assert_allclose(policy._answers(seen), expected, atol=1e-5)
     concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
-    assert simulate(concrete, "onnx:policy.onnx", SimulationSettings(time_limit=5.0), folder=tmp_path).error is None
+    assert (
+        simulate(
+            concrete, "onnx:policy.onnx", SimulationSettings(time_limit=5.0), folder=tmp_path
+        ).error
+        is None
+    )
 
 
 @pytest.mark.filterwarnings("default")  # torch's exporter warns of torch
-def test_what_ppo_learnt_drives_as_it_was_trained(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Two short updates; what the file answers is the mean of stable-baselines3's policy, to float32."""
+def test_what_ppo_learnt_drives_as_it_was_trained(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Two short updates; what the file answers is the mean of stable-baselines3's policy, to
+    float32."""
     for needed in ("stable_baselines3", "onnxscript"):
         pytest.importorskip(needed)
     monkeypatch.syspath_prepend(EXAMPLES)
@@ -60,20 +73,31 @@ def test_what_ppo_learnt_drives_as_it_was_trained(monkeypatch: pytest.MonkeyPatc
     assert model.num_timesteps == 256
     train_ppo.write(model, tmp_path / "ppo.onnx")
     policy = load_controller("onnx:ppo.onnx", tmp_path).target  # type: ignore[attr-defined]
-    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (50, len(train_ppo.INTERFACE.features))).astype(np.float32)
+    seen = (
+        np.random.default_rng(0)
+        .uniform(-1.0, 1.0, (50, len(train_ppo.INTERFACE.features)))
+        .astype(np.float32)
+    )
     expected, _ = model.predict(seen, deterministic=True)
     np.testing.assert_allclose(policy._answers(seen), expected, atol=1e-5)
     concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
-    assert simulate(concrete, "onnx:ppo.onnx", SimulationSettings(time_limit=2.0), folder=tmp_path).error is None
+    assert (
+        simulate(
+            concrete, "onnx:ppo.onnx", SimulationSettings(time_limit=2.0), folder=tmp_path
+        ).error
+        is None
+    )
 
 
 def test_highway_envs_drivers_keep_or_change_their_lane() -> None:
-    """25 m/s, a lead that cuts out before an obstacle of 10 m/s: IDM slows down to it, MOBIL drives past."""
+    """25 m/s, a lead that cuts out before an obstacle of 10 m/s: IDM slows down to it, MOBIL drives
+    past."""
     pytest.importorskip("highway_env")
     concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
     settings = SimulationSettings(time_limit=30.0)
     idm, mobil = (
-        simulate(concrete, f"highway_drivers.py:{name}", settings, folder=EXAMPLES) for name in ("Idm", "Mobil")
+        simulate(concrete, f"highway_drivers.py:{name}", settings, folder=EXAMPLES)
+        for name in ("Idm", "Mobil")
     )
     assert (idm.error, mobil.error) == (None, None)
     assert np.abs(idm.ego.y).max() < 0.1

@@ -1,4 +1,5 @@
-"""`onnx:`: a model and its table at the wheel, the same alone and in company; what cannot be used is refused."""
+"""`onnx:`: a model and its table at the wheel, the same alone and in company; what cannot be used
+is refused."""
 
 from __future__ import annotations
 
@@ -61,13 +62,17 @@ def deep(folder: Path, **given: object) -> Path:
     drawn = np.random.default_rng(5)
     interface = usual(steering=False)
     sizes = [len(interface.features), 64, 64, 1]
-    layers = [(drawn.normal(0.0, 0.4, (a, b)), drawn.normal(0.0, 0.1, b)) for a, b in itertools.pairwise(sizes)]
+    layers = [
+        (drawn.normal(0.0, 0.4, (a, b)), drawn.normal(0.0, 0.1, b))
+        for a, b in itertools.pairwise(sizes)
+    ]
     return write_model(folder, layers, interface, **given)  # type: ignore[arg-type]
 
 
 def test_a_model_drives_as_its_arithmetic_says(tmp_path: Path) -> None:
-    """The first answer of the linear model at 25 m/s behind nobody, 150 m: tanh(-1.875 + 7.5 - 0.5) is almost 1, so
-    3 m/s2; the same rule as a plain function drives the same way as far as float32 allows.
+    """The first answer of the linear model at 25 m/s behind nobody, 150 m: tanh(-1.875 + 7.5 - 0.5)
+    is almost 1, so 3 m/s2; the same rule as a plain function drives the same way as far as float32
+    allows.
     """
 
     def rule(seen: object) -> float:
@@ -86,7 +91,8 @@ def test_a_model_drives_as_its_arithmetic_says(tmp_path: Path) -> None:
 
 
 def test_a_case_does_not_depend_on_its_company(tmp_path: Path) -> None:
-    """Eleven cases alone, together, and in another order: the bits of a dense network's drives are the same."""
+    """Eleven cases alone, together, and in another order: the bits of a dense network's drives are
+    the same."""
     path = deep(tmp_path)
     cases = [CUT_OUT.concrete(**{**POINT, "gap": 40.0 + 5.0 * k}) for k in range(11)]
     alone = [simulate(concrete, f"onnx:{path}", SHORT) for concrete in cases]
@@ -115,7 +121,10 @@ def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path: Path) -> No
     path = deep(tmp_path)
     policy = load_controller(f"onnx:{path}").target  # type: ignore[attr-defined]
     env = gymnasium.make(
-        "sumo_eval/front_vehicle_cut_out-v0", interface=str(path.with_suffix(".toml")), settings=SHORT, sumo=False
+        "sumo_eval/front_vehicle_cut_out-v0",
+        interface=str(path.with_suffix(".toml")),
+        settings=SHORT,
+        sumo=False,
     )
     seen, info = env.reset(options=POINT)
     ended = False
@@ -124,11 +133,14 @@ def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path: Path) -> No
         ended = terminated or truncated
     recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
     assert info["end_reason"] == recording.end_reason
-    assert float(env.unwrapped.episodes.pack.world.egos[0]["x"]) == pytest.approx(recording.ego.x[-1], abs=1e-4)
+    assert float(env.unwrapped.episodes.pack.world.egos[0]["x"]) == pytest.approx(
+        recording.ego.x[-1], abs=1e-4
+    )
 
 
 def test_a_period_holds_each_answer(tmp_path: Path) -> None:
-    """A model that shows the time as its acceleration, asked every 0.2 s: the held values are 0, 0.2, 0.4 ..."""
+    """A model that shows the time as its acceleration, asked every 0.2 s: the held values are 0,
+    0.2, 0.4 ..."""
     interface = Interface((Feature("time"),), (Action("acceleration"),), period=0.2)
     path = write_model(tmp_path, [(np.array([[0.1]]), np.array([0.0]))], interface)
     settings = SimulationSettings(time_limit=1.0, record_interval=0.05)
@@ -162,7 +174,9 @@ def test_what_cannot_be_used_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"Unknown feature `lead\.gab`"):
         find_controller("onnx:policy.onnx", tmp_path)
     table.write_text(Interface(ACC.features[:2], ACC.actions).to_toml(), encoding="utf-8")
-    with pytest.raises(InputError, match=r"must be of shape \(rows, 2\), as its table has 2 features"):
+    with pytest.raises(
+        InputError, match=r"must be of shape \(rows, 2\), as its table has 2 features"
+    ):
         find_controller("onnx:policy.onnx", tmp_path)
     table.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"Unknown output `.*` of model"):

@@ -12,7 +12,9 @@ from sumo_eval.method.agreement import concordance, rank_correlation, rank_inter
 
 def test_spearmans_rho_by_hand():
     # Ranks 1 2 3 4 and 2 1 4 3: rho = 1 - 6 (1 + 1 + 1 + 1) / (4 * 15) = 0.6.
-    assert rank_correlation([1.0, 2.0, 3.0, 4.0], [20.0, 10.0, 40.0, 30.0]).value == pytest.approx(0.6)
+    assert rank_correlation([1.0, 2.0, 3.0, 4.0], [20.0, 10.0, 40.0, 30.0]).value == pytest.approx(
+        0.6
+    )
     assert rank_correlation([1.0, 2.0, 3.0], [9.0, 5.0, 1.0]).value == pytest.approx(-1.0)
     assert math.isnan(rank_correlation([1.0, 1.0, 1.0], [9.0, 5.0, 1.0]).value)
 
@@ -23,7 +25,8 @@ def test_kendalls_w_by_hand():
     assert concordance([[1, 2, 3], [3, 2, 1]]).value == pytest.approx(0.0)
     # Ranks 1 2 3, 1 3 2: sums 2 5 5, mean 4, S = 4 + 1 + 1 = 6; W = 12 * 6 / (4 * 24) = 0.75.
     assert concordance([[1, 2, 3], [1, 3, 2]]).value == pytest.approx(0.75)
-    # A tie: ranks 1.5 1.5 3 and 1 2 3: sums 2.5 3.5 6, mean 4, S = 2.25 + 0.25 + 4 = 6.5; W = 78 / (96 - 2 * 6).
+    # A tie: ranks 1.5 1.5 3 and 1 2 3: sums 2.5 3.5 6, mean 4, S = 2.25 + 0.25 + 4 = 6.5; W = 78 /
+    # (96 - 2 * 6).
     assert concordance([[5, 5, 7], [1, 2, 3]]).value == pytest.approx(78 / 84)
 
 
@@ -35,16 +38,25 @@ def test_too_little_is_refused():
 
 
 def test_the_p_value_of_few_pairs_counts_orders() -> None:
-    """Of 4! = 24 orders two have |rho| = 1: p = 1/12, not 0. [1, 2, 3, 4] against [2, 1, 4, 3]: rho 0.6; 10 of 24 are
-    as large. Tied, [1, 1, 2] against [1, 2, 3] has rho 0.87 in 4 of 6.
+    """Of 4! = 24 orders two have |rho| = 1: p = 1/12, not 0.
+
+    [1, 2, 3, 4] against [2, 1, 4, 3]: rho 0.6; 10 of 24 are as large. Tied, [1, 1, 2] against [1,
+    2, 3] has rho 0.87 in 4 of 6.
     """
-    assert rank_correlation([1.0, 2.0, 3.0, 4.0], [10.0, 20.0, 30.0, 40.0]).p_value == pytest.approx(1.0 / 12.0)
-    assert rank_correlation([1.0, 2.0, 3.0, 4.0], [20.0, 10.0, 40.0, 30.0]).p_value == pytest.approx(10.0 / 24.0)
+    assert rank_correlation(
+        [1.0, 2.0, 3.0, 4.0], [10.0, 20.0, 30.0, 40.0]
+    ).p_value == pytest.approx(1.0 / 12.0)
+    assert rank_correlation(
+        [1.0, 2.0, 3.0, 4.0], [20.0, 10.0, 40.0, 30.0]
+    ).p_value == pytest.approx(10.0 / 24.0)
     assert rank_correlation([1.0, 1.0, 2.0], [1.0, 2.0, 3.0]).p_value == pytest.approx(4.0 / 6.0)
 
 
 def test_the_interval_of_rho_is_bonett_and_wrights() -> None:
-    """rho 0.5, n 28: atanh 0.5 = 0.54931, half 1.95996 sqrt(1.125 / 25) = 0.41577; tanh of 0.13354 and 0.96508."""
+    """rho 0.5, n 28: atanh 0.5 = 0.54931, half 1.95996 sqrt(1.125 / 25) = 0.41577; tanh of 0.13354
+    and 0.96508."""
     ends = rank_interval(0.5, 28)
     assert ends == pytest.approx((0.13275, 0.74653), abs=1e-5)
-    assert rank_interval(1.0, 28) is rank_interval(float("nan"), 28) is rank_interval(0.5, 3) is None
+    assert (
+        rank_interval(1.0, 28) is rank_interval(float("nan"), 28) is rank_interval(0.5, 3) is None
+    )

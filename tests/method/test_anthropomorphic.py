@@ -33,7 +33,8 @@ from sumo_eval.scenario.concrete import Road, smooth_step
 from sumo_eval.settings import AnthropomorphicSettings, FieldSettings
 from sumo_eval.trajectory import Trajectory
 
-ROAD = Road(name="test", length=60.0, lanes=2, lane_width=3.5, run_out=100.0)  # y from -1.75 to 5.25 m
+# y from -1.75 to 5.25 m
+ROAD = Road(name="test", length=60.0, lanes=2, lane_width=3.5, run_out=100.0)
 
 
 def drive(
@@ -46,7 +47,8 @@ def drive(
     acceleration: Sequence[float] | float = 0.0,
     steering_deg: Sequence[float] | float = 0.0,
 ) -> Trajectory:
-    """At one speed to the first sample at or past x = `until`; a lane change is (begin s, duration s, offset m)."""
+    """At one speed to the first sample at or past x = `until`; a lane change is (begin s, duration
+    s, offset m)."""
     n = math.ceil((until - start) / speed / 0.1 - 1e-9) + 1
     time = 0.1 * np.arange(n)
     begin, duration, offset = lane_change or (0.0, 1.0, 0.0)
@@ -80,11 +82,12 @@ def stopping(at: float, y: float = 0.0, *, standing: int = 20, start: float = 0.
 def humans(seed: int = 0, n: int = 4) -> list[Trajectory]:
     rng = np.random.default_rng(seed)
     return [
-        drive(rng.uniform(12, 18), rng.normal(0.0, 0.3), lane_change=(1.0, 2.5, rng.uniform(0, 2))) for _ in range(n)
+        drive(rng.uniform(12, 18), rng.normal(0.0, 0.3), lane_change=(1.0, 2.5, rng.uniform(0, 2)))
+        for _ in range(n)
     ]
 
 
-# --- laws of D_i ------------------------------------------------------------------------------------------------------
+# --- laws of D_i ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -114,13 +117,20 @@ def humans(seed: int = 0, n: int = 4) -> list[Trajectory]:
 )
 def test_identical_driving_scores_1(same: Trajectory) -> None:
     index = anthropomorphic_index(same, [same] * 3, ROAD)
-    assert (index.value, index.length_factor, index.operation_factor, index.similarity) == (1.0, 1.0, 1.0, 1.0)
+    assert (index.value, index.length_factor, index.operation_factor, index.similarity) == (
+        1.0,
+        1.0,
+        1.0,
+        1.0,
+    )
     assert (index.centre_similarity, index.field_similarity) == (1.0, 1.0)
     np.testing.assert_array_equal(index.slice_similarity, 1.0)
 
 
 @given(seed=st.integers(0, 1000), speed=st.floats(8.0, 25.0), y=st.floats(-1.5, 5.0))
-def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(seed: int, speed: float, y: float) -> None:
+def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(
+    seed: int, speed: float, y: float
+) -> None:
     index = anthropomorphic_index(drive(speed, y, steering_deg=[15.0]), humans(seed), ROAD)
     assert 0.0 <= index.value <= 1.0
     assert index.value == index.length_factor * index.operation_factor * index.similarity
@@ -134,7 +144,9 @@ def test_no_pairings_are_an_empty_answer() -> None:
 
 
 @pytest.mark.parametrize("factor", [1e-6, 3.7, 1e6])
-def test_a_field_scaled_by_a_constant_changes_nothing(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_field_scaled_by_a_constant_changes_nothing(
+    factor: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ads, drivers = drive(24.0, 0.2), humans(1)
     before = anthropomorphic_index(ads, drivers, ROAD)
     assert 0.05 < before.field_similarity < 0.95
@@ -146,7 +158,15 @@ def test_a_field_scaled_by_a_constant_changes_nothing(factor: float, monkeypatch
 @given(shift=st.floats(-5e3, 5e3), wait=st.floats(-100.0, 100.0))
 def test_moving_the_world_moves_nothing(shift: float, wait: float) -> None:
     def moved(t: Trajectory) -> Trajectory:
-        return Trajectory(t.time + wait, t.x + shift, t.y, t.heading, t.speed, t.acceleration, t.steering_wheel_angle)
+        return Trajectory(
+            t.time + wait,
+            t.x + shift,
+            t.y,
+            t.heading,
+            t.speed,
+            t.acceleration,
+            t.steering_wheel_angle,
+        )
 
     road = Road("moved", ROAD.length + shift, 2, 3.5, 100.0)
     ads, drivers = drive(24.0, 0.2), humans(1)
@@ -179,7 +199,10 @@ def test_what_lies_past_the_roads_end_changes_nothing() -> None:
     long = [drive(v, y, until=400.0) for v, y in zip(speeds, offsets, strict=True)]
     # At 24 m/s the road ends at sample 25; from sample 30 on the ADS that drives on also brakes.
     far = drive(24.0, until=400.0, acceleration=[0.0] * 30 + [-2.0] * 138)
-    here, there = anthropomorphic_index(drive(24.0), short, ROAD), anthropomorphic_index(far, long, ROAD)
+    here, there = (
+        anthropomorphic_index(drive(24.0), short, ROAD),
+        anthropomorphic_index(far, long, ROAD),
+    )
     assert 0.0 < there.value == here.value < 1.0
     assert there.ads_operations == 0
     assert IndexNote("past_the_road", 4, 4) in there.notes
@@ -187,14 +210,18 @@ def test_what_lies_past_the_roads_end_changes_nothing() -> None:
 
 def test_the_further_from_the_humans_the_lower_the_score() -> None:
     drivers = [drive(v, y) for v, y in ((14.0, -0.2), (15.0, 0.0), (16.0, 0.2), (15.5, 0.1))]
-    by_offset = [anthropomorphic_index(drive(15.0, y), drivers, ROAD).value for y in (0.0, 0.6, 1.0, 2.0)]
-    by_speed = [anthropomorphic_index(drive(v, 0.0), drivers, ROAD).value for v in (15.0, 18.0, 22.0, 30.0)]
+    by_offset = [
+        anthropomorphic_index(drive(15.0, y), drivers, ROAD).value for y in (0.0, 0.6, 1.0, 2.0)
+    ]
+    by_speed = [
+        anthropomorphic_index(drive(v, 0.0), drivers, ROAD).value for v in (15.0, 18.0, 22.0, 30.0)
+    ]
     assert by_offset[0] == by_speed[0] == 1.0
     assert np.all(np.diff(by_offset) < 0.0)
     assert np.all(np.diff(by_speed) < 0.0)
 
 
-# --- the clever against the plain -------------------------------------------------------------------------------------
+# --- the clever against the plain -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -205,28 +232,49 @@ def test_the_further_from_the_humans_the_lower_the_score() -> None:
             drive(14.0, -1.0, steering_deg=12.0),
             AnthropomorphicSettings(field=FieldSettings(k1=1.0, k2=0.05), steering_rule="wheel"),
         ),
-        (stopping(41.3, 0.3), AnthropomorphicSettings(slice_spacing=3.0, points_per_side=2, side_width=1.0)),
-        (drive(12.0, 5.4), AnthropomorphicSettings(centre_deviation_floor=1.8, field_deviation_floor=0.2)),
-        (drive(19.0, 0.9, until=43.0), AnthropomorphicSettings(field=FieldSettings(sample_interval=0.2))),
+        (
+            stopping(41.3, 0.3),
+            AnthropomorphicSettings(slice_spacing=3.0, points_per_side=2, side_width=1.0),
+        ),
+        (
+            drive(12.0, 5.4),
+            AnthropomorphicSettings(centre_deviation_floor=1.8, field_deviation_floor=0.2),
+        ),
+        (
+            drive(19.0, 0.9, until=43.0),
+            AnthropomorphicSettings(field=FieldSettings(sample_interval=0.2)),
+        ),
     ],
     ids=["changes lane", "k1 k2", "stops", "off the road", "ends early"],
 )
 def test_the_index_is_the_plain_loops(ads: Trajectory, chosen: AnthropomorphicSettings) -> None:
-    drivers = [*humans(5, 2), drive(13.0, 0.3, steering_deg=11.0, acceleration=0.6), stopping(48.0, -0.1)]
+    drivers = [
+        *humans(5, 2),
+        drive(13.0, 0.3, steering_deg=11.0, acceleration=0.6),
+        stopping(48.0, -0.1),
+    ]
     plain = twin.anthropomorphic_index(ads, drivers, ROAD, chosen)
     assert 1e-6 < plain < 1.0
     assert anthropomorphic_index(ads, drivers, ROAD, chosen).value == pytest.approx(plain, rel=1e-9)
 
 
-@given(st.lists(st.sampled_from([0.0, 0.0, 0.0, 0.4, 0.5, 0.51, -0.6, 2.0]), min_size=1, max_size=60))
+@given(
+    st.lists(st.sampled_from([0.0, 0.0, 0.0, 0.4, 0.5, 0.51, -0.6, 2.0]), min_size=1, max_size=60)
+)
 def test_counting_operations_is_the_plain_state_machine(signal: list[float]) -> None:
     n = len(signal)
-    t = Trajectory(0.1 * np.arange(n), np.arange(n), np.zeros(n), acceleration=signal, steering_wheel_angle=signal)
+    t = Trajectory(
+        0.1 * np.arange(n),
+        np.arange(n),
+        np.zeros(n),
+        acceleration=signal,
+        steering_wheel_angle=signal,
+    )
     chosen = AnthropomorphicSettings(steering_rule="wheel", steering_threshold_deg=20.0)
     assert count_operations(t, chosen) == twin.count_operations(t, chosen)
 
 
-# --- worked numbers: terms --------------------------------------------------------------------------------------------
+# --- worked numbers: terms ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -249,7 +297,8 @@ def test_a_value_z_deviations_off(z: float, expected: float) -> None:
 
 
 def test_centre_three_floors_off() -> None:
-    # Drivers all at y = 0: deviation 0, floor 0.15 m. The ADS at 0.45 m is z = 3: exp(-2.5) at every slice.
+    # Drivers all at y = 0: deviation 0, floor 0.15 m. The ADS at 0.45 m is z = 3: exp(-2.5) at
+    # every slice.
     index = anthropomorphic_index(drive(y=0.45), [drive()] * 3, ROAD)
     assert index.centre_similarity == pytest.approx(math.exp(-2.5), rel=1e-9)
     assert IndexNote("centre_floor", 121, 121) in index.notes
@@ -258,7 +307,8 @@ def test_centre_three_floors_off() -> None:
 
 
 def test_centre_with_a_real_deviation() -> None:
-    # Drivers at 0, 0.4, 0.8 m: mean 0.4, sample deviation sqrt((0.16 + 0 + 0.16) / 2) = 0.4. The ADS at 1.6 is z = 3.
+    # Drivers at 0, 0.4, 0.8 m: mean 0.4, sample deviation sqrt((0.16 + 0 + 0.16) / 2) = 0.4. The
+    # ADS at 1.6 is z = 3.
     drivers = [drive(y=y) for y in (0.0, 0.4, 0.8)]
     index = anthropomorphic_index(drive(y=1.6), drivers, ROAD)
     assert index.centre_similarity == pytest.approx(math.exp(-2.5), rel=1e-9)
@@ -279,8 +329,11 @@ def test_field_with_known_values(
     own: float, others: list[float], expected: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
 
-    def fields(shared: module.SharedFields, x: np.ndarray, y: np.ndarray, places: Sequence[int]) -> np.ndarray:
-        values = [own] if len(places) == 1 else others  # the ADS's is asked for apart from the drivers'
+    def fields(
+        shared: module.SharedFields, x: np.ndarray, y: np.ndarray, places: Sequence[int]
+    ) -> np.ndarray:
+        # the ADS's is asked for apart from the drivers'
+        values = [own] if len(places) == 1 else others
         return np.multiply.outer(values, np.ones(y.shape))
 
     monkeypatch.setattr(module.SharedFields, "at", fields)
@@ -292,7 +345,9 @@ def test_field_with_known_values(
 def test_the_settings_of_the_field_reach_it() -> None:
     ads, drivers = drive(24.0, 0.2), humans(1)
     values = {
-        anthropomorphic_index(ads, drivers, ROAD, AnthropomorphicSettings(field=chosen)).field_similarity
+        anthropomorphic_index(
+            ads, drivers, ROAD, AnthropomorphicSettings(field=chosen)
+        ).field_similarity
         for chosen in (
             FieldSettings(),
             FieldSettings(k1=1.0),
@@ -304,7 +359,7 @@ def test_the_settings_of_the_field_reach_it() -> None:
     assert len(values) == 5
 
 
-# --- worked numbers: lengths ------------------------------------------------------------------------------------------
+# --- worked numbers: lengths ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -317,9 +372,20 @@ def test_the_settings_of_the_field_reach_it() -> None:
         (drive(15.0, until=57.0), 60.0),  # still driving when the time is up
         (drive(15.0, y=6.0, until=57.0), 57.0),  # off the road: what it drove
         (stopping(41.25), 41.25),
-        (Trajectory([0.0, 1.0, 2.0, 3.0], [0.0, 9.0, 8.5, 8.5], np.zeros(4), speed=[9.0, 1.0, 0.0, 0.0]), 8.5),
-        (Trajectory([0.0, 1.0, 2.0, 3.0], [0.0, 9.0, 8.5, 8.5], np.zeros(4), speed=[9.0, 1.0, 0.0, 1.0]), 60.0),
-        (Trajectory([0.0, 1.0, 2.0], [0.0, -1.0, -1.0], np.zeros(3), speed=[1.0, 0.0, 0.0]), 0.0),  # rolled back
+        (
+            Trajectory(
+                [0.0, 1.0, 2.0, 3.0], [0.0, 9.0, 8.5, 8.5], np.zeros(4), speed=[9.0, 1.0, 0.0, 0.0]
+            ),
+            8.5,
+        ),
+        (
+            Trajectory(
+                [0.0, 1.0, 2.0, 3.0], [0.0, 9.0, 8.5, 8.5], np.zeros(4), speed=[9.0, 1.0, 0.0, 1.0]
+            ),
+            60.0,
+        ),
+        # rolled back
+        (Trajectory([0.0, 1.0, 2.0], [0.0, -1.0, -1.0], np.zeros(3), speed=[1.0, 0.0, 0.0]), 0.0),
         (Trajectory([0.0], [5.0], [0.0]), 0.0),
         (drive(start=70.0, until=90.0), 0.0),
     ],
@@ -329,7 +395,8 @@ def test_driven_length(trajectory: Trajectory, expected: float) -> None:
 
 
 def test_a_shorter_drive_scales_the_score_and_a_longer_one_does_not() -> None:
-    # The ADS stops at 30 m; the drivers at 30, 60 (the road's end) and 60 m: L = 30, mean 50, f_L = 0.6.
+    # The ADS stops at 30 m; the drivers at 30, 60 (the road's end) and 60 m: L = 30, mean 50, f_L =
+    # 0.6.
     drivers = [stopping(30.0), drive(), drive(14.0)]
     index = anthropomorphic_index(stopping(30.0), drivers, ROAD)
     assert (index.ads_length, index.driver_lengths) == (30.0, (30.0, 60.0, 60.0))
@@ -342,18 +409,22 @@ def test_a_shorter_drive_scales_the_score_and_a_longer_one_does_not() -> None:
 
 
 def test_drivers_who_did_not_get_there_have_no_centre() -> None:
-    # Past 30 m only the two at 0.0 and 0.4 m count: mean 0.2, deviation 0.283, the ADS at 0.2 is z = 0. With the
-    # third, held at 3 m, the mean would be 1.13 and the deviation 1.62.
+    # Past 30 m only the two at 0.0 and 0.4 m count: mean 0.2, deviation 0.283, the ADS at 0.2 is z
+    # = 0. With the third, held at 3 m, the mean would be 1.13 and the deviation 1.62.
     drivers = [drive(y=0.0), drive(y=0.4), stopping(30.0, 3.0)]
     index = anthropomorphic_index(drive(y=0.2), drivers, ROAD)
     assert index.slices[-1] == 50.0
     far = anthropomorphic_index(drive(y=-0.52), drivers, ROAD)  # z = -2.546 past 30 m, -1.02 before
-    terms = [1.0 if x <= 30.0 else math.exp(2.0 - (0.72 / math.sqrt(0.08)) ** 2 / 2.0) for x in far.slices]
+    terms = [
+        1.0 if x <= 30.0 else math.exp(2.0 - (0.72 / math.sqrt(0.08)) ** 2 / 2.0)
+        for x in far.slices
+    ]
     assert far.centre_similarity == pytest.approx(np.mean(terms), rel=1e-9)
 
 
 def test_where_one_driver_alone_got_there_the_others_hold_their_last_position() -> None:
-    # Two stop at 20 m at y = 0, one passes at 1.5 m: mean length 33.3 m. Everywhere mean 0.5, deviation 0.866.
+    # Two stop at 20 m at y = 0, one passes at 1.5 m: mean length 33.3 m. Everywhere mean 0.5,
+    # deviation 0.866.
     drivers = [stopping(20.0), stopping(20.0), drive(y=1.5)]
     index = anthropomorphic_index(drive(y=0.5 + 2.5 * math.sqrt(0.75)), drivers, ROAD)
     assert index.slices[-2:] == pytest.approx([33.0, 100.0 / 3.0])
@@ -362,7 +433,7 @@ def test_where_one_driver_alone_got_there_the_others_hold_their_last_position() 
     assert IndexNote("drivers_hold_last_y", 27, 68) in index.notes
 
 
-# --- worked numbers: slices -------------------------------------------------------------------------------------------
+# --- worked numbers: slices -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -413,8 +484,10 @@ def test_lateral_position_at_the_first_crossing(
     ("centre", "expected"),
     [
         (1.0, [-0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5]),
-        (-0.55, [-1.75, -1.35, -0.95, -0.55, -0.05, 0.45, 0.95]),  # 1.2 m to the right edge: three parts of 0.4
-        (4.65, [3.15, 3.65, 4.15, 4.65, 4.85, 5.05, 5.25]),  # 0.6 m to the left edge: three parts of 0.2
+        # 1.2 m to the right edge: three parts of 0.4
+        (-0.55, [-1.75, -1.35, -0.95, -0.55, -0.05, 0.45, 0.95]),
+        # 0.6 m to the left edge: three parts of 0.2
+        (4.65, [3.15, 3.65, 4.15, 4.65, 4.85, 5.05, 5.25]),
         (-0.25, [-1.75, -1.25, -0.75, -0.25, 0.25, 0.75, 1.25]),  # 1.5 m exactly
         (-2.0, [-2.0, -2.0, -2.0, -2.0, -1.5, -1.0, -0.5]),  # off the road on the right
         (6.0, [4.5, 5.0, 5.5, 6.0, 6.0, 6.0, 6.0]),  # and on the left
@@ -427,7 +500,7 @@ def test_seven_points_a_slice(centre: float, expected: list[float]) -> None:
     assert points[1, :, 1] == pytest.approx(expected, abs=1e-12)
 
 
-# --- operations -------------------------------------------------------------------------------------------------------
+# --- operations -----------------------------------------------------------------------------------
 
 
 def signal(*parts: tuple[float, float]) -> list[float]:
@@ -467,7 +540,8 @@ WHEEL = AnthropomorphicSettings(steering_rule="wheel")
 )
 def test_steering_operations(degrees: list[float], expected: int) -> None:
     assert count_operations(recorded(steering_wheel_angle=np.radians(degrees)), WHEEL) == expected
-    assert count_operations(recorded(steering_wheel_angle=np.radians(degrees))) == 0  # it never leaves its line
+    # it never leaves its line
+    assert count_operations(recorded(steering_wheel_angle=np.radians(degrees))) == 0
 
 
 @pytest.mark.parametrize(
@@ -503,18 +577,24 @@ def test_most_operations_at_any_level_by_hand(acceleration: list[float], expecte
 def test_law_a_stronger_signal_never_has_fewer_operations(steps: list[int], factor: int) -> None:
     """Up to 4 m/s2 in steps of 1/64, one to ten times as strong: products without rounding."""
     weak, strong = (np.array(steps) / 64.0 * scale for scale in (1.0, factor / 64.0))
-    assert most_operations(recorded(acceleration=strong)) >= most_operations(recorded(acceleration=weak))
+    assert most_operations(recorded(acceleration=strong)) >= most_operations(
+        recorded(acceleration=weak)
+    )
 
 
 def test_steering_and_pedals_are_counted_separately_and_added() -> None:
     both = recorded(
-        steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)), acceleration=signal((1.0, 1.5), (0.0, 1.5))
+        steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)),
+        acceleration=signal((1.0, 1.5), (0.0, 1.5)),
     )
     assert count_operations(both, WHEEL) == 3
 
 
 def test_thresholds_and_neutral_time_are_settings() -> None:
-    t = recorded(steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)), acceleration=signal((1.0, 1.5), (0.0, 1.5)))
+    t = recorded(
+        steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)),
+        acceleration=signal((1.0, 1.5), (0.0, 1.5)),
+    )
     for changes, expected in (
         ({"steering_threshold_deg": 12.5}, 1),
         ({"acceleration_threshold": 1.5}, 2),
@@ -525,27 +605,44 @@ def test_thresholds_and_neutral_time_are_settings() -> None:
 
 
 def test_the_wheels_threshold_may_be_a_lateral_acceleration() -> None:
-    # a = v^2 tan(angle / 16) / 2.7 m: at 10 m/s 2 m/s2 needs 16 atan(2.7 * 2 / 100) = 49.5 deg, at 30 m/s 5.5 deg.
+    # a = v^2 tan(angle / 16) / 2.7 m: at 10 m/s 2 m/s2 needs 16 atan(2.7 * 2 / 100) = 49.5 deg, at
+    # 30 m/s 5.5 deg.
     chosen = replace(WHEEL, steering_lateral_acceleration=2.0)
-    for speed, degrees, expected in ((10.0, 49.4, 0), (10.0, 49.6, 1), (30.0, 5.4, 0), (30.0, 5.6, 1), (0.0, 500.0, 0)):
-        turned = recorded(steering_wheel_angle=np.radians(signal((degrees, 1.0))), speed=np.full(10, speed))
+    for speed, degrees, expected in (
+        (10.0, 49.4, 0),
+        (10.0, 49.6, 1),
+        (30.0, 5.4, 0),
+        (30.0, 5.6, 1),
+        (0.0, 500.0, 0),
+    ):
+        turned = recorded(
+            steering_wheel_angle=np.radians(signal((degrees, 1.0))), speed=np.full(10, speed)
+        )
         assert count_operations(turned, chosen) == expected
 
 
 def test_the_wheel_rule_is_refused_unless_both_sides_have_a_steering_signal() -> None:
     with_signal, without = drive(), without_steering([0.0] * 30)
     for ads, drivers in ((without, [with_signal] * 2), (with_signal, [with_signal, without])):
-        with pytest.raises(InputError, match="needs the steering wheel angle of the ADS and of all drivers"):
+        with pytest.raises(
+            InputError, match="needs the steering wheel angle of the ADS and of all drivers"
+        ):
             anthropomorphic_index(ads, drivers, ROAD, WHEEL)
 
 
 def test_the_same_drive_has_the_same_index_with_and_without_its_steering_signal() -> None:
-    """A lane change at 20 m/s, with a wheel that turns by 30 degrees or with one that nobody recorded."""
+    """A lane change at 20 m/s, with a wheel that turns by 30 degrees or with one that nobody
+    recorded."""
     y = np.array(lateral((5.0, 6.0, 3.5)))
     n = len(y)
     road = Road("test", 700.0, 2, 3.5, 100.0)
     angles = np.where((y > 0.01) & (y < 3.49), np.radians(30.0), 0.0)
-    channels = {"time": 0.1 * np.arange(n), "x": 2.0 * np.arange(n), "y": y, "acceleration": np.zeros(n)}
+    channels = {
+        "time": 0.1 * np.arange(n),
+        "x": 2.0 * np.arange(n),
+        "y": y,
+        "acceleration": np.zeros(n),
+    }
     known, unknown = Trajectory(**channels, steering_wheel_angle=angles), Trajectory(**channels)
     drivers = [Trajectory(**{**channels, "y": y + offset}) for offset in (-0.2, 0.1, 0.3)]
     values = [anthropomorphic_index(ads, drivers, road).value for ads in (known, unknown)]
@@ -582,13 +679,17 @@ def test_unknown_steering_samples_are_left_out() -> None:
 def without_steering(y: Sequence[float], seed: int | None = None) -> Trajectory:
     n = len(y)
     noise = np.zeros(n) if seed is None else np.random.default_rng(seed).normal(0.0, 0.02, n)
-    return Trajectory(0.1 * np.arange(n), 2.5 * np.arange(n), np.asarray(y) + noise, acceleration=np.zeros(n))
+    return Trajectory(
+        0.1 * np.arange(n), 2.5 * np.arange(n), np.asarray(y) + noise, acceleration=np.zeros(n)
+    )
 
 
 def lateral(*moves: tuple[float, float, float]) -> list[float]:
     """y of moves (begin, duration, offset) over 40 s."""
     time = 0.1 * np.arange(400)
-    return list(sum((offset * smooth_step((time - t) / d) for t, d, offset in moves), np.zeros(400)))
+    return list(
+        sum((offset * smooth_step((time - t) / d) for t, d, offset in moves), np.zeros(400))
+    )
 
 
 @pytest.mark.parametrize("seed", [None, 4])
@@ -606,7 +707,9 @@ def lateral(*moves: tuple[float, float, float]) -> list[float]:
         (list(0.25 * np.sin(0.3 * np.arange(400) * 0.1)), 0),  # wanders
     ],
 )
-def test_without_steering_a_lateral_manoeuvre_is_one_operation(y: list[float], expected: int, seed: int | None) -> None:
+def test_without_steering_a_lateral_manoeuvre_is_one_operation(
+    y: list[float], expected: int, seed: int | None
+) -> None:
     assert count_operations(without_steering(y, seed)) == expected
 
 
@@ -633,25 +736,36 @@ def test_operations_where_the_humans_make_none_leave_nothing_and_say_so() -> Non
     assert IndexNote("drivers_without_operation", 1, 1) in index.notes
 
 
-# --- the human-likeness of a case -------------------------------------------------------------------------------------
+# --- the human-likeness of a case -----------------------------------------------------------------
 
 
 def test_operations_have_the_tolerance_of_everything_else() -> None:
-    # Drivers make 1, 2 and 3: mean 2, deviation 1. Up to 4 is within two deviations; 5: exp(2 - 9/2), 6: exp(2 - 8).
-    for operations, expected in ((0, 1.0), (2, 1.0), (4, 1.0), (5, math.exp(-2.5)), (6, math.exp(-6.0))):
+    # Drivers make 1, 2 and 3: mean 2, deviation 1. Up to 4 is within two deviations; 5: exp(2 -
+    # 9/2), 6: exp(2 - 8).
+    for operations, expected in (
+        (0, 1.0),
+        (2, 1.0),
+        (4, 1.0),
+        (5, math.exp(-2.5)),
+        (6, math.exp(-6.0)),
+    ):
         assert operation_tolerance(operations, [1, 2, 3]) == pytest.approx(expected, rel=1e-12)
-    # All make none: the deviation is at least 0.5, so one is within two of them, two are not: exp(2 - 16/2).
+    # All make none: the deviation is at least 0.5, so one is within two of them, two are not: exp(2
+    # - 16/2).
     assert operation_tolerance(1, [0, 0]) == 1.0
     assert operation_tolerance(2, [0, 0]) == pytest.approx(math.exp(-6.0), rel=1e-12)
 
 
 def test_the_likeness_has_the_similarity_of_mixture_mode_in_either_mode() -> None:
-    """Drivers of two manoeuvres: one Gaussian calls the ADS between both usual, mixture mode does not."""
+    """Drivers of two manoeuvres: one Gaussian calls the ADS between both usual, mixture mode does
+    not."""
     y = np.array(lateral((1.0, 2.0, 3.5)))[:130]
     n = len(y)
     time, x = 0.1 * np.arange(n), 0.5 * np.arange(n)
     changing = [Trajectory(time, x, y + offset, speed=np.full(n, 5.0)) for offset in (0.0, 0.1)]
-    keeping = [Trajectory(time, x, 0.0 * y + offset, speed=np.full(n, 5.0)) for offset in (0.0, 0.1, 0.2)]
+    keeping = [
+        Trajectory(time, x, 0.0 * y + offset, speed=np.full(n, 5.0)) for offset in (0.0, 0.1, 0.2)
+    ]
     ads = Trajectory(time, x, 0.0 * y + 1.5, speed=np.full(n, 5.0))
     gaussian, mixture = (
         anthropomorphic_index(ads, [*changing, *keeping], ROAD, AnthropomorphicSettings(mode=mode))
@@ -673,7 +787,7 @@ def test_an_index_is_the_same_to_the_last_bit_whoever_else_is_judged() -> None:
         assert (found.value, found.likeness) == (alone.value, alone.likeness)
 
 
-# --- notes ------------------------------------------------------------------------------------------------------------
+# --- notes ----------------------------------------------------------------------------------------
 
 
 def test_an_ordinary_case_has_no_notes() -> None:
@@ -717,11 +831,15 @@ def test_an_ordinary_case_has_no_notes() -> None:
         ),
     ],
 )
-def test_a_reading_that_steps_in_says_so(ads: Trajectory, drivers: list[Trajectory], note: IndexNote) -> None:
+def test_a_reading_that_steps_in_says_so(
+    ads: Trajectory, drivers: list[Trajectory], note: IndexNote
+) -> None:
     assert note in anthropomorphic_index(ads, drivers, ROAD).notes
 
 
-@pytest.mark.parametrize("offsets", [(0.0, 0.1, 0.2, 3.5), (0.0, 3.3, 3.4, 3.5), (0.0, 0.1, 1.8, 1.9), (0.0, 3.5)])
+@pytest.mark.parametrize(
+    "offsets", [(0.0, 0.1, 0.2, 3.5), (0.0, 3.3, 3.4, 3.5), (0.0, 0.1, 1.8, 1.9), (0.0, 3.5)]
+)
 def test_one_outlier_or_a_small_gap_is_not_bimodal(offsets: tuple[float, ...]) -> None:
     notes = anthropomorphic_index(drive(), [drive(y=y) for y in offsets], ROAD).notes
     assert not [note for note in notes if note.kind == "two_groups"]
@@ -735,13 +853,16 @@ def test_a_group_that_did_not_get_there_does_not_make_it_bimodal() -> None:
 
 
 def test_drivers_who_did_not_get_there_are_no_group() -> None:
-    drivers = [*(stopping(30.0, y) for y in (0.0, 0.1)), *(drive(y=y) for y in (3.2, 3.3, 3.4, 3.5))]
+    drivers = [
+        *(stopping(30.0, y) for y in (0.0, 0.1)),
+        *(drive(y=y) for y in (3.2, 3.3, 3.4, 3.5)),
+    ]
     notes = anthropomorphic_index(drive(y=3.4), drivers, ROAD).notes
     # Mean length 50 m: 101 slices, 61 of them up to 30 m.
     assert IndexNote("two_groups", 61, 101) in notes
 
 
-# --- Eq. 13 -----------------------------------------------------------------------------------------------------------
+# --- Eq. 13 ---------------------------------------------------------------------------------------
 
 
 def test_the_index_over_the_safe_zone() -> None:
@@ -760,7 +881,9 @@ def test_the_weighted_index_is_a_mean_and_only_relative_exposure_counts(
     values, exposure = np.array(cases).T
     index = exposure_weighted_index(values, exposure)
     assert values.min() - 1e-12 <= index <= values.max() + 1e-12
-    assert exposure_weighted_index(values, factor * exposure) == pytest.approx(index, rel=1e-9, abs=1e-12)
+    assert exposure_weighted_index(values, factor * exposure) == pytest.approx(
+        index, rel=1e-9, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -781,7 +904,7 @@ def test_the_weighted_index_refuses(values: list[float], exposure: list[float], 
         exposure_weighted_index(values, exposure)
 
 
-# --- refusals ---------------------------------------------------------------------------------------------------------
+# --- refusals -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("drivers", [[], [drive()]])
@@ -791,5 +914,7 @@ def test_fewer_than_two_drivers_are_no_reference(drivers: list[Trajectory]) -> N
 
 
 def test_an_ads_that_starts_past_the_roads_end_is_refused() -> None:
-    with pytest.raises(InputError, match=r"start of road `test` must be before its end at x = 60 m, got 60.0"):
+    with pytest.raises(
+        InputError, match=r"start of road `test` must be before its end at x = 60 m, got 60.0"
+    ):
         anthropomorphic_index(drive(start=60.0, until=80.0), [drive()] * 2, ROAD)

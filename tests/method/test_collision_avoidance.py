@@ -43,7 +43,8 @@ def two_zones():
 
 @pytest.fixture(scope="module")
 def ring():
-    """A zone around a safe middle, most dangerous at (50, 15): the ray from there to (50, 85) leaves and comes back."""
+    """A zone around a safe middle, most dangerous at (50, 15): the ray from there to (50, 85)
+    leaves and comes back."""
 
     def gap(values):
         return 25.0 + np.abs(np.hypot(values["x"] - 50, values["y"] - 50) - 35) + 0.05 * values["y"]
@@ -60,7 +61,7 @@ def on_ray(zones, towards, share, index=0):
     return star_of(zones, index) + share * (np.asarray(towards, float) - star_of(zones, index))
 
 
-# --- Eqs. 14 and 15 ---------------------------------------------------------------------------------------------------
+# --- Eqs. 14 and 15 -------------------------------------------------------------------------------
 
 
 def test_loss_classes_and_their_edges():
@@ -70,9 +71,13 @@ def test_loss_classes_and_their_edges():
 
 
 def test_severity_by_hand():
-    # |(20, 0) - (5, 0)| = 15 m/s over 3/4 of the width: 20; |(20, 3) - (16, 0)| = 5 at full width: 5
+    # |(20, 0) - (5, 0)| = 15 m/s over 3/4 of the width: 20; |(20, 3) - (16, 0)| = 5 at full width:
+    # 5
     assert impact_severity((20, 0), (5, 0), 0.75) == 20.0
-    assert impact_severity([[20, 0], [20, 3]], [[5, 0], [16, 0]], [0.75, 1.0]).tolist() == [20.0, 5.0]
+    assert impact_severity([[20, 0], [20, 3]], [[5, 0], [16, 0]], [0.75, 1.0]).tolist() == [
+        20.0,
+        5.0,
+    ]
 
 
 def test_less_than_half_an_overlap_counts_as_half():
@@ -87,7 +92,7 @@ def test_severity_does_not_depend_on_the_frame():
     assert moved == pytest.approx(impact_severity(ego, other, 0.8), abs=1e-12)
 
 
-# --- Eq. 16 -----------------------------------------------------------------------------------------------------------
+# --- Eq. 16 ---------------------------------------------------------------------------------------
 
 
 def test_the_weight_is_0_at_the_most_dangerous_point(cut_out):
@@ -99,7 +104,9 @@ def test_the_weight_is_1_on_the_zone_boundary_and_more_in_the_safe_zone(cut_out)
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if cut_out.hazardous(on_ray(cut_out, far, middle)) else (low, middle)
+        low, high = (
+            (middle, high) if cut_out.hazardous(on_ray(cut_out, far, middle)) else (low, middle)
+        )
     assert collision_weight(on_ray(cut_out, far, low), cut_out) == pytest.approx(1.0, abs=1e-9)
     assert collision_weight(far, cut_out) == pytest.approx(1 / low, abs=1e-9)
 
@@ -120,13 +127,17 @@ def test_the_weight_grows_evenly_along_a_ray(cut_out):
 
 
 def test_a_ray_that_meets_no_boundary_ends_at_the_edge_of_the_space(cut_out):
-    # at 30 m/s the zone reaches 125.1 m, beyond the box: b is (30, 0, 120), r = (80 - 45.5) / (120 - 45.5)
-    assert collision_weight([30, 0, 80], cut_out) == pytest.approx((80 - 45.5) / (120 - 45.5), abs=1e-9)
+    # at 30 m/s the zone reaches 125.1 m, beyond the box: b is (30, 0, 120), r = (80 - 45.5) / (120
+    # - 45.5)
+    assert collision_weight([30, 0, 80], cut_out) == pytest.approx(
+        (80 - 45.5) / (120 - 45.5), abs=1e-9
+    )
     assert collision_weight([30, 0, 120], cut_out) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_a_ray_that_crosses_a_constraint_ends_there():
-    # hazardous everywhere, worst at (0, 0); the ray through (2, 1) leaves x + 2y <= 8 at (4, 2): r = 1/2
+    # hazardous everywhere, worst at (0, 0); the ray through (2, 1) leaves x + 2y <= 8 at (4, 2): r
+    # = 1/2
     cut = space(
         [("x", 0.0, 10.0, 2.0), ("y", 0.0, 10.0, 2.0)],
         lambda values: 10 + values["x"] + values["y"],
@@ -138,7 +149,8 @@ def test_a_ray_that_crosses_a_constraint_ends_there():
 
 
 def test_a_ray_along_a_constraint_stays_in_the_space(cut_out):
-    # gap = 6.5 + 1.3 * closing speed is an edge of the space; rounding must not end the ray at its start
+    # gap = 6.5 + 1.3 * closing speed is an edge of the space; rounding must not end the ray at its
+    # start
     edge = [[speed, 0.0, 6.5 + 1.3 * speed] for speed in (29.0, 27.5, 25.0)]
     ray = np.array(collision_weight(edge, cut_out))
     assert np.all(ray < 1.0)
@@ -152,7 +164,9 @@ def test_the_weight_is_what_a_plain_walk_finds(cut_out):
 
     def inside(unit):
         ego, obstacle, gap = CUT_OUT.from_unit(unit).T
-        exists = np.all((unit >= -1e-12) & (unit <= 1 + 1e-12), axis=1) & (gap >= 6.5 + 1.3 * (ego - obstacle) - 1e-9)
+        exists = np.all((unit >= -1e-12) & (unit <= 1 + 1e-12), axis=1) & (
+            gap >= 6.5 + 1.3 * (ego - obstacle) - 1e-9
+        )
         exists &= obstacle < ego
         hazardous = np.zeros(len(unit), dtype=bool)
         hazardous[exists] = cut_out.predicted(CUT_OUT.from_unit(np.clip(unit[exists], 0, 1))) <= 0
@@ -181,8 +195,12 @@ def test_the_nearest_of_several_zones_counts(two_zones):
     # (80, 85) is 15 m from the middle of the small zone, (30, 75) 35 m from that of the large one
     small, large = star_of(two_zones, 1), star_of(two_zones, 0)
     weights = collision_weight([[80, 85], [30, 75]], two_zones)
-    assert collision_weight(on_ray(two_zones, [80, 85], 0.1, index=1), two_zones) == pytest.approx(weights[0] / 10)
-    assert collision_weight(on_ray(two_zones, [30, 75], 0.1, index=0), two_zones) == pytest.approx(weights[1] / 10)
+    assert collision_weight(on_ray(two_zones, [80, 85], 0.1, index=1), two_zones) == pytest.approx(
+        weights[0] / 10
+    )
+    assert collision_weight(on_ray(two_zones, [30, 75], 0.1, index=0), two_zones) == pytest.approx(
+        weights[1] / 10
+    )
     assert np.all(collision_weight([small, large], two_zones) == 0.0)
 
 
@@ -201,18 +219,27 @@ def test_the_first_exit_counts_where_a_ray_enters_the_zone_again(ring):
         return ring.hazardous(ring.logical.from_unit(points))
 
     assert weight > 1.0
-    assert weight == pytest.approx(walked_weight(unit(across), unit(star), inside, farthest=0.5), rel=1e-9)
+    assert weight == pytest.approx(
+        walked_weight(unit(across), unit(star), inside, farthest=0.5), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize(
     ("point", "sentence"),
     [
-        ({"ego_speed": 30.0, "gap": 50.0}, "Parameter `obstacle_speed` of scenario `front_vehicle_cut_out` is missing"),
+        (
+            {"ego_speed": 30.0, "gap": 50.0},
+            "Parameter `obstacle_speed` of scenario `front_vehicle_cut_out` is missing",
+        ),
         (
             {"ego_speed": 30.0, "obstacle_sped": 0.0, "gap": 50.0},
-            "Unknown parameter `obstacle_sped` of scenario `front_vehicle_cut_out`. Did you mean `obstacle_speed`",
+            "Unknown parameter `obstacle_sped` of scenario `front_vehicle_cut_out`. Did you mean "
+            "`obstacle_speed`",
         ),
-        ([30.0, 0.0, 150.0], "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0"),
+        (
+            [30.0, 0.0, 150.0],
+            "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0",
+        ),
         ([30.0, 0.0], "`points` of scenario `front_vehicle_cut_out` must be 3 long"),
         (30.0, "`point` of scenario `front_vehicle_cut_out` must be values by name, a row or rows"),
     ],
@@ -222,7 +249,7 @@ def test_points_outside_the_space_have_no_weight(cut_out, point, sentence):
         collision_weight(point, cut_out)
 
 
-# --- Eq. 17 -----------------------------------------------------------------------------------------------------------
+# --- Eq. 17 ---------------------------------------------------------------------------------------
 
 
 def test_the_index_by_hand():
@@ -231,8 +258,11 @@ def test_the_index_by_hand():
 
 
 def test_the_index_of_loss_classes_by_hand():
-    # L of the ADS 1, 0.7, 0.4; of the ideal vehicle 0.1 (it avoids), 0.7, 0.4: (0.1/1 + 0.7/0.7 + 0.4/0.4) / 3
-    assert collision_avoidance_index([16, 10, 5], [0, 9, 1], [1, 1, 1], loss="class") == pytest.approx(2.1 / 3)
+    # L of the ADS 1, 0.7, 0.4; of the ideal vehicle 0.1 (it avoids), 0.7, 0.4: (0.1/1 + 0.7/0.7 +
+    # 0.4/0.4) / 3
+    assert collision_avoidance_index(
+        [16, 10, 5], [0, 9, 1], [1, 1, 1], loss="class"
+    ) == pytest.approx(2.1 / 3)
 
 
 def test_no_collision_scores_1():
@@ -265,7 +295,9 @@ def test_over_a_fixed_set_of_crashes_a_lower_impact_speed_never_lowers_c(cases, 
     softer = u.copy()
     softer[which] *= data.draw(st.floats(0.0, 1.0))
     for loss in ("severity", "class"):
-        before, after = (collision_avoidance_index(speeds, ideal, r, loss=loss) for speeds in (u, softer))
+        before, after = (
+            collision_avoidance_index(speeds, ideal, r, loss=loss) for speeds in (u, softer)
+        )
         assert after >= before - 1e-12
 
 
@@ -280,12 +312,18 @@ def test_c_is_a_share_and_only_the_ratio_of_the_weights_counts(cases, factor):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (([1, 2], [1], [1, 1]), "`u`, `u_ideal` and `weights` of the collisions must be of one length"),
+        (
+            ([1, 2], [1], [1, 1]),
+            "`u`, `u_ideal` and `weights` of the collisions must be of one length",
+        ),
         ((1.0, 1.0, 1.0), "`u`, `u_ideal` and `weights` of the collisions must be of one length"),
         (([-1], [1], [1]), "`u` of a collision must be finite and at least 0, got -1.0"),
         (([1], [math.nan], [1]), "`u_ideal` of a collision must be finite and at least 0, got nan"),
         (([1], [1], [math.inf]), "`weights` of a collision must be finite and at least 0, got inf"),
-        (([1], [1], [1], "l"), "`loss` of `collision_avoidance_index` must be 'severity' or 'class', got 'l'"),
+        (
+            ([1], [1], [1], "l"),
+            "`loss` of `collision_avoidance_index` must be 'severity' or 'class', got 'l'",
+        ),
     ],
 )
 def test_impossible_collisions_are_refused(arguments, sentence):
@@ -297,9 +335,18 @@ def test_impossible_collisions_are_refused(arguments, sentence):
     ("arguments", "sentence"),
     [
         (((20, 0), (5, 0), 1.01), "`overlap` of a collision must be within 0..1, got 1.01"),
-        (((20, 0), (5, 0), -0.1), "`overlap` of a collision must be finite and at least 0, got -0.1"),
-        (((20, 0, 0), (5, 0, 0), 1.0), "`ego_velocity` of a collision must be finite with a last axis of 2"),
-        (((20, 0), (5, math.nan), 1.0), "`obstacle_velocity` of a collision must be finite with a last axis of 2"),
+        (
+            ((20, 0), (5, 0), -0.1),
+            "`overlap` of a collision must be finite and at least 0, got -0.1",
+        ),
+        (
+            ((20, 0, 0), (5, 0, 0), 1.0),
+            "`ego_velocity` of a collision must be finite with a last axis of 2",
+        ),
+        (
+            ((20, 0), (5, math.nan), 1.0),
+            "`obstacle_velocity` of a collision must be finite with a last axis of 2",
+        ),
     ],
 )
 def test_impossible_impacts_are_refused(arguments, sentence):
@@ -308,5 +355,7 @@ def test_impossible_impacts_are_refused(arguments, sentence):
 
 
 def test_a_negative_severity_has_no_loss():
-    with pytest.raises(InputError, match=r"`u` of a collision must be finite and at least 0, got -1\.0"):
+    with pytest.raises(
+        InputError, match=r"`u` of a collision must be finite and at least 0, got -1\.0"
+    ):
         collision_loss([3.0, -1.0])

@@ -1,4 +1,5 @@
-"""Conflicts of ways: the time to collision on them against closed forms, and the area, time to it and PET by hand."""
+"""Conflicts of ways: the time to collision on them against closed forms, and the area, time to it
+and PET by hand."""
 
 from __future__ import annotations
 
@@ -8,7 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sumo_eval.method.conflict import conflict_at, conflict_criticality, conflicting, crossing_conflict
+from sumo_eval.method.conflict import (
+    conflict_at,
+    conflict_criticality,
+    conflicting,
+    crossing_conflict,
+)
 from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
 from sumo_eval.scenario import ConcreteScenario, catalogue
 from sumo_eval.scenario.file import scenario_from
@@ -22,7 +28,8 @@ RAMP = {"lanes": 3, "length": 2000.0, "lane": [{"lane": 0, "end": 500.0, "ramp_u
 def scene(speed: float, other: dict[str, Any], **more: Any) -> ConcreteScenario:
     """The ego at x = 50 m; bodies are 4.5 x 1.8 m."""
     content = {
-        "name": "t", "parameter": [{"name": "v", "low": 1.0, "high": 50.0, "step": 1.0, "unit": "m/s"}],
+        "name": "t",
+        "parameter": [{"name": "v", "low": 1.0, "high": 50.0, "step": 1.0, "unit": "m/s"}],
         "zone": {"obstacle": "other", "conflict": True}, "vehicle": [{"name": "other", **other}],
         "road": {"lanes": 2, "length": 2000.0, "crossing": [{"x": 300.0}]}, **more,
         "ego": {"speed": "v", **more.get("ego", {})},
@@ -37,7 +44,12 @@ def critical(concrete: ConcreteScenario, delay: float = 0.0) -> tuple[float, flo
 
 @pytest.mark.parametrize(
     ("speed", "lead", "gap", "delay"),
-    [(20.0, 0.0, 60.0, 0.0), (20.0, 10.0, 20.0, 0.0), (20.0, 10.0, 30.0, 1.0), (15.0, 5.0, 40.0, 1.0)],
+    [
+        (20.0, 0.0, 60.0, 0.0),
+        (20.0, 10.0, 20.0, 0.0),
+        (20.0, 10.0, 30.0, 1.0),
+        (15.0, 5.0, 40.0, 1.0),
+    ],
 )
 def test_law_behind_a_vehicle_in_the_lane_it_is_the_closed_form(
     speed: float, lead: float, gap: float, delay: float
@@ -51,14 +63,21 @@ def test_law_ideal_braking_that_hits_hits_as_the_closed_form_says() -> None:
     inverse, impact, _ = critical(scene(20.0, {"speed": 0.0, "gap": 30.0}))
     assert inverse == np.inf
     # sqrt(400 - 2 * 5 * 30) = 10 m/s; found at most one look of 0.1 s (0.5 m/s) late
-    assert impact == pytest.approx(float(ideal_impact_speed(20.0, 0.0, 30.0, deceleration=5.0)), abs=0.51)
+    assert impact == pytest.approx(
+        float(ideal_impact_speed(20.0, 0.0, 30.0, deceleration=5.0)), abs=0.51
+    )
 
 
 @pytest.mark.parametrize("leaves", [2.3, 2.6, 4.0])
-def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_way(leaves: float) -> None:
-    # It is in the strip (2.25 + 0.9 m to both sides) from 1 s until `leaves`; the ego's front is 20 m from its side.
+def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_way(
+    leaves: float,
+) -> None:
+    # It is in the strip (2.25 + 0.9 m to both sides) from 1 s until `leaves`; the ego's front is 20
+    # m from its side.
     across = 6.3 / (leaves - 1.0)
-    concrete = scene(10.0, {"speed": across, "heading": 90.0, "x": 50.0 + 2.25 + 20.0 + 0.9, "y": -3.15 - across})
+    concrete = scene(
+        10.0, {"speed": across, "heading": 90.0, "x": 50.0 + 2.25 + 20.0 + 0.9, "y": -3.15 - across}
+    )
     t = np.linspace(0.0, 2.5, 250_001)
     v = 10.0 - 5.0 * np.clip(t - 0.5, 0.0, 2.0)
     d = 20.0 - 10.0 * np.minimum(t, 0.5) - 0.5 * np.clip(t - 0.5, 0.0, 2.0) * (10.0 + v)
@@ -76,35 +95,46 @@ def test_who_would_meet_nobody_is_in_no_conflict_however_hard_it_is_to_brake() -
 
 
 def test_law_a_merge_behind_a_slower_vehicle_is_the_approach_to_it() -> None:
-    # 25 m/s against 15 m/s and 50 m: they would touch after 5 s, at x = 175 m, when the change (120..220 m) has brought
-    # the ego's side over the other's; from the ramp it is the closed form of a vehicle in the own lane.
+    # 25 m/s against 15 m/s and 50 m: they would touch after 5 s, at x = 175 m, when the change
+    # (120..220 m) has brought the ego's side over the other's; from the ramp it is the closed form
+    # of a vehicle in the own lane.
     ego = {"goal_lane": 1, "change_from": 120.0}
     concrete = scene(25.0, {"speed": 15.0, "gap": 50.0, "y": 3.5}, road=RAMP, ego=ego)
-    assert critical(concrete)[0] == pytest.approx(float(max_inverse_ttc(25.0, 15.0, 50.0, deceleration=5.0)), rel=1e-2)
-    beside = scene(25.0, {"speed": 15.0, "gap": 50.0, "y": 3.5}, road=RAMP)  # which stays on the ramp's lane
+    assert critical(concrete)[0] == pytest.approx(
+        float(max_inverse_ttc(25.0, 15.0, 50.0, deceleration=5.0)), rel=1e-2
+    )
+    # which stays on the ramp's lane
+    beside = scene(25.0, {"speed": 15.0, "gap": 50.0, "y": 3.5}, road=RAMP)
     assert critical(beside)[0] == 0.0
 
 
 def test_the_area_the_time_to_it_and_the_pet_of_a_crossing_by_hand() -> None:
-    # The other's side is at x = 99.1..100.9 m. In the ego's strip from y = -3.15 to 3.15 m: 2.1 m/s from y = -10 m on.
+    # The other's side is at x = 99.1..100.9 m. In the ego's strip from y = -3.15 to 3.15 m: 2.1 m/s
+    # from y = -10 m on.
     concrete = scene(10.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0})
     found = crossing_conflict(concrete, 0, SIZE)
     assert (found.begin, found.end) == pytest.approx((99.1, 100.9))
     assert (found.enters, found.leaves) == pytest.approx((6.85 / 2.1, 13.15 / 2.1))
     assert found.time_to == pytest.approx((99.1 - 52.25) / 10.0)
-    assert found.pet == 0.0  # both at once: from 4.685 s on, while it is there from 3.262 s to 6.262 s
-    sooner = crossing_conflict(scene(30.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0}), 0, SIZE)
+    # both at once: from 4.685 s on, while it is there from 3.262 s to 6.262 s
+    assert found.pet == 0.0
+    sooner = crossing_conflict(
+        scene(30.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0}), 0, SIZE
+    )
     # the ego's rear leaves at (100.9 + 2.25 - 50) / 30 = 1.772 s
     assert sooner.pet == pytest.approx(6.85 / 2.1 - 53.15 / 30.0)
-    later = crossing_conflict(scene(5.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0}), 0, SIZE)
+    later = crossing_conflict(
+        scene(5.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0}), 0, SIZE
+    )
     assert later.pet == pytest.approx(46.85 / 5.0 - 13.15 / 2.1)
     away = crossing_conflict(scene(5.0, {"speed": 2.1, "x": 100.0, "y": 3.5}), 0, SIZE)
     assert np.isnan(away.pet)
 
 
 def test_the_pet_of_ways_that_join_is_that_at_the_place_where_they_do() -> None:
-    # The other drives in lane 1, its rear at p = `begin` when its body comes into the ego's strip. It is 50 m ahead at
-    # 25 m/s, the ego is at 20 m/s: the other's rear leaves p first, the ego's front is there at (p - 52.25) / 20.
+    # The other drives in lane 1, its rear at p = `begin` when its body comes into the ego's strip.
+    # It is 50 m ahead at 25 m/s, the ego is at 20 m/s: the other's rear leaves p first, the ego's
+    # front is there at (p - 52.25) / 20.
     ego = {"goal_lane": 1, "change_from": 120.0}
     concrete = scene(20.0, {"speed": 25.0, "gap": 50.0, "y": 3.5}, road=RAMP, ego=ego)
     found = crossing_conflict(concrete, 0, SIZE)
@@ -113,15 +143,23 @@ def test_the_pet_of_ways_that_join_is_that_at_the_place_where_they_do() -> None:
     assert found.enters == pytest.approx((found.begin - rear) / 25.0, abs=0.1)
     assert found.time_to == pytest.approx((found.begin - 52.25) / 20.0)
     assert found.pet == pytest.approx(found.time_to - found.enters)
-    # From 100 m behind at 25 m/s: the ego's rear leaves p at (p + 2.25 - 50) / 20, the other's front comes later.
+    # From 100 m behind at 25 m/s: the ego's rear leaves p at (p + 2.25 - 50) / 20, the other's
+    # front comes later.
     behind = scene(20.0, {"speed": 25.0, "gap_behind": 100.0, "y": 3.5}, road=RAMP, ego=ego)
     later = crossing_conflict(behind, 0, SIZE)
     front = 50.0 - 2.25 - 100.0
-    assert later.pet == pytest.approx((later.begin - front) / 25.0 - (later.begin - 47.75) / 20.0, abs=0.1)
+    assert later.pet == pytest.approx(
+        (later.begin - front) / 25.0 - (later.begin - 47.75) / 20.0, abs=0.1
+    )
 
 
 def test_whose_way_conflicts_is_the_obstacle_of_a_conflict_or_who_crosses() -> None:
-    for name, expected in (("crossing_path", 0), ("pedestrian_crossing", 0), ("swerving_lead", None), ("cut_in", None)):
+    for name, expected in (
+        ("crossing_path", 0),
+        ("pedestrian_crossing", 0),
+        ("swerving_lead", None),
+        ("cut_in", None),
+    ):
         logical = catalogue.load(name)
         point = dict(zip(logical.names, [one.low for one in logical.parameters], strict=True))
         assert conflicting(logical, logical.placed(point)) == expected, name

@@ -54,11 +54,23 @@ def test_touching_while_closing_is_unbounded_and_not_closing_is_not_critical():
 
 
 def test_ideal_braking_by_hand():
-    # 20 m/s behind 10 m/s, 30 m, braking 5 m/s2 after 1 s. At 2 s: 20 - 5 = 15 m/s; gap 30 - 10 - (10 + 5)/2 = 12.5 m.
-    # From 3 s on both drive 10 m/s: gap 30 - 10 - 10^2/(2*5) = 10 m.
+    # 20 m/s behind 10 m/s, 30 m, braking 5 m/s2 after 1 s. At 2 s: 20 - 5 = 15 m/s; gap 30 - 10 -
+    # (10 + 5)/2 = 12.5 m. From 3 s on both drive 10 m/s: gap 30 - 10 - 10^2/(2*5) = 10 m.
     time = [0.0, 1.0, 2.0, 3.0, 9.0]
-    assert ideal_braking_speed(20, 10, time, deceleration=5, delay=1).tolist() == [20, 20, 15, 10, 10]
-    assert ideal_braking_gap(20, 10, 30, time, deceleration=5, delay=1).tolist() == [30, 20, 12.5, 10, 10]
+    assert ideal_braking_speed(20, 10, time, deceleration=5, delay=1).tolist() == [
+        20,
+        20,
+        15,
+        10,
+        10,
+    ]
+    assert ideal_braking_gap(20, 10, 30, time, deceleration=5, delay=1).tolist() == [
+        30,
+        20,
+        12.5,
+        10,
+        10,
+    ]
 
 
 def test_an_ego_that_is_not_closing_does_not_brake():
@@ -99,9 +111,13 @@ def test_delay_alone_can_reach_contact():
 
 @given(speeds, speeds, gaps, decelerations, delays)
 def test_max_inverse_ttc_is_what_a_plain_simulation_finds(ego, lead, gap, deceleration, delay):
-    assume(abs(gap - required_gap(max(ego - lead, 0.0), deceleration=deceleration, delay=delay)) > 1e-6)
+    assume(
+        abs(gap - required_gap(max(ego - lead, 0.0), deceleration=deceleration, delay=delay)) > 1e-6
+    )
     plain, _ = braked(ego, lead, gap, deceleration, delay)
-    assert max_inverse_ttc(ego, lead, gap, deceleration=deceleration, delay=delay) == pytest.approx(plain, rel=1e-9)
+    assert max_inverse_ttc(ego, lead, gap, deceleration=deceleration, delay=delay) == pytest.approx(
+        plain, rel=1e-9
+    )
 
 
 @given(speeds, speeds, gaps, decelerations, delays)
@@ -109,17 +125,26 @@ def test_max_inverse_ttc_is_the_largest_on_the_way(ego, lead, gap, deceleration,
     time = np.linspace(0.0, delay + 40.0 / deceleration, 4001)
     constants = {"deceleration": deceleration, "delay": delay}
     speed = ideal_braking_speed(ego, lead, time, **constants)
-    on_the_way = inverse_ttc(speed, lead, ideal_braking_gap(ego, lead, gap, time, **constants)).max()
+    on_the_way = inverse_ttc(
+        speed, lead, ideal_braking_gap(ego, lead, gap, time, **constants)
+    ).max()
     assert on_the_way <= max_inverse_ttc(ego, lead, gap, **constants) * (1 + 1e-9)
 
 
 @given(speeds, speeds, gaps, decelerations, delays, st.sampled_from([0.0, 0.15, 0.6, 3.0]))
-def test_impact_speed_is_what_a_plain_simulation_finds(ego, lead, gap, deceleration, delay, build_up):
-    # at the very gap that is required the impact speed leaves 0 like a square root: digits of the gap are lost there
-    required = required_gap(max(ego - lead, 0.0), deceleration=deceleration, delay=delay, build_up=build_up)
+def test_impact_speed_is_what_a_plain_simulation_finds(
+    ego, lead, gap, deceleration, delay, build_up
+):
+    # at the very gap that is required the impact speed leaves 0 like a square root: digits of the
+    # gap are lost there
+    required = required_gap(
+        max(ego - lead, 0.0), deceleration=deceleration, delay=delay, build_up=build_up
+    )
     assume(abs(gap - required) > 1e-4)
     _, plain = braked(ego, lead, gap, deceleration, delay, build_up)
-    mine = ideal_impact_speed(ego, lead, gap, deceleration=deceleration, delay=delay, build_up=build_up)
+    mine = ideal_impact_speed(
+        ego, lead, gap, deceleration=deceleration, delay=delay, build_up=build_up
+    )
     assert mine == pytest.approx(plain, abs=1e-9)
 
 
@@ -141,21 +166,27 @@ def test_more_room_never_hits_harder(ego, lead, gap, deceleration, delay, build_
 @given(st.floats(0.1, 40.0), decelerations, st.floats(0.2, 2.0), delays)
 def test_critical_gap_is_where_max_inverse_ttc_meets_the_threshold(closing, deceleration, k, delay):
     gap = critical_gap(closing, deceleration=deceleration, critical_inverse_ttc=k, delay=delay)
-    assert max_inverse_ttc(closing, 0.0, gap, deceleration=deceleration, delay=delay) == pytest.approx(k, rel=1e-9)
+    assert max_inverse_ttc(
+        closing, 0.0, gap, deceleration=deceleration, delay=delay
+    ) == pytest.approx(k, rel=1e-9)
 
 
 @given(st.floats(0.0, 30.0), st.floats(0.0, 30.0), gaps, delays, st.floats(0.0, 1.0))
 def test_only_the_speed_difference_counts(closing, lead, gap, delay, build_up):
-    moving = ideal_impact_speed(lead + closing, lead, gap, deceleration=6, delay=delay, build_up=build_up)
+    moving = ideal_impact_speed(
+        lead + closing, lead, gap, deceleration=6, delay=delay, build_up=build_up
+    )
     standing = ideal_impact_speed(closing, 0.0, gap, deceleration=6, delay=delay, build_up=build_up)
-    assert moving == pytest.approx(standing, abs=1e-5)  # a square root near 0 spreads the last digit of the difference
+    # a square root near 0 spreads the last digit of the difference
+    assert moving == pytest.approx(standing, abs=1e-5)
 
 
 def test_the_zone_boundary_of_the_paper():
     # D^2/10 + 5/(2*0.49): 10 + 5.102, 40 + 5.102, 90 + 5.102; the delay of 1 s adds D
     assert critical_gap([10, 20, 30]) == pytest.approx([15.10, 45.10, 95.10], abs=0.005)
     assert critical_gap([10, 20, 30], delay=1.0) == pytest.approx([25.10, 65.10, 125.10], abs=0.005)
-    # below the knee at 5/0.7 = 7.143 m/s it is D/0.7: 5/0.7 = 7.143 m; not closing: no gap is critical
+    # below the knee at 5/0.7 = 7.143 m/s it is D/0.7: 5/0.7 = 7.143 m; not closing: no gap is
+    # critical
     assert critical_gap([5, 0, -3]) == pytest.approx([7.142857, 0, 0], abs=1e-6)
 
 
@@ -166,22 +197,33 @@ def test_front_vehicle_low_speed_is_never_hazardous():
 
 
 def test_careful_driver_behind_a_standing_target():
-    # 30 km/h = 8.333 m/s: 8.333*1.75 - 7.593*0.36/6 + (8.333 - 2.2779)^2/15.186 = 14.583 - 0.456 + 2.415 = 16.54 m
+    # 30 km/h = 8.333 m/s: 8.333*1.75 - 7.593*0.36/6 + (8.333 - 2.2779)^2/15.186 = 14.583 - 0.456 +
+    # 2.415 = 16.54 m
     gaps = required_gap(np.array([30, 40, 50, 60]) / 3.6, **CAREFUL)
     assert gaps == pytest.approx([16.54, 24.13, 32.73, 42.34], abs=0.005)
 
 
 def test_contact_within_the_ramp_by_hand():
-    # jerk 12, ramp of 1 s: D = 10, after 0.5 s it has gone 10*0.5 - 12*0.125/6 = 4.75 m and does 10 - 12*0.25/2 = 8.5
-    assert ideal_impact_speed(10, 0, 4.75, deceleration=12, build_up=1.0) == pytest.approx(8.5, abs=1e-12)
-    # slower than 12*1/2 = 6 m/s it stops on the ramp: D = 1.5, t* = sqrt(2*1.5/12) = 0.5, 2/3*1.5*0.5 = 0.5 m
+    # jerk 12, ramp of 1 s: D = 10, after 0.5 s it has gone 10*0.5 - 12*0.125/6 = 4.75 m and does 10
+    # - 12*0.25/2 = 8.5
+    assert ideal_impact_speed(10, 0, 4.75, deceleration=12, build_up=1.0) == pytest.approx(
+        8.5, abs=1e-12
+    )
+    # slower than 12*1/2 = 6 m/s it stops on the ramp: D = 1.5, t* = sqrt(2*1.5/12) = 0.5,
+    # 2/3*1.5*0.5 = 0.5 m
     assert required_gap(1.5, deceleration=12, build_up=1.0) == pytest.approx(0.5, abs=1e-15)
 
 
 def test_published_approaches():
     rows = table("analytic_approach.csv")
-    brakes = {"deceleration": rows["a_max_mps2"], "delay": rows["delay_s"], "build_up": rows["ramp_s"]}
-    assert required_gap(rows["dv0_mps"], **brakes) == pytest.approx(rows["gap_required_m"], abs=1e-5)
+    brakes = {
+        "deceleration": rows["a_max_mps2"],
+        "delay": rows["delay_s"],
+        "build_up": rows["ramp_s"],
+    }
+    assert required_gap(rows["dv0_mps"], **brakes) == pytest.approx(
+        rows["gap_required_m"], abs=1e-5
+    )
     # the gaps are printed to 0.1 mm, and v dv = a dd: 8 m/s2 * 1e-4 m moves v^2/2 by less than 1e-3
     impact = ideal_impact_speed(rows["dv0_mps"], 0.0, rows["gap0_m"], **brakes)
     assert np.max(np.abs(impact**2 - rows["dv_impact_mps"] ** 2)) < 2e-3
@@ -192,7 +234,10 @@ def test_published_approaches():
 
 def test_published_zone_boundaries():
     rows = table("paper_zone_boundary.csv")
-    constants = {"deceleration": rows["a_mps2"], "critical_inverse_ttc": rows["ittc_threshold_per_s"]}
+    constants = {
+        "deceleration": rows["a_mps2"],
+        "critical_inverse_ttc": rows["ittc_threshold_per_s"],
+    }
     boundary = rows["d_boundary_no_delay_m"]
     assert critical_gap(rows["dv_mps"], **constants) == pytest.approx(boundary, rel=1e-4)
     assert critical_gap(rows["dv_mps"], delay=1.0, **constants) == pytest.approx(
@@ -207,7 +252,11 @@ def test_published_zone_boundaries():
 def test_arrays_broadcast_and_scalars_stay_scalars():
     assert max_inverse_ttc(np.full((4, 1), 20.0), np.zeros(3), 50.0).shape == (4, 3)
     assert ideal_impact_speed(20.0, [0.0, 10.0], [[10.0], [30.0]], deceleration=5).shape == (2, 2)
-    for value in (max_inverse_ttc(20, 0, 50), ideal_impact_speed(20, 0, 5, deceleration=5), critical_gap(10)):
+    for value in (
+        max_inverse_ttc(20, 0, 50),
+        ideal_impact_speed(20, 0, 5, deceleration=5),
+        critical_gap(10),
+    ):
         assert isinstance(value, np.float64)
 
 
@@ -223,7 +272,13 @@ def test_arrays_broadcast_and_scalars_stay_scalars():
     ],
 )
 def test_impossible_approaches_are_refused(wrong, sentence):
-    approach = {"ego_speed": 20.0, "lead_speed": 0.0, "gap": 30.0, "deceleration": 5.0, "delay": 0.0} | wrong
+    approach = {
+        "ego_speed": 20.0,
+        "lead_speed": 0.0,
+        "gap": 30.0,
+        "deceleration": 5.0,
+        "delay": 0.0,
+    } | wrong
     with pytest.raises(InputError, match=sentence):
         ideal_impact_speed(**approach)
     if "build_up" not in wrong:
@@ -232,13 +287,15 @@ def test_impossible_approaches_are_refused(wrong, sentence):
 
 
 def test_impossible_thresholds_and_times_are_refused():
-    with pytest.raises(InputError, match="`critical_inverse_ttc` of an approach must be greater than 0"):
+    with pytest.raises(
+        InputError, match="`critical_inverse_ttc` of an approach must be greater than 0"
+    ):
         critical_gap(10.0, critical_inverse_ttc=0.0)
     with pytest.raises(InputError, match="`time` of an approach must be at least 0"):
         ideal_braking_gap(20, 0, 30, -1.0)
 
 
-# --- the search over time ---------------------------------------------------------------------------------------------
+# --- the search over time -------------------------------------------------------------------------
 
 
 def searched(ego, lead, gap, **how):
@@ -254,8 +311,12 @@ def test_law_the_search_is_the_closed_form_where_the_lead_keeps_its_speed():
     ego, lead, gap = random.uniform(0, 40, n), random.uniform(0, 30, n), random.uniform(1.0, 200, n)
     how = {"deceleration": random.uniform(2, 9, n), "delay": random.uniform(0, 2, n)}
     inverse, impact = searched(ego, lead, gap, **how)
-    exact, exact_impact = max_inverse_ttc(ego, lead, gap, **how), ideal_impact_speed(ego, lead, gap, **how)
-    grazing = (exact_impact < 0.5) & (exact > 20.0)  # within a hair of contact: the zone is far behind
+    exact, exact_impact = (
+        max_inverse_ttc(ego, lead, gap, **how),
+        ideal_impact_speed(ego, lead, gap, **how),
+    )
+    # within a hair of contact: the zone is far behind
+    grazing = (exact_impact < 0.5) & (exact > 20.0)
     assert 500 < np.isinf(exact).sum() < 3_500
     assert np.array_equal(np.isinf(inverse)[~grazing], np.isinf(exact)[~grazing])
     finite = np.isfinite(exact) & ~grazing
@@ -271,25 +332,34 @@ def test_law_a_conflict_that_begins_with_the_braking_is_an_approach_from_the_gap
     exact = np.where(left < -8.6, 0.0, max_inverse_ttc(ego, lead, left))
     assert np.array_equal(np.isinf(inverse), np.isinf(exact))
     assert inverse[np.isfinite(exact)] == pytest.approx(exact[np.isfinite(exact)], rel=1e-3)
-    assert impact == pytest.approx(np.where(left < -8.6, 0.0, ideal_impact_speed(ego, lead, left, deceleration=5.0)))
-    # both bodies are 4.3 m: safe below 22.22 - 8.6 m, where the ego has passed, and above 22.22 + 17.45 m
+    assert impact == pytest.approx(
+        np.where(left < -8.6, 0.0, ideal_impact_speed(ego, lead, left, deceleration=5.0))
+    )
+    # both bodies are 4.3 m: safe below 22.22 - 8.6 m, where the ego has passed, and above 22.22 +
+    # 17.45 m
     hazardous = gap[inverse >= 0.7]
     assert (hazardous[0], hazardous[-1]) == (13.75, 39.5)
     assert np.all(np.diff(hazardous) == 0.25)
 
 
 def test_the_search_behind_a_braking_lead_by_hand():
-    # Both at 20 m/s; the lead stands after 40 m (5 m/s2). Without delay the ego needs the same 40 m: never closing.
-    # After 1 s it needs 20 + 40 m: with 10 m it lacks 10 m. Both brake alike until the lead stands at 4 s: then the ego
-    # is 1 s behind in its braking, 5 m/s fast, and has lost 2.5 + 5*3 = 17.5 m of the gap; so contact comes before.
+    # Both at 20 m/s; the lead stands after 40 m (5 m/s2). Without delay the ego needs the same 40
+    # m: never closing. After 1 s it needs 20 + 40 m: with 10 m it lacks 10 m. Both brake alike
+    # until the lead stands at 4 s: then the ego is 1 s behind in its braking, 5 m/s fast, and has
+    # lost 2.5 + 5*3 = 17.5 m of the gap; so contact comes before.
     lead_speed = lambda time: np.maximum(20.0 - 5.0 * time, 0.0)  # noqa: E731
     lead_distance = lambda time: 40.0 - lead_speed(time) ** 2 / 10.0  # noqa: E731
     ego = np.array([20.0])
     assert searched_criticality(ego, np.array([5.0]), lead_speed, lead_distance)[1] == 0.0
-    inverse, impact = searched_criticality(ego, np.array([10.0]), lead_speed, lead_distance, delay=1.0)
+    inverse, impact = searched_criticality(
+        ego, np.array([10.0]), lead_speed, lead_distance, delay=1.0
+    )
     # from 1 s on it closes at 5 m/s with 10 - 2.5 m left: contact after 1.5 s more, at 5 m/s
     assert (inverse[0], impact[0]) == (math.inf, pytest.approx(5.0))
-    # with 30 m it stops 10 m short; its ITTC peaks while it brakes behind the standing lead: sqrt(a / 2c), c = 10 m,
-    # is reached at sqrt(2 a c) = 10 m/s, but it has only 5 m/s when the lead stands, 12.5 m away: 5 / 12.5
-    inverse, impact = searched_criticality(ego, np.array([30.0]), lead_speed, lead_distance, delay=1.0)
+    # with 30 m it stops 10 m short; its ITTC peaks while it brakes behind the standing lead: sqrt(a
+    # / 2c), c = 10 m, is reached at sqrt(2 a c) = 10 m/s, but it has only 5 m/s when the lead
+    # stands, 12.5 m away: 5 / 12.5
+    inverse, impact = searched_criticality(
+        ego, np.array([30.0]), lead_speed, lead_distance, delay=1.0
+    )
     assert (inverse[0], impact[0]) == (pytest.approx(0.4, rel=1e-3), 0.0)

@@ -22,24 +22,37 @@ from sumo_eval.trajectory import Trajectory
 ROAD = Road("road", 400.0, 2, 3.5, 0.0)
 
 
-def drive(speed: float, seconds: float, *, sideways: float = 0.0, brakes: float = 0.0) -> Trajectory:
-    """From x = 0 on the right lane's centre line; brakes: m/s2, from t = 0 on; sideways: m/s to the left."""
+def drive(
+    speed: float, seconds: float, *, sideways: float = 0.0, brakes: float = 0.0
+) -> Trajectory:
+    """From x = 0 on the right lane's centre line;
+
+    brakes: m/s2, from t = 0 on;
+    sideways: m/s to the left.
+    """
     time = np.arange(0.0, seconds + 1e-9, 0.1)
     rolling = np.minimum(time, speed / brakes) if brakes else time
     x = speed * rolling - 0.5 * brakes * rolling**2
     return Trajectory(
-        time, x, sideways * time, heading=np.zeros(len(time)), speed=np.maximum(speed - brakes * time, 0.0)
+        time,
+        x,
+        sideways * time,
+        heading=np.zeros(len(time)),
+        speed=np.maximum(speed - brakes * time, 0.0),
     )
 
 
-def share(ego: Trajectory, *references: Trajectory, way: Way | None = None, excused: bool = False) -> float:
+def share(
+    ego: Trajectory, *references: Trajectory, way: Way | None = None, excused: bool = False
+) -> float:
     asked = asked_way(0.0, references)
     assert asked is not None
     return task_share(ego, asked, way, incident=False, excused=excused)
 
 
 def test_a_departure_is_the_first_corner_beyond_the_edge_and_the_margin() -> None:
-    """The right edge is at y = -1.75, half the body 0.9: with 0.5 m more, a corner is out from y = -1.35 on."""
+    """The right edge is at y = -1.75, half the body 0.9: with 0.5 m more, a corner is out from y =
+    -1.35 on."""
     found = first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 0.5)
     assert found is not None
     assert (found.time, found.speed) == (pytest.approx(1.4), 20.0)
@@ -85,7 +98,11 @@ def test_who_stands_behind_a_standing_car_is_excused() -> None:
     time = np.arange(n) * 0.1
 
     def car(x: float, y: float, speed: float = 0.0) -> dict[str, Trajectory]:
-        return {"car": Trajectory(time, x + speed * time, np.full(n, y), heading=np.zeros(n), speed=np.full(n, speed))}
+        return {
+            "car": Trajectory(
+                time, x + speed * time, np.full(n, y), heading=np.zeros(n), speed=np.full(n, speed)
+            )
+        }
 
     # fronts and rears at 50 + 2.25 and x - 2.25: 10 m between bodies at x = 64.5
     assert is_excused(stopped, car(64.0, 0.0))
@@ -112,7 +129,12 @@ def test_behind_a_missed_lane_change_nothing_counts() -> None:
 
 
 @given(st.floats(2.0, 30.0), st.floats(0.0, 10.0), st.floats(3.0, 20.0))
-def test_later_at_every_place_and_cut_off_earlier_are_no_better(speed: float, faster: float, seconds: float) -> None:
+def test_later_at_every_place_and_cut_off_earlier_are_no_better(
+    speed: float, faster: float, seconds: float
+) -> None:
     reference = drive(20.0, 10.0)
-    assert share(drive(speed, 20.0), reference) <= share(drive(speed + faster, 20.0), reference) + 1e-12
+    assert (
+        share(drive(speed, 20.0), reference)
+        <= share(drive(speed + faster, 20.0), reference) + 1e-12
+    )
     assert share(drive(speed, seconds), reference) <= share(drive(speed, 20.0), reference) + 1e-12

@@ -6,7 +6,12 @@ from scipy.optimize import approx_fprime
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from sumo_eval.method.gaussian_process import Hyperparameters, MarginalLikelihood, covariance, most_likely
+from sumo_eval.method.gaussian_process import (
+    Hyperparameters,
+    MarginalLikelihood,
+    covariance,
+    most_likely,
+)
 
 POINTS = np.random.default_rng(4).random((60, 3))
 TARGET = np.sin(5.0 * POINTS[:, 0]) + POINTS[:, 1] ** 2 + 0.4 * np.cos(4.0 * POINTS[:, 2]) - 0.5
@@ -23,7 +28,8 @@ def textbook(parameters, bounds=BOUNDS):
 
 
 def test_two_points_by_hand():
-    # One apart at length scale 1: exp(-1/2) = 0.60653 of the signal 2; on the diagonal signal and noise, 2.5.
+    # One apart at length scale 1: exp(-1/2) = 0.60653 of the signal 2; on the diagonal signal and
+    # noise, 2.5.
     k = covariance(np.array([[0.0], [1.0]]), Hyperparameters(2.0, (1.0,), 0.5))
     assert k == pytest.approx(np.array([[2.5, 1.2130613], [1.2130613, 2.5]]))
 
@@ -36,7 +42,9 @@ def test_the_covariance_is_scikit_learns_to_the_bit():
 def test_the_likelihood_and_its_gradient_are_scikit_learns(shift):
     theta = SOME.logarithms + shift * np.array([1.0, -1.0, 0.5, 1.0, 2.0])
     value, gradient = MarginalLikelihood(POINTS, TARGET, VARIANCES)(theta)
-    other = GaussianProcessRegressor(textbook(SOME), alpha=VARIANCES, optimizer=None).fit(POINTS, TARGET)
+    other = GaussianProcessRegressor(textbook(SOME), alpha=VARIANCES, optimizer=None).fit(
+        POINTS, TARGET
+    )
     expected, slope = other.log_marginal_likelihood(theta, eval_gradient=True)
     assert value == pytest.approx(-expected, rel=1e-10)
     assert gradient == pytest.approx(-slope, rel=1e-8, abs=1e-9)
@@ -49,7 +57,8 @@ def test_law_the_gradient_is_how_the_value_changes():
 
 
 def test_a_covariance_that_cannot_be_factored_is_infinitely_unlikely():
-    # Twice the same point and no variance at all: K is singular; a huge signal rounds the noise of 1e-300 away.
+    # Twice the same point and no variance at all: K is singular; a huge signal rounds the noise of
+    # 1e-300 away.
     twice = np.array([[0.5], [0.5], [0.1]])
     likelihood = MarginalLikelihood(twice, np.array([1.0, 1.0, 0.0]), np.zeros(3))
     value, gradient = likelihood(Hyperparameters(1e6, (1.0,), 1e-300).logarithms)
@@ -57,10 +66,15 @@ def test_a_covariance_that_cannot_be_factored_is_infinitely_unlikely():
     assert np.all(gradient == 0.0)
 
 
-@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # both end at the least noise allowed
+# both end at the least noise allowed
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_the_search_ends_where_scikit_learns_does():
-    theta, failures = most_likely(MarginalLikelihood(POINTS, TARGET, VARIANCES), SOME, BOUNDS, restarts=2, seed=20220)
-    other = GaussianProcessRegressor(textbook(SOME), alpha=VARIANCES, n_restarts_optimizer=2, random_state=20220)
+    theta, failures = most_likely(
+        MarginalLikelihood(POINTS, TARGET, VARIANCES), SOME, BOUNDS, restarts=2, seed=20220
+    )
+    other = GaussianProcessRegressor(
+        textbook(SOME), alpha=VARIANCES, n_restarts_optimizer=2, random_state=20220
+    )
     assert failures == []
     assert theta == pytest.approx(other.fit(POINTS, TARGET).kernel_.theta, abs=1e-4)
 

@@ -19,7 +19,13 @@ def constant(x, speed, *, y=0.0, time=TIME, heading=0.0, **body):
     """A body whose centre is at (x, y) at t = 0 and keeps its speed along the road."""
     n = len(time)
     return Trajectory(
-        time, x + speed * time, np.full(n, y), np.full(n, heading), np.full(n, speed), np.zeros(n), **body
+        time,
+        x + speed * time,
+        np.full(n, y),
+        np.full(n, heading),
+        np.full(n, speed),
+        np.zeros(n),
+        **body,
     )
 
 
@@ -38,7 +44,8 @@ def front_contact(time, ego_speed, other_speed, *, heading=0.0, other="lead", si
 
 
 def test_constant_speeds_by_hand():
-    # Centres 104.5 m apart, bodies 4.5 m: 100 m bumper to bumper, closing at 30 - 10 = 20 m/s for 4 s: 20 m are left.
+    # Centres 104.5 m apart, bodies 4.5 m: 100 m bumper to bumper, closing at 30 - 10 = 20 m/s for 4
+    # s: 20 m are left.
     found = measures(constant(0.0, 30.0), {"lead": constant(104.5, 10.0)}, None)
     assert found.min_gap == pytest.approx(20.0)
     assert found.min_ttc == pytest.approx(1.0)  # 20 m / 20 m/s
@@ -47,8 +54,8 @@ def test_constant_speeds_by_hand():
     assert found.max_drac == pytest.approx(10.0)  # 20^2 / (2 * 20)
     assert (found.max_deceleration, found.max_jerk) == (0.0, 0.0)
     assert math.isnan(found.delta_v)
-    # At t = 4 s the ego's front is 120 m from where it began. The lead's rear, 100 m from there at t = 0, was at that
-    # place after (120 - 100)/10 = 2 s, so 2 s ago.
+    # At t = 4 s the ego's front is 120 m from where it began. The lead's rear, 100 m from there at
+    # t = 0, was at that place after (120 - 100)/10 = 2 s, so 2 s ago.
     assert found.pet == pytest.approx(2.0)
 
 
@@ -62,11 +69,14 @@ def test_a_braking_ramp_by_hand():
     ego = Trajectory(TIME, x, np.zeros_like(x), np.zeros_like(x), speed, acceleration)
     found = measures(ego, {"wall": constant(64.5, 0.0)}, None)
     assert found.max_deceleration == 6.0
-    assert found.max_jerk == pytest.approx(60.0)  # it lets go of 6 m/s2 within one sample when it stands
+    # it lets go of 6 m/s2 within one sample when it stands
+    assert found.max_jerk == pytest.approx(60.0)
     assert found.min_gap == pytest.approx(60.0 - x[-1])
     assert found.max_drac == pytest.approx(np.max(speed**2 / (2.0 * (60.0 - x))))
     assert math.isnan(found.pet), "a vehicle that never moves leaves no place to reach after it"
-    before_the_stop = measures(Trajectory(*(getattr(ego, name)[:20] for name in CHANNELS)), {}, None)
+    before_the_stop = measures(
+        Trajectory(*(getattr(ego, name)[:20] for name in CHANNELS)), {}, None
+    )
     assert before_the_stop.max_jerk == pytest.approx(12.0)
 
 
@@ -76,7 +86,8 @@ CHANNELS = ("time", "x", "y", "heading", "speed", "acceleration")
 def test_equal_velocities_have_delta_v_0_and_the_struck_ego_is_slowed_or_pushed_on():
     assert velocity_change(front_contact(1.0, 15.0, 15.0)) == 0.0
     assert velocity_change(front_contact(1.0, 20.0, 5.0)) == -7.5  # slowed by half of 15 m/s
-    assert velocity_change(front_contact(1.0, 5.0, 20.0, side="rear")) == 7.5  # hit from behind and pushed on
+    # hit from behind and pushed on
+    assert velocity_change(front_contact(1.0, 5.0, 20.0, side="rear")) == 7.5
     assert velocity_change(front_contact(1.0, 20.0, 5.0, heading=0.7)) == pytest.approx(-7.5)
     assert velocity_change(front_contact(1.0, 20.0, -20.0)) == -20.0  # head on
 
@@ -86,12 +97,19 @@ def test_a_frontal_contact_has_no_gap_left_and_unbounded_ittc_and_drac():
     time = np.arange(0.0, 2.05, 0.1)
     ego, lead = constant(0.0, 20.0, time=time), constant(24.5, 10.0, time=time)
     found = measures(ego, {"lead": lead}, front_contact(2.0, 20.0, 10.0))
-    assert (found.min_ttc, found.min_thw, found.min_gap, found.pet, found.delta_v) == (0.0, 0.0, 0.0, 0.0, -5.0)
+    assert (found.min_ttc, found.min_thw, found.min_gap, found.pet, found.delta_v) == (
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        -5.0,
+    )
     assert (found.max_ittc, found.max_drac) == (math.inf, math.inf)
 
 
 def test_a_frontal_contact_at_an_angle_is_contact_although_the_boxes_along_the_road_are_apart():
-    ego, lead = constant(0.0, 20.0), constant(94.6, 0.0, y=1.9)  # beside its path by width, but a corner sticks out
+    # beside its path by width, but a corner sticks out
+    ego, lead = constant(0.0, 20.0), constant(94.6, 0.0, y=1.9)
     assert math.isnan(measures(ego, {"lead": lead}, None).min_gap)
     assert measures(ego, {"lead": lead}, front_contact(4.0, 20.0, 0.0)).min_gap == 0.0
 
@@ -109,20 +127,27 @@ def test_who_is_beside_behind_or_hidden_does_not_count():
 
 def test_a_lead_that_leaves_the_lane_reveals_the_one_before_it():
     away = np.where(TIME < 2.0, 0.0, 3.5)
-    lead = Trajectory(TIME, 54.5 + 30.0 * TIME, away, np.zeros_like(TIME), np.full(41, 30.0), np.zeros(41))
+    lead = Trajectory(
+        TIME, 54.5 + 30.0 * TIME, away, np.zeros_like(TIME), np.full(41, 30.0), np.zeros(41)
+    )
     found = measures(constant(0.0, 30.0), {"lead": lead, "obstacle": constant(154.5, 0.0)}, None)
     assert found.min_gap == pytest.approx(150.0 - 120.0)
     assert found.min_ttc == pytest.approx(1.0)
 
 
 def test_a_crossing_after_another_vehicle_is_an_encroachment_and_one_before_it_is_not():
-    # The first is in the ego's lane until t = 2 s. Its rear passes 100 m at t = 0 with 20 m/s; the ego's front, 2.25 m
-    # from a start where 40 m are missing, passes there at t = 40/20 = 2 s: 2 s everywhere.
+    # The first is in the ego's lane until t = 2 s. Its rear passes 100 m at t = 0 with 20 m/s; the
+    # ego's front, 2.25 m from a start where 40 m are missing, passes there at t = 40/20 = 2 s: 2 s
+    # everywhere.
     away = np.where(TIME < 2.0, 0.0, 3.5)
-    first = Trajectory(TIME, 102.25 + 20.0 * TIME, away, np.zeros_like(TIME), np.full(41, 20.0), np.zeros(41))
+    first = Trajectory(
+        TIME, 102.25 + 20.0 * TIME, away, np.zeros_like(TIME), np.full(41, 20.0), np.zeros(41)
+    )
     ego = constant(57.75, 20.0)
     assert measures(ego, {"first": first}, None).pet == pytest.approx(2.0)
-    assert math.isnan(measures(first, {"second": ego}, None).pet), "who came first did not come after"
+    assert math.isnan(measures(first, {"second": ego}, None).pet), (
+        "who came first did not come after"
+    )
 
 
 def test_one_sample_has_no_jerk_and_an_actor_that_was_not_recorded_is_not_there():
@@ -140,18 +165,29 @@ def scene(seed):
 
     def drive(x, speed, y):
         acceleration = np.repeat(rng.normal(-1.0, 2.0, 9), 5)[: len(time)]
-        speeds = np.maximum(speed + np.concatenate([[0.0], np.cumsum(acceleration[:-1] * np.diff(time))]), 0.0)
+        speeds = np.maximum(
+            speed + np.concatenate([[0.0], np.cumsum(acceleration[:-1] * np.diff(time))]), 0.0
+        )
         xs = x + np.concatenate([[0.0], np.cumsum(speeds[:-1] * np.diff(time))])
         ys = y + rng.uniform(-3.5, 3.5) / (1.0 + np.exp(-3.0 * (time - rng.uniform(0.0, 4.0))))
-        return Trajectory(time, xs, ys, speed=speeds, acceleration=acceleration, length=rng.uniform(3.5, 12.0))
+        return Trajectory(
+            time, xs, ys, speed=speeds, acceleration=acceleration, length=rng.uniform(3.5, 12.0)
+        )
 
     ego = drive(0.0, rng.uniform(5.0, 35.0), 0.0)
     actors = {
-        f"actor {i}": drive(rng.uniform(-20.0, 60.0), rng.uniform(0.0, 30.0), rng.choice([0.0, 3.5])) for i in range(2)
+        f"actor {i}": drive(
+            rng.uniform(-20.0, 60.0), rng.uniform(0.0, 30.0), rng.choice([0.0, 3.5])
+        )
+        for i in range(2)
     }
     if seed % 2:
-        actors["actor 0"] = Trajectory(*(getattr(actors["actor 0"], name)[5:-4] for name in CHANNELS), width=2.5)
-    collision = front_contact(time[-1], 9.0, 3.0, heading=0.1, other="actor 1") if seed % 3 == 0 else None
+        actors["actor 0"] = Trajectory(
+            *(getattr(actors["actor 0"], name)[5:-4] for name in CHANNELS), width=2.5
+        )
+    collision = (
+        front_contact(time[-1], 9.0, 3.0, heading=0.1, other="actor 1") if seed % 3 == 0 else None
+    )
     return ego, actors, collision
 
 
@@ -169,13 +205,15 @@ def test_the_scenes_define_every_measure_somewhere():
 
 def moved(trajectory, dt, dx, dy, mirror=1.0):
     return Trajectory(
-        trajectory.time + dt, trajectory.x + dx, mirror * trajectory.y + dy, mirror * trajectory.heading,
+        trajectory.time + dt, trajectory.x + dx, mirror * trajectory.y + dy,
+        mirror * trajectory.heading,
         trajectory.speed, trajectory.acceleration, length=trajectory.length, width=trajectory.width,
     )  # fmt: skip
 
 
 @given(
-    st.integers(0, 500).map(lambda n: 3 * n + 1), st.floats(-5.0, 5.0), st.floats(-500.0, 500.0), st.floats(-9.0, 9.0),
+    st.integers(0, 500).map(lambda n: 3 * n + 1), st.floats(-5.0, 5.0), st.floats(-500.0, 500.0),
+    st.floats(-9.0, 9.0),
     st.sampled_from([1.0, -1.0]),
 )  # fmt: skip
 def test_moving_or_mirroring_the_world_moves_nothing(seed, dt, dx, dy, mirror):
@@ -188,11 +226,15 @@ def test_moving_or_mirroring_the_world_moves_nothing(seed, dt, dx, dy, mirror):
 
 def test_delta_v_turns_with_the_world():
     hit = front_contact(1.0, 20.0, 5.0, heading=0.3)
-    assert velocity_change(hit) == pytest.approx(velocity_change(front_contact(1.0, 20.0, 5.0, heading=2.3)))
+    assert velocity_change(hit) == pytest.approx(
+        velocity_change(front_contact(1.0, 20.0, 5.0, heading=2.3))
+    )
 
 
 @given(st.floats(1.0, 30.0), st.floats(0.0, 20.0), st.floats(0.0, 20.0), st.floats(130.0, 200.0))
-def test_a_faster_approach_never_lowers_the_largest_inverse_ttc_nor_the_drac(speed, more, lead_speed, gap):
+def test_a_faster_approach_never_lowers_the_largest_inverse_ttc_nor_the_drac(
+    speed, more, lead_speed, gap
+):
     def approach(ego_speed):
         return measures(constant(0.0, ego_speed), {"lead": constant(gap + 4.5, lead_speed)}, None)
 
@@ -204,7 +246,9 @@ def test_a_faster_approach_never_lowers_the_largest_inverse_ttc_nor_the_drac(spe
 
 def test_the_order_of_the_actors_does_not_matter():
     ego, actors, collision = scene(3)
-    assert measures(ego, dict(reversed(actors.items())), collision) == measures(ego, actors, collision)
+    assert measures(ego, dict(reversed(actors.items())), collision) == measures(
+        ego, actors, collision
+    )
 
 
 def test_a_contact_from_behind_is_no_gap_ahead():
@@ -216,39 +260,54 @@ def test_a_contact_from_behind_is_no_gap_ahead():
 
 
 def test_lane_keeping_by_hand():
-    # 0.3 m to the left, back over the middle to 0.1 m on the right, 0.05 m left from 4 s on; 1.8 m wide in 3.5 m
+    # 0.3 m to the left, back over the middle to 0.1 m on the right, 0.05 m left from 4 s on; 1.8 m
+    # wide in 3.5 m
     time = np.arange(6.0)
     y = np.array([0.0, 0.3, 1.0, -0.1, 0.05, 0.0])
-    found = lane_keeping(Trajectory(time, 10.0 * time, y, speed=np.full(6, 10.0), length=4.5, width=1.8), 3.5)
+    found = lane_keeping(
+        Trajectory(time, 10.0 * time, y, speed=np.full(6, 10.0), length=4.5, width=1.8), 3.5
+    )
     assert (found.largest_offset, found.overshoot) == (1.0, 0.1)
     assert found.settling_time == 3.0
     assert found.over_line_time > 0.0
-    straight = lane_keeping(Trajectory(time, 10.0 * time, 0.0 * y + 3.6, speed=np.full(6, 10.0), width=1.8), 3.5)
+    straight = lane_keeping(
+        Trajectory(time, 10.0 * time, 0.0 * y + 3.6, speed=np.full(6, 10.0), width=1.8), 3.5
+    )
     assert straight.largest_offset == pytest.approx(0.1)
     assert (straight.overshoot, straight.over_line_time, straight.settling_time) == (0.0, 0.0, 0.0)
 
 
-def straight(x: float, y: float, speed: float, heading: float = 0.0, duration: float = 10.0) -> Trajectory:
+def straight(
+    x: float, y: float, speed: float, heading: float = 0.0, duration: float = 10.0
+) -> Trajectory:
     time = np.arange(0.0, duration + 0.05, 0.1)
     way = speed * time
     return Trajectory(
-        time, x + way * math.cos(heading), y + way * math.sin(heading), heading=np.full(len(time), heading),
+        time, x + way * math.cos(heading), y + way * math.sin(heading),
+        heading=np.full(len(time), heading),
         speed=np.full(len(time), speed), length=4.5, width=1.8,
     )  # fmt: skip
 
 
 def test_the_pet_of_a_crossing_by_hand_whoever_comes_first() -> None:
-    # The ego drives along y = 0 from x = 0 at 10 m/s, the other upwards along x = 53.15 m at 10 m/s: the area is
-    # x 52.25..54.05 m, y -0.9..0.9 m. The ego is in it from (52.25 - 2.25) / 10 = 5 s to (54.05 + 2.25) / 10 = 5.63 s.
+    # The ego drives along y = 0 from x = 0 at 10 m/s, the other upwards along x = 53.15 m at 10
+    # m/s: the area is
+    # x 52.25..54.05 m, y -0.9..0.9 m. The ego is in it from (52.25 - 2.25) / 10 = 5 s to (54.05 +
+    # 2.25) / 10 = 5.63 s.
     ego = straight(0.0, 0.0, 10.0)
-    # The other is in it from (-3.15 - start) / 10 to (3.15 - start) / 10: 3 to 3.63 s, 6 to 6.63 s, 9 to 9.63 s.
+    # The other is in it from (-3.15 - start) / 10 to (3.15 - start) / 10: 3 to 3.63 s, 6 to 6.63 s,
+    # 9 to 9.63 s.
     for start, least in ((-33.15, 5.0 - 3.63), (-63.15, 6.0 - 5.63), (-93.15, 9.0 - 5.63)):
         other = straight(53.15, start, 10.0, math.pi / 2.0)
         assert conflict_pet(ego, other) == pytest.approx(least, abs=0.01)
-        assert conflict_pet(other, ego) == pytest.approx(least, abs=0.01), "the order of both does not matter"
+        assert conflict_pet(other, ego) == pytest.approx(least, abs=0.01), (
+            "the order of both does not matter"
+        )
 
 
-def test_the_pet_of_conflicting_ways_is_0_with_contact_and_none_apart_and_the_headway_behind_one_another() -> None:
+def test_the_pet_of_conflicting_ways_is_0_with_contact_and_none_apart_and_the_headway_behind_one_another() -> (
+    None
+):
     ego = straight(0.0, 0.0, 10.0)
     assert conflict_pet(ego, straight(53.15, -53.15, 10.0, math.pi / 2.0)) == 0.0
     assert math.isnan(conflict_pet(ego, straight(0.0, 5.0, 10.0)))
@@ -260,7 +319,14 @@ def test_the_pet_of_conflicting_ways_is_0_with_contact_and_none_apart_and_the_he
 def test_law_turning_and_moving_the_scene_leaves_its_pet(angle: float) -> None:
     def turned(one: Trajectory) -> Trajectory:
         c, s = math.cos(angle), math.sin(angle)
-        return replace(one, x=7.0 + c * one.x - s * one.y, y=-3.0 + s * one.x + c * one.y, heading=one.heading + angle)
+        return replace(
+            one,
+            x=7.0 + c * one.x - s * one.y,
+            y=-3.0 + s * one.x + c * one.y,
+            heading=one.heading + angle,
+        )
 
     ego, other = straight(0.0, 0.0, 12.0), straight(53.0, -40.0, 6.0, math.radians(70.0))
-    assert conflict_pet(turned(ego), turned(other)) == pytest.approx(conflict_pet(ego, other), abs=0.006)
+    assert conflict_pet(turned(ego), turned(other)) == pytest.approx(
+        conflict_pet(ego, other), abs=0.006
+    )

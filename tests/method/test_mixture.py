@@ -1,4 +1,5 @@
-"""Mixture mode and the leave-one-driver-out band: laws, worked numbers, and real motorway drivers."""
+"""Mixture mode and the leave-one-driver-out band: laws, worked numbers, and real motorway
+drivers."""
 
 from __future__ import annotations
 
@@ -21,13 +22,23 @@ MIXTURE = AnthropomorphicSettings(mode="mixture", slice_spacing=2.0)
 GAUSSIAN = replace(MIXTURE, mode="gaussian")
 
 
-def human_band(drivers: list[Trajectory], road: Road, settings: AnthropomorphicSettings) -> HumanBand:
+def human_band(
+    drivers: list[Trajectory], road: Road, settings: AnthropomorphicSettings
+) -> HumanBand:
     pairings = band_pairings(range(len(drivers)), settings)
     return band_of(indexes_by_group(drivers, [pairings], road, settings)[0])
 
 
-def drive(*, begin: float | None = None, speed: float = 25.0, y: float = 0.0, slow: float = 0.0, to: float = 3.5):
-    """At `speed`, losing `slow` m/s2 from 3 s on for 3 s; a lane change of 5 s from `begin` s on."""
+def drive(
+    *,
+    begin: float | None = None,
+    speed: float = 25.0,
+    y: float = 0.0,
+    slow: float = 0.0,
+    to: float = 3.5,
+):
+    """At `speed`, losing `slow` m/s2 from 3 s on for 3 s; a lane change of 5 s from `begin` s
+    on."""
     time = np.arange(0.0, 20.0, 0.1)
     speeds = speed - slow * np.clip(time - 3.0, 0.0, 3.0)
     x = np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) * 0.05)))
@@ -50,7 +61,9 @@ def test_a_manoeuvre_is_the_first_change_of_lane_and_a_touch_does_not_count():
 
 
 def test_identical_driving_scores_one_in_mixture_mode():
-    assert anthropomorphic_index(drive(begin=2.0), [drive(begin=2.0)] * 4, ROAD, MIXTURE).value == pytest.approx(1.0)
+    assert anthropomorphic_index(
+        drive(begin=2.0), [drive(begin=2.0)] * 4, ROAD, MIXTURE
+    ).value == pytest.approx(1.0)
 
 
 def test_one_manoeuvre_only_and_no_pooling_to_speak_of_is_the_gaussian_mode():
@@ -63,7 +76,8 @@ def test_one_manoeuvre_only_and_no_pooling_to_speak_of_is_the_gaussian_mode():
 def test_the_ads_is_compared_with_those_who_did_as_it_did_times_how_usual_that_is():
     people = [*OVERTAKERS, *FOLLOWERS]
     follows = anthropomorphic_index(drive(slow=2.05, y=-0.05), people, ROAD, MIXTURE)
-    # 2 of 8 follow, 6 of 8 overtake: the follower's manoeuvre is 2/6 as usual as the most usual one.
+    # 2 of 8 follow, 6 of 8 overtake: the follower's manoeuvre is 2/6 as usual as the most usual
+    # one.
     assert (follows.manoeuvre, follows.share, follows.usual) == ((0,), 2 / 8, pytest.approx(2 / 6))
     alone = anthropomorphic_index(drive(slow=2.05, y=-0.05), FOLLOWERS, ROAD, MIXTURE)
     assert follows.similarity == pytest.approx(alone.similarity / 3.0, rel=0.1)
@@ -86,8 +100,9 @@ def test_the_car_that_drives_through_fools_one_gaussian_but_not_the_mixture():
 
 
 def test_the_deviation_is_completed_by_the_pooled_one_by_hand():
-    # Groups {0, 2} and {10}: the pooled variance within is ((0-1)^2 + (2-1)^2) / 1 = 2. Of the pair with 2 pooled
-    # drivers: (2 + 2 * 2) / (1 + 2) = 2; of the single one: (0 + 2 * 2) / (0 + 2) = 2.
+    # Groups {0, 2} and {10}: the pooled variance within is ((0-1)^2 + (2-1)^2) / 1 = 2. Of the pair
+    # with 2 pooled drivers: (2 + 2 * 2) / (1 + 2) = 2; of the single one: (0 + 2 * 2) / (0 + 2) =
+    # 2.
     people = [drive(begin=1.0), drive(begin=1.1), drive()]
     values, there = np.array([[0.0], [2.0], [10.0]]), np.ones((3, 1), dtype=bool)
     for ads, mean in ((drive(begin=1.2), 1.0), (drive(), 10.0)):
@@ -102,7 +117,9 @@ def test_the_band_is_each_driver_against_the_others(settings):
     band = human_band(people, ROAD, replace(settings, band_slice_spacing=2.0))
     for place, driver in enumerate(people):
         others = [*people[:place], *people[place + 1 :]]
-        assert band.values[place] == pytest.approx(anthropomorphic_index(driver, others, ROAD, settings).value)
+        assert band.values[place] == pytest.approx(
+            anthropomorphic_index(driver, others, ROAD, settings).value
+        )
     assert band.low == min(band.values) <= band.mean <= band.high == max(band.values)
 
 
@@ -113,11 +130,12 @@ def test_coarse_slices_move_the_band_by_less_than_two_hundredths():
     assert np.abs(np.array(fine.values) - np.array(coarse.values)).max() < 0.02
 
 
-# --- real drivers -----------------------------------------------------------------------------------------------------
+# --- real drivers ---------------------------------------------------------------------------------
 
 
 def _real_bins():
-    """Motorway bins of approaches with at least 7 drivers: label, mean speeds and gap, drives from t = 0."""
+    """Motorway bins of approaches with at least 7 drivers: label, mean speeds and gap, drives from
+    t = 0."""
     duckdb = pytest.importorskip("duckdb")
     bins = pd.read_csv(recording("dlr_ht", "concrete_scenarios.csv"))
     series = duckdb.sql(f"select * from '{recording('dlr_ht', 'approach_series.parquet')}'").df()
@@ -128,7 +146,11 @@ def _real_bins():
         for name in row["event_ids"].split(";"):
             event = series[series["event_id"] == name]
             x = event["ego_x"] - event["ego_x"].iloc[0]
-            drives.append(Trajectory(event["t"], x, event["ego_y"], speed=event["ego_v"], acceleration=event["ego_a"]))
+            drives.append(
+                Trajectory(
+                    event["t"], x, event["ego_y"], speed=event["ego_v"], acceleration=event["ego_a"]
+                )
+            )
         yield row, drives
 
 
@@ -151,8 +173,9 @@ def _cars(speed: float, lead_speed: float):
 
 @needs_recordings
 def test_real_drivers_are_told_from_cars_that_drive_through_brake_hard_or_crawl():
-    """On 350 m of road, with whole recordings: they show who was about to overtake. The figures are in
-    docs/explanation/drivers.md.
+    """On 350 m of road, with whole recordings: they show who was about to overtake.
+
+    The figures are in docs/explanation/drivers.md.
     """
     road = Road("motorway", 350.0, 2, 3.7, 0.0)
     bins = list(_real_bins())
@@ -162,7 +185,8 @@ def test_real_drivers_are_told_from_cars_that_drive_through_brake_hard_or_crawl(
         mean = float(np.mean(people.similarities))
         cars = _cars(float(np.mean([one.speed[0] for one in drives])), row["v_lead_mean"])
         share = {
-            name: anthropomorphic_index(car, drives, road, MIXTURE).similarity / mean for name, car in cars.items()
+            name: anthropomorphic_index(car, drives, road, MIXTURE).similarity / mean
+            for name, car in cars.items()
         }
         assert share["overtakes"] > 0.9, row["event_ids"]
         for name in ("through", "brakes hard", "slows to 10 m/s"):

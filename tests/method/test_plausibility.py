@@ -1,4 +1,5 @@
-"""Plausibility: worked numbers, laws, and the shipped table against the recordings that it was made from."""
+"""Plausibility: worked numbers, laws, and the shipped table against the recordings that it was made
+from."""
 
 from __future__ import annotations
 
@@ -75,7 +76,9 @@ def test_noise_of_a_tracker_does_not_make_a_calm_drive_extreme():
     noisy = drive(25.0 + 0.05 * rng.standard_normal(200), 0.05 * rng.standard_normal(200))
     found = extremes_of(noisy, {})
     assert plausibility(found, MOTORWAY_PEOPLE) == 1.0
-    assert np.abs(np.gradient(np.gradient(noisy.y, 0.1), 0.1)).max() > 4.0, "plain differences see a violent swerve"
+    assert np.abs(np.gradient(np.gradient(noisy.y, 0.1), 0.1)).max() > 4.0, (
+        "plain differences see a violent swerve"
+    )
 
 
 def test_stopping_is_no_jerk_and_a_short_drive_has_no_derivatives():
@@ -97,8 +100,11 @@ def test_plausibility_is_the_least_share_over_five_percent():
     # Halfway between 1 % (0.304 s) and 2 % (0.331 s): 1.5 %.
     tailgating = braking | {"min_thw": 0.3175}
     assert plausibility(tailgating, MOTORWAY_PEOPLE) == pytest.approx(0.3)
-    # The most extreme jerk is 2.819 m/s3, of 0.156 % of the people; 1 % reach 1.593, so 0 % is at 2.819 + 1.226.
-    assert plausibility(CALM | {"max_jerk": 2.819 + 0.613}, MOTORWAY_PEOPLE) == pytest.approx(0.00078 / 0.05)
+    # The most extreme jerk is 2.819 m/s3, of 0.156 % of the people; 1 % reach 1.593, so 0 % is at
+    # 2.819 + 1.226.
+    assert plausibility(CALM | {"max_jerk": 2.819 + 0.613}, MOTORWAY_PEOPLE) == pytest.approx(
+        0.00078 / 0.05
+    )
     assert plausibility(CALM | {"max_jerk": 4.05}, MOTORWAY_PEOPLE) == 0.0
     assert plausibility(CALM | {"min_ttc": math.nan, "min_thw": math.nan}, MOTORWAY_PEOPLE) == 1.0
 
@@ -106,35 +112,48 @@ def test_plausibility_is_the_least_share_over_five_percent():
 def test_what_fields_cannot_see_has_no_plausibility():
     time = np.arange(0.0, 12.0, 0.1)
     lead = drive(np.full(120, 22.0), x=74.5)
-    through = extremes_of(drive(np.full(120, 30.0)), {"lead": lead})  # 70 m, closing at 8 m/s: through after 8.75 s
+    # 70 m, closing at 8 m/s: through after 8.75 s
+    through = extremes_of(drive(np.full(120, 30.0)), {"lead": lead})
     assert through["min_thw"] < 0.01
     assert plausibility(through, MOTORWAY_PEOPLE) == 0.0
-    swerve = extremes_of(drive(np.full(120, 30.0), 3.5 * smooth_step((time - 6.0) / 2.0)), {"lead": lead})
+    swerve = extremes_of(
+        drive(np.full(120, 30.0), 3.5 * smooth_step((time - 6.0) / 2.0)), {"lead": lead}
+    )
     assert plausibility(swerve, MOTORWAY_PEOPLE) == 0.0
-    calm = extremes_of(drive(np.full(120, 30.0), 3.5 * smooth_step((time - 0.5) / 7.5)), {"lead": lead})
+    calm = extremes_of(
+        drive(np.full(120, 30.0), 3.5 * smooth_step((time - 0.5) / 7.5)), {"lead": lead}
+    )
     assert plausibility(calm, MOTORWAY_PEOPLE) == 1.0
-    close = extremes_of(drive(np.full(120, 22.0)), {"lead": drive(np.full(120, 22.0), x=4.5 + 0.25 * 22.0)})
+    close = extremes_of(
+        drive(np.full(120, 22.0)), {"lead": drive(np.full(120, 22.0), x=4.5 + 0.25 * 22.0)}
+    )
     assert plausibility(close, MOTORWAY_PEOPLE) < 0.15
 
 
 def test_a_contact_is_no_gap_at_all():
     ego, lead = drive(np.full(21, 30.0)), drive(np.full(21, 20.0), x=25.5)
-    hit = Collision(2.0, "lead", (30.0, 0.0), (20.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0))
+    hit = Collision(
+        2.0, "lead", (30.0, 0.0), (20.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0)
+    )
     assert extremes_of(ego, {"lead": lead}, hit)["min_ttc"] == 0.0
     assert plausibility(extremes_of(ego, {"lead": lead}, hit), MOTORWAY_PEOPLE) == 0.0
 
 
 @given(st.sampled_from(list(EXTREMES)), st.floats(0.0, 12.0), st.floats(0.0, 3.0))
 def test_more_extreme_is_never_more_plausible(name, value, more):
-    before, after = (CALM | {name: max(value + shift, 0.0)} for shift in (0.0, EXTREMES[name] * more))
+    before, after = (
+        CALM | {name: max(value + shift, 0.0)} for shift in (0.0, EXTREMES[name] * more)
+    )
     assert plausibility(after, MOTORWAY_PEOPLE) <= plausibility(before, MOTORWAY_PEOPLE)
 
 
 @pytest.mark.parametrize(
-    ("frequency", "least"), [(0.1, 0.6), (0.5, 0.01), (1.0, 0.01), (1.5, 0.03), (2.0, 1.0), (3.0, 0.2)]
+    ("frequency", "least"),
+    [(0.1, 0.6), (0.5, 0.01), (1.0, 0.01), (1.5, 0.03), (2.0, 1.0), (3.0, 0.2)],
 )
 def test_an_oscillation_is_never_more_plausible_when_it_grows(frequency, least):
-    # The acceleration of 2 m/s2 at 1 Hz has a jerk of 2 * 2 pi = 12.6 m/s3; its slopes over 1 s nearly cancel.
+    # The acceleration of 2 m/s2 at 1 Hz has a jerk of 2 * 2 pi = 12.6 m/s3; its slopes over 1 s
+    # nearly cancel.
     time = np.arange(0.0, 12.0, 0.02)
     turns = 2.0 * np.pi * frequency
     oscillating = [
@@ -149,7 +168,10 @@ def test_an_oscillation_is_never_more_plausible_when_it_grows(frequency, least):
 
 @pytest.mark.parametrize("frequency", [0.1, 0.25, 0.4, 0.5, 0.7, 1.0, 1.1, 1.5, 1.6, 2.0, 2.1, 3.0])
 def test_law_h_never_rises_with_an_oscillations_amplitude(frequency):
-    """f_n+ times plausibility, beside drivers with 1 to 3 operations. By n of Eq. 12 it rises but at 1, 2 and 3 Hz."""
+    """f_n+ times plausibility, beside drivers with 1 to 3 operations.
+
+    By n of Eq. 12 it rises but at 1, 2 and 3 Hz.
+    """
     turns = 2.0 * np.pi * frequency
     found = []
     for amplitude in np.linspace(0.0, 4.0, 41):
@@ -201,7 +223,11 @@ def test_too_few_people_and_wrong_names_are_refused():
 def test_the_shipped_table_is_what_the_tool_makes_of_the_recordings():
     pytest.importorskip("duckdb")
     table, ghosts = load("tools/motorway_people.py").motorway_people(HUMAN)
-    assert (table.people, table.drives, ghosts) == (MOTORWAY_PEOPLE.people, MOTORWAY_PEOPLE.drives, 1)
+    assert (table.people, table.drives, ghosts) == (
+        MOTORWAY_PEOPLE.people,
+        MOTORWAY_PEOPLE.drives,
+        1,
+    )
     for name in EXTREMES:
         assert table.shares[name] == pytest.approx(MOTORWAY_PEOPLE.shares[name], abs=1.1e-5)
         assert table.values[name] == pytest.approx(MOTORWAY_PEOPLE.values[name], abs=1.1e-3)

@@ -40,10 +40,21 @@ def test_without_d_its_term_counts_0_and_says_so():
     assert combined_score(0.9, 0.0).d == 0.0
 
 
-@given(index, index, index, index, st.floats(0.0, 100.0), st.floats(0.1, 3.0), st.floats(0.1, 3.0), index)
+@given(
+    index,
+    index,
+    index,
+    index,
+    st.floats(0.0, 100.0),
+    st.floats(0.1, 3.0),
+    st.floats(0.1, 3.0),
+    index,
+)
 def test_s_is_linear_in_c_and_d(c, d, other_c, other_d, a, k5, k6, share):
     scales = {"a": a, "b": 100.0 - a, "k5": k5, "k6": k6}
-    mixed = combined_score(share * c + (1 - share) * other_c, share * d + (1 - share) * other_d, **scales).total
+    mixed = combined_score(
+        share * c + (1 - share) * other_c, share * d + (1 - share) * other_d, **scales
+    ).total
     ends = combined_score(c, d, **scales).total, combined_score(other_c, other_d, **scales).total
     assert mixed == pytest.approx(share * ends[0] + (1 - share) * ends[1], abs=1e-9)
     assert combined_score(0.0, 0.0, **scales).total == 0.0
@@ -63,8 +74,16 @@ def test_the_population_scale_gives_the_middle_ads_half_of_the_points():
         ((1.1, 0.5), {}, "`c` of the score must be within 0..1, got 1.1"),
         ((math.nan, 0.5), {}, "`c` of the score must be within 0..1, got nan"),
         ((0.5, -0.1), {}, "`d` of the score must be within 0..1, got -0.1"),
-        ((0.5, 0.5), {"a": 60}, "`a` and `b` of the score must be at least 0 and together 100, got .60, 50.0."),
-        ((0.5, 0.5), {"a": -10, "b": 110}, "`a` and `b` of the score must be at least 0 and together 100"),
+        (
+            (0.5, 0.5),
+            {"a": 60},
+            "`a` and `b` of the score must be at least 0 and together 100, got .60, 50.0.",
+        ),
+        (
+            (0.5, 0.5),
+            {"a": -10, "b": 110},
+            "`a` and `b` of the score must be at least 0 and together 100",
+        ),
         ((0.5, 0.5), {"k5": 0.0}, "`k5` of the score must be greater than 0, got 0.0"),
         ((0.5, None), {"k6": math.inf}, "`k6` of the score must be greater than 0, got inf"),
     ],
@@ -80,8 +99,16 @@ def test_what_makes_no_score_is_refused(arguments, keywords, sentence):
         (([],), {}, "`values` of `population_scale` must be at least one index"),
         (([0.5, 1.5],), {}, "`values` of the score must be within 0..1, got 1.5"),
         (([0.0, 0.0, 1.0],), {}, "The median of the population's indexes must be greater than 0"),
-        (([0.5], 0.0), {}, "`share` of `population_scale` must be within 0..1 and above 0, got 0.0"),
-        (([0.5],), {"centre": "mode"}, "`centre` of `population_scale` must be 'median' or 'mean', got 'mode'"),
+        (
+            ([0.5], 0.0),
+            {},
+            "`share` of `population_scale` must be within 0..1 and above 0, got 0.0",
+        ),
+        (
+            ([0.5],),
+            {"centre": "mode"},
+            "`centre` of `population_scale` must be 'median' or 'mean', got 'mode'",
+        ),
     ],
 )
 def test_what_makes_no_scale_is_refused(arguments, keywords, sentence):

@@ -1,4 +1,5 @@
-"""The arithmetic of the scores: worked numbers, the law of dominance, one arithmetic for one sample and for many."""
+"""The arithmetic of the scores: worked numbers, the law of dominance, one arithmetic for one sample
+and for many."""
 
 import itertools
 
@@ -20,16 +21,18 @@ def columns(cases):
     return (np.array(column) for column in zip(*cases, strict=True))
 
 
-# --- worked numbers ---------------------------------------------------------------------------------------------------
+# --- worked numbers -------------------------------------------------------------------------------
 
 
 def test_c_by_hand_and_without_a_collision_and_without_an_evaluated_case():
-    # collisions of U = 10 and 20 against Ug = 5 and 0, r = 1 and 3: (1 * 5/10 + 3 * 0/20) / 4 = 0.125
+    # collisions of U = 10 and 20 against Ug = 5 and 0, r = 1 and 3: (1 * 5/10 + 3 * 0/20) / 4 =
+    # 0.125
     ratio = terms.ideal_ratio([10.0, 20.0, nan, nan], [5.0, 0.0, 0.0, nan])
     hit, judged = np.array([1, 1, 0, 0]), np.array([1, 1, 1, 0])
     counts = np.array([[1, 1, 1, 1], [2, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 2]], dtype=float)
     c = terms.collision_avoidance(ratio, [1.0, 3.0, nan, nan], hit, judged, counts)
-    # drawn twice and once: (2 * 1 * 0.5 + 3 * 0) / 5; no collision among the evaluated: 1; none evaluated: none
+    # drawn twice and once: (2 * 1 * 0.5 + 3 * 0) / 5; no collision among the evaluated: 1; none
+    # evaluated: none
     np.testing.assert_allclose(c, [0.125, 0.2, 1.0, nan])
 
 
@@ -42,18 +45,24 @@ def test_c_of_collisions_whose_ideal_vehicle_is_not_known_is_no_number():
 def test_d_by_hand():
     # (3 * 0.5 + 1 * 1.0) / 4; the third case has no D_i; drawn without the first two, there is none
     counts = np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 3.0]])
-    np.testing.assert_allclose(terms.exposure_mean([0.5, 1.0, nan], [3.0, 1.0, 9.0], counts), [0.625, nan])
+    np.testing.assert_allclose(
+        terms.exposure_mean([0.5, 1.0, nan], [3.0, 1.0, 9.0], counts), [0.625, nan]
+    )
 
 
 def test_s_by_hand_and_what_was_not_computed_counts_0_unless_nothing_was():
     # 60 * 1.25 * 0.4 + 40 * 0.5 * 0.8 = 30 + 16
     assert terms.combined([0.4], [0.8], 60.0, 40.0, 1.25, 0.5) == pytest.approx([46.0])
-    np.testing.assert_array_equal(terms.combined([0.9, nan, nan], [nan, 0.5, nan], 50.0, 50.0), [45.0, 25.0, nan])
+    np.testing.assert_array_equal(
+        terms.combined([0.9, nan, nan], [nan, 0.5, nan], 50.0, 50.0), [45.0, 25.0, nan]
+    )
 
 
 def test_a_and_the_regret_by_hand():
-    # Three points, Ug = 0, 4, 0 and U0 = 10, 14, 5, weights 1, 2, 1: at stake 1 * 10 + 2 * 10 + 1 * 5 = 35.
-    # The ADS hits at 5, 9 and not at all: lost 1 * 5 + 2 * 5 + 0 = 15. A = 1 - 15/35, regret 15/4 m/s.
+    # Three points, Ug = 0, 4, 0 and U0 = 10, 14, 5, weights 1, 2, 1: at stake 1 * 10 + 2 * 10 + 1 *
+    # 5 = 35.
+    # The ADS hits at 5, 9 and not at all: lost 1 * 5 + 2 * 5 + 0 = 15. A = 1 - 15/35, regret 15/4
+    # m/s.
     ads, ideal, nobody, w = [5.0, 9.0, 0.0], [0.0, 4.0, 0.0], [10.0, 14.0, 5.0], [1.0, 2.0, 1.0]
     assert terms.avoided_share(ads, ideal, nobody, w, terms.once(3)) == pytest.approx([1 - 15 / 35])
     assert terms.regret(ads, ideal, w, terms.once(3)) == pytest.approx([15 / 4])
@@ -64,17 +73,27 @@ def test_a_and_the_regret_by_hand():
 
 
 def test_the_ideal_vehicle_has_a_1_and_c_1_and_doing_nothing_has_a_0():
-    ideal, nobody, w = np.array([0.0, 4.0, 12.0]), np.array([10.0, 14.0, 12.5]), np.array([0.3, 1.0, 1.4])
+    ideal, nobody, w = (
+        np.array([0.0, 4.0, 12.0]),
+        np.array([10.0, 14.0, 12.5]),
+        np.array([0.3, 1.0, 1.4]),
+    )
     assert terms.avoided_share(ideal, ideal, nobody, w, terms.once(3)) == [1.0]
     assert terms.avoided_share(nobody, ideal, nobody, w, terms.once(3)) == [0.0]
     hit = ideal > 0.0
     ratio = terms.ideal_ratio(np.where(hit, ideal, nan), ideal)
-    assert terms.collision_avoidance(ratio, np.where(hit, w, nan), hit, [1, 1, 1], terms.once(3)) == [1.0]
+    assert terms.collision_avoidance(
+        ratio, np.where(hit, w, nan), hit, [1, 1, 1], terms.once(3)
+    ) == [1.0]
 
 
 def test_a_of_nothing_lost_is_1_and_of_something_lost_where_nothing_was_at_stake_0():
-    assert terms.avoided_share([0.0, 3.0], [0.0, 3.0], [0.0, 3.0], [1.0, 1.0], terms.once(2)) == [1.0]
-    assert terms.avoided_share([0.0, 5.0], [0.0, 3.0], [0.0, 3.0], [1.0, 1.0], terms.once(2)) == [0.0]
+    assert terms.avoided_share([0.0, 3.0], [0.0, 3.0], [0.0, 3.0], [1.0, 1.0], terms.once(2)) == [
+        1.0
+    ]
+    assert terms.avoided_share([0.0, 5.0], [0.0, 3.0], [0.0, 3.0], [1.0, 1.0], terms.once(2)) == [
+        0.0
+    ]
 
 
 def test_a_is_below_0_for_who_is_worse_than_doing_nothing_and_s_plus_takes_0():
@@ -90,18 +109,25 @@ def test_a_is_below_0_for_who_is_worse_than_doing_nothing_and_s_plus_takes_0():
 def test_a_leaves_out_points_where_somebody_could_not_be_evaluated():
     ads, ideal, nobody = [5.0, nan, 9.0, 9.0], [0.0, 0.0, nan, 0.0], [10.0, 10.0, 10.0, nan]
     assert terms.avoided_share(ads, ideal, nobody, np.ones(4), terms.once(4)) == [0.5]
-    assert np.isnan(terms.avoided_share(ads, ideal, nobody, np.ones(4), np.array([[0.0, 1.0, 1.0, 1.0]]))).all()
+    assert np.isnan(
+        terms.avoided_share(ads, ideal, nobody, np.ones(4), np.array([[0.0, 1.0, 1.0, 1.0]]))
+    ).all()
 
 
 def test_a_and_the_regret_where_all_weights_are_0_count_every_point_alike():
     # lost 5 and 0 of 10 and 10
-    assert terms.avoided_share([5.0, 0.0], [0.0, 0.0], [10.0, 10.0], [0.0, 0.0], terms.once(2)) == [0.75]
+    assert terms.avoided_share([5.0, 0.0], [0.0, 0.0], [10.0, 10.0], [0.0, 0.0], terms.once(2)) == [
+        0.75
+    ]
     assert terms.regret([5.0, 0.0], [0.0, 0.0], [0.0, 0.0], terms.once(2)) == [2.5]
 
 
 def test_s_plus_by_hand():
-    # 0.9 * 0.8 * (60 + 40 * 0.5) = 57.6; without H 0.9 * 0.8 * 60 = 43.2; none without T or without A'
-    found = terms.score_plus([0.9, 0.9, nan, 0.9], [0.8, 0.8, 0.8, nan], [0.5, nan, 0.5, 0.5], 60.0, 40.0)
+    # 0.9 * 0.8 * (60 + 40 * 0.5) = 57.6; without H 0.9 * 0.8 * 60 = 43.2; none without T or without
+    # A'
+    found = terms.score_plus(
+        [0.9, 0.9, nan, 0.9], [0.8, 0.8, 0.8, nan], [0.5, nan, 0.5, 0.5], 60.0, 40.0
+    )
     np.testing.assert_allclose(found, [57.6, 43.2, nan, nan])
 
 
@@ -110,7 +136,9 @@ def test_the_grade_of_a_by_hand():
     by_hand = [1.0, 0.979, 0.943, 0.850, 0.700, 0.480, 0.256, 0.0]
     np.testing.assert_allclose(terms.avoidance_grade(1.0 - x, 0.01), by_hand, atol=5e-4)
     # 1 and 5 avoidable collisions of 192: A = .997 and .988
-    np.testing.assert_allclose(terms.avoidance_grade([0.997, 0.988], 0.01), [0.943, 0.829], atol=5e-4)
+    np.testing.assert_allclose(
+        terms.avoidance_grade([0.997, 0.988], 0.01), [0.943, 0.829], atol=5e-4
+    )
 
 
 def test_the_slope_of_the_grade_is_its_difference_quotient():
@@ -131,7 +159,9 @@ def test_s_plus_lies_within_0_and_100_and_rises_with_each_part(pair, task, grade
         ((low, grade, human), (high, grade, human)), ((task, low, human), (task, high, human)),
         ((task, grade, low), (task, grade, high)),
     ):  # fmt: skip
-        less, more = (float(terms.score_plus(*np.array([parts]).T, 50.0, 50.0)[0]) for parts in (one, other))
+        less, more = (
+            float(terms.score_plus(*np.array([parts]).T, 50.0, 50.0)[0]) for parts in (one, other)
+        )
         assert 0.0 <= less <= more <= 100.0
 
 
@@ -143,16 +173,19 @@ def test_the_grade_orders_as_a_does(pair, sharpness):
     assert (first < second) or high - low < 1e-9
 
 
-# --- laws -------------------------------------------------------------------------------------------------------------
+# --- laws -----------------------------------------------------------------------------------------
 
 
 @given(outcomes, st.data())
 def test_who_is_no_worse_in_any_case_and_better_in_one_never_has_a_lower_a(cases, data):
-    """Ties at most where the better cases have no weight, are below the ideal vehicle's severity, or are nothing."""
+    """Ties at most where the better cases have no weight, are below the ideal vehicle's severity,
+    or are nothing."""
     u, ideal, nobody, w = columns(cases)
     shares = np.array([data.draw(st.one_of(st.just(1.0), st.floats(0.0, 0.99))) for _ in cases])
     better = u * shares
-    a, b = (terms.avoided_share(one, ideal, nobody, w, terms.once(len(w)))[0] for one in (u, better))
+    a, b = (
+        terms.avoided_share(one, ideal, nobody, w, terms.once(len(w)))[0] for one in (u, better)
+    )
     assert b >= a
     told = (np.maximum(u - ideal, 0) - np.maximum(better - ideal, 0)) * (w if w.any() else 1.0)
     at_stake = np.maximum(nobody - ideal, 0) * (w if w.any() else 1.0)
@@ -163,7 +196,8 @@ def test_who_is_no_worse_in_any_case_and_better_in_one_never_has_a_lower_a(cases
 
 
 def test_of_many_random_pairs_of_known_order_a_puts_none_the_wrong_way_round():
-    """2,000 pairs over 97 points: 0 wrong, and no tie, because the better cases have weight and lie above Ug."""
+    """2,000 pairs over 97 points: 0 wrong, and no tie, because the better cases have weight and lie
+    above Ug."""
     rng = np.random.default_rng(1)
     wrong = ties = 0
     for _ in range(2000):
@@ -174,7 +208,9 @@ def test_of_many_random_pairs_of_known_order_a_puts_none_the_wrong_way_round():
         w = rng.uniform(0.01, 2, 97)
         if not (better < worse).any():
             continue
-        a, b = (terms.avoided_share(one, ideal, nobody, w, terms.once(97))[0] for one in (worse, better))
+        a, b = (
+            terms.avoided_share(one, ideal, nobody, w, terms.once(97))[0] for one in (worse, better)
+        )
         wrong += b < a
         ties += b == a
     assert (wrong, ties) == (0, 0)
@@ -182,9 +218,14 @@ def test_of_many_random_pairs_of_known_order_a_puts_none_the_wrong_way_round():
 
 @given(outcomes, st.integers(0, 2**32 - 1))
 def test_counts_are_repeated_cases(cases, seed):
-    """A sample by counts is the evaluation of the cases repeated so often: one arithmetic for both."""
+    """A sample by counts is the evaluation of the cases repeated so often: one arithmetic for
+    both."""
     u, ideal, nobody, w = columns(cases)
-    counts = np.random.default_rng(seed).multinomial(len(w), np.full(len(w), 1 / len(w)), size=3).astype(float)
+    counts = (
+        np.random.default_rng(seed)
+        .multinomial(len(w), np.full(len(w), 1 / len(w)), size=3)
+        .astype(float)
+    )
     for row in counts:
         again = np.repeat(np.arange(len(w)), row.astype(int))
         hit = u > 0.0
@@ -196,7 +237,8 @@ def test_counts_are_repeated_cases(cases, seed):
             (terms.regret(u, ideal, w, many), terms.regret(u[again], ideal[again], w[again], one)),
             (terms.exposure_mean(ratio, w, many), terms.exposure_mean(ratio[again], w[again], one)),
             (terms.collision_avoidance(ratio, r, hit, np.ones(len(w)), many),
-             terms.collision_avoidance(ratio[again], r[again], hit[again], np.ones(len(again)), one)),
+             terms.collision_avoidance(ratio[again], r[again], hit[again], np.ones(len(again)),
+                 one)),
         ]  # fmt: skip
         for by_counts, by_repeating in pairs:
             np.testing.assert_allclose(by_counts, by_repeating, rtol=1e-9, atol=1e-9)
@@ -221,8 +263,11 @@ def test_the_factors_of_a_product_share_its_loss_as_the_mean_over_all_orders(val
 
 
 def test_what_each_point_takes_from_a_by_hand():
-    # w (U - Ug): 1 * (10 - 5) = 5, 2 * (4 - 0) = 8; at stake w (U0 - Ug): 1 * (15 - 5) + 2 * (8 - 0) = 26
-    taken = terms.avoided_share_losses([10.0, 4.0, 3.0], [5.0, 0.0, nan], [15.0, 8.0, 9.0], [1.0, 2.0, 1.0])
+    # w (U - Ug): 1 * (10 - 5) = 5, 2 * (4 - 0) = 8; at stake w (U0 - Ug): 1 * (15 - 5) + 2 * (8 -
+    # 0) = 26
+    taken = terms.avoided_share_losses(
+        [10.0, 4.0, 3.0], [5.0, 0.0, nan], [15.0, 8.0, 9.0], [1.0, 2.0, 1.0]
+    )
     np.testing.assert_allclose(taken, [5.0 / 26.0, 8.0 / 26.0, nan])
 
 

@@ -1,4 +1,5 @@
-"""What stands in the place of U: the paper's, injury risks against their published anchors, and a user's function."""
+"""What stands in the place of U: the paper's, injury risks against their published anchors, and a
+user's function."""
 
 from __future__ import annotations
 
@@ -11,11 +12,20 @@ from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
-from sumo_eval.method.severity import CHOICES, EXAMPLE, INJURY_CURVES, contact_of, injury_risk, severity_of
+from sumo_eval.method.severity import (
+    CHOICES,
+    EXAMPLE,
+    INJURY_CURVES,
+    contact_of,
+    injury_risk,
+    severity_of,
+)
 from sumo_eval.settings import CollisionSettings
 from sumo_eval.settings.config import settings_from, to_plain
 
-GRAZE = replace(EXAMPLE, ego_velocity=(25.0, 1.0), other_velocity=(15.0, 0.0), overlap=0.3, other="obstacle")
+GRAZE = replace(
+    EXAMPLE, ego_velocity=(25.0, 1.0), other_velocity=(15.0, 0.0), overlap=0.3, other="obstacle"
+)
 
 FUNCTIONS = """
 calls = 0
@@ -63,19 +73,26 @@ def test_the_papers_severity_and_class_are_eqs_15_and_14():
     by_class = severity_of(CollisionSettings(severity="eq14"))
     assert by_class.of(GRAZE, "a case") == collision_loss(u) == 1.0
     # Eq. 14 has a loss without a contact too.
-    assert (severity_of(CollisionSettings()).without_contact, by_class.without_contact) == (0.0, 0.1)
+    assert (severity_of(CollisionSettings()).without_contact, by_class.without_contact) == (
+        0.0,
+        0.1,
+    )
 
 
 def test_eq14_and_the_loss_class_are_two_names_of_one_choice():
     assert CollisionSettings(severity="eq14").loss == "class"
-    with pytest.raises(InputError, match="'severity' or 'eq14' beside `loss` 'class', got 'injury:cyclist'"):
+    with pytest.raises(
+        InputError, match="'severity' or 'eq14' beside `loss` 'class', got 'injury:cyclist'"
+    ):
         CollisionSettings(loss="class", severity="injury:cyclist")
 
 
-@pytest.mark.parametrize(("who", "speed"), [("pedestrian", 29.0), ("cyclist", 44.0), ("car_driver", 112.0)])
+@pytest.mark.parametrize(
+    ("who", "speed"), [("pedestrian", 29.0), ("cyclist", 44.0), ("car_driver", 112.0)]
+)
 def test_the_published_ten_percent_lies_within_the_rounding_of_the_coefficients(who, speed):
-    """The coefficients have three digits after the point and the speed none: b0, b1 v and b2 age are known to 0.0005,
-    0.0005 v and 0.0005 age, the speed to 0.5 km/h.
+    """The coefficients have three digits after the point and the speed none: b0, b1 v and b2 age
+    are known to 0.0005, 0.0005 v and 0.0005 age, the speed to 0.5 km/h.
     """
     curve = INJURY_CURVES[who]
     risk = float(injury_risk(who, speed / 3.6))
@@ -86,15 +103,22 @@ def test_the_published_ten_percent_lies_within_the_rounding_of_the_coefficients(
 
 
 def test_an_injury_risk_by_hand():
-    # Pedestrian of 60 at 50 km/h: -6.190 + 0.078 * 50 + 0.038 * 60 = -0.01; 1 / (1 + e^0.01) = 0.4975.
+    # Pedestrian of 60 at 50 km/h: -6.190 + 0.078 * 50 + 0.038 * 60 = -0.01; 1 / (1 + e^0.01) =
+    # 0.4975.
     assert injury_risk("pedestrian", 50.0 / 3.6, 60.0) == pytest.approx(0.4975, abs=5e-5)
     chosen = severity_of(CollisionSettings(severity="injury:pedestrian", age=60.0))
-    hit = replace(EXAMPLE, ego_velocity=(50.0 / 3.6, 0.0), overlap=0.5)  # the overlap has no part in it
+    # the overlap has no part in it
+    hit = replace(EXAMPLE, ego_velocity=(50.0 / 3.6, 0.0), overlap=0.5)
     assert chosen.of(hit, "a case") == pytest.approx(0.4975, abs=5e-5)
     assert (chosen.unit, chosen.without_contact) == ("probability of MAIS3+ or death", 0.0)
 
 
-@given(st.sampled_from(list(INJURY_CURVES)), st.floats(0.0, 60.0), st.floats(0.0, 20.0), st.floats(15.0, 90.0))
+@given(
+    st.sampled_from(list(INJURY_CURVES)),
+    st.floats(0.0, 60.0),
+    st.floats(0.0, 20.0),
+    st.floats(15.0, 90.0),
+)
 def test_a_faster_contact_and_an_older_person_are_never_at_less_risk(who, speed, more, age):
     risk = injury_risk(who, speed, age)
     assert 0.0 < risk <= injury_risk(who, speed + more, age) < 1.0
@@ -110,7 +134,10 @@ def test_what_lies_outside_the_range_of_a_curve_is_said():
     chosen = severity_of(CollisionSettings(severity="injury:cyclist"))
     assert chosen.beyond(EXAMPLE) == ""
     fast = replace(EXAMPLE, ego_velocity=(30.0, 0.0), side="left")
-    assert chosen.beyond(fast) == "closing speed over 100 km/h; contact at the ego's left, not its front"
+    assert (
+        chosen.beyond(fast)
+        == "closing speed over 100 km/h; contact at the ego's left, not its front"
+    )
     old = severity_of(CollisionSettings(severity="injury:cyclist", age=99.0))
     assert old.beyond(EXAMPLE) == "age outside 15..95 years"
 
@@ -126,10 +153,17 @@ def test_a_contact_is_seen_from_the_ego():
     )
     contact = contact_of(turned, CollisionSettings(ego_mass=2000.0))
     assert contact.ego_velocity == pytest.approx((20.0, 0.0))
-    assert contact.other_velocity == pytest.approx((5.0 * math.sin(heading), 5.0 * math.cos(heading)))
+    assert contact.other_velocity == pytest.approx(
+        (5.0 * math.sin(heading), 5.0 * math.cos(heading))
+    )
     assert contact.closing_speed == pytest.approx(turned.relative_speed)
     assert contact.angle == pytest.approx(math.pi - heading)
-    assert (contact.ego_mass, contact.other_mass, contact.other, contact.side) == (2000.0, 1500.0, "example", "front")
+    assert (contact.ego_mass, contact.other_mass, contact.other, contact.side) == (
+        2000.0,
+        1500.0,
+        "example",
+        "front",
+    )
 
 
 def test_a_function_of_ones_own_stands_in_the_place_of_u(folder):
@@ -137,7 +171,9 @@ def test_a_function_of_ones_own_stands_in_the_place_of_u(folder):
     assert chosen.of(EXAMPLE, "a case") == 20.0 / 40.0
     assert (chosen.unit, chosen.without_contact) == ("loss", 0.0)
     at_an_angle = replace(EXAMPLE, overlap=0.5, other_pose=(4.5, 0.0, 0.4))
-    everything = severity_of(CollisionSettings(severity="mine.py:by_everything", other_mass=500.0), folder)
+    everything = severity_of(
+        CollisionSettings(severity="mine.py:by_everything", other_mass=500.0), folder
+    )
     assert everything.of(at_an_angle, "a case") == pytest.approx(0.75 * 0.5 * 0.4)
 
 
@@ -162,7 +198,9 @@ def test_a_wrong_severity_is_known_before_the_first_case(folder, name, sentence)
 
 def test_a_wrong_answer_names_the_case(folder):
     chosen = severity_of(CollisionSettings(severity="mine.py:hard_hits_only"), folder)
-    with pytest.raises(InputError, match=r"mine.py:hard_hits_only` must return .* got -1.0 for case cut_in 7"):
+    with pytest.raises(
+        InputError, match=r"mine.py:hard_hits_only` must return .* got -1.0 for case cut_in 7"
+    ):
         chosen.of(GRAZE, "case cut_in 7")
 
 

@@ -1,4 +1,5 @@
-"""Fields by boxes are the plain sum, wherever the samples are; and the plain sum where boxes would not do."""
+"""Fields by boxes are the plain sum, wherever the samples are; and the plain sum where boxes would
+not do."""
 
 from __future__ import annotations
 
@@ -23,7 +24,9 @@ X = np.linspace(50.0, 600.0, 551)
 Y = np.broadcast_to(np.linspace(-1.75, 5.25, 8), (551, 8))
 
 
-def plain(x: np.ndarray, y: np.ndarray, drives: list[Trajectory], constants: FieldSettings) -> np.ndarray:
+def plain(
+    x: np.ndarray, y: np.ndarray, drives: list[Trajectory], constants: FieldSettings
+) -> np.ndarray:
     points = np.column_stack((np.repeat(x, y.shape[1]), y.ravel()))
     found = trajectory_fields(
         points,
@@ -45,7 +48,9 @@ def around(x: np.ndarray, y: np.ndarray) -> Stretch:
     return Stretch(x.min(), x.max(), y.min(), y.max()) if x.size else Stretch(0.0, 1.0, 0.0, 1.0)
 
 
-def shared_fields(x: np.ndarray, y: np.ndarray, drives: list[Trajectory], constants: FieldSettings) -> np.ndarray:
+def shared_fields(
+    x: np.ndarray, y: np.ndarray, drives: list[Trajectory], constants: FieldSettings
+) -> np.ndarray:
     return SharedFields(drives, around(x, y), constants, y.size).at(x, y, range(len(drives)))
 
 
@@ -53,7 +58,7 @@ def by_boxes(x: np.ndarray, y: np.ndarray) -> bool:
     return module._pays(y.size, around(x, y)) and around(x, y).levels > 2
 
 
-# --- the clever against the plain -------------------------------------------------------------------------------------
+# --- the clever against the plain -----------------------------------------------------------------
 
 
 @given(
@@ -66,23 +71,33 @@ def by_boxes(x: np.ndarray, y: np.ndarray) -> bool:
 def test_one_sample_alone_is_within_the_bound_at_every_point(
     x: float, y: float, heading: float, speed: float, k1: float
 ) -> None:
-    # A single sample is the hardest: in a sum the near ones, which are exact, outweigh those interpolated.
+    # A single sample is the hardest: in a sum the near ones, which are exact, outweigh those
+    # interpolated.
     constants, sample = FieldSettings(k1=k1), [standing(x, y, heading, speed)]
     assert by_boxes(X, Y)
-    np.testing.assert_allclose(shared_fields(X, Y, sample, constants), plain(X, Y, sample, constants), rtol=ERROR)
+    np.testing.assert_allclose(
+        shared_fields(X, Y, sample, constants), plain(X, Y, sample, constants), rtol=ERROR
+    )
 
 
 @pytest.mark.parametrize("k1", [0.0, 0.5, 1.0])
 def test_samples_just_far_enough_from_the_shortest_boxes_are_within_the_bound(k1: float) -> None:
-    # 32 boxes of 17.2 m, the strip as wide as they allow; one length away from a box is where another one ends.
+    # 32 boxes of 17.2 m, the strip as wide as they allow; one length away from a box is where
+    # another one ends.
     length, random = 550.0 / 32, np.random.default_rng(3)
     half = length / (module.SLENDER + 0.01)
     y, constants = np.broadcast_to(np.linspace(-half, half, 9), (551, 9)), FieldSettings(k1=k1)
     assert around(X, y).levels == 5
     for _ in range(40):
         place = 50.0 + length * random.integers(-2, 34) + random.choice([-1e-6, 1e-6])
-        sample = [standing(place, random.choice([0.0, half, -1.5 * half]), random.uniform(-3.2, 3.2), 70.0)]
-        np.testing.assert_allclose(shared_fields(X, y, sample, constants), plain(X, y, sample, constants), rtol=ERROR)
+        sample = [
+            standing(
+                place, random.choice([0.0, half, -1.5 * half]), random.uniform(-3.2, 3.2), 70.0
+            )
+        ]
+        np.testing.assert_allclose(
+            shared_fields(X, y, sample, constants), plain(X, y, sample, constants), rtol=ERROR
+        )
 
 
 @pytest.mark.parametrize("k1", [0.5, 0.7, 1.0])
@@ -90,23 +105,44 @@ def test_synthetic_extremes_are_within_the_bound(k1: float) -> None:
     time = 0.1 * np.arange(200)
     there, back = 50.0 + 70.0 * time, 620.0 - 3.0 * time**1.5
     drives = [
-        Trajectory(time, there, np.full(200, 5.24), heading=np.full(200, 0.4), speed=np.full(200, 70.0)),
-        Trajectory(time, back, 1.75 + 3.4 * np.sin(time), heading=np.full(200, np.pi), speed=4.5 * np.sqrt(time)),
-        Trajectory(time, np.full(200, 333.0), np.full(200, 1.25), heading=np.full(200, 1.0), speed=np.full(200, 9.0)),
+        Trajectory(
+            time, there, np.full(200, 5.24), heading=np.full(200, 0.4), speed=np.full(200, 70.0)
+        ),
+        Trajectory(
+            time,
+            back,
+            1.75 + 3.4 * np.sin(time),
+            heading=np.full(200, np.pi),
+            speed=4.5 * np.sqrt(time),
+        ),
+        Trajectory(
+            time,
+            np.full(200, 333.0),
+            np.full(200, 1.25),
+            heading=np.full(200, 1.0),
+            speed=np.full(200, 9.0),
+        ),
         Trajectory(0.5 * time, 50.0 + 20.0 * time, np.zeros(200)),
         Trajectory(time, 1e5 + time, np.full(200, -1e4)),
         standing(50.0, -1.75),
         standing(600.0, 5.25, np.pi / 2, 70.0),
     ]
     constants = FieldSettings(k1=k1)
-    np.testing.assert_allclose(shared_fields(X, Y, drives, constants), plain(X, Y, drives, constants), rtol=ERROR)
+    np.testing.assert_allclose(
+        shared_fields(X, Y, drives, constants), plain(X, Y, drives, constants), rtol=ERROR
+    )
 
 
 @pytest.fixture(scope="module")
 def driven() -> tuple[list[Trajectory], np.ndarray]:
-    """Three drivers of a cut-out in SUMO and the points of their own slices, on many of which they are themselves."""
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=20.0, obstacle_speed=5.0, gap=110.0)
-    drives = [simulate(concrete, human_controller(index, 10, 1, concrete)).ego for index in range(3)]
+    """Three drivers of a cut-out in SUMO and the points of their own slices, on many of which they
+    are themselves."""
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(
+        ego_speed=20.0, obstacle_speed=5.0, gap=110.0
+    )
+    drives = [
+        simulate(concrete, human_controller(index, 10, 1, concrete)).ego for index in range(3)
+    ]
     sets = []
     for drive, spacing in zip(drives, (0.5, 0.5, 2.5), strict=True):
         slices = np.append(slice_positions(50.0, 550.0, spacing), drive.x[drive.x < 600.0])
@@ -115,12 +151,16 @@ def driven() -> tuple[list[Trajectory], np.ndarray]:
 
 
 @pytest.mark.parametrize("k1", [0.5, 0.75])
-def test_real_drives_are_within_a_tenth_of_the_bound(driven: tuple[list[Trajectory], np.ndarray], k1: float) -> None:
+def test_real_drives_are_within_a_tenth_of_the_bound(
+    driven: tuple[list[Trajectory], np.ndarray], k1: float
+) -> None:
     drives, points = driven
     x, y = points[:, 0, 0], points[..., 1]
     assert by_boxes(x, y)
     constants = FieldSettings(k1=k1)
-    np.testing.assert_allclose(shared_fields(x, y, drives, constants), plain(x, y, drives, constants), rtol=ERROR / 10)
+    np.testing.assert_allclose(
+        shared_fields(x, y, drives, constants), plain(x, y, drives, constants), rtol=ERROR / 10
+    )
 
 
 def test_the_order_of_the_rows_does_not_matter(driven: tuple[list[Trajectory], np.ndarray]) -> None:
@@ -133,14 +173,18 @@ def test_the_order_of_the_rows_does_not_matter(driven: tuple[list[Trajectory], n
 
 def test_same_input_same_bytes(driven: tuple[list[Trajectory], np.ndarray]) -> None:
     drives, points = driven
-    first, second = (shared_fields(points[:, 0, 0], points[..., 1], drives, PLAIN) for _ in range(2))
+    first, second = (
+        shared_fields(points[:, 0, 0], points[..., 1], drives, PLAIN) for _ in range(2)
+    )
     assert first.tobytes() == second.tobytes()
 
 
 def test_samples_and_points_on_a_line_are_within_the_bound() -> None:
     # No width at all: the strip is treated as if it had some.
     line, drives = np.zeros((551, 8)), [standing(321.0, 0.0, 0.0, 30.0), standing(10.0, 0.0)]
-    np.testing.assert_allclose(shared_fields(X, line, drives, PLAIN), plain(X, line, drives, PLAIN), rtol=ERROR)
+    np.testing.assert_allclose(
+        shared_fields(X, line, drives, PLAIN), plain(X, line, drives, PLAIN), rtol=ERROR
+    )
 
 
 @pytest.mark.parametrize("asked_before", [False, True])
@@ -154,15 +198,22 @@ def test_points_off_the_stretch_are_within_the_bound(
     assert 0.3 < inside.mean() < 0.9
     if asked_before:
         fields.at(x[inside], y[inside], [0, 1, 2])
-    np.testing.assert_allclose(fields.at(x, y, [0, 1, 2]), plain(x, y, drives, PLAIN), rtol=ERROR / 10)
+    np.testing.assert_allclose(
+        fields.at(x, y, [0, 1, 2]), plain(x, y, drives, PLAIN), rtol=ERROR / 10
+    )
 
 
-def test_what_was_asked_before_and_of_whom_changes_no_bit(driven: tuple[list[Trajectory], np.ndarray]) -> None:
+def test_what_was_asked_before_and_of_whom_changes_no_bit(
+    driven: tuple[list[Trajectory], np.ndarray],
+) -> None:
     drives, points = driven
     x, y = points[:, 0, 0], points[..., 1]
     fields = SharedFields(drives, around(x, y), PLAIN, y.size)
     fields.at(x[::2], y[::2], [2, 0])
-    again, alone = fields.at(x, y, [1, 2]), SharedFields(drives[1:], around(x, y), PLAIN, y.size).at(x, y, [0, 1])
+    again, alone = (
+        fields.at(x, y, [1, 2]),
+        SharedFields(drives[1:], around(x, y), PLAIN, y.size).at(x, y, [0, 1]),
+    )
     assert again.tobytes() == alone.tobytes()
 
 
@@ -181,7 +232,7 @@ def test_far_samples_are_summed_once(
     np.testing.assert_allclose(few, plain(x[:9], y[:9], drives[2:], PLAIN), rtol=ERROR / 10)
 
 
-# --- where the plain sum is taken -------------------------------------------------------------------------------------
+# --- where the plain sum is taken -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -196,14 +247,23 @@ def test_far_samples_are_summed_once(
 )
 def test_large_constants_and_vectors_are_summed_plainly(constants: FieldSettings) -> None:
     drives = [standing(200.0, 1.0, 0.1, 50.0), standing(400.0, 1.0)]
-    np.testing.assert_array_equal(shared_fields(X, Y, drives, constants), plain(X, Y, drives, constants))
+    np.testing.assert_array_equal(
+        shared_fields(X, Y, drives, constants), plain(X, Y, drives, constants)
+    )
 
 
 def test_few_points_and_a_short_road_are_summed_plainly() -> None:
     drives = [standing(55.0, 1.0, 0.1, 50.0)]
-    for x, y in ((X[::50], Y[::50]), (np.linspace(50.0, 55.0, 551), Y), (X[:1], Y[:1]), (X[:0], Y[:0])):
+    for x, y in (
+        (X[::50], Y[::50]),
+        (np.linspace(50.0, 55.0, 551), Y),
+        (X[:1], Y[:1]),
+        (X[:0], Y[:0]),
+    ):
         assert not module._pays(y.size, around(x, y))
-        np.testing.assert_array_equal(shared_fields(x, y, drives, PLAIN), plain(x, y, drives, PLAIN))
+        np.testing.assert_array_equal(
+            shared_fields(x, y, drives, PLAIN), plain(x, y, drives, PLAIN)
+        )
 
 
 def test_no_trajectories_are_an_empty_answer() -> None:

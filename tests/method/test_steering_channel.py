@@ -13,12 +13,22 @@ from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import Trajectory
 
 COARSE = AnthropomorphicSettings(slice_spacing=5.0)
-LOW_SPEED = [(30.0, 20.0), (30.0, 15.0), (30.0, 10.0), (25.0, 15.0), (25.0, 10.0), (20.0, 10.0), (20.0, 5.0)]
+LOW_SPEED = [
+    (30.0, 20.0),
+    (30.0, 15.0),
+    (30.0, 10.0),
+    (25.0, 15.0),
+    (25.0, 10.0),
+    (20.0, 10.0),
+    (20.0, 5.0),
+]
 CUT_OUT = [(30.0, 20.0, 120.0), (25.0, 15.0, 100.0), (20.0, 10.0, 90.0)]
 
 
 def concrete_scenarios():
-    low_speed, cut_out = (catalogue.load(name) for name in ("front_vehicle_low_speed", "front_vehicle_cut_out"))
+    low_speed, cut_out = (
+        catalogue.load(name) for name in ("front_vehicle_low_speed", "front_vehicle_cut_out")
+    )
     return [
         *(low_speed.concrete(ego_speed=v, lead_speed=w) for v, w in LOW_SPEED),
         *(cut_out.concrete(ego_speed=v, obstacle_speed=w, gap=gap) for v, w, gap in CUT_OUT),
@@ -35,7 +45,9 @@ def without_steering(drive):
 def test_lane_changer_has_the_same_d_with_and_without_its_steering_channel():
     cases = concrete_scenarios()
     people = [human_controller(i, 6, 1, concrete) for concrete in cases for i in range(6)]
-    drives = iter([found.ego for found in simulate_many([one for one in cases for _ in range(6)], people)])
+    drives = iter(
+        [found.ego for found in simulate_many([one for one in cases for _ in range(6)], people)]
+    )
     overtakes = 0
     for concrete, found in zip(cases, simulate_many(cases, "lane_changer"), strict=True):
         drivers = [next(drives) for _ in range(6)]
@@ -47,6 +59,8 @@ def test_lane_changer_has_the_same_d_with_and_without_its_steering_channel():
         )
         assert with_it.ads_operations == without.ads_operations
         assert with_it.value == pytest.approx(without.value, abs=0.02), concrete.label
-        stripped = anthropomorphic_index(found.ego, [without_steering(one) for one in drivers], concrete.road, COARSE)
+        stripped = anthropomorphic_index(
+            found.ego, [without_steering(one) for one in drivers], concrete.road, COARSE
+        )
         assert stripped.value == pytest.approx(with_it.value, abs=0.02), concrete.label
     assert overtakes >= 8, "a lane change is what the steering channel is about"

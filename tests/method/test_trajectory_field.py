@@ -47,12 +47,14 @@ def around(trajectory: Trajectory, n: int, seed: int = 7) -> np.ndarray:
     """Points near and far, and some exactly on samples."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(-60.0, 60.0, (n, 2))
-    points[::5] = np.column_stack((trajectory.x, trajectory.y))[rng.integers(0, len(trajectory), len(points[::5]))]
+    points[::5] = np.column_stack((trajectory.x, trajectory.y))[
+        rng.integers(0, len(trajectory), len(points[::5]))
+    ]
     points[1::5] = points[::5][: len(points[1::5])] + rng.normal(0.0, 0.3, (len(points[1::5]), 2))
     return points
 
 
-# --- worked numbers ---------------------------------------------------------------------------------------------------
+# --- worked numbers -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -71,19 +73,28 @@ def around(trajectory: Trajectory, n: int, seed: int = 7) -> np.ndarray:
         ((-0.25, 0.0), 0.5, 0.005, 0.9048374180359595),  # exp(-0.1)
         ((-1e-6, 0.0), 0.5, 0.005, 0.9048374180359595),
         ((0.0, 0.0), 0.5, 0.005, 1.1051709180756477),  # on the vehicle: dead ahead of it
-        ((-1e-10, 0.0), 0.5, 0.005, 1.1051709180756477),  # on it but for the rounding of coordinates
+        # on it but for the rounding of coordinates
+        ((-1e-10, 0.0), 0.5, 0.005, 1.1051709180756477),
     ],
 )
 def test_one_vehicle_at_the_origin_at_20_metres_per_second(
     point: tuple[float, float], k1: float, k2: float, expected: float
 ) -> None:
-    assert instantaneous_field([point], [0.0, 0.0], [20.0, 0.0], k1=k1, k2=k2) == pytest.approx([expected], rel=1e-12)
-    assert trajectory_field([point], one_sample(20.0), k1=k1, k2=k2) == pytest.approx([expected], rel=1e-12)
+    assert instantaneous_field([point], [0.0, 0.0], [20.0, 0.0], k1=k1, k2=k2) == pytest.approx(
+        [expected], rel=1e-12
+    )
+    assert trajectory_field([point], one_sample(20.0), k1=k1, k2=k2) == pytest.approx(
+        [expected], rel=1e-12
+    )
 
 
 def test_the_defaults_are_those_of_the_settings() -> None:
-    assert trajectory_field([(4.0, 0.0)], one_sample(20.0)) == pytest.approx([0.5525854590378238], rel=1e-12)
-    assert instantaneous_field([(4.0, 0.0)], [0, 0], [20, 0]) == pytest.approx([0.5525854590378238], rel=1e-12)
+    assert trajectory_field([(4.0, 0.0)], one_sample(20.0)) == pytest.approx(
+        [0.5525854590378238], rel=1e-12
+    )
+    assert instantaneous_field([(4.0, 0.0)], [0, 0], [20, 0]) == pytest.approx(
+        [0.5525854590378238], rel=1e-12
+    )
 
 
 def test_samples_add_up() -> None:
@@ -97,7 +108,7 @@ def test_a_standing_vehicle_counts_once_for_every_tenth_of_a_second() -> None:
     assert trajectory_field([(9.0, 0.0)], standing) == pytest.approx([31 / 2], rel=1e-12)
 
 
-# --- laws of one vehicle ----------------------------------------------------------------------------------------------
+# --- laws of one vehicle --------------------------------------------------------------------------
 
 angle = st.floats(-math.pi, math.pi)
 distance = st.floats(0.0, 500.0)
@@ -139,11 +150,13 @@ def test_without_k2_the_speed_does_not_matter_and_without_k1_the_distance_does_n
     assert at == pytest.approx([math.exp(0.1)] * 2, rel=1e-14)
 
 
-# --- laws of a trajectory ---------------------------------------------------------------------------------------------
+# --- laws of a trajectory -------------------------------------------------------------------------
 
 
 @given(turn=angle, east=st.floats(-1e4, 1e4), north=st.floats(-1e4, 1e4), seed=st.integers(0, 100))
-def test_moving_or_rotating_the_world_moves_nothing(turn: float, east: float, north: float, seed: int) -> None:
+def test_moving_or_rotating_the_world_moves_nothing(
+    turn: float, east: float, north: float, seed: int
+) -> None:
     drive = winding(seed, n=20)
     points = around(drive, 20)
     rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
@@ -151,7 +164,9 @@ def test_moving_or_rotating_the_world_moves_nothing(turn: float, east: float, no
     moved = Trajectory(drive.time + 17.0, x, y, heading=drive.heading + turn, speed=drive.speed)
     elsewhere = points @ rotation.T + [east, north]
     # 1e4 m are known to 2e-12 m, so angles to a point 1e-3 m away are known to 2e-9.
-    assert trajectory_field(elsewhere, moved) == pytest.approx(trajectory_field(points, drive), rel=1e-8)
+    assert trajectory_field(elsewhere, moved) == pytest.approx(
+        trajectory_field(points, drive), rel=1e-8
+    )
 
 
 def test_many_trajectories_at_once_are_each_alone_to_the_last_bit() -> None:
@@ -177,13 +192,15 @@ def test_no_points_and_no_trajectories_are_empty_answers() -> None:
     assert trajectory_fields([(0.0, 0.0)], []).shape == (0, 1)
 
 
-# --- sampling ---------------------------------------------------------------------------------------------------------
+# --- sampling -------------------------------------------------------------------------------------
 
 
 def test_a_trajectory_on_the_grid_is_used_as_it_is_to_the_last_bit() -> None:
     drive = winding(5)
     jitter = np.random.default_rng(0).uniform(-4e-7, 4e-7, len(drive)) * (np.arange(len(drive)) > 0)
-    unsteady = Trajectory(drive.time + jitter, drive.x, drive.y, heading=drive.heading, speed=drive.speed)
+    unsteady = Trajectory(
+        drive.time + jitter, drive.x, drive.y, heading=drive.heading, speed=drive.speed
+    )
     points = around(drive, 50)
     assert trajectory_field(points, unsteady).tobytes() == trajectory_field(points, drive).tobytes()
 
@@ -191,9 +208,13 @@ def test_a_trajectory_on_the_grid_is_used_as_it_is_to_the_last_bit() -> None:
 @pytest.mark.parametrize("finer", [2, 5])
 def test_samples_between_the_grid_change_nothing(finer: int) -> None:
     fine = winding(6, n=60, step=STEP / finer)
-    coarse = Trajectory(*(c[::finer] for c in (fine.time, fine.x, fine.y, fine.heading, fine.speed)))
+    coarse = Trajectory(
+        *(c[::finer] for c in (fine.time, fine.x, fine.y, fine.heading, fine.speed))
+    )
     points = around(fine, 50)
-    assert trajectory_field(points, fine) == pytest.approx(trajectory_field(points, coarse), rel=1e-9)
+    assert trajectory_field(points, fine) == pytest.approx(
+        trajectory_field(points, coarse), rel=1e-9
+    )
 
 
 def test_a_coarse_trajectory_is_interpolated_linearly() -> None:
@@ -204,21 +225,33 @@ def test_a_coarse_trajectory_is_interpolated_linearly() -> None:
 
 
 def test_uneven_times_are_interpolated_even_where_their_number_fits() -> None:
-    uneven = Trajectory([0.0, 0.15, 0.2], [0.0, 3.0, 4.0], [0.0] * 3, speed=[20.0] * 3, heading=[0.0] * 3)
-    even = Trajectory([0.0, 0.1, 0.2], [0.0, 2.0, 4.0], [0.0] * 3, speed=[20.0] * 3, heading=[0.0] * 3)
-    assert trajectory_field([(6.0, 1.0)], uneven) == pytest.approx(trajectory_field([(6.0, 1.0)], even), rel=1e-12)
+    uneven = Trajectory(
+        [0.0, 0.15, 0.2], [0.0, 3.0, 4.0], [0.0] * 3, speed=[20.0] * 3, heading=[0.0] * 3
+    )
+    even = Trajectory(
+        [0.0, 0.1, 0.2], [0.0, 2.0, 4.0], [0.0] * 3, speed=[20.0] * 3, heading=[0.0] * 3
+    )
+    assert trajectory_field([(6.0, 1.0)], uneven) == pytest.approx(
+        trajectory_field([(6.0, 1.0)], even), rel=1e-12
+    )
 
 
 def test_a_remainder_shorter_than_the_interval_is_left_out() -> None:
-    drive = Trajectory([0.0, 0.1, 0.15], [0.0, 2.0, 3.0], [0.0, 0.0, 0.0], speed=[20.0] * 3, heading=[0.0] * 3)
+    drive = Trajectory(
+        [0.0, 0.1, 0.15], [0.0, 2.0, 3.0], [0.0, 0.0, 0.0], speed=[20.0] * 3, heading=[0.0] * 3
+    )
     whole = Trajectory([0.0, 0.1], [0.0, 2.0], [0.0, 0.0], speed=[20.0] * 2, heading=[0.0] * 2)
-    assert trajectory_field([(9.0, 1.0)], drive) == pytest.approx(trajectory_field([(9.0, 1.0)], whole), rel=1e-14)
+    assert trajectory_field([(9.0, 1.0)], drive) == pytest.approx(
+        trajectory_field([(9.0, 1.0)], whole), rel=1e-14
+    )
 
 
 def test_the_heading_between_samples_takes_the_short_way_round() -> None:
     # From 170 to 190 deg; half way it is 180 deg, so the point at x = -5 is dead ahead, not behind.
     edge = math.radians(170.0)
-    turning = Trajectory([0.0, 0.2], [0.0, 0.0], [0.0, 0.0], heading=[edge, -edge], speed=[20.0, 20.0])
+    turning = Trajectory(
+        [0.0, 0.2], [0.0, 0.0], [0.0, 0.0], heading=[edge, -edge], speed=[20.0, 20.0]
+    )
     expected = (2 * math.exp(0.1 * math.cos(math.radians(10.0))) + math.exp(0.1)) / math.sqrt(5.0)
     assert trajectory_field([(-5.0, 0.0)], turning) == pytest.approx([expected], rel=1e-12)
 
@@ -227,15 +260,26 @@ def test_another_sample_interval_sums_other_samples() -> None:
     drive = winding(8, n=41)
     points = around(drive, 20)
     every_other = [twin.trajectory_field(point, drive, interval=0.2) for point in points]
-    assert trajectory_field(points, drive, sample_interval=0.2) == pytest.approx(every_other, rel=1e-9)
+    assert trajectory_field(points, drive, sample_interval=0.2) == pytest.approx(
+        every_other, rel=1e-9
+    )
 
 
-# --- the clever against the plain -------------------------------------------------------------------------------------
+# --- the clever against the plain -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("k1", "k2"),
-    [(0.5, 0.005), (0.0, 0.005), (1.0, 0.05), (2.0, 0.05), (0.7, 0.005), (0.5, 0.0), (3.0, 1.0), (0.5, 8.0)],
+    [
+        (0.5, 0.005),
+        (0.0, 0.005),
+        (1.0, 0.05),
+        (2.0, 0.05),
+        (0.7, 0.005),
+        (0.5, 0.0),
+        (3.0, 1.0),
+        (0.5, 8.0),
+    ],
 )
 @pytest.mark.parametrize("step", [STEP, 0.04, 0.23])
 def test_the_kernels_are_the_plain_loops(k1: float, k2: float, step: float) -> None:
@@ -256,11 +300,18 @@ def test_compiled_sum_is_numpys_whatever_the_number_of_points(n: int) -> None:
 
 
 def test_far_from_all_points_of_a_block_the_field_is_exact_to_1e_13() -> None:
-    # Points that lie together and samples beside them take the loop without decisions, up to 40 m/s at 0.005 s/m.
+    # Points that lie together and samples beside them take the loop without decisions, up to 40 m/s
+    # at 0.005 s/m.
     points = np.random.default_rng(3).uniform((0.0, -3.0), (5.0, 3.0), (300, 2))
     for place in [(6.2, 0.0), (-2.0, 40.0), (3e3, -4.0), (-1e7, 1e7), (-3.0, -4.1)]:
         for speed in (0.0, 5.0, 39.9, 40.0, 40.1, 69.0, 71.0):
-            drive = Trajectory([0.0, 0.1], [place[0], 1e4], [place[1], 3.0], heading=[0.3, 2.0], speed=[speed, 30.0])
+            drive = Trajectory(
+                [0.0, 0.1],
+                [place[0], 1e4],
+                [place[1], 3.0],
+                heading=[0.3, 2.0],
+                speed=[speed, 30.0],
+            )
             plain = [twin.trajectory_field(point, drive) for point in points[:40]]
             np.testing.assert_allclose(trajectory_field(points, drive)[:40], plain, rtol=1e-13)
 
@@ -270,12 +321,16 @@ def test_the_inlined_exponential_is_exact_to_1e_13() -> None:
     for k2 in (0.005, 0.05):
         field = [trajectory_field([(0.5, 0.0)], one_sample(v), k2=k2)[0] for v in speeds]
         np.testing.assert_allclose(field, np.exp(k2 * speeds), rtol=1e-13)
-    # exp amplifies the rounding of its argument, 700 * 1.1e-16 = 8e-14, so more cannot be asked for here.
-    field = [trajectory_field([(0.5, 0.0)], one_sample(v), k2=1.0)[0] for v in (-700.0, -99.9, 333.3, 700.0)]
+    # exp amplifies the rounding of its argument, 700 * 1.1e-16 = 8e-14, so more cannot be asked for
+    # here.
+    field = [
+        trajectory_field([(0.5, 0.0)], one_sample(v), k2=1.0)[0]
+        for v in (-700.0, -99.9, 333.3, 700.0)
+    ]
     np.testing.assert_allclose(field, np.exp([-700.0, -99.9, 333.3, 700.0]), rtol=1e-12)
 
 
-# --- vectors ----------------------------------------------------------------------------------------------------------
+# --- vectors --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("k1", "k2"), [(0.5, 0.005), (1.0, 0.05)])
@@ -288,12 +343,17 @@ def test_the_sum_of_vectors_is_the_plain_loops(k1: float, k2: float) -> None:
 
 
 def test_vectors_cancel_on_the_path_where_magnitudes_peak() -> None:
-    # Standing at 0, then at 10 m (there for one sample each): half way the two pull in opposite directions.
+    # Standing at 0, then at 10 m (there for one sample each): half way the two pull in opposite
+    # directions.
     two = Trajectory([0.0, 0.1], [0.0, 10.0], [0.0, 0.0], speed=[0.0, 0.0], heading=[0.0, 0.0])
-    assert trajectory_field([(5.0, 0.0)], two, superposition="vector") == pytest.approx([0.0], abs=1e-15)
+    assert trajectory_field([(5.0, 0.0)], two, superposition="vector") == pytest.approx(
+        [0.0], abs=1e-15
+    )
     assert trajectory_field([(5.0, 0.0)], two) == pytest.approx([2 / math.sqrt(5.0)], rel=1e-14)
     # On a sample only the other one, 10 m away, has a direction.
-    assert trajectory_field([(0.0, 0.0)], two, superposition="vector") == pytest.approx([10.0**-0.5], rel=1e-14)
+    assert trajectory_field([(0.0, 0.0)], two, superposition="vector") == pytest.approx(
+        [10.0**-0.5], rel=1e-14
+    )
 
 
 def test_numba_is_imported_late() -> None:
@@ -309,7 +369,7 @@ def test_compiled_loops_are_ordinary_python_too() -> None:
     np.testing.assert_allclose(magnitude_sum.py_func(points, samples, 0.5), plain, rtol=1e-13)
 
 
-# --- refusals ---------------------------------------------------------------------------------------------------------
+# --- refusals -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,8 @@ def cut_out():
 
 @pytest.fixture(scope="module")
 def hill():
-    """Two parameters; the gap is short around (30, 40) and around (80, 70), where the second is the smaller zone."""
+    """Two parameters; the gap is short around (30, 40) and around (80, 70), where the second is the
+    smaller zone."""
 
     def gap(values):
         first = np.hypot(values["x"] - 30, values["y"] - 40) - 25
@@ -52,14 +53,18 @@ def hill():
     return partition(space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap), QUICK)
 
 
-# --- zones without a closed form --------------------------------------------------------------------------------------
+# --- zones without a closed form ------------------------------------------------------------------
 
 
 def test_law_the_hazardous_gaps_of_a_cut_in_are_an_interval_safe_on_both_sides():
-    # 60 -> 20 km/h at 0.8 m/s: the bodies overlap after 2 s, in which the ego closes 22.22 m. With both bodies' 8.6 m
-    # it has passed below 13.62 m; above 22.22 + critical gap of 11.11 m/s (17.45 m) there is time enough.
+    # 60 -> 20 km/h at 0.8 m/s: the bodies overlap after 2 s, in which the ego closes 22.22 m. With
+    # both bodies' 8.6 m it has passed below 13.62 m; above 22.22 + critical gap of 11.11 m/s (17.45
+    # m) there is time enough.
     gap = np.linspace(0.0, 100.0, 1_001)
-    points = np.stack([np.full_like(gap, 60 / 3.6), np.full_like(gap, 20 / 3.6), gap, np.full_like(gap, 0.8)], axis=-1)
+    points = np.stack(
+        [np.full_like(gap, 60 / 3.6), np.full_like(gap, 20 / 3.6), gap, np.full_like(gap, 0.8)],
+        axis=-1,
+    )
     hazardous = gap[exact_target(CUT_IN, points, QUICK) <= 0.0]
     assert (hazardous[0], hazardous[-1]) == pytest.approx((13.7, 39.6))
     assert len(hazardous) == round((39.6 - 13.7) / 0.1) + 1
@@ -83,17 +88,19 @@ def test_the_partition_of_a_cut_in_finds_the_interval_and_a_most_dangerous_point
 
 def test_a_braking_lead_is_judged_by_the_search_and_learnt():
     zones = partition(load("front_vehicle_braking"), QUICK)
-    # At 9.81 m/s2 the lead stands after 20.4 m; the ego needs 20 + 40 m and has 10 m more. At 1.81 it has 110 + 50 m.
+    # At 9.81 m/s2 the lead stands after 20.4 m; the ego needs 20 + 40 m and has 10 m more. At 1.81
+    # it has 110 + 50 m.
     assert zones.hazardous([[20.0, 0.5, 9.81]])[0]
     assert not zones.hazardous([[20.0, 2.5, 1.81]])[0]
     assert boundary_error(zones, 5_000).feasible < 0.02
 
 
-# --- the paper's scenarios --------------------------------------------------------------------------------------------
+# --- the paper's scenarios ------------------------------------------------------------------------
 
 
 def test_cut_out_has_one_hazardous_zone_with_its_worst_at_the_shortest_possible_gap(cut_out):
-    # 2 m to the lead, its 4.5 m, and 1.3 s * 30 m/s that the ego closes until the lead is out of the way: 45.5 m
+    # 2 m to the lead, its 4.5 m, and 1.3 s * 30 m/s that the ego closes until the lead is out of
+    # the way: 45.5 m
     assert cut_out.zones == 1
     assert cut_out.most_dangerous == ({"ego_speed": 30.0, "obstacle_speed": 0.0, "gap": 45.5},)
 
@@ -109,11 +116,14 @@ def test_low_speed_has_no_hazardous_zone_at_all():
     assert np.all(zones.nearest_zone(points) == -1)
     assert np.all(zones.predicted(points) == 1.0)
     assert np.all(np.isinf(zones.length_scales))
-    assert zones.notes == ("All 25 training points are safe: no GP is fitted, and the whole space counts as such.",)
+    assert zones.notes == (
+        "All 25 training points are safe: no GP is fitted, and the whole space counts as such.",
+    )
 
 
 def test_a_scenario_that_declares_no_zones_says_so_and_nothing_of_a_gp():
-    """Its space has more points than a GP takes, and all of them agree: neither is a reason there."""
+    """Its space has more points than a GP takes, and all of them agree: neither is a reason
+    there."""
     logical = load("side_vehicle")
     assert logical.notes == ("It declares no zones, so every point counts as safe.",)
     assert partition(logical).notes == ()
@@ -156,7 +166,7 @@ def test_labels_serve_too_but_less_well(cut_out):
     assert boundary_error(cut_out).box < boundary_error(zones).box <= 0.01
 
 
-# --- laws -------------------------------------------------------------------------------------------------------------
+# --- laws -----------------------------------------------------------------------------------------
 
 
 def test_the_partition_does_not_depend_on_sample_order():
@@ -172,7 +182,10 @@ def test_the_partition_does_not_depend_on_sample_order():
 
 def test_the_default_training_points_are_the_own_steps_of_the_space(cut_out):
     own = np.stack(
-        np.meshgrid(np.arange(10, 31, 5), np.arange(0, 21, 5), np.arange(20, 121, 10), indexing="ij"), axis=-1
+        np.meshgrid(
+            np.arange(10, 31, 5), np.arange(0, 21, 5), np.arange(20, 121, 10), indexing="ij"
+        ),
+        axis=-1,
     ).reshape(-1, 3)
     assert np.array_equal(cut_out.training_points, own)
     by_hand = max_inverse_ttc(own[:, 0], own[:, 1], own[:, 2], delay=1.0)
@@ -183,7 +196,9 @@ def test_the_surface_is_a_textbook_gaussian_process():
     points = grid(CUT_OUT, 3)
     zones = partition(CUT_OUT, QUICK, points=points)
     variances = (TARGET_TOLERANCE * zones.training_target) ** 2 + zones.surface.noise_deviation**2
-    assert zones.length_scales == pytest.approx([float(f"{scale:.3g}") for scale in zones.length_scales], rel=1e-12)
+    assert zones.length_scales == pytest.approx(
+        [float(f"{scale:.3g}") for scale in zones.length_scales], rel=1e-12
+    )
     for where in scattered(CUT_OUT, 5):
         plain = posterior_mean(
             CUT_OUT.to_unit(where),
@@ -201,7 +216,9 @@ def test_the_gradient_is_the_slope_of_the_surface(cut_out):
     step = 1e-6
     for axis in range(3):
         nudge = step * np.eye(3)[axis]
-        slope = (cut_out.surface.value(unit + nudge) - cut_out.surface.value(unit - nudge)) / (2 * step)
+        slope = (cut_out.surface.value(unit + nudge) - cut_out.surface.value(unit - nudge)) / (
+            2 * step
+        )
         assert cut_out.surface.gradient(unit)[:, axis] == pytest.approx(slope, abs=1e-6)
 
 
@@ -216,7 +233,9 @@ def test_no_hazardous_point_is_worse_than_the_most_dangerous_one(cut_out):
     assert len(points) > 1_000
     worst = cut_out.most_dangerous[0]
     impact = ideal_impact_speed(points[:, 0], points[:, 1], points[:, 2], deceleration=5, delay=1)
-    limit = ideal_impact_speed(worst["ego_speed"], worst["obstacle_speed"], worst["gap"], deceleration=5, delay=1)
+    limit = ideal_impact_speed(
+        worst["ego_speed"], worst["obstacle_speed"], worst["gap"], deceleration=5, delay=1
+    )
     assert np.all(impact <= limit)
 
 
@@ -231,26 +250,30 @@ def test_a_single_row_and_many_rows_agree(cut_out):
         assert alone == pytest.approx(whole.astype(float).tolist(), abs=1e-9)
 
 
-# --- the target -------------------------------------------------------------------------------------------------------
+# --- the target -----------------------------------------------------------------------------------
 
 
 def test_the_target_by_hand():
-    # ITTC 0.5: T = 2 s, T* = 1/0.7 s: tanh((4 - 2.0408)/10) = 0.19345; at the threshold 0; not closing 1
+    # ITTC 0.5: T = 2 s, T* = 1/0.7 s: tanh((4 - 2.0408)/10) = 0.19345; at the threshold 0; not
+    # closing 1
     # impact at 10 m/s under 5 m/s2: T^2 = -4: tanh(-6.0408/10) = -0.53995
     y = squared_time_target([0.5, 0.7, 0.0, np.inf], [0.0, 0.0, 0.0, 10.0])
     assert y == pytest.approx([0.19345, 0.0, 1.0, -0.53995], abs=1e-5)
 
 
 def test_the_target_runs_smoothly_through_contact():
-    # 20 m/s behind a standing vehicle touches at 40 m; one millimetre moves T^2 = 2c/a by 0.0004 s2 on either side
+    # 20 m/s behind a standing vehicle touches at 40 m; one millimetre moves T^2 = 2c/a by 0.0004 s2
+    # on either side
     gap = np.array([39.999, 40.001])
-    y = squared_time_target(max_inverse_ttc(20, 0, gap), ideal_impact_speed(20, 0, gap, deceleration=5.0))
+    y = squared_time_target(
+        max_inverse_ttc(20, 0, gap), ideal_impact_speed(20, 0, gap, deceleration=5.0)
+    )
     middle = np.tanh(-(0.7**-2) / 10)
     slope = (1 - middle**2) * 0.0004 / 10
     assert y - middle == pytest.approx([-slope, slope], rel=1e-3)
 
 
-# --- zones ------------------------------------------------------------------------------------------------------------
+# --- zones ----------------------------------------------------------------------------------------
 
 
 def test_two_zones_are_told_apart_and_ordered_by_size(hill):
@@ -258,11 +281,15 @@ def test_two_zones_are_told_apart_and_ordered_by_size(hill):
     assert hill.zone_shares[0] > hill.zone_shares[1]
     assert hill.hazardous([[30, 40], [80, 70], [55, 95]]).tolist() == [True, True, False]
     assert hill.nearest_zone([[30, 40], [80, 70], [80, 95], [5, 95]]).tolist() == [0, 1, 1, 0]
-    assert [(round(point["x"]), round(point["y"])) for point in hill.most_dangerous] == [(30, 40), (80, 70)]
+    assert [(round(point["x"]), round(point["y"])) for point in hill.most_dangerous] == [
+        (30, 40),
+        (80, 70),
+    ]
 
 
 def test_a_zone_may_be_safe_on_both_sides():
-    # the crash set of a cut-in is an interval of the gap: |x - 50| + 35 <= 45.102 holds from 39.9 to 60.1
+    # the crash set of a cut-in is an interval of the gap: |x - 50| + 35 <= 45.102 holds from 39.9
+    # to 60.1
     band = space([("x", 0.0, 100.0, 5.0)], lambda values: np.abs(values["x"] - 50) + 35)
     zones = partition(band, QUICK)
     assert zones.zones == 1
@@ -277,7 +304,9 @@ def test_a_constraint_can_cut_a_zone_in_two():
     def gap(values):
         return 30.0 + 0.0 * values["x"]
 
-    both = space([("x", 0.0, 100.0, 5.0)], gap, constraints=[lambda values: np.abs(values["x"] - 40) >= 10])
+    both = space(
+        [("x", 0.0, 100.0, 5.0)], gap, constraints=[lambda values: np.abs(values["x"] - 40) >= 10]
+    )
     zones = partition(both, QUICK)
     assert zones.zones == 2
     assert zones.zone_shares[0] == pytest.approx(50 / 80, abs=0.01)
@@ -287,7 +316,8 @@ def test_a_constraint_can_cut_a_zone_in_two():
 
 
 def test_equal_impact_speed_and_ittc_are_decided_by_the_smaller_gap():
-    # the delay of 1 s at 30 m/s takes all gaps up to 30 m: impact at 30 m/s for each of them; the gap is 105 - x
+    # the delay of 1 s at 30 m/s takes all gaps up to 30 m: impact at 30 m/s for each of them; the
+    # gap is 105 - x
     box = space(
         [("speed", 10.0, 30.0, 5.0), ("x", 0.0, 100.0, 10.0)],
         lambda values: 105 - values["x"],
@@ -298,7 +328,8 @@ def test_equal_impact_speed_and_ittc_are_decided_by_the_smaller_gap():
 
 
 def test_without_any_impact_the_largest_inverse_ttc_decides():
-    # gap = v^2/10 + c leaves c = 4 - 0.3 x, ITTC sqrt(5/(2c)): the largest is at x = 10, where the gap is longest
+    # gap = v^2/10 + c leaves c = 4 - 0.3 x, ITTC sqrt(5/(2c)): the largest is at x = 10, where the
+    # gap is longest
     box = space(
         [("x", 0.0, 10.0, 1.0)],
         lambda values: (10 + values["x"]) ** 2 / 10 + 4 - 0.3 * values["x"],
@@ -312,7 +343,10 @@ def test_the_worst_point_is_found_in_a_corner_that_no_grid_holds():
     corner = space(
         [("x", 0.0, 10.0, 1.0), ("y", 0.0, 10.0, 1.0)],
         lambda values: 20 + 5 * values["x"] + 4 * values["y"],
-        constraints=[lambda values: values["x"] + cut * values["y"] >= 2.7, lambda values: values["y"] <= 1.3],
+        constraints=[
+            lambda values: values["x"] + cut * values["y"] >= 2.7,
+            lambda values: values["y"] <= 1.3,
+        ],
     )
     # along the edge 5x + 4y falls with y up to its limit: y = 1.3, x = 2.7 - 1.3*sqrt(2)
     point = partition(corner, QUICK).most_dangerous[0]
@@ -337,7 +371,9 @@ def test_boundary_distance_is_the_least_of_all_distances_to_the_surface(cut_out)
     unit = np.random.default_rng(0).random((60, 3))
     mine = np.abs(cut_out.boundary_distance(CUT_OUT.from_unit(unit)))
     inner = 0
-    for point, distance, start in zip(unit, mine, cut_out.boundary_tree.query(unit)[1], strict=True):
+    for point, distance, start in zip(
+        unit, mine, cut_out.boundary_tree.query(unit)[1], strict=True
+    ):
         found = minimize(
             lambda x, point=point: np.sum((x - point) ** 2),
             cut_out.boundary_tree.data[start],
@@ -346,11 +382,14 @@ def test_boundary_distance_is_the_least_of_all_distances_to_the_surface(cut_out)
             method="SLSQP",
             options={"ftol": 1e-14},
         )
-        on_edge = np.any((found.x < 1e-6) | (found.x > 1 - 1e-6)) or not CUT_OUT.feasible(CUT_OUT.from_unit(found.x))
+        on_edge = np.any((found.x < 1e-6) | (found.x > 1 - 1e-6)) or not CUT_OUT.feasible(
+            CUT_OUT.from_unit(found.x)
+        )
         if found.success and not on_edge:
             inner += 1
             assert distance == pytest.approx(math.sqrt(found.fun), abs=1e-6)
-        elif found.success:  # an edge of the space is nearest: too long by less than a cell's diagonal
+        # an edge of the space is nearest: too long by less than a cell's diagonal
+        elif found.success:
             assert -1e-6 < distance - math.sqrt(found.fun) < 0.05
     assert inner > 25
 
@@ -360,16 +399,21 @@ def test_boundary_distance_of_a_plane():
     plane = space([("d", 0.0, 100.0, 5.0), ("other", 0.0, 1.0, 0.25)], lambda values: values["d"])
     zones = partition(plane, ZoneSettings(restarts=1, grid_points=5_000))
     points = scattered(plane, 50)
-    assert zones.boundary_distance(points) == pytest.approx((points[:, 0] - 45.102) / 100, abs=0.005)
+    assert zones.boundary_distance(points) == pytest.approx(
+        (points[:, 0] - 45.102) / 100, abs=0.005
+    )
 
 
-# --- what is said, and what is refused --------------------------------------------------------------------------------
+# --- what is said, and what is refused ------------------------------------------------------------
 
 
 def test_a_parameter_without_influence_is_noted():
     plane = space([("d", 0.0, 100.0, 10.0), ("other", 0.0, 1.0, 0.25)], lambda values: values["d"])
     zones = partition(plane, QUICK)
-    assert "The GP's length scale of `other` reached its upper bound: the zones hardly depend on it." in zones.notes
+    assert (
+        "The GP's length scale of `other` reached its upper bound: the zones hardly depend on it."
+        in zones.notes
+    )
     assert zones.most_dangerous == ({"d": 0.0, "other": 0.0},)
 
 
@@ -385,15 +429,23 @@ def test_hazard_between_training_points_that_are_all_safe_is_noted():
 
 
 def test_a_large_grid_of_own_steps_is_thinned_and_says_so():
-    fine = space([(name, 0.0, 10.0, 1.0) for name in "abcd"], lambda values: 30 + sum(values.values()))
+    fine = space(
+        [(name, 0.0, 10.0, 1.0) for name in "abcd"], lambda values: 30 + sum(values.values())
+    )
     zones = partition(fine, ZoneSettings(restarts=0, grid_points=3_000))
-    assert "The zones were learnt from a grid of 1296 points, coarser than the scenario's own of 14641." in zones.notes
+    assert (
+        "The zones were learnt from a grid of 1296 points, coarser than the scenario's own of "
+        "14641." in zones.notes
+    )
     assert len(zones.training_points) == 1296
     assert zones.zones == 1
 
 
 def test_steps_are_exact_decimals_and_the_last_point_is_high():
-    fine = space([("x", 0.0, 0.3, 0.1), ("y", 10.0, 25.0, 10.0)], lambda values: 100 * values["x"] + values["y"])
+    fine = space(
+        [("x", 0.0, 0.3, 0.1), ("y", 10.0, 25.0, 10.0)],
+        lambda values: 100 * values["x"] + values["y"],
+    )
     points = partition(fine, QUICK).training_points
     assert sorted(set(points[:, 0])) == [0.0, 0.1, 0.2, 0.3]
     assert sorted(set(points[:, 1])) == [10.0, 20.0, 25.0]
@@ -402,13 +454,24 @@ def test_steps_are_exact_decimals_and_the_last_point_is_high():
 @pytest.mark.parametrize(
     ("points", "sentence"),
     [
-        ([[30.0, 0.0, 150.0]], "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0"),
-        ([[np.nan, 0.0, 50.0]], "`ego_speed` of scenario `front_vehicle_cut_out` must be within 10..30 m/s, got nan"),
+        (
+            [[30.0, 0.0, 150.0]],
+            "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0",
+        ),
+        (
+            [[np.nan, 0.0, 50.0]],
+            "`ego_speed` of scenario `front_vehicle_cut_out` must be within 10..30 m/s, got nan",
+        ),
         ([[30.0, 0.0]], "`points` of scenario `front_vehicle_cut_out` must be 3 long"),
     ],
 )
 def test_points_outside_the_space_are_refused(cut_out, points, sentence):
-    for method in (cut_out.hazardous, cut_out.predicted, cut_out.boundary_distance, cut_out.nearest_zone):
+    for method in (
+        cut_out.hazardous,
+        cut_out.predicted,
+        cut_out.boundary_distance,
+        cut_out.nearest_zone,
+    ):
         with pytest.raises(InputError, match=sentence):
             method(points)
 
@@ -416,10 +479,19 @@ def test_points_outside_the_space_are_refused(cut_out, points, sentence):
 @pytest.mark.parametrize(
     ("points", "sentence"),
     [
-        ([[30.0, 0.0, 150.0]], "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0"),
-        (np.empty((0, 3)), "The training points of scenario `front_vehicle_cut_out` must be an .n, 3. array"),
+        (
+            [[30.0, 0.0, 150.0]],
+            "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0",
+        ),
+        (
+            np.empty((0, 3)),
+            "The training points of scenario `front_vehicle_cut_out` must be an .n, 3. array",
+        ),
         (np.full((5_001, 3), 20.0), "with n in 1..5000"),
-        ([30.0, 0.0, 50.0], "The training points of scenario `front_vehicle_cut_out` must be an .n, 3. array"),
+        (
+            [30.0, 0.0, 50.0],
+            "The training points of scenario `front_vehicle_cut_out` must be an .n, 3. array",
+        ),
     ],
 )
 def test_training_points_that_cannot_serve_are_refused(points, sentence):
@@ -432,7 +504,9 @@ def test_a_space_without_points_and_an_error_over_no_points_are_refused():
         return values["x"]
 
     with pytest.raises(InputError, match="must have points that satisfy its constraints"):
-        partition(space([("x", 0.0, 5.0, 1.0)], gap, constraints=[lambda values: values["x"] > 9]), QUICK)
+        partition(
+            space([("x", 0.0, 5.0, 1.0)], gap, constraints=[lambda values: values["x"] > 9]), QUICK
+        )
     with pytest.raises(InputError, match="`n` of `boundary_error` must be at least 1"):
         boundary_error(partition(LOW_SPEED), 0)
 
@@ -443,8 +517,13 @@ def test_the_zone_of_a_case_is_the_criterions_own_and_certain_contact_is_never_s
     points = points[CUT_OUT.feasible(points)]
     speed, obstacle, gap = points.T
     exact = cut_out.exactly_hazardous(points)
-    assert np.array_equal(exact, max_inverse_ttc(speed, obstacle, gap, deceleration=5.0, delay=1.0) >= 0.7)
+    assert np.array_equal(
+        exact, max_inverse_ttc(speed, obstacle, gap, deceleration=5.0, delay=1.0) >= 0.7
+    )
     assert exact[ideal_impact_speed(speed, obstacle, gap, deceleration=5.0, delay=1.0) > 0.0].all()
     assert 0 < np.count_nonzero(exact != cut_out.hazardous(points)) < 0.01 * len(points)
     assert cut_out.exactly_hazardous(points[0]).shape == ()
-    assert cut_out.exactly_hazardous(points[:6].reshape(2, 3, 3)).tolist() == exact[:6].reshape(2, 3).tolist()
+    assert (
+        cut_out.exactly_hazardous(points[:6].reshape(2, 3, 3)).tolist()
+        == exact[:6].reshape(2, 3).tolist()
+    )

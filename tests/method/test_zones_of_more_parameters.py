@@ -1,4 +1,5 @@
-"""Partitions of 2, 3 and 4 parameters against the closed form of Eq. 6, with the worst points and Eq. 16's rays."""
+"""Partitions of 2, 3 and 4 parameters against the closed form of Eq. 6, with the worst points and
+Eq. 16's rays."""
 
 import numpy as np
 import pytest
@@ -37,7 +38,9 @@ def test_a_partition_is_the_closed_forms(count):
     zones = partition(logical, ZoneSettings(restarts=1, grid_points=10_000))
     points = logical.from_unit(np.random.default_rng(count).random((4_000, count)))
     values = HELD | dict(zip(logical.names, points.T, strict=True))
-    truth = values["gap"] <= critical_gap(values["ego_speed"] - values["obstacle_speed"], delay=values["delay"])
+    truth = values["gap"] <= critical_gap(
+        values["ego_speed"] - values["obstacle_speed"], delay=values["delay"]
+    )
     found = zones.hazardous(points)
     assert 0.2 < truth.mean() < 0.8
     assert np.mean(found != truth) <= 0.01
@@ -51,8 +54,12 @@ def test_a_partition_is_the_closed_forms(count):
     if count >= 3:
         assert most["obstacle_speed"] == pytest.approx(0.0)
 
-    # Eq. 16: r is finite, 0 at the worst point, at most 1 where the ray is still inside, above 1 beyond the boundary
-    inside, outside = collision_weight(points[found][:200], zones), collision_weight(points[~found][:200], zones)
+    # Eq. 16: r is finite, 0 at the worst point, at most 1 where the ray is still inside, above 1
+    # beyond the boundary
+    inside, outside = (
+        collision_weight(points[found][:200], zones),
+        collision_weight(points[~found][:200], zones),
+    )
     assert np.isfinite(inside).all()
     assert np.isfinite(outside).all()
     assert inside.min() > 0.0

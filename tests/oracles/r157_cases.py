@@ -56,18 +56,24 @@ def cut_in(
     side: float = 1.0,
     slides: bool = True,
 ) -> ConcreteScenario:
-    """A vehicle `gap` m ahead in the lane to the left (side -1: right) begins to come over at t = 0. m, m/s."""
+    """A vehicle `gap` m ahead in the lane to the left (side -1: right) begins to come over at t =
+    0. m, m/s."""
     start = Start(x + LENGTH + gap, LANE + side * LANE, other_speed)
     move = constant_lateral(0.0, lateral_speed, -side * LANE)
     return scene(speed, Actor("cut_in", start, (move,), LENGTH, WIDTH, slides=slides), x=x)
 
 
-def cut_out(speed: float, lead_gap: float, obstacle_gap: float, lateral_speed: float) -> ConcreteScenario:
-    """The lead begins to leave to the left at t = 0 and reveals a standing vehicle `obstacle_gap` m ahead of it."""
+def cut_out(
+    speed: float, lead_gap: float, obstacle_gap: float, lateral_speed: float
+) -> ConcreteScenario:
+    """The lead begins to leave to the left at t = 0 and reveals a standing vehicle `obstacle_gap` m
+    ahead of it."""
     lead_x = EGO_X + LENGTH + lead_gap
     move = constant_lateral(0.0, lateral_speed, LANE)
     lead = Actor("lead", Start(lead_x, LANE, speed), (move,), LENGTH, WIDTH, slides=True)
-    obstacle = Actor("obstacle", Start(lead_x + LENGTH + obstacle_gap, LANE, 0.0), (), LENGTH, WIDTH)
+    obstacle = Actor(
+        "obstacle", Start(lead_x + LENGTH + obstacle_gap, LANE, 0.0), (), LENGTH, WIDTH
+    )
     return scene(speed, lead, obstacle)
 
 
@@ -75,10 +81,12 @@ RUN_UP = 1.5  # m/s2, with which the JRC's simulator lets the lateral speed of a
 
 
 def of_row(kind: str, row: Row, *, bounded: bool = True, run_up: bool = False) -> ConcreteScenario:
-    """The row of a `cut_in`, `cut_out` or `decel` table: the shipped scenario, where its parameters can say it.
+    """The row of a `cut_in`, `cut_out` or `decel` table: the shipped scenario, where its parameters
+    can say it.
 
-    run_up: the cut-in of the table begins earlier, its lateral speed built up with `RUN_UP`. bounded: refuse a row
-    outside the shipped space; otherwise it is built in the same way without asking.
+    run_up: the cut-in of the table begins earlier, its lateral speed built up with `RUN_UP`.
+    bounded: refuse a row outside the shipped space; otherwise it is built in the same way without
+        asking.
     """
     speed = kmh(row["ve_kmh"])
     if kind == "cut_in":
@@ -90,18 +98,24 @@ def of_row(kind: str, row: Row, *, bounded: bool = True, run_up: bool = False) -
     if kind == "cut_out":
         gap, lateral = float(row["dx0_f_m"]), float(row["vy_mps"])
         if bounded and row.get("gap_rule", "thw2") == "thw2":
-            return load("r157_cut_out").concrete(ego_speed=speed, obstacle_gap=gap, lateral_speed=lateral)
+            return load("r157_cut_out").concrete(
+                ego_speed=speed, obstacle_gap=gap, lateral_speed=lateral
+            )
         return cut_out(speed, float(row.get("dx0_m", 2.0 * speed)), gap, lateral)
     gap = float(row["dx0_m"]) if "dx0_m" in row else float(row["thw_s"]) * speed
     deceleration = G * float(row["lead_decel_g"])
     if bounded and gap <= 2.5 * speed:
         shipped = load("front_vehicle_braking")
-        return shipped.concrete(ego_speed=speed, headway=gap / speed, lead_deceleration=deceleration)
+        return shipped.concrete(
+            ego_speed=speed, headway=gap / speed, lead_deceleration=deceleration
+        )
     start = Start(EGO_X + LENGTH + gap, LANE, speed)
     return scene(speed, Actor("lead", start, (brake_to_stop(0.0, deceleration),), LENGTH, WIDTH))
 
 
-def collides(concrete: ConcreteScenario, controller: ControllerLike, settings: SimulationSettings = SETTINGS) -> bool:
+def collides(
+    concrete: ConcreteScenario, controller: ControllerLike, settings: SimulationSettings = SETTINGS
+) -> bool:
     """Whether the ego touches anything within 35 s."""
     recording = simulate(concrete, controller, settings)
     assert recording.error is None, recording.error

@@ -1,4 +1,5 @@
-"""Known in closed form, reproduced through SUMO: an ego with delay, ramp and plateau behind a steady target."""
+"""Known in closed form, reproduced through SUMO: an ego with delay, ramp and plateau behind a
+steady target."""
 
 from __future__ import annotations
 
@@ -43,9 +44,12 @@ def approach(row: Row, gap: float, target_speed: float) -> Recording:
         friction=2.0,
     )
     target = Actor("target", Start(50.0 + LENGTH + gap, 0.0, target_speed), length=LENGTH)
-    concrete = ConcreteScenario("oracle", {}, 1.0, ROAD, Start(50.0, 0.0, target_speed + row["dv0_mps"]), (target,))
+    concrete = ConcreteScenario(
+        "oracle", {}, 1.0, ROAD, Start(50.0, 0.0, target_speed + row["dv0_mps"]), (target,)
+    )
     return simulate(
-        concrete, DelayedBraking(row["delay_s"]), SimulationSettings(time_limit=60.0, vehicle=vehicle)
+        concrete, DelayedBraking(row["delay_s"]),
+        SimulationSettings(time_limit=60.0, vehicle=vehicle)
     )  # fmt: skip
 
 
@@ -83,7 +87,9 @@ def test_the_approach_is_right_in_every_row(target_speed):
         check(row, target_speed)
 
 
-@pytest.mark.parametrize(("speed_kmh", "gap"), [(30.0, 16.54), (40.0, 24.13), (50.0, 32.73), (60.0, 42.34)])
+@pytest.mark.parametrize(
+    ("speed_kmh", "gap"), [(30.0, 16.54), (40.0, 24.13), (50.0, 32.73), (60.0, 42.34)]
+)
 @pytest.mark.parametrize("target_speed", [0.0, 5.0])
 def test_the_gap_that_the_careful_driver_needs(speed_kmh, gap, target_speed):
     row = {"dv0_mps": speed_kmh / 3.6, "delay_s": 1.15, "a_max_mps2": 0.774 * G, "ramp_s": 0.6}

@@ -1,4 +1,5 @@
-"""`careful_driver`, through SUMO, where every independent reading of the regulation's human agrees."""
+"""`careful_driver`, through SUMO, where every independent reading of the regulation's human
+agrees."""
 
 from __future__ import annotations
 

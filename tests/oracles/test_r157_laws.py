@@ -1,4 +1,5 @@
-"""What must not matter: the speed itself in a cut-in, the place on the road, the side, and the step."""
+"""What must not matter: the speed itself in a cut-in, the place on the road, the side, and the
+step."""
 
 from __future__ import annotations
 
@@ -58,7 +59,11 @@ def test_shifting_the_world_along_the_road_moves_nothing(controller):
 
 
 @pytest.mark.parametrize(
-    "slides", [pytest.param(True, id="sliding", marks=pytest.mark.campaign), pytest.param(False, id="turning")]
+    "slides",
+    [
+        pytest.param(True, id="sliding", marks=pytest.mark.campaign),
+        pytest.param(False, id="turning"),
+    ],
 )
 @pytest.mark.parametrize("controller", [*CONTROLLERS, "fsm", "rss"])
 def test_a_mirrored_cut_in_has_the_mirrored_result(controller, slides):
@@ -80,7 +85,12 @@ def test_halving_the_step_flips_under_two_per_cent(controller):
     finer = replace(SETTINGS, step=0.025)
     drawn = [cut_in(*point) for point in points(4, 100)]
     coarse, fine = (
-        np.array([recording.collision is None for recording in simulate_many(drawn, controller, settings)])
+        np.array(
+            [
+                recording.collision is None
+                for recording in simulate_many(drawn, controller, settings)
+            ]
+        )
         for settings in (SETTINGS, finer)
     )
     assert 0 < coarse.sum() < len(coarse)
@@ -89,8 +99,9 @@ def test_halving_the_step_flips_under_two_per_cent(controller):
 
 @pytest.mark.parametrize("controller", ONE_IN_THE_SUITE)
 def test_what_halving_the_step_flips_lies_within_two_steps_of_the_boundary(controller):
-    # Two steps of the closing speed are how far the gap changes meanwhile. Gaps on both sides of both ends of the crash
-    # interval of one cut-in, ever closer to the coarse boundary: outcomes may differ only that near.
+    # Two steps of the closing speed are how far the gap changes meanwhile. Gaps on both sides of
+    # both ends of the crash interval of one cut-in, ever closer to the coarse boundary: outcomes
+    # may differ only that near.
     ego, other, lateral = 20.0, 10.0, 0.8
     two_steps = 2.0 * SETTINGS.step * (ego - other)
     finer = replace(SETTINGS, step=0.025)
@@ -102,7 +113,9 @@ def test_what_halving_the_step_flips_lies_within_two_steps_of_the_boundary(contr
             low, high = (gap, high) if clear == safe else (low, gap)
         shares = 2.0 * np.linspace(-1.0, 1.0, 20) ** 3
         near = [cut_in(ego, other, low + share * two_steps, lateral) for share in shares]
-        pairs = zip(*(simulate_many(near, controller, step) for step in (SETTINGS, finer)), strict=True)
+        pairs = zip(
+            *(simulate_many(near, controller, step) for step in (SETTINGS, finer)), strict=True
+        )
         seen = set()
         for share, (coarse, fine) in zip(shares, pairs, strict=True):
             clear = coarse.collision is None

@@ -1,4 +1,5 @@
-"""`fsm` and `rss`, through SUMO, against the JRC's simulator in cut-ins with its lateral run-up of 1.5 m/s2."""
+"""`fsm` and `rss`, through SUMO, against the JRC's simulator in cut-ins with its lateral run-up of
+1.5 m/s2."""
 
 from __future__ import annotations
 
@@ -50,10 +51,11 @@ def test_they_agree_on_a_sample(model):
 
 @pytest.mark.parametrize("speeds", [("30", "20"), ("60", "50"), ("100", "90")])
 def test_fsm_lets_go_once_it_is_no_faster_than_who_comes_over(speeds):
-    """From 10 km/h faster and 2 m behind: it brakes until it is no faster, 0.6 m too far forward, and they touch.
+    """From 10 km/h faster and 2 m behind: it brakes until it is no faster, 0.6 m too far forward,
+    and they touch.
 
-    The brakes need 0.1 s to let go of 4 m/s2, which takes off 0.2 m/s more; the program's own step of 0.1 s takes off
-    0.287 m/s. Who went on braking would be 2 m/s slower, and behind.
+    The brakes need 0.1 s to let go of 4 m/s2, which takes off 0.2 m/s more; the program's own step
+    of 0.1 s takes off 0.287 m/s. Who went on braking would be 2 m/s slower, and behind.
     """
     (row,) = (row for row in rows_of("FSM") if point(row) == (*speeds, "2", "0.8"))
     assert row["crash"] == "1"
@@ -71,8 +73,9 @@ def test_they_agree_on_1000_rows(model):
 
 @pytest.mark.parametrize("step", [0.1, 0.05, 0.01])
 def test_the_one_row_in_which_fsm_differs_is_one_formula_of_the_program(step):
-    """Where 0.75 s more of the braking end below the other's speed, d_safe = (u - w)^2 / (2 |a'|), a' = max(a, -bc), as
-    printed; the program divides by |a|. Beyond 4 m/s2 it so lets go too early, and hits. As printed it does not.
+    """Where 0.75 s more of the braking end below the other's speed, d_safe = (u - w)^2 / (2 |a'|),
+    a' = max(a, -bc), as printed; the program divides by |a|. Beyond 4 m/s2 it so lets go too early,
+    and hits. As printed it does not.
     """
     (row,) = (row for row in rows_of("FSM") if point(row) == AT_THE_BOUNDARY)
     assert row["crash"] == row["crash_dt001"] == "1"

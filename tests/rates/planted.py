@@ -1,4 +1,5 @@
-"""Traffic with planted cut-ins, as SUMO floating car data: known ranges, a known correlation, a known rate."""
+"""Traffic with planted cut-ins, as SUMO floating car data: known ranges, a known correlation, a
+known rate."""
 
 from __future__ import annotations
 
@@ -21,12 +22,14 @@ RANGES = {
 TOGETHER = ("closing_speed", "gap")
 NORMAL_CORRELATION = 0.6
 RANK_CORRELATION = 6.0 / np.pi * np.arcsin(NORMAL_CORRELATION / 2.0)  # of a Gaussian copula
-BEGIN, LASTS, APART = 8.0, 24.0, 60.0  # s: when the other begins to move, how long and how far apart scenes are
+# s: when the other begins to move, how long and how far apart scenes are
+BEGIN, LASTS, APART = 8.0, 24.0, 60.0
 LENGTH = 5.0  # m, SUMO's car
 
 
 def shares_of(count: int, stream: np.random.Generator) -> np.ndarray:
-    """Where in its range each parameter of an event is, (count, k): even, and two of them together."""
+    """Where in its range each parameter of an event is, (count, k): even, and two of them
+    together."""
     shares = stream.uniform(size=(count, len(RANGES)))
     first, second = stream.standard_normal((count, 2)).T
     second = NORMAL_CORRELATION * first + np.sqrt(1.0 - NORMAL_CORRELATION**2) * second
@@ -49,16 +52,19 @@ def planted(path: Path, scenes: int, events_expected: float, seed: int) -> tuple
     for scene in range(scenes):
         (shares,) = shares_of(1, stream)
         value = {
-            name: low + share * (high - low) for (name, (low, high)), share in zip(RANGES.items(), shares, strict=True)
+            name: low + share * (high - low)
+            for (name, (low, high)), share in zip(RANGES.items(), shares, strict=True)
         }
         since = time - BEGIN
         moving = np.clip(since, 0.0, value["duration"])
         after = np.maximum(since - value["duration"], 0.0)
         speed = value["ego_speed"] - value["closing_speed"]
         rate = value["acceleration"]
-        x = value["gap"] + speed * since + 0.5 * rate * moving**2 + rate * value["duration"] * after  # rear bumper
+        # rear bumper
+        x = value["gap"] + speed * since + 0.5 * rate * moving**2 + rate * value["duration"] * after
         y = 3.5 * (1.0 - (smooth_step(since / value["duration"]) if scene < events else 0.0 * time))
-        place = stream.uniform(300.0, 900.0)  # of the ego when the other begins to move: lanes are read off the traffic
+        # of the ego when the other begins to move: lanes are read off the traffic
+        place = stream.uniform(300.0, 900.0)
         ego = value["ego_speed"] * since + place
         kilometres += (float(np.ptp(ego)) + float(np.ptp(x))) / 1000.0
         for name, front, aside, v in (
@@ -71,12 +77,15 @@ def planted(path: Path, scenes: int, events_expected: float, seed: int) -> tuple
 
 
 def _alone(begin: float) -> pd.DataFrame:
-    """A vehicle that keeps its lane along the whole road, 2.2 km: roads are straightened along the longest track."""
+    """A vehicle that keeps its lane along the whole road, 2.2 km: roads are straightened along the
+    longest track."""
     time = np.round(begin + np.arange(0.0, 55.05, 0.1), 1)
     return _fcd(time, "alone", 40.0 * (time - begin), 0.0 * time, 40.0 + 0.0 * time)
 
 
-def _fcd(time: np.ndarray, vehicle: str, x: np.ndarray, y: np.ndarray, speed: np.ndarray) -> pd.DataFrame:
+def _fcd(
+    time: np.ndarray, vehicle: str, x: np.ndarray, y: np.ndarray, speed: np.ndarray
+) -> pd.DataFrame:
     """Rows of a vehicle as SUMO writes them."""
     return pd.DataFrame(
         {
@@ -92,12 +101,20 @@ def _fcd(time: np.ndarray, vehicle: str, x: np.ndarray, y: np.ndarray, speed: np
 
 
 def recordings_of(
-    time: np.ndarray, tracks: dict[str, tuple[np.ndarray, np.ndarray]], lane_width: float, begin: float = 0.0
+    time: np.ndarray,
+    tracks: dict[str, tuple[np.ndarray, np.ndarray]],
+    lane_width: float,
+    begin: float = 0.0,
 ) -> Recordings:
-    """Cars on straight lanes of one recording, `r`, that begins at `begin`; tracks: x and y of each, (n,) m."""
+    """Cars on straight lanes of one recording, `r`, that begins at `begin`;
+
+    tracks: x and y of each, (n,) m.
+    """
     rows = [
-        pd.DataFrame({"recording": "r", "vehicle": name, "t": time + begin, "x": x, "y": y, "length": 4.4, "width": 1.8,
-                      "class": "car", "speed": np.gradient(x, time), "heading": 0.0, "lane": np.round(y / lane_width)})
+        pd.DataFrame({"recording": "r", "vehicle": name, "t": time + begin, "x": x, "y": y,
+            "length": 4.4, "width": 1.8,
+                      "class": "car", "speed": np.gradient(x, time), "heading": 0.0,
+                      "lane": np.round(y / lane_width)})
         for name, (x, y) in tracks.items()
     ]  # fmt: skip
     return canonical(pd.concat(rows, ignore_index=True))

@@ -1,4 +1,5 @@
-"""A scenario whose probability of collision is known in closed form: three normal parameters and a plane."""
+"""A scenario whose probability of collision is known in closed form: three normal parameters and a
+plane."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Campaigns of three scenarios whose rates are known: collisions beyond a line of a plane of two normal parameters."""
+"""Campaigns of three scenarios whose rates are known: collisions beyond a line of a plane of two
+normal parameters."""
 
 from __future__ import annotations
 
@@ -14,9 +15,11 @@ from sumo_eval.extras.rates.importance import DEFENSIVE, Met, estimated
 from sumo_eval.scenario.joint import Joint
 
 Known = Literal["given", "counted", "fitted"]
-"""How often a scenario is met, and with which parameters: both given, events counted, or both from the events."""
+"""How often a scenario is met, and with which parameters: both given, events counted, or both from
+the events."""
 
-SCENARIOS: Final = ((0.05, 3e-2), (0.2, 5e-3), (0.3, 2e-3))  # how often each is met, 1/km, and P of a collision in it
+# how often each is met, 1/km, and P of a collision in it
+SCENARIOS: Final = ((0.05, 3e-2), (0.2, 5e-3), (0.3, 2e-3))
 EVENTS: Final = 100  # of the first scenario, on average; the vehicle-km follow
 REACH: Final = 8.0  # the box of both parameters, in deviations
 
@@ -45,7 +48,8 @@ class Normal:
 def rate_of(known: Known, drives: int, seed: int) -> AdsRate:
     """One campaign: new recordings where they matter, new drives, and the rate that comes of them.
 
-    A fifth of the drives is drawn as points are met, the others around the place where collisions begin.
+    A fifth of the drives is drawn as points are met, the others around the place where collisions
+    begin.
     """
     stream = np.random.default_rng([seed, drives])
     kilometres = EVENTS / SCENARIOS[0][0]
@@ -60,7 +64,8 @@ def rate_of(known: Known, drives: int, seed: int) -> AdsRate:
             met = Met(SimpleNamespace(name=str(number)), joint, 1.0, 1.0)
         space = Space(
             str(number), SimpleNamespace(name=f"{seed} {number}"), met,
-            per_km if events is None else events / kilometres, events, None if events is None else kilometres, "",
+            per_km if events is None else events / kilometres, events,
+            None if events is None else kilometres, "",
         )  # fmt: skip
         points = np.where(
             stream.uniform(size=(drives, 1)) < DEFENSIVE, met.base(drives, stream),
@@ -70,9 +75,12 @@ def rate_of(known: Known, drives: int, seed: int) -> AdsRate:
         weights = p / (DEFENSIVE * p + (1.0 - DEFENSIVE) * normal_density(points, edge))
         collided = points[:, 0] > edge
         loss = np.minimum(0.2 + 0.2 * (points[:, 0] - edge), 1.0) * collided
-        told = estimated(weights[collided], loss[collided], drives, 1.0, int(collided.sum()), drives)
+        told = estimated(
+            weights[collided], loss[collided], drives, 1.0, int(collided.sum()), drives
+        )
         search = SimpleNamespace(
-            estimate=lambda told=told: told, counted=np.ones(drives, dtype=np.bool_), collided=collided,
+            estimate=lambda told=told: told, counted=np.ones(drives, dtype=np.bool_),
+            collided=collided,
             weights=weights, loss=loss, drawn=drives, points=points,
         )  # fmt: skip
         parts.append(part_of(space, search, seed, "budget", {}))

@@ -1,4 +1,5 @@
-"""`sumo-eval campaign`: rare collisions are counted right, and rates are in the order that is known."""
+"""`sumo-eval campaign`: rare collisions are counted right, and rates are in the order that is
+known."""
 
 from __future__ import annotations
 
@@ -43,12 +44,16 @@ def test_one_collision_in_a_million_encounters_is_found_with_400_drives():
     assert found.drives <= 400
     assert found.interval[0] <= 1e-6 <= found.interval[1]
     assert found.interval[1] / found.interval[0] < 2.0
-    assert found.loss == pytest.approx(0.5 * found.probability)  # every collision of this scenario has L = 0.5
+    # every collision of this scenario has L = 0.5
+    assert found.loss == pytest.approx(0.5 * found.probability)
 
 
 @pytest.mark.campaign
 def test_intervals_of_one_in_a_million_hold_it():
-    held = sum(found.interval[0] <= 1e-6 <= found.interval[1] for found in (estimate(1e-6, 1000, s) for s in range(40)))
+    held = sum(
+        found.interval[0] <= 1e-6 <= found.interval[1]
+        for found in (estimate(1e-6, 1000, s) for s in range(40))
+    )
     print(f"{held} of 40")
     assert held >= 35  # of 95 %, less three deviations of a count of 40
 
@@ -61,7 +66,8 @@ def test_a_density_of_what_is_met_integrates_to_one_and_is_nothing_where_nothing
 
 
 def test_without_a_collision_the_upper_limit_is_that_of_the_drives_drawn_as_points_are_met():
-    # 3.0 / (0.2 * 300): (1 - P)^60 = 5 % at P = 0.0487, and -ln(0.05) / 60 = 0.0499 is just above it.
+    # 3.0 / (0.2 * 300): (1 - P)^60 = 5 % at P = 0.0487, and -ln(0.05) / 60 = 0.0499 is just above
+    # it.
     none = estimated(np.empty(0), np.empty(0), 300, 1.0, 0, 500)
     assert none.probability == 0.0
     assert none.interval == pytest.approx((0.0, 2.9957 / (DEFENSIVE * 300)), rel=1e-4)
@@ -72,12 +78,20 @@ def test_a_sum_is_told_no_more_narrowly_than_the_scenario_that_makes_most_of_it(
         ones, loss = np.ones(len(weights), dtype=bool), np.full(len(weights), 0.5)
         told = estimated(weights, loss, 100, 1.0, len(weights), 100)
         search = SimpleNamespace(
-            estimate=lambda: told, counted=ones, collided=ones, weights=weights, loss=loss, drawn=100
+            estimate=lambda: told,
+            counted=ones,
+            collided=ones,
+            weights=weights,
+            loss=loss,
+            drawn=100,
         )
         search.points = np.zeros((len(weights), 3))
-        return part_of(Space(name, logical(), how_met(logical()), 0.1, None, None, ""), search, 1, "budget", {})
+        return part_of(
+            Space(name, logical(), how_met(logical()), 0.1, None, None, ""), search, 1, "budget", {}
+        )
 
-    doubtful = part("doubtful", np.array([1e-3, *[1e-6] * 9]))  # one of ten collisions makes nearly all of the rate
+    # one of ten collisions makes nearly all of the rate
+    doubtful = part("doubtful", np.array([1e-3, *[1e-6] * 9]))
     certain = part("certain", np.full(90, 1e-6))
     for kind in ("collisions", "loss"):
         value, low, high = getattr(summed("x", "x", [doubtful, certain]), kind)
@@ -90,14 +104,18 @@ def test_a_sum_is_told_no_more_narrowly_than_the_scenario_that_makes_most_of_it(
     rate = summed("x", "x", [certain, unseen])
     assert rate.collisions == certain.collisions
     # 0.1 encounters a km; 3.0 over the 20 of 100 drives that were drawn as points are met.
-    assert "nothing of rare: no collision was seen there, at most 15,000 (95 %)" in unseen_words(rate)
+    assert "nothing of rare: no collision was seen there, at most 15,000 (95 %)" in unseen_words(
+        rate
+    )
     assert unseen_words(summed("x", "x", [unseen])) == ""
     alone = summed("x", "x", [certain, certain])
-    assert alone.collisions[2] / alone.collisions[0] < certain.collisions[2] / certain.collisions[0]  # errors average
+    # errors average
+    assert alone.collisions[2] / alone.collisions[0] < certain.collisions[2] / certain.collisions[0]
 
 
 def test_terms_that_are_alike_have_the_interval_of_a_share():
-    # 90 of 100 with weight 1e-6: the mean is 9e-7, its relative error sqrt(0.1 / 0.9 / 99) = 3.35 %.
+    # 90 of 100 with weight 1e-6: the mean is 9e-7, its relative error sqrt(0.1 / 0.9 / 99) = 3.35
+    # %.
     found = estimated(np.full(90, 1e-6), np.full(90, 0.4), 100, 1.0, 90, 100)
     assert found.probability == pytest.approx(9e-7)
     assert found.deviation == pytest.approx(np.sqrt(0.1 / 0.9 / 99.0), rel=1e-6)
@@ -114,7 +132,8 @@ def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
     assert awake["collisions"] < asleep["collisions"]
     assert awake["collisions_interval"][1] > 0.0  # an upper limit, where none was seen
     (part,) = asleep["by_scenario"]
-    # Doing nothing, every encounter ends in a collision: the lead is slower, and the road long enough for most.
+    # Doing nothing, every encounter ends in a collision: the lead is slower, and the road long
+    # enough for most.
     assert part["collision_probability"] > 0.5
     assert asleep["collisions"] == pytest.approx(2e5 * part["collision_probability"])
     page = (tmp_path / "out" / "campaign.html").read_text()
@@ -127,10 +146,14 @@ def test_a_scenario_of_which_nobody_says_how_often_it_is_met_is_refused_in_a_sen
     file.write_text(FILE.replace("per_km = 0.2\n", ""))
     result = CliRunner().invoke(main, ["campaign", str(file), "--out", str(tmp_path / "out")])
     assert result.exit_code == 2
-    assert "Scenario `front_vehicle_low_speed` needs an encounter rate" in result.output + result.stderr
+    assert (
+        "Scenario `front_vehicle_low_speed` needs an encounter rate"
+        in result.output + result.stderr
+    )
 
 
 def test_drives_that_could_not_be_evaluated_are_told_by_why():
     assert lost_words({"sim_error": 2, "ads_error": 1}) == (
-        "3 drives could not be evaluated (ads_error 1, sim_error 2) and count as without a collision."
+        "3 drives could not be evaluated (ads_error 1, sim_error 2) and count as without a "
+        "collision."
     )

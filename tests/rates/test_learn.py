@@ -1,4 +1,5 @@
-"""`sumo-eval learn`: what was planted in floating car data is found again, and what is written can be driven."""
+"""`sumo-eval learn`: what was planted in floating car data is found again, and what is written can
+be driven."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ from sumo_eval.scenario.joint import Joint
 
 
 def recovered(folder: Path, scenes: int, expected: float, seed: int) -> dict[str, bool]:
-    """Whether the interval of each planted quantity holds it, and whether all of a kind, and everything, do at once."""
+    """Whether the interval of each planted quantity holds it, and whether all of a kind, and
+    everything, do at once."""
     source = folder / "fcd.csv"
     folder.mkdir(exist_ok=True)
     rate, _ = planted(source, scenes, expected, seed)
@@ -48,7 +50,8 @@ def recovered(folder: Path, scenes: int, expected: float, seed: int) -> dict[str
     in_ends, in_correlations = {}, {}
     for name, (low, high) in RANGES.items():
         (lower, upper) = met.ends[name]
-        in_ends[f"{name} from"] = lower[0] - 0.01 <= low <= lower[1] + 0.01  # the file rounds to 0.1 mm and 0.1 s
+        # the file rounds to 0.1 mm and 0.1 s
+        in_ends[f"{name} from"] = lower[0] - 0.01 <= low <= lower[1] + 0.01
         in_ends[f"{name} to"] = upper[0] - 0.01 <= high <= upper[1] + 0.01
     for (one, other), (_, low, high) in met.correlations.items():
         truth = RANK_CORRELATION if {one, other} == set(TOGETHER) else 0.0
@@ -62,7 +65,9 @@ def recovered(folder: Path, scenes: int, expected: float, seed: int) -> dict[str
 def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
     source, out = tmp_path / "fcd.csv", tmp_path / "learnt"
     _, events = planted(source, 44, 32.0, 6)
-    result = CliRunner().invoke(main, ["learn", str(source), "--format", "sumo_fcd", "--out", str(out)])
+    result = CliRunner().invoke(
+        main, ["learn", str(source), "--format", "sumo_fcd", "--out", str(out)]
+    )
     assert result.exit_code == 0, result.output
     told = json.loads((out / "learned.json").read_text())["classes"]["cut_in"]
     assert told["events"] == events
@@ -78,19 +83,23 @@ def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
         assert quantiles[-1] < item.high
     together = next(item for item in told["rank_correlations"] if set(item["of"]) == set(TOGETHER))
     assert together["interval"][0] <= RANK_CORRELATION <= together["interval"][1]
-    assert told["replay_error"]["together"]["90 %"] < 0.1  # m: the planted motion is one that the file can say
+    # m: the planted motion is one that the file can say
+    assert told["replay_error"]["together"]["90 %"] < 0.1
     assert logical.met is not None
     assert logical.met.events == told["events"]
     sets = etree.parse(out / "cut_in.xosc").findall(".//ParameterValueSet")
     assert len(sets) == len((out / "cut_in.events.csv").read_text().splitlines()) - 1
-    concrete = logical.concrete(**{item.name: (item.low + item.high) / 2.0 for item in logical.parameters})
+    concrete = logical.concrete(
+        **{item.name: (item.low + item.high) / 2.0 for item in logical.parameters}
+    )
     assert concrete.exposure > 0.0
     assert "data" in (out / "learned.html").read_text()
 
 
 @pytest.mark.campaign
 def test_what_was_planted_lies_in_the_intervals_in_93_of_100_repetitions(tmp_path):
-    """Each of 21 quantities does, all ends at once, all correlations at once, and everything at once."""
+    """Each of 21 quantities does, all ends at once, all correlations at once, and everything at
+    once."""
     held: dict[str, int] = {}
     for seed in range(100):
         for name, inside in recovered(tmp_path / str(seed), 80, 48.0, seed).items():
@@ -105,18 +114,25 @@ def test_intervals_of_a_class_hold_its_rate_all_its_ends_and_all_its_correlation
     stream = np.random.default_rng(5)
     pairs = list(itertools.combinations(RANGES, 2))
     each = of_each(2 * len(RANGES) + len(pairs) + 1)
-    truths = [0.0, 1.0] * len(RANGES) + [RANK_CORRELATION if set(pair) == set(TOGETHER) else 0.0 for pair in pairs]
+    truths = [0.0, 1.0] * len(RANGES) + [
+        RANK_CORRELATION if set(pair) == set(TOGETHER) else 0.0 for pair in pairs
+    ]
     held = 0
     for _ in range(1000):
         events = int(stream.poisson(48.0))
         columns = dict(zip(RANGES, shares_of(events, stream).T, strict=True))
         spans = [
-            end_interval(values, upper=upper, level=each) for values in columns.values() for upper in (False, True)
+            end_interval(values, upper=upper, level=each)
+            for values in columns.values()
+            for upper in (False, True)
         ]
         spans += [rank_correlation(columns[a], columns[b], each)[1:] for a, b in pairs]
         spans.append(rate_interval(events, 48.0, each))
-        held += all(low <= truth <= high for truth, (low, high) in zip([*truths, 1.0], spans, strict=True))
-    assert 0.93 <= held / 1000 <= 0.97  # 95 % and three deviations of a share of 1,000 to either side
+        held += all(
+            low <= truth <= high for truth, (low, high) in zip([*truths, 1.0], spans, strict=True)
+        )
+    # 95 % and three deviations of a share of 1,000 to either side
+    assert 0.93 <= held / 1000 <= 0.97
 
 
 def test_a_recording_without_encounters_gives_rates_and_no_files(tmp_path):
@@ -136,7 +152,9 @@ def test_too_little_data_leaves_no_campaign_that_is_refused(tmp_path):
     planted(source, 2, 1.0, 1)  # few encounters, of which nothing can be fitted
     out.mkdir()
     (out / "campaign.toml").write_text("of an earlier time")
-    done = CliRunner().invoke(main, ["learn", str(source), "--format", "sumo_fcd", "--out", str(out)])
+    done = CliRunner().invoke(
+        main, ["learn", str(source), "--format", "sumo_fcd", "--out", str(out)]
+    )
     assert done.exit_code == 0, done.output
     assert "no scenario file" in done.output
     assert not list(out.glob("*.toml"))
@@ -159,15 +177,22 @@ def test_a_table_without_motor_vehicles_is_refused_in_a_sentence(tmp_path):
 
 
 def test_the_exact_poisson_limits():
-    assert rate_interval(10, 2.0) == pytest.approx((4.7954 / 2.0, 18.3904 / 2.0), rel=1e-4)  # Garwood's table for 10
+    # Garwood's table for 10
+    assert rate_interval(10, 2.0) == pytest.approx((4.7954 / 2.0, 18.3904 / 2.0), rel=1e-4)
 
 
 def test_an_end_of_a_range_lies_beyond_the_last_value_by_up_to_a_multiple_of_the_distance_from_the_fourth():
     # c = 0.05^(-1/3) - 1 = 20^(1/3) - 1 = 1.714418
-    assert end_interval(np.array([1.0, 5.0, 4.5, 4.0, 3.0]), upper=True) == pytest.approx((5.0, 5.0 + 1.714418 * 2.0))
-    assert end_interval(np.array([1.0, 1.1, 4.5, 3.0]), upper=False) == pytest.approx((1.0 - 1.714418 * 3.5, 1.0))
+    assert end_interval(np.array([1.0, 5.0, 4.5, 4.0, 3.0]), upper=True) == pytest.approx(
+        (5.0, 5.0 + 1.714418 * 2.0)
+    )
+    assert end_interval(np.array([1.0, 1.1, 4.5, 3.0]), upper=False) == pytest.approx(
+        (1.0 - 1.714418 * 3.5, 1.0)
+    )
     # of three values the two spacings that there are: 20^(1/2) - 1 = 3.472136
-    assert end_interval(np.array([1.0, 2.0, 4.0]), upper=True) == pytest.approx((4.0, 4.0 + 3.472136 * 3.0))
+    assert end_interval(np.array([1.0, 2.0, 4.0]), upper=True) == pytest.approx(
+        (4.0, 4.0 + 3.472136 * 3.0)
+    )
 
 
 def test_the_level_of_each_of_several_intervals_by_hand():
@@ -177,7 +202,10 @@ def test_the_level_of_each_of_several_intervals_by_hand():
 
 def test_the_interval_of_a_range_end_holds_it_in_95_of_100():
     stream = np.random.default_rng(1)
-    held = [(end := end_interval(stream.uniform(0.0, 1.0, 40), upper=True))[0] <= 1.0 <= end[1] for _ in range(2000)]
+    held = [
+        (end := end_interval(stream.uniform(0.0, 1.0, 40), upper=True))[0] <= 1.0 <= end[1]
+        for _ in range(2000)
+    ]
     assert 0.94 <= np.mean(held) <= 0.96
 
 
@@ -196,7 +224,8 @@ def test_one_sample_in_twenty_is_further_from_its_own_distribution_than_chance_s
 
 
 def test_kolmogorov_distance_by_hand():
-    # 0.2, 0.5: the empirical function is 0.5 behind 0.2, 1 behind 0.5, where the even one has 0.2 and 0.5.
+    # 0.2, 0.5: the empirical function is 0.5 behind 0.2, 1 behind 0.5, where the even one has 0.2
+    # and 0.5.
     assert kolmogorov(np.array([0.5, 0.2])) == pytest.approx(0.5)
 
 
@@ -215,10 +244,22 @@ def test_a_narrow_joint_density_varies_as_much_as_its_events_any_other_more_and_
     events, cell = np.column_stack([a, b]), 0.05
     box = (-8.0, -8.0), (8.0, 8.0)
     joint = Joint(
-        kind, ("a", "b"), tuple(map(tuple, events.tolist())), *box, bandwidth, "", tuple(weights.tolist()), narrow
+        kind,
+        ("a", "b"),
+        tuple(map(tuple, events.tolist())),
+        *box,
+        bandwidth,
+        "",
+        tuple(weights.tolist()),
+        narrow,
     )
     axis = np.arange(-8.0, 8.0, cell) + cell / 2.0
-    mass = joint.density(np.array(np.meshgrid(axis, axis, indexing="ij")).reshape(2, -1).T).reshape(320, 320) * cell**2
+    mass = (
+        joint.density(np.array(np.meshgrid(axis, axis, indexing="ij")).reshape(2, -1).T).reshape(
+            320, 320
+        )
+        * cell**2
+    )
     assert mass.sum() == pytest.approx(1.0, abs=2e-3)
     assert joint.density(np.array([[8.1, 0.0]])) == pytest.approx(0.0)
     for j in range(2):
@@ -231,7 +272,8 @@ def test_a_narrow_joint_density_varies_as_much_as_its_events_any_other_more_and_
             assert found == pytest.approx(variance, rel=0.01)  # up to one in n - 1 events
         elif kind == "kde":
             assert found == pytest.approx((1.0 + bandwidth**2) * variance, rel=0.01)
-        else:  # the kernels' width is that of the events as they were met, and less where a tail is long
+        # the kernels' width is that of the events as they were met, and less where a tail is long
+        else:
             kernels = (found - variance) / bandwidth**2 / events[:, j].var()
             assert 0.5 <= kernels <= 1.02
     drawn = joint.draw(20_000, np.random.default_rng(3))
@@ -250,8 +292,8 @@ def test_events_that_lie_on_a_line_are_refused_in_a_sentence():
 
 
 def braking_leader(across: float) -> Recordings:
-    """A leader 60 m ahead brakes with 2 m/s2 for 3 s, as its follower does, and moves `across` lanes to the left
-    meanwhile; two more keep the lanes where they are.
+    """A leader 60 m ahead brakes with 2 m/s2 for 3 s, as its follower does, and moves `across`
+    lanes to the left meanwhile; two more keep the lanes where they are.
     """
     time = np.round(np.arange(0.0, 30.05, 0.1), 1)
     speed = 30.0 - 2.0 * np.clip(time - 10.0, 0.0, 3.0)
@@ -276,7 +318,9 @@ def test_what_is_kept_of_a_recording_is_a_small_part_of_it():
         kept.append(tracemalloc.get_traced_memory()[0])
 
     tracemalloc.start()
-    find_encounters((Recordings(one.table.copy().assign(recording=f"r{number}")) for number in range(8)), note)
+    find_encounters(
+        (Recordings(one.table.copy().assign(recording=f"r{number}")) for number in range(8)), note
+    )
     tracemalloc.stop()
     assert (kept[7] - kept[2]) / 5 < 0.1 * size
 
@@ -303,7 +347,13 @@ def test_events_that_are_all_alike_give_no_file_and_still_say_how_many_are_neede
 
 def test_nobody_in_a_learnt_scenario_is_faster_than_roads_allow():
     ranges = {"ego_speed": (20.0, 56.0), "closing_speed": (-15.0, 10.0), "headway": (0.5, 4.0)}
-    content = content_of("t", "braking", ranges, {"deceleration": 1.0, "duration": 4.0}, 3.5, "made up")
+    content = content_of(
+        "t", "braking", ranges, {"deceleration": 1.0, "duration": 4.0}, 3.5, "made up"
+    )
     logical = scenario_from(content, "t", Path())
-    # the lead's speed is ego_speed - closing_speed: 60 and 60.1 m/s; SUMO lets nobody depart above 60
-    assert logical.feasible(np.array([[48.7, -11.3, 2.0], [48.7, -11.4, 2.0]])).tolist() == [True, False]
+    # the lead's speed is ego_speed - closing_speed: 60 and 60.1 m/s; SUMO lets nobody depart above
+    # 60
+    assert logical.feasible(np.array([[48.7, -11.3, 2.0], [48.7, -11.4, 2.0]])).tolist() == [
+        True,
+        False,
+    ]

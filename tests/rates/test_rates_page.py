@@ -1,4 +1,5 @@
-"""The page of what was learnt and of rates: charts when they are unfolded, tables by their columns, nothing escapes."""
+"""The page of what was learnt and of rates: charts when they are unfolded, tables by their columns,
+nothing escapes."""
 
 from __future__ import annotations
 
@@ -24,12 +25,16 @@ def test_large_amounts_are_written_out_and_small_ones_in_three_digits() -> None:
 
 
 def test_a_column_is_one_of_numbers_when_all_its_cells_are() -> None:
-    found = table([{"who": "a", "rate": "12 (3 to 40)", "where": "as given"}, {"who": "b", "where": "2 km"}])
+    found = table(
+        [{"who": "a", "rate": "12 (3 to 40)", "where": "as given"}, {"who": "b", "where": "2 km"}]
+    )
     assert found.numbers == (False, True, False)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
-def test_a_chart_in_a_folded_section_is_drawn_when_it_opens_and_follows_the_theme(tmp_path: Path) -> None:
+def test_a_chart_in_a_folded_section_is_drawn_when_it_opens_and_follows_the_theme(
+    tmp_path: Path,
+) -> None:
     chart = Chart("recorded", go.Figure(go.Scatter(x=[1, 2], y=[3, 4], name=HOSTILE)))
     inside = Fold(HOSTILE, "one chart", (chart, Text("a sentence")))
     page = write_parts(
@@ -48,7 +53,8 @@ def test_a_chart_in_a_folded_section_is_drawn_when_it_opens_and_follows_the_them
         assert opened.run("document.querySelectorAll('.save button').length") == 3
         before = opened.run("document.querySelector('[data-figure]').layout.font.color")
         opened.run(
-            "[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === 'Dark').click()"
+            "[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === "
+            "'Dark').click()"
         )
         opened.wait(f"document.querySelector('[data-figure]').layout.font.color !== '{before}'")
         opened.open(page.as_uri(), "document.documentElement.dataset.study === 'ready'")

@@ -1,4 +1,5 @@
-"""A recorded scene with an ADS in the place of one of its vehicles: others as they drove, or reacting to it."""
+"""A recorded scene with an ADS in the place of one of its vehicles: others as they drove, or
+reacting to it."""
 
 from __future__ import annotations
 
@@ -17,7 +18,14 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.departures import Departure
-from sumo_eval.extras.rates.recorded_scene import FAR, NEVER, ROAD_AS_WRITTEN, fit_speeds, thinned, write_scene
+from sumo_eval.extras.rates.recorded_scene import (
+    FAR,
+    NEVER,
+    ROAD_AS_WRITTEN,
+    fit_speeds,
+    thinned,
+    write_scene,
+)
 from sumo_eval.scenario.concrete import departures, smooth_step
 from sumo_eval.scenario.file import read_scenario, scenario_from
 
@@ -25,7 +33,8 @@ TIME = np.round(np.arange(0.0, 20.05, 0.1), 1)
 
 
 def recorded() -> Recordings:
-    """Four in two lanes: the ego, one behind it, one that changes from the left lane to behind that, one far away."""
+    """Four in two lanes: the ego, one behind it, one that changes from the left lane to behind
+    that, one far away."""
     changing = 3.6 * (1.0 - smooth_step((TIME - 4.0) / 5.0))
     tracks = {
         "ego": (200.0 + 25.0 * TIME, 0.0 * TIME),
@@ -47,12 +56,25 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(scene: Path, tmp_path: Path) -> None:
+def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(
+    scene: Path, tmp_path: Path
+) -> None:
     assert read_scenario(scene).about.endswith(ROAD_AS_WRITTEN)
     table = tmp_path / "people.csv.gz"
     write_csv(recorded(), table)
     told = CliRunner().invoke(
-        main, ["humans", "scene", str(table), "--ego", "ego", "--end", "120", "--out", str(tmp_path / "scene.toml")]
+        main,
+        [
+            "humans",
+            "scene",
+            str(table),
+            "--ego",
+            "ego",
+            "--end",
+            "120",
+            "--out",
+            str(tmp_path / "scene.toml"),
+        ],
     )
     assert told.exit_code == 0, told.output
     assert ROAD_AS_WRITTEN in told.output
@@ -70,7 +92,8 @@ def test_where_no_model_is_named_nobody_reacts_and_one_point_is_left(tmp_path: P
 
 def test_where_nobody_departs_everybody_drives_as_recorded(scene: Path) -> None:
     logical = read_scenario(scene)
-    found = simulate(logical.concrete(react_beyond=2.0), "no_reaction")  # the recorded ego kept its speed, too
+    # the recorded ego kept its speed, too
+    found = simulate(logical.concrete(react_beyond=2.0), "no_reaction")
     (clip,) = [one for one in found.clips if one.what == "departed"]
     assert clip.requested < 0.01
     assert not any(one.what in ("handed_over", "trigger_never_fired") for one in found.clips)
@@ -89,7 +112,9 @@ def brakes(observation: object) -> float:
 
 def test_others_react_from_the_departure_on_and_else_drive_into_whoever_brakes(scene: Path) -> None:
     logical = read_scenario(scene)
-    reacting, blind = (simulate(logical.concrete(react_beyond=beyond), brakes) for beyond in (2.0, NEVER))
+    reacting, blind = (
+        simulate(logical.concrete(react_beyond=beyond), brakes) for beyond in (2.0, NEVER)
+    )
     # 2 m = 3.0 / 2 t^2 after t = 1.155 s; the acceleration builds up within the vehicle's own jerk.
     (over,) = [one for one in reacting.clips if one.what == "handed_over"]
     assert over.count == 3
@@ -107,8 +132,13 @@ def test_distance_from_a_recorded_ego_by_hand() -> None:
     # at 0.05 s it was half-way between (0, 0) and (3, 4); after 0.1 s it stays at (3, 4)
     found = departures(((0.0, 0.0), (3.0, 4.0)), [0.0, 0.05, 9.0], [0.0, 1.5, 0.0], [0.0, 0.0, 0.0])
     assert found == pytest.approx([0.0, 2.0, 5.0])
-    told = Departure("mine", "scene", "react_beyond=2", np.array([0.0, 0.05, 9.0]), found, (1.2, 2), "time_limit")
-    assert "up to 5.0 m, at 9.0 s; 5.0 m at the end (time_limit); 2 react, from 1.2 s on" in told.sentence()
+    told = Departure(
+        "mine", "scene", "react_beyond=2", np.array([0.0, 0.05, 9.0]), found, (1.2, 2), "time_limit"
+    )
+    assert (
+        "up to 5.0 m, at 9.0 s; 5.0 m at the end (time_limit); 2 react, from 1.2 s on"
+        in told.sentence()
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -117,11 +147,14 @@ def test_law_a_way_that_straight_speeds_drive_gives_them_back_wherever_it_begins
     time = np.round(np.arange(3.0, 9.01, 0.1), 1)
     truth = stream.uniform(5.0, 30.0, 13)  # at 3, 3.5, ... 9 s
     fine = np.linspace(3.0, 9.0, 601)
-    driven = np.concatenate([[0.0], np.cumsum(np.convolve(np.interp(fine, np.linspace(3.0, 9.0, 13), truth),
-                                                          [0.5, 0.5], "valid") * 0.01)])  # fmt: skip
+    driven = np.concatenate([[0.0],
+        np.cumsum(np.convolve(np.interp(fine, np.linspace(3.0, 9.0, 13), truth),
+                                                          [0.5, 0.5],
+                                                          "valid") * 0.01)])  # fmt: skip
     knots, speeds = fit_speeds(time, 100.0 + np.interp(time, fine, driven))
     assert knots == pytest.approx(np.arange(3.0, 9.01, 0.5))
-    # the way is known every 0.1 s; it is a parabola between two knots, whose speeds it then determines
+    # the way is known every 0.1 s; it is a parabola between two knots, whose speeds it then
+    # determines
     assert speeds == pytest.approx(truth, abs=1e-3)
 
 
@@ -141,7 +174,9 @@ def test_points_that_make_a_line_by_hand() -> None:
 
 
 @pytest.mark.parametrize("tolerance", [0.01, 0.03, 0.3])
-def test_law_a_thinned_path_keeps_its_ends_and_is_nowhere_further_off_than_it_may_be(tolerance: float) -> None:
+def test_law_a_thinned_path_keeps_its_ends_and_is_nowhere_further_off_than_it_may_be(
+    tolerance: float,
+) -> None:
     stream = np.random.default_rng(7)
     x = np.cumsum(stream.uniform(0.5, 3.0, 300))
     y = np.cumsum(stream.normal(0.0, 0.05, 300))
@@ -168,7 +203,9 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point() -> 
         ({"ego": "ego", "model": "IDM", "beyond": 0.0}, "must be above 0 m"),
     ],
 )
-def test_a_scene_that_cannot_be_is_refused_in_a_sentence(tmp_path: Path, given: dict[str, object], words: str) -> None:
+def test_a_scene_that_cannot_be_is_refused_in_a_sentence(
+    tmp_path: Path, given: dict[str, object], words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         write_scene(recorded(), tmp_path / "scene.toml", **given)  # type: ignore[arg-type]
 
@@ -186,9 +223,13 @@ def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path: Path
     alone = tmp_path / "alone" / "scene.toml"
     write_scene(recorded(), alone, "ego", end=120.0)
     assert path.read_text() == alone.read_text()
-    with pytest.raises(InputError, match=r"`recording` must say which one is meant: vehicle `ego` is in 2, r, s\."):
+    with pytest.raises(
+        InputError, match=r"`recording` must say which one is meant: vehicle `ego` is in 2, r, s\."
+    ):
         write_scene(twice(with_ego=True), path, "ego", end=120.0)
-    with pytest.raises(InputError, match=r"Unknown vehicle `eg` of the recording\. Did you mean `ego`"):
+    with pytest.raises(
+        InputError, match=r"Unknown vehicle `eg` of the recording\. Did you mean `ego`"
+    ):
         write_scene(twice(with_ego=True), path, "eg", end=120.0)
     write_scene(twice(with_ego=True), path, "ego", end=120.0, recording="s")
     assert "s, recorded" in read_scenario(path).source
@@ -197,7 +238,8 @@ def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path: Path
 def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_recorded_ego() -> None:
     follow = {"do": "follow", "model": "IDM", "when": "departed > far"}
     content = {
-        "name": "t", "parameter": [{"name": "far", "unit": "m", "values": [1.0, 2.0]}], "zone": "none",
+        "name": "t", "parameter": [{"name": "far", "unit": "m", "values": [1.0, 2.0]}],
+        "zone": "none",
         "ego": {"speed": 20.0, "recorded": [[50.0, 0.0], [52.0, 0.0]]},
         "vehicle": [{"name": "a", "gap": 30.0, "speed": 20.0, "manoeuvre": [follow]}],
     }  # fmt: skip
@@ -212,11 +254,13 @@ def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_reco
 
 
 def test_law_others_are_handed_over_on_a_bend_as_on_a_straight_road(scene: Path) -> None:
-    """The recorded ego brakes with 3 m/s2 from 12 s on, the ADS does not: 2 m apart after sqrt(4 / 3) = 1.155 s."""
+    """The recorded ego brakes with 3 m/s2 from 12 s on, the ADS does not: 2 m apart after sqrt(4 /
+    3) = 1.155 s."""
     content = tomllib.loads(scene.read_text())
     braked = np.maximum(np.arange(len(content["ego"]["recorded"])) * 0.1 - 12.0, 0.0)
     content["ego"]["recorded"] = [
-        [x - 1.5 * t**2, y] for (x, y), t in zip(content["ego"]["recorded"], braked.tolist(), strict=True)
+        [x - 1.5 * t**2, y]
+        for (x, y), t in zip(content["ego"]["recorded"], braked.tolist(), strict=True)
     ]
     straight = simulate(scenario_from(content, "t", Path()).concrete(react_beyond=2.0), "idm")
     content["road"]["line"] = [{"length": content["road"].pop("length"), "radius": 600.0}]
@@ -229,8 +273,11 @@ def test_law_others_are_handed_over_on_a_bend_as_on_a_straight_road(scene: Path)
     for name, drive in bend.actors.items():
         other = straight.actors[name]
         assert len(drive) == len(other)
-        # scripts say speeds along their own lane: on the one 3.6 m to the left, arcs are 3.6 / 600 shorter
-        assert np.abs(drive.x - other.x)[drive.time <= 13.0].max() < 3.6 / 600.0 * 28.0 * 13.0 + 0.05
+        # scripts say speeds along their own lane: on the one 3.6 m to the left, arcs are 3.6 / 600
+        # shorter
+        assert (
+            np.abs(drive.x - other.x)[drive.time <= 13.0].max() < 3.6 / 600.0 * 28.0 * 13.0 + 0.05
+        )
         assert np.abs(drive.y - other.y)[drive.time <= 13.0].max() < 0.05
         # nobody jumps where SUMO takes over: 28 m/s drive 2.8 m in 0.1 s
         assert np.abs(np.diff(drive.x)).max() < 3.1

@@ -8,12 +8,18 @@ from rates.sums import Known, rate_of, truth
 
 
 def held(known: Known, drives: int, repetitions: int) -> tuple[int, int, float]:
-    """How many intervals lie below the true rate, how many above it, and the mean estimate over the true rate."""
+    """How many intervals lie below the true rate, how many above it, and the mean estimate over the
+    true rate."""
     rates = [rate_of(known, drives, seed).collisions for seed in range(repetitions)]
     values, lows, highs = np.array(rates).T
-    found = int((highs < truth()).sum()), int((lows > truth()).sum()), float(values.mean() / truth())
+    found = (
+        int((highs < truth()).sum()),
+        int((lows > truth()).sum()),
+        float(values.mean() / truth()),
+    )
     print(
-        f"{known}, {drives} drives a scenario: {found[0]} of {repetitions} below, {found[1]} above, mean {found[2]:.3f}"
+        f"{known}, {drives} drives a scenario: {found[0]} of {repetitions} below, {found[1]} "
+        f"above, mean {found[2]:.3f}"
     )
     return found
 
@@ -41,11 +47,12 @@ def test_95_per_cent_intervals_of_a_sum_hold_it_in_95_of_100(known, drives):
 
 @pytest.mark.campaign
 def test_95_per_cent_intervals_of_a_sum_hold_it_where_the_distribution_is_fitted_to_events():
-    """A KDE with bandwidth h widens what is met by sqrt(1 + h^2), and brings what lies z deviations away nearer by it.
+    """A KDE with bandwidth h widens what is met by sqrt(1 + h^2), and brings what lies z deviations
+    away nearer by it.
 
-    With 100, 400 and 600 events and Scott's h collisions are met 1.47, 1.56 and 1.63 times as often as in truth, their
-    sum 1.53 times: the estimate errs to the upper side. The interval holds the narrow form as well, which these
-    normal parameters have.
+    With 100, 400 and 600 events and Scott's h collisions are met 1.47, 1.56 and 1.63 times as often
+    as in truth, their sum 1.53 times: the estimate errs to the upper side. The interval holds the
+    narrow form as well, which these normal parameters have.
     """
     below, above, mean = held("fitted", 200, 100)
     assert 100 - below - above >= least(100)

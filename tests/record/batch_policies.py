@@ -1,4 +1,5 @@
-"""Policies over arrays whose answers depend on which cases they are shown together; `test_blocks` drives them."""
+"""Policies over arrays whose answers depend on which cases they are shown together; `test_blocks`
+drives them."""
 
 import os
 
@@ -8,12 +9,15 @@ SIZE = 4  # cases in a block there
 
 
 class OfTheMean:
-    """Brakes, a little harder the faster all are: what a mean over the rows is, is in the bits of each."""
+    """Brakes, a little harder the faster all are: what a mean over the rows is, is in the bits of
+    each."""
 
     batch = True
 
     def act(self, seen):
-        return -1.0 - 1e-9 * np.mean(seen.ego.speed, dtype=np.float32) - 0.1 * (seen.lead.gap < 30.0)
+        return (
+            -1.0 - 1e-9 * np.mean(seen.ego.speed, dtype=np.float32) - 0.1 * (seen.lead.gap < 30.0)
+        )
 
 
 class OfTheProcess(OfTheMean):

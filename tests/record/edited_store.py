@@ -1,4 +1,5 @@
-"""A facts file that says something else than what was simulated, with hashes that fit: as another machine wrote it."""
+"""A facts file that says something else than what was simulated, with hashes that fit: as another
+machine wrote it."""
 
 from __future__ import annotations
 
@@ -9,15 +10,22 @@ from sumo_eval.record.store import Store, _hash
 
 
 def edit(path: Path, change: str, *, hashes: bool = False) -> None:
-    """Run one SQL statement on a facts file. hashes: give every case, and the run, the hash of what it is then."""
+    """Run one SQL statement on a facts file.
+
+    hashes: give every case, and the run, the hash of what it is then.
+    """
     connection = sqlite3.connect(path)
     with connection:
         connection.execute(change)
         for fact in connection.execute("SELECT * FROM facts").fetchall() if hashes else ():
-            (beside,) = connection.execute('SELECT * FROM circumstances WHERE "case" = ?', fact[:1]).fetchall()
+            (beside,) = connection.execute(
+                'SELECT * FROM circumstances WHERE "case" = ?', fact[:1]
+            ).fetchall()
             query = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
             found = _hash(fact, beside[:-1], connection.execute(query, fact[:1]).fetchall())
-            connection.execute('UPDATE circumstances SET hash = ? WHERE "case" = ?', (found, fact[0]))
+            connection.execute(
+                'UPDATE circumstances SET hash = ? WHERE "case" = ?', (found, fact[0])
+            )
     connection.close()
     if hashes:
         store = Store(path, create=True)

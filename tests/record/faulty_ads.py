@@ -1,4 +1,5 @@
-"""Controllers that do what controllers under test do: the fault campaign and the tests of the pool drive them."""
+"""Controllers that do what controllers under test do: the fault campaign and the tests of the pool
+drive them."""
 
 import contextlib
 import ctypes
@@ -114,7 +115,8 @@ def random_driver(traci, ego, now):
 
     import numpy
 
-    names = {"left", "right", "straight", "back"}  # a set of texts: its order hangs on PYTHONHASHSEED
+    # a set of texts: its order hangs on PYTHONHASHSEED
+    names = {"left", "right", "straight", "back"}
     shift = list(names).index("left")
     return Command(random.uniform(-0.5, 0.5) + numpy.random.uniform(-0.5, 0.5) + 0.01 * shift)  # noqa: NPY002
 

@@ -1,4 +1,5 @@
-"""Policies that are faulty at one point, where the ego starts at 20 m/s; `test_packs` drives them."""
+"""Policies that are faulty at one point, where the ego starts at 20 m/s; `test_packs` drives
+them."""
 
 import os
 import random

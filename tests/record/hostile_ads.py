@@ -29,8 +29,13 @@ _ANY = """
 ACCIDENTS = {
     **dict.fromkeys(_ANY.split(), ANY | {"timeout"}),
     **dict.fromkeys(("forks_in_a_step", "forks_often"), LOST),
-    **{name: {"crashed"} for name in ("dies_with_a_daemon", "fills_shared_memory", "lets_another_fill_memory")},
-    **dict.fromkeys(("forks_and_leaves", "frees_what_is_not_its_own"), LOST | {"timeout", "ads_timeout"}),
+    **{
+        name: {"crashed"}
+        for name in ("dies_with_a_daemon", "fills_shared_memory", "lets_another_fill_memory")
+    },
+    **dict.fromkeys(
+        ("forks_and_leaves", "frees_what_is_not_its_own"), LOST | {"timeout", "ads_timeout"}
+    ),
     "stops_itself": {"timeout"},
 }
 DAEMON = "3600.75"

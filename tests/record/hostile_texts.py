@@ -1,4 +1,7 @@
-"""ADSs whose exceptions no table, file or terminal could show as they are. Each raises in its second step."""
+"""ADSs whose exceptions no table, file or terminal could show as they are.
+
+Each raises in its second step.
+"""
 
 from sumo_eval import Command
 from sumo_eval.errors import ControllerError
@@ -55,7 +58,9 @@ class Surrogate(_Raises):
 
 class Controls(_Raises):
     def error(self):
-        return ValueError("nul \x00 escape \x1b[31m turned \u202e <script>alert(1)</script>\nsecond line")
+        return ValueError(
+            "nul \x00 escape \x1b[31m turned \u202e <script>alert(1)</script>\nsecond line"
+        )
 
 
 class Formula(_Raises):

@@ -39,7 +39,9 @@ class MyAds:
 """
 
 
-def write_evaluation(folder: Path, ads: str = MY_ADS, levels: int = 3, case_timeout: float = 20.0) -> Path:
+def write_evaluation(
+    folder: Path, ads: str = MY_ADS, levels: int = 3, case_timeout: float = 20.0
+) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "my_ads.py").write_text(ads)
     path = folder / "evaluation.toml"

@@ -1,4 +1,7 @@
-"""A facts file of any size without a simulation, and the memory that using it takes. Run as a program: one figure."""
+"""A facts file of any size without a simulation, and the memory that using it takes.
+
+Run as a program: one figure.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,8 @@ def outcomes(rows: int) -> Iterator[Outcome]:
 
 
 def use(path: Path, rows: int) -> tuple[int, int, int]:
-    """Write so many rows, then ask what a parent asks: each case, the counts, the collisions, the digest."""
+    """Write so many rows, then ask what a parent asks: each case, the counts, the collisions, the
+    digest."""
     with open_store(path, create=True) as store:
         for outcome in outcomes(rows):
             if not store.holds(outcome.case):

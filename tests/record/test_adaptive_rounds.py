@@ -1,4 +1,5 @@
-"""A run in rounds, through SUMO: chosen by what was found, the same bytes for any workers, stopped or not."""
+"""A run in rounds, through SUMO: chosen by what was found, the same bytes for any workers, stopped
+or not."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -60,7 +61,9 @@ def test_rounds_go_where_cases_differ_and_scores_are_weighted_by_what_points_sta
     assert min(min(row) for row in rounds) >= 2
     assert len(run.cases) == 40
     settings = read_settings(run.folder)
-    points = choose_points(run.scenarios[run.zones[0].scenario], settings.scenario[0], Path(), settings)
+    points = choose_points(
+        run.scenarios[run.zones[0].scenario], settings.scenario[0], Path(), settings
+    )
     assert points.stands_for.sum() == pytest.approx(40.0)
     cases = list(run.cases)
     assert [case.exposure for case in cases] == points.exposure.tolist()
@@ -69,12 +72,16 @@ def test_rounds_go_where_cases_differ_and_scores_are_weighted_by_what_points_sta
         float(points.exposure @ collided / sum(points.exposure))
     )
     assert (
-        run.zones[0].notes[-1].startswith("Adaptive sampling: 40 of at most 40 points in 2 rounds; all it may drive;")
+        run.zones[0]
+        .notes[-1]
+        .startswith("Adaptive sampling: 40 of at most 40 points in 2 rounds; all it may drive;")
     )
 
 
 @pytest.mark.campaign
-def test_a_run_with_one_worker_that_is_stopped_in_its_second_round_goes_on_to_the_same_bytes(run, tmp_path):
+def test_a_run_with_one_worker_that_is_stopped_in_its_second_round_goes_on_to_the_same_bytes(
+    run, tmp_path
+):
     stops = iter([False] * 4 + [True] * 50)
     settings, _ = resolve(EVALUATION, tmp_path / "run", resume=False, workers=1)
     settings = replace(settings, run=replace(settings.run, cases_per_child=8, cases_per_pack=8))
@@ -91,7 +98,9 @@ def test_a_run_with_one_worker_that_is_stopped_in_its_second_round_goes_on_to_th
 
 
 @pytest.mark.campaign
-def test_rounds_that_look_for_the_boundary_of_collisions_go_where_some_collide_and_some_do_not(tmp_path):
+def test_rounds_that_look_for_the_boundary_of_collisions_go_where_some_collide_and_some_do_not(
+    tmp_path,
+):
     sampling = {"method": "adaptive", "count": 96, "round": 32, "aim": "boundary"}
     settings = {**EVALUATION, "scenario": [{"use": "cut_in", "sampling": sampling}]}
     done = sumo_eval.evaluate(settings, tmp_path / "run", workers=2)
@@ -108,8 +117,12 @@ def test_rounds_that_look_for_the_boundary_of_collisions_go_where_some_collide_a
     assert both.any()
     assert not both.all()
     later = rounds[1:].sum(axis=0)
-    assert later[both].mean() > later[~both].mean(), "cells in which outcomes differ get more of the later rounds"
-    assert done.scores[0].collision_probability == pytest.approx(float(points.stands_for @ collided / 96.0))
+    assert later[both].mean() > later[~both].mean(), (
+        "cells in which outcomes differ get more of the later rounds"
+    )
+    assert done.scores[0].collision_probability == pytest.approx(
+        float(points.stands_for @ collided / 96.0)
+    )
     assert "of the space" in done.zones[0].notes[-1]
 
 
@@ -128,8 +141,12 @@ def test_a_larger_budget_adds_rounds_and_a_width_that_is_reached_none(run, tmp_p
 def test_a_budget_below_what_was_driven_is_refused(run):
     entry = read_settings(run.folder).scenario[0]
     smaller = replace(entry, sampling=replace(entry.sampling, count=32))
-    with pytest.raises(InputError, match="must be at least the 40 points that its rounds have, got 32"):
-        sumo_eval.evaluate(replace(read_settings(run.folder), scenario=(smaller,)), run.folder, resume=True)
+    with pytest.raises(
+        InputError, match="must be at least the 40 points that its rounds have, got 32"
+    ):
+        sumo_eval.evaluate(
+            replace(read_settings(run.folder), scenario=(smaller,)), run.folder, resume=True
+        )
     assert sampling_of(run.folder) == entry.sampling
 
 

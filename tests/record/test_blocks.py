@@ -1,4 +1,5 @@
-"""A policy over arrays is shown its cases in blocks that the evaluation fixes: the same bytes, however a run goes."""
+"""A policy over arrays is shown its cases in blocks that the evaluation fixes: the same bytes,
+however a run goes."""
 
 from __future__ import annotations
 
@@ -65,16 +66,24 @@ def digest(run: Path) -> str:
 
 
 @pytest.mark.campaign
-def test_the_same_bytes_whatever_the_workers_and_the_engine_and_after_a_loss(whole: Path, tmp_path: Path) -> None:
+def test_the_same_bytes_whatever_the_workers_and_the_engine_and_after_a_loss(
+    whole: Path, tmp_path: Path
+) -> None:
     one = digest(whole)
     shutil.copytree(whole, tmp_path / "one")
     for number, run in enumerate([{"workers": 2}, {"workers": 8}, {"engine": "serial"}]):
         assert recorded(evaluation(**run), HERE, tmp_path / f"other{number}") == one
-    assert recorded(evaluation(cases_per_pack=3), HERE, tmp_path / "three") != one, "the composition is in the bits"
+    assert recorded(evaluation(cases_per_pack=3), HERE, tmp_path / "three") != one, (
+        "the composition is in the bits"
+    )
 
-    with open_store(tmp_path / "one" / "facts.sqlite", create=True) as store:  # one of each block is missing
+    # one of each block is missing
+    with open_store(tmp_path / "one" / "facts.sqlite", create=True) as store:
         facts = store.facts("ads", LOGICAL.name, "mine")
-        clips = {fact.point: [clip.requested for clip in fact.clips if clip.what == IN_BLOCK] for fact in facts}
+        clips = {
+            fact.point: [clip.requested for clip in fact.clips if clip.what == IN_BLOCK]
+            for fact in facts
+        }
         assert clips == {0: [4.0], 1: [4.0], 2: [4.0], 3: [4.0], 4: [2.0], 5: [2.0]}
         store.note("complete", "")
         store.unseal()
@@ -105,15 +114,20 @@ def test_a_shard_drives_the_blocks_of_the_whole(whole: Path, tmp_path: Path) -> 
 
 def block_of(name: str, wanted: list[int]) -> list[Case]:
     """Some cases of a block of four."""
-    concretes = [LOGICAL.concrete(ego_speed=15.0 + number, lead_speed=5.0) for number in range(SIZE)]
+    concretes = [
+        LOGICAL.concrete(ego_speed=15.0 + number, lead_speed=5.0) for number in range(SIZE)
+    ]
     block = Block.of(0, concretes)
     return [
-        Case(number, concretes[number], "ads", "mine", f"batch_policies.py:{name}", block=block) for number in wanted
+        Case(number, concretes[number], "ads", "mine", f"batch_policies.py:{name}", block=block)
+        for number in wanted
     ]
 
 
 def driven(name: str, wanted: list[int], **run: Any) -> list[Outcome]:
-    outcomes = run_cases(block_of(name, wanted), Setup(SIMULATION, RunSettings(workers=1, **run), HERE))
+    outcomes = run_cases(
+        block_of(name, wanted), Setup(SIMULATION, RunSettings(workers=1, **run), HERE)
+    )
     return sorted(outcomes, key=lambda outcome: outcome.case.point)
 
 
@@ -128,22 +142,29 @@ def test_an_exception_in_a_call_belongs_to_all_cases_of_the_block(tmp_path: Path
     for outcome in driven("Raises", [0, 1, 2, 3]):
         assert outcome.status == "ads_error"
         assert outcome.error == (
-            "The ADS raised at 0.40 s, in one call for 4 cases, which fails them all: ValueError: no path found."
+            "The ADS raised at 0.40 s, in one call for 4 cases, which fails them all: ValueError: "
+            "no path found."
         )
-        assert outcome.error_place == "batch_policies.py:29 in act"
+        assert outcome.error_place == "batch_policies.py:33 in act"
         assert not outcome.log.startswith(ALONE)
 
 
 def test_a_block_that_is_lost_is_driven_case_by_case_and_the_log_says_so(tmp_path: Path) -> None:
     for outcome in driven("Exits", [0, 1, 2, 3]):
         assert outcome.status == "collision"
-        assert outcome.log.startswith(f"{ALONE}The block of cases that its policy over arrays drives together was lost")
+        assert outcome.log.startswith(
+            f"{ALONE}The block of cases that its policy over arrays drives together was lost"
+        )
         assert "died with exit code 7" in outcome.log
 
 
-def test_a_policy_says_by_batch_that_it_takes_arrays_as_a_class_and_as_an_object(tmp_path: Path) -> None:
+def test_a_policy_says_by_batch_that_it_takes_arrays_as_a_class_and_as_an_object(
+    tmp_path: Path,
+) -> None:
     locators = [f"batch_policies.py:{name}" for name in ("OfTheMean", "the_object", "ByCase")]
-    found = identify([("ADS", locator) for locator in locators], Setup(SIMULATION, RunSettings(), HERE))
+    found = identify(
+        [("ADS", locator) for locator in locators], Setup(SIMULATION, RunSettings(), HERE)
+    )
     assert [is_over_arrays(found[locator]) for locator in locators] == [True, True, False]
 
 

@@ -1,4 +1,5 @@
-"""A real Dask scheduler and two workers in processes of their own; one of them is killed in the middle."""
+"""A real Dask scheduler and two workers in processes of their own; one of them is killed in the
+middle."""
 
 from __future__ import annotations
 
@@ -40,7 +41,14 @@ class Cluster:
         return self._start("dask_worker", "--nthreads", "1", "--no-dashboard", *options)
 
     def _start(self, program: str, *options: str) -> subprocess.Popen[bytes]:
-        line = [sys.executable, "-m", f"distributed.cli.{program}", "--scheduler-file", str(self.file), *options]
+        line = [
+            sys.executable,
+            "-m",
+            f"distributed.cli.{program}",
+            "--scheduler-file",
+            str(self.file),
+            *options,
+        ]
         with (self.folder / f"{program}_{len(self.processes)}.log").open("wb") as log:
             self.processes.append(subprocess.Popen(line, cwd=self.folder, stdout=log, stderr=log))
         return self.processes[-1]
@@ -98,25 +106,39 @@ def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster: Clu
         found.append(outcome)
     assert sorted(o.case.key for o in found) == sorted(case.key for case in cases)
     by_name = {name: [o for o in found if o.case.driver == name] for name in names}
-    assert [{o.status for o in by_name[name]} for name in names] == [{"ok"}, {"collision"}, {"ads_error"}, {"crashed"}]
+    assert [{o.status for o in by_name[name]} for name in names] == [
+        {"ok"},
+        {"collision"},
+        {"ads_error"},
+        {"crashed"},
+    ]
     (alone,) = run_cases([cases[0]], Setup(SimulationSettings(), RunSettings(workers=1), HERE))
     assert alone.recording is not None
-    assert {pack(o.recording.ego) for o in by_name["idm"] if o.recording} == {pack(alone.recording.ego)}
+    assert {pack(o.recording.ego) for o in by_name["idm"] if o.recording} == {
+        pack(alone.recording.ego)
+    }
 
 
 @pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
-def test_the_command_line_runs_on_the_cluster_to_the_same_digest(cluster: Cluster, tmp_path: Path) -> None:
+def test_the_command_line_runs_on_the_cluster_to_the_same_digest(
+    cluster: Cluster, tmp_path: Path
+) -> None:
     import sumo_eval
 
     path = write_evaluation(tmp_path, levels=2)
     if not cluster.address:
         cluster.worker("--nanny")
         cluster.wait_for(1)
-    done = sumo_eval_cli("run", path, "--out", tmp_path / "far", "--engine", "dask", "--scheduler", cluster.address)
+    done = sumo_eval_cli(
+        "run", path, "--out", tmp_path / "far", "--engine", "dask", "--scheduler", cluster.address
+    )
     assert done.returncode == 0, done.stderr
     sumo_eval.evaluate(path, tmp_path / "near", workers=1)
-    assert sumo_eval.open_run(tmp_path / "far").digest() == sumo_eval.open_run(tmp_path / "near").digest()
+    assert (
+        sumo_eval.open_run(tmp_path / "far").digest()
+        == sumo_eval.open_run(tmp_path / "near").digest()
+    )
 
 
 @pytest.mark.campaign
@@ -162,7 +184,9 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence_and_the_run_goe
     with started(tmp_path / "first") as cluster:
         cluster.worker("--no-nanny")
         cluster.wait_for(1)
-        words = command("run", path, "--out", far, "--engine", "dask", "--scheduler", cluster.address)
+        words = command(
+            "run", path, "--out", far, "--engine", "dask", "--scheduler", cluster.address
+        )
         process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         until = time.monotonic() + 240.0
         while not recorded(far) and process.poll() is None and time.monotonic() < until:
@@ -179,7 +203,17 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence_and_the_run_goe
     with started(tmp_path / "second") as cluster:
         cluster.worker("--no-nanny")
         cluster.wait_for(1)
-        done = sumo_eval_cli("run", path, "--out", far, "--resume", "--engine", "dask", "--scheduler", cluster.address)
+        done = sumo_eval_cli(
+            "run",
+            path,
+            "--out",
+            far,
+            "--resume",
+            "--engine",
+            "dask",
+            "--scheduler",
+            cluster.address,
+        )
     assert done.returncode == 0, done.stderr
     assert recorded(far) > before
     assert sumo_eval_cli("run", path, "--out", tmp_path / "near").returncode == 0
@@ -205,6 +239,8 @@ def test_without_a_scheduler_there_is_a_sentence(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore")
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sumo_eval.record.cluster._CONNECT_TIME", 0.5)
-    setup = Setup(SimulationSettings(), RunSettings(engine="dask", scheduler="tcp://127.0.0.1:9"), HERE)
+    setup = Setup(
+        SimulationSettings(), RunSettings(engine="dask", scheduler="tcp://127.0.0.1:9"), HERE
+    )
     with pytest.raises(InputError, match=r"no Dask scheduler at tcp://127\.0\.0\.1:9"):
         next(run_cases([], setup))

@@ -1,4 +1,5 @@
-"""The certificates and settings of docs/clusters.md, word for word: a cluster on loopback that talks to nobody else."""
+"""The certificates and settings of docs/clusters.md, word for word: a cluster on loopback that
+talks to nobody else."""
 
 from __future__ import annotations
 
@@ -18,45 +19,73 @@ pytest.importorskip("distributed")
 PAGE = Path(__file__).parents[2] / "docs" / "clusters.md"
 
 pytestmark = [
-    pytest.mark.skipif(not (shutil.which("openssl") and shutil.which("bash")), reason="needs openssl and bash"),
+    pytest.mark.skipif(
+        not (shutil.which("openssl") and shutil.which("bash")), reason="needs openssl and bash"
+    ),
     pytest.mark.skipif(sys.platform != "linux", reason="child processes need Linux"),
 ]
 
 
 def block(begins: str) -> str:
     """The shell block of the page that begins with a word."""
-    (found,) = [text for text in re.findall(r"```sh\n(.*?)```", PAGE.read_text(), re.DOTALL) if text.startswith(begins)]
+    (found,) = [
+        text
+        for text in re.findall(r"```sh\n(.*?)```", PAGE.read_text(), re.DOTALL)
+        if text.startswith(begins)
+    ]
     return str(found)
 
 
 def with_certificates(folder: Path) -> dict[str, str]:
     """Certificates made as the page says, and the environment that it asks for."""
-    made = subprocess.run(["bash", "-ec", block("openssl")], cwd=folder, capture_output=True, text=True, check=False)
+    made = subprocess.run(
+        ["bash", "-ec", block("openssl")], cwd=folder, capture_output=True, text=True, check=False
+    )
     assert made.returncode == 0, made.stderr
     shown = subprocess.run(
-        ["bash", "-ec", block("export") + "\nenv -0"], cwd=folder, capture_output=True, text=True, check=True
+        ["bash", "-ec", block("export") + "\nenv -0"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return dict(pair.split("=", 1) for pair in shown.stdout.split("\0") if "=" in pair)
 
 
 @pytest.mark.campaign
-def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_has_none(tmp_path: Path) -> None:
+def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_has_none(
+    tmp_path: Path,
+) -> None:
     environment = with_certificates(tmp_path)
     address = tmp_path / "scheduler.json"
     path = write_evaluation(tmp_path, levels=2)
     processes: list[subprocess.Popen[bytes]] = []
 
     def start(program: str, *options: str) -> None:
-        line = [sys.executable, "-m", f"distributed.cli.{program}", "--host", "127.0.0.1", "--no-dashboard", *options]
+        line = [
+            sys.executable,
+            "-m",
+            f"distributed.cli.{program}",
+            "--host",
+            "127.0.0.1",
+            "--no-dashboard",
+            *options,
+        ]
         with (tmp_path / f"{program}.log").open("wb") as log:
-            processes.append(subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=log, stderr=log))
+            processes.append(
+                subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=log, stderr=log)
+            )
 
     def run(out: str, env: dict[str, str], *options: str) -> subprocess.CompletedProcess[str]:
         line = command("run", path, "--out", tmp_path / out, *options)
-        return subprocess.run(line, env=env, capture_output=True, text=True, timeout=300, check=False)
+        return subprocess.run(
+            line, env=env, capture_output=True, text=True, timeout=300, check=False
+        )
 
     try:
-        start("dask_scheduler", "--protocol", "tls", "--port", "0", "--scheduler-file", str(address))
+        start(
+            "dask_scheduler", "--protocol", "tls", "--port", "0", "--scheduler-file", str(address)
+        )
         until = time.monotonic() + 60.0
         while not address.is_file() and time.monotonic() < until:
             time.sleep(0.05)
@@ -66,7 +95,11 @@ def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_
         done = run("far", environment, "--engine", "dask", "--scheduler", scheduler)
         assert done.returncode == 0, done.stderr
         without, open_one = dict(os.environ), scheduler.replace("tls", "tcp")
-        for out, env, named in (("a", without, scheduler), ("b", without, open_one), ("c", environment, open_one)):
+        for out, env, named in (
+            ("a", without, scheduler),
+            ("b", without, open_one),
+            ("c", environment, open_one),
+        ):
             refused = run(out, env, "--engine", "dask", "--scheduler", named)
             assert (refused.returncode, "Traceback" in refused.stderr) == (2, False), refused.stderr
             assert "There is no Dask scheduler at" in refused.stderr

@@ -1,4 +1,5 @@
-"""Real SUMO runs in child processes: one fault costs one case, the rest is untouched, every case ends once."""
+"""Real SUMO runs in child processes: one fault costs one case, the rest is untouched, every case
+ends once."""
 
 from __future__ import annotations
 
@@ -29,10 +30,16 @@ LIMITS = {"case_timeout": 2.0, "step_timeout": 0.2, "memory_limit": 700.0}
 
 FAULTS = {
     "raises": ("ads_error", "The ADS raised at 0.00 s: ValueError: no path found."),
-    "gives_nan": ("ads_error", "`acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s."),
+    "gives_nan": (
+        "ads_error",
+        "`acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s.",
+    ),
     "wrong_type": ("ads_error", "The ADS must return a Command or None, got str at 0.00 s."),
     "leaves": ("ads_error", "The ADS raised at 0.00 s: SystemExit: 3."),
-    "interrupts": ("ads_error", "The ADS raised at 0.00 s: RuntimeError: it raised KeyboardInterrupt."),
+    "interrupts": (
+        "ads_error",
+        "The ADS raised at 0.00 s: RuntimeError: it raised KeyboardInterrupt.",
+    ),
     "InterruptsWhenMade": ("ads_error", "making one failed: it raised KeyboardInterrupt."),
     "vanishes": ("crashed", "The process that ran the case died with exit code 7."),
     "segfaults": ("crashed", "The process that ran the case died with exit code -11 (SIGSEGV)."),
@@ -58,14 +65,20 @@ def outcomes() -> dict[str, Outcome]:
     ]
     setup = Setup(SimulationSettings(), RunSettings(workers=2, **LIMITS), HERE)
     found = list(run_cases(cases, setup))
-    assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), "each exactly once"
-    by_name = {outcome.case.driver: outcome for outcome in found if outcome.case.driver not in INNOCENT}
+    assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), (
+        "each exactly once"
+    )
+    by_name = {
+        outcome.case.driver: outcome for outcome in found if outcome.case.driver not in INNOCENT
+    }
     innocent = [outcome for outcome in found if outcome.case.driver in INNOCENT]
     return by_name | {outcome.case.key: outcome for outcome in innocent}
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_faulty_ads_costs_its_own_case_and_the_row_says_why(outcomes: dict[str, Outcome], name: str) -> None:
+def test_a_faulty_ads_costs_its_own_case_and_the_row_says_why(
+    outcomes: dict[str, Outcome], name: str
+) -> None:
     status, sentence = FAULTS[name]
     assert outcomes[name].status == status
     assert sentence in (outcomes[name].error or "")
@@ -78,7 +91,10 @@ def test_cases_beside_faulty_ones_are_what_they_are_alone(outcomes: dict[str, Ou
     for outcome in innocent:
         expected = alone[outcome.case.driver]
         assert outcome.recording is not None
-        assert (outcome.status, outcome.error) == ("ok" if outcome.case.driver == "idm" else "collision", None)
+        assert (outcome.status, outcome.error) == (
+            "ok" if outcome.case.driver == "idm" else "collision",
+            None,
+        )
         assert pack(outcome.recording.ego) == pack(expected.ego), "bit for bit"
 
 
@@ -107,7 +123,9 @@ def waits(traci, ego, now):
 @pytest.mark.parametrize(
     ("name", "status", "drives"), [("loads_late", "collision", ""), ("waits", "ads_timeout", "xx")]
 )
-def test_late_case_is_driven_once_more_alone(tmp_path: Path, name: str, status: str, drives: str) -> None:
+def test_late_case_is_driven_once_more_alone(
+    tmp_path: Path, name: str, status: str, drives: str
+) -> None:
     (tmp_path / "late.py").write_text(LATE_ADS)
     setup = Setup(SimulationSettings(), RunSettings(workers=1, **LIMITS), tmp_path)
     cases = [Case(n, CONCRETE, "ads", ads, ads) for n, ads in enumerate((f"late.py:{name}", "idm"))]
@@ -140,7 +158,9 @@ def test_only_lateness_without_a_processor_is_chance(
     recording = None if simulated is None else kept._replace(simulated_time=simulated)
     outcome = replace(outcomes["raises"], status=status, recording=recording)
     ended = Ended((outcome.case,), "done", None, "", idle=idle)
-    assert is_late_by_chance(outcome, ended, Setup(SimulationSettings(), RunSettings(), HERE)) is again
+    assert (
+        is_late_by_chance(outcome, ended, Setup(SimulationSettings(), RunSettings(), HERE)) is again
+    )
 
 
 @pytest.mark.parametrize(
@@ -153,7 +173,9 @@ def test_only_lateness_without_a_processor_is_chance(
         ("vanishes", "last words before vanishing"),
     ],
 )
-def test_the_log_shows_where_it_happened(outcomes: dict[str, Outcome], name: str, words: str) -> None:
+def test_the_log_shows_where_it_happened(
+    outcomes: dict[str, Outcome], name: str, words: str
+) -> None:
     assert words in outcomes[name].log
 
 
@@ -165,7 +187,9 @@ def test_what_a_case_prints_is_its_own_log_bounded_and_never_on_our_stdout(
     assert "zzzz" in log
     assert "bytes left out" in log
     assert len(log) < 20_000
-    assert all(not outcome.log for key, outcome in outcomes.items() if key.startswith("front_vehicle"))
+    assert all(
+        not outcome.log for key, outcome in outcomes.items() if key.startswith("front_vehicle")
+    )
     setup = Setup(SimulationSettings(), RunSettings(workers=1), HERE)
     (outcome,) = run_cases([Case(0, CONCRETE, "ads", "loud", "faulty_ads.py:chatters")], setup)
     assert outcome.status == "collision"
@@ -212,11 +236,24 @@ def _pool_children() -> list[int]:
 def drives(workers: int, numbers: list[int], controller: str = "synthetic") -> dict[str, bytes]:
     role = "human" if controller == "synthetic" else "ads"
     cases = [
-        Case(number, SPACE.concrete(ego_speed=10 + 5 * number, lead_speed=5), role, "x", controller, 0, 4, 11)
+        Case(
+            number,
+            SPACE.concrete(ego_speed=10 + 5 * number, lead_speed=5),
+            role,
+            "x",
+            controller,
+            0,
+            4,
+            11,
+        )
         for number in numbers
     ]
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), HERE)
-    return {o.case.key: pack(o.recording.ego) for o in run_cases(cases, setup) if o.recording is not None}
+    return {
+        o.case.key: pack(o.recording.ego)
+        for o in run_cases(cases, setup)
+        if o.recording is not None
+    }
 
 
 @pytest.mark.parametrize("controller", ["synthetic", "faulty_ads.py:random_driver"])
@@ -296,26 +333,32 @@ def test_a_ctrl_c_that_comes_amid_imports_is_raised_when_they_are_done():
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")
 def test_ctrl_c_while_the_simulator_is_being_loaded_shows_no_traceback(tmp_path):
     command = [sys.executable, "-m", "sumo_eval", "run", "--out", str(tmp_path / "run")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as running:
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as running:
         family = Path(f"/proc/{running.pid}/task/{running.pid}/children")
-        while len(family.read_text().split()) < 2:  # the process that makes the children, and the one that watches it
+        # the process that makes the children, and the one that watches it
+        while len(family.read_text().split()) < 2:
             clock.sleep(0.01)
         clock.sleep(0.1)  # it has begun to import
         os.killpg(running.pid, signal.SIGINT)
         _, said = running.communicate(timeout=60)
-    # Python ends itself by the signal where it came amid the making of a dataclass; a shell says 130 of that, too.
+    # Python ends itself by the signal where it came amid the making of a dataclass; a shell says
+    # 130 of that, too.
     assert running.returncode in (130, -signal.SIGINT)
     assert "Traceback" not in said
     assert "Stopped" in said
 
 
 def test_a_child_imports_no_more_than_it_needs():
-    # Every child of every run pays for it: numpy, libsumo and numba, whose loops drive, and none of the packages that
-    # only scoring needs. numba imports scipy's outermost package, which holds nothing.
+    # Every child of every run pays for it: numpy, libsumo and numba, whose loops drive, and none of
+    # the packages that only scoring needs. numba imports scipy's outermost package, which holds
+    # nothing.
     code = (
         "import sys, sumo_eval.record.worker\n"
         "heavy = {'pandas', 'sklearn', 'pydantic', 'covertable', 'fmpy', 'plotly', 'jinja2'}\n"
-        "heavy |= {f'scipy.{part}' for part in ('linalg', 'optimize', 'sparse', 'spatial', 'special', 'stats')}\n"
+        "heavy |= {f'scipy.{part}' for part in ('linalg', 'optimize', 'sparse', 'spatial', "
+        "'special', 'stats')}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -43,14 +43,21 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch: pytest.MonkeyP
     assert len({cases[0].driver for cases in timed["ads"]}) == 12
 
 
-def test_kinds_that_time_ran_out_for_take_what_the_others_took(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kinds_that_time_ran_out_for_take_what_the_others_took(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(facts, "_TIMED_FOR", -1.0)
-    found = facts.estimate(EvaluationSettings("x", (HALTON,), (AdsSettings("idm", "idm"),)), Path(), None, facts.WHOLE)
+    found = facts.estimate(
+        EvaluationSettings("x", (HALTON,), (AdsSettings("idm", "idm"),)), Path(), None, facts.WHOLE
+    )
     assert found.timed == 1
     assert found.untimed == ("references", "human drivers")
     drives = found.ads + found.references + found.humans
     assert found.seconds * found.workers / drives > 1e-4
-    assert "Drives of the references and human drivers were not timed: they count as the others." in str(found)
+    assert (
+        "Drives of the references and human drivers were not timed: they count as the others."
+        in str(found)
+    )
 
 
 SLOW = """
@@ -67,7 +74,9 @@ class Slow:
 
 def test_estimate_of_slow_ads_loads_a_few_and_drives_a_few(tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text(SLOW)
-    ads = tuple(AdsSettings(f"a{number}", f"slow.py:Slow?options.number={number}") for number in range(1000))
+    ads = tuple(
+        AdsSettings(f"a{number}", f"slow.py:Slow?options.number={number}") for number in range(1000)
+    )
     found = facts.estimate(EvaluationSettings("x", (HALTON,), ads), tmp_path, None, facts.WHOLE)
     assert found.loaded == (12, 1000)
     assert "12 of the 1000 ADSs were loaded and timed; a run loads them all." in str(found)

@@ -23,7 +23,10 @@ from sumo_eval.report.tables import write_tables
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("exchange")
-    assert sumo_eval_cli("run", write_evaluation(folder, levels=2), "--out", folder / "run").returncode == 0
+    assert (
+        sumo_eval_cli("run", write_evaluation(folder, levels=2), "--out", folder / "run").returncode
+        == 0
+    )
     return folder / "run"
 
 
@@ -63,7 +66,11 @@ def test_csv_brings_every_number_back(run: Path, tmp_path: Path) -> None:
 def test_parquet_holds_the_same_as_csv(run: Path, tmp_path: Path) -> None:
     duckdb = pytest.importorskip("duckdb")
     written = export(run, tmp_path / "it's here", "parquet")
-    assert [path.name for path in written] == ["cases.parquet", "drives.parquet", "trajectories.parquet"]
+    assert [path.name for path in written] == [
+        "cases.parquet",
+        "drives.parquet",
+        "trajectories.parquet",
+    ]
     export(run, tmp_path / "csv")
     for path in written:
         expected = pd.read_csv(tmp_path / "csv" / f"{path.stem}.csv")
@@ -72,7 +79,9 @@ def test_parquet_holds_the_same_as_csv(run: Path, tmp_path: Path) -> None:
         assert len(table) == len(expected)
         if path.stem == "trajectories":
             np.testing.assert_allclose(table.fetchnumpy()["x"], expected["x"], rtol=1e-14)
-    assert sorted(path.name for path in (tmp_path / "it's here").iterdir()) == sorted(p.name for p in written)
+    assert sorted(path.name for path in (tmp_path / "it's here").iterdir()) == sorted(
+        p.name for p in written
+    )
 
 
 def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None:
@@ -83,11 +92,15 @@ def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None
     export(tmp_path / "run", tmp_path / "csv")
     export(tmp_path / "run", tmp_path / "parquet", "parquet")
     for table, column in (("cases", "ads"), ("drives", "driver")):
-        rows = csv.DictReader((tmp_path / "csv" / f"{table}.csv").read_text(encoding="utf-8").splitlines())
+        rows = csv.DictReader(
+            (tmp_path / "csv" / f"{table}.csv").read_text(encoding="utf-8").splitlines()
+        )
         names = {row[column] for row in rows}
         assert {"'=1+1", "'-x", "'plain"} <= names
         path = tmp_path / "parquet" / f"{table}.parquet"
-        found = duckdb.sql(f"SELECT DISTINCT {column} FROM read_parquet(?)", params=[str(path)]).fetchall()
+        found = duckdb.sql(
+            f"SELECT DISTINCT {column} FROM read_parquet(?)", params=[str(path)]
+        ).fetchall()
         assert {("=1+1",), ("-x",), ("'plain",)} <= set(found)
 
 
@@ -102,7 +115,11 @@ def test_an_edited_file_beside_the_facts_is_one_sentence_wherever_it_is_read(
     (copy / name).write_text(json.dumps(content, indent=2))
     commands = [("score", copy), ("report", copy), ("compare", run, copy)]
     if name == "manifest.json":  # exposures are written again by a run that goes on
-        commands += [("run", "--out", copy, "--resume"), ("export", copy, "--out", tmp_path / "x"), ("verify", copy)]
+        commands += [
+            ("run", "--out", copy, "--resume"),
+            ("export", copy, "--out", tmp_path / "x"),
+            ("verify", copy),
+        ]
     for command in commands:
         done = sumo_eval_cli(*command)
         assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
@@ -112,7 +129,11 @@ def test_an_edited_file_beside_the_facts_is_one_sentence_wherever_it_is_read(
 def test_a_run_that_is_none_unscored_or_newer_is_refused(run: Path, tmp_path: Path) -> None:
     for command in (("export", tmp_path, "--out", tmp_path / "out"), ("verify", tmp_path)):
         done = sumo_eval_cli(*command)
-        assert (done.returncode, "is no run folder" in done.stderr, "Traceback" in done.stderr) == (2, True, False)
+        assert (done.returncode, "is no run folder" in done.stderr, "Traceback" in done.stderr) == (
+            2,
+            True,
+            False,
+        )
     copy = tmp_path / "copy"
     copy.mkdir()
     for name in ("evaluation.toml", "facts.sqlite"):
@@ -121,6 +142,8 @@ def test_a_run_that_is_none_unscored_or_newer_is_refused(run: Path, tmp_path: Pa
     (copy / "manifest.json").write_text(manifest)
     with pytest.raises(InputError, match=r"has not been scored, cases\.csv is missing"):
         export(copy, tmp_path / "out")
-    (copy / "manifest.json").write_text(manifest.replace(f'"format_version": {FORMAT_VERSION}', '"format_version": 99'))
+    (copy / "manifest.json").write_text(
+        manifest.replace(f'"format_version": {FORMAT_VERSION}', '"format_version": 99')
+    )
     with pytest.raises(InputError, match="format version 99"):
         sumo_eval.open_run(copy)

@@ -1,4 +1,5 @@
-"""An evaluation from a notebook: a dict in, classes and functions of a cell as ADSs, a table and a picture out."""
+"""An evaluation from a notebook: a dict in, classes and functions of a cell as ADSs, a table and a
+picture out."""
 
 import threading
 from importlib.metadata import version
@@ -23,12 +24,15 @@ LIMIT = 4.0
 
 
 class Acc:
-    """Stands in for a class of a cell: it lies within no file that a child could import by its name."""
+    """Stands in for a class of a cell: it lies within no file that a child could import by its
+    name."""
 
     __module__ = "__main__"
 
     def act(self, seen):
-        return 0.0 if seen.lead is None else max(-LIMIT, 0.2 * (seen.lead.gap - 5.0 - seen.ego.speed))
+        return (
+            0.0 if seen.lead is None else max(-LIMIT, 0.2 * (seen.lead.gap - 5.0 - seen.ego.speed))
+        )
 
 
 def brake(seen):
@@ -40,9 +44,13 @@ def test_a_dict_is_an_evaluation_and_a_class_of_a_cell_an_ads(tmp_path, engine):
     def cell(seen):
         return -LIMIT if seen.lead and seen.lead.gap < 40.0 else 0.0
 
-    found = sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=["idm", cell], engine=engine, workers=2)
+    found = sumo_eval.evaluate(
+        EVALUATION, tmp_path / "run", ads=["idm", cell], engine=engine, workers=2
+    )
     assert [ads.name for ads in found.settings.ads] == ["idm", "cell"]
-    assert {case.status for case in found.cases} <= {"ok", "collision"}, [case.error for case in found.cases]
+    assert {case.status for case in found.cases} <= {"ok", "collision"}, [
+        case.error for case in found.cases
+    ]
     again = sumo_eval.evaluate(None, tmp_path / "run", resume=True)
     assert again.scores == found.scores
     html = found._repr_html_()
@@ -53,11 +61,13 @@ def test_a_dict_is_an_evaluation_and_a_class_of_a_cell_an_ads(tmp_path, engine):
 def test_python_reads_what_python_wrote(tmp_path, monkeypatch):
     bare = {name: value for name, value in EVALUATION.items() if name != "ads"}
     monkeypatch.chdir(tmp_path)
-    found = sumo_eval.evaluate(bare, "out", ads=[Acc])  # an evaluation without ADSs takes those that are given
+    # an evaluation without ADSs takes those that are given
+    found = sumo_eval.evaluate(bare, "out", ads=[Acc])
     run = sumo_eval.open_run("out")
     assert list(run.cases["case"]) == [case.case for case in found.cases]
     assert list(run.scores["ads"]) == ["Acc"]
-    for words in (["export", "out", "--format", "csv", "--out", "csv"], ["score", "out"], ["report", "out"],
+    for words in (["export", "out", "--format", "csv", "--out", "csv"], ["score", "out"],
+        ["report", "out"],
                   ["explain", "out", found.cases[0].case], ["compare", "out", "out"]):  # fmt: skip
         done = CliRunner().invoke(main, words)
         assert done.exit_code == 0, done.output
@@ -73,9 +83,15 @@ def test_a_class_a_function_and_an_object_in_the_dict_itself(tmp_path):
     ]
     found = sumo_eval.evaluate({**EVALUATION, "ads": ads}, tmp_path / "run")
     assert {case.error for case in found.cases} == {None}
-    rows = {name: [case.impact_speed for case in found.cases if case.ads == name] for name in ("class", "it")}
+    rows = {
+        name: [case.impact_speed for case in found.cases if case.ads == name]
+        for name in ("class", "it")
+    }
     assert rows["class"] == rows["it"]
-    kept = {ads.name: ads.controller for ads in read_evaluation(tmp_path / "run" / "evaluation.toml").ads}
+    kept = {
+        ads.name: ads.controller
+        for ads in read_evaluation(tmp_path / "run" / "evaluation.toml").ads
+    }
     assert kept["file"].endswith("test_given.py:brake")
     assert kept["class"].startswith(f"given:{tmp_path}/run/ads/Acc-")
     pytest.importorskip("matplotlib")
@@ -90,7 +106,9 @@ def test_what_cannot_be_sent_is_a_sentence_and_leaves_no_run(tmp_path):
     def holds(seen):
         return 0.0 if lock else 1.0
 
-    with pytest.raises(InputError, match=r"ADS `holds` cannot be sent to the processes that drive: TypeError"):
+    with pytest.raises(
+        InputError, match=r"ADS `holds` cannot be sent to the processes that drive: TypeError"
+    ):
         sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=[holds])
     assert not (tmp_path / "run").exists()
 
@@ -101,7 +119,9 @@ def test_two_of_one_name_cannot_be_told_apart(tmp_path):
 
 
 def test_a_wrong_dict_is_refused_like_a_wrong_file(tmp_path):
-    with pytest.raises(InputError, match=r"Unknown key `drivers\.cout` in the evaluation\. Did you mean `count`"):
+    with pytest.raises(
+        InputError, match=r"Unknown key `drivers\.cout` in the evaluation\. Did you mean `count`"
+    ):
         sumo_eval.evaluate({**EVALUATION, "drivers": {"cout": 2}}, tmp_path / "run")
 
 

@@ -1,4 +1,5 @@
-"""A run of ADSs whose exceptions hold anything: a row each, a run folder of ordinary size, files that can be read."""
+"""A run of ADSs whose exceptions hold anything: a row each, a run folder of ordinary size, files
+that can be read."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ ADSS = {
     "Long": "ValueError: xxxxxxxx",
     "Speechless": "SpeechlessError: (its text cannot be had: __str__ raised ValueError)",
     "Surrogate": r"SurrogateError: lost \ud800 half",
-    "Controls": r"ValueError: nul \x00 escape \x1b[31m turned \u202e <script>alert(1)</script> second line",
+    "Controls": r"ValueError: nul \x00 escape \x1b[31m turned \u202e <script>alert(1)</script> "
+    r"second line",
     "Formula": "two arguments at 0.05 s.",
     "Leaves": "SystemExit: =HYPERLINK()",
     "Interrupts": "RuntimeError: it raised KeyboardInterrupt",
@@ -41,7 +43,9 @@ workers = 2
 [[ads]]
 name = "=1+2"
 controller = "idm"
-""" + "".join(f'[[ads]]\nname = "{name}"\ncontroller = "hostile_texts.py:{name}"\n' for name in ADSS)
+""" + "".join(
+    f'[[ads]]\nname = "{name}"\ncontroller = "hostile_texts.py:{name}"\n' for name in ADSS
+)
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +65,18 @@ def rows(folder: Path) -> list[dict[str, str]]:
 
 
 def test_the_module_of_this_test_drives_every_ads() -> None:
-    made = {name for name, item in vars(hostile_texts).items() if isinstance(item, type) and issubclass(item, _Raises)}
+    made = {
+        name
+        for name, item in vars(hostile_texts).items()
+        if isinstance(item, type) and issubclass(item, _Raises)
+    }
     assert made - {"_Raises"} == set(ADSS)
 
 
 @pytest.mark.parametrize("name", ADSS)
-def test_every_such_exception_is_a_row_with_a_sentence_and_its_place(run: tuple[str, Path], name: str) -> None:
+def test_every_such_exception_is_a_row_with_a_sentence_and_its_place(
+    run: tuple[str, Path], name: str
+) -> None:
     _, folder = run
     found = [row for row in rows(folder) if row["ads"] == name]
     assert len(found) == POINTS
@@ -80,7 +90,8 @@ def test_every_such_exception_is_a_row_with_a_sentence_and_its_place(run: tuple[
 
 def test_the_run_folder_has_an_ordinary_size_and_logs_are_bounded(run: tuple[str, Path]) -> None:
     _, folder = run
-    assert (folder / "facts.sqlite").stat().st_size < 2_000_000  # one message of 40 MB alone would be 20 times that
+    # one message of 40 MB alone would be 20 times that
+    assert (folder / "facts.sqlite").stat().st_size < 2_000_000
     assert sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) < 10_000_000
     with open_store(folder / "facts.sqlite") as store:
         for fact in store.each_fact("ads"):
@@ -95,7 +106,11 @@ def test_every_file_of_the_run_can_be_read(run: tuple[str, Path]) -> None:
     errors = etree.parse(folder / "junit.xml").findall(".//error")
     assert len(errors) >= POINTS * len(ADSS)
     for name in ADSS:
-        messages = [item.get("message") for item in errors if item.getparent().get("classname").endswith(f".{name}")]
+        messages = [
+            item.get("message")
+            for item in errors
+            if item.getparent().get("classname").endswith(f".{name}")
+        ]
         assert messages
         assert all("At hostile_texts.py:" in message for message in messages), messages
     page = (folder / "report.html").read_text(encoding="utf-8")
@@ -111,11 +126,15 @@ def test_the_names_that_a_spreadsheet_would_run_are_quoted(run: tuple[str, Path]
     assert ",=1+2" not in text
 
 
-def test_the_terminal_names_the_first_of_each_kind_with_its_place_and_counts_the_others(run: tuple[str, Path]) -> None:
+def test_the_terminal_names_the_first_of_each_kind_with_its_place_and_counts_the_others(
+    run: tuple[str, Path],
+) -> None:
     said, _ = run
     lines = [line for line in said.splitlines() if " At hostile_texts.py:" in line]
     assert len(lines) == 5  # kinds; the report has the others
-    assert all(" and 2 more: The ADS " in line or " and 2 more: two arguments" in line for line in lines), lines
+    assert all(
+        " and 2 more: The ADS " in line or " and 2 more: two arguments" in line for line in lines
+    ), lines
     assert "  and 9 more, all in the report." in said.splitlines()  # 3 kinds of 3 cases
     assert "\x1b" not in said
 

@@ -1,5 +1,5 @@
-"""What is computed once a point: equal to each D_i alone; what a run's folder keeps of it is taken over only while it
-is what computing it again would give.
+"""What is computed once a point: equal to each D_i alone; what a run's folder keeps of it is taken
+over only while it is what computing it again would give.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
         point = store.facts("human")[0].point
         (ads,) = (fact.case for fact in store.facts("ads") if fact.point == point)
         drivers = tuple(fact.case for fact in store.facts("human") if fact.point == point)
-    return folder / "facts.sqlite", PointJob(drivers, load("front_vehicle_low_speed").road, left_out=(ads,), band=True)
+    return folder / "facts.sqlite", PointJob(
+        drivers, load("front_vehicle_low_speed").road, left_out=(ads,), band=True
+    )
 
 
 def computed(job: Job, settings: AnthropomorphicSettings = SETTINGS) -> PointResult:
@@ -63,15 +65,24 @@ def test_band_and_left_out_drivers_are_each_index_alone(job: Job, mode: str) -> 
     alone = anthropomorphic_index(own, drivers, wanted.road, settings)
     assert found.indexes[ads].value == pytest.approx(alone.value, rel=1e-9)
     assert (found.indexes[ads].notes, found.indexes[ads].share) == (alone.notes, alone.share)
-    expected = [anthropomorphic_index(own, fewer, wanted.road, coarse).value for fewer in (drivers, *others)]
+    expected = [
+        anthropomorphic_index(own, fewer, wanted.road, coarse).value for fewer in (drivers, *others)
+    ]
     left_out = found.left_out[ads]
     assert [left_out.everyone, *left_out.without] == pytest.approx(expected, rel=1e-9)
     twice = [[drivers[place] for place in places] for places in ((1, 2, 2, 3), (0, 1, 1, 2))]
     pairing = Pairing(4, (0, 1, 2, 3), 4.0, likeness=True)
-    exchanged = [indexes_by_group([*people, own], [[pairing]], wanted.road, coarse)[0][0] for people in twice]
+    exchanged = [
+        indexes_by_group([*people, own], [[pairing]], wanted.road, coarse)[0][0] for people in twice
+    ]
     assert left_out.exchanged == pytest.approx(fmean(index.value for index in exchanged), rel=1e-9)
-    assert left_out.likeness_exchanged == pytest.approx(fmean(one.likeness.value for one in exchanged), rel=1e-9)
-    among = [anthropomorphic_index(one, fewer, wanted.road, coarse) for one, fewer in zip(drivers, others, strict=True)]
+    assert left_out.likeness_exchanged == pytest.approx(
+        fmean(one.likeness.value for one in exchanged), rel=1e-9
+    )
+    among = [
+        anthropomorphic_index(one, fewer, wanted.road, coarse)
+        for one, fewer in zip(drivers, others, strict=True)
+    ]
     assert found.band is not None
     assert found.band.values == pytest.approx([index.value for index in among], rel=1e-9)
     assert found.band.similarities == pytest.approx([index.similarity for index in among], rel=1e-9)
@@ -82,11 +93,16 @@ def test_with_two_drivers_none_can_be_left_out(job: Job) -> None:
     found = computed((facts, replace(wanted, drivers=wanted.drivers[:2], band=False)))
     (left_out,) = found.left_out.values()
     assert (left_out.without, found.band) == ((), None)
-    assert (left_out.exchanged, left_out.likeness_exchanged) == (left_out.everyone, left_out.likeness)
+    assert (left_out.exchanged, left_out.likeness_exchanged) == (
+        left_out.everyone,
+        left_out.likeness,
+    )
     assert 0.0 < left_out.everyone <= 1.0
 
 
-def test_what_is_kept_is_what_was_computed_to_the_last_digit(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_kept_is_what_was_computed_to_the_last_digit(
+    job: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
     facts, wanted = job
     judged = facts, replace(wanted, ads=wanted.left_out)
     first = computed(judged)
@@ -102,7 +118,9 @@ def test_what_is_kept_is_what_was_computed_to_the_last_digit(job: Job, monkeypat
 
 
 @pytest.mark.parametrize("spacing", [0.5, 2.5])
-def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(job: Job, spacing: float) -> None:
+def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(
+    job: Job, spacing: float
+) -> None:
     # At 2.5 m boxes pay for the band and not for the index alone; at 0.5 m they pay for both.
     facts, whole = job
     wanted, settings = replace(whole, ads=whole.left_out), replace(SETTINGS, slice_spacing=spacing)
@@ -124,7 +142,8 @@ def test_other_settings_and_other_drives_are_not_taken_for_the_same(job: Job) ->
 
 
 @pytest.mark.parametrize(
-    "damage", [b"no database at all, but long enough to be one" * 40, b"SQLite format 3\0" + 200 * b"x"]
+    "damage",
+    [b"no database at all, but long enough to be one" * 40, b"SQLite format 3\0" + 200 * b"x"],
 )
 def test_a_damaged_file_of_results_is_a_sentence_and_costs_only_the_time_to_compute_them(
     job: Job, damage: bytes
@@ -146,7 +165,9 @@ def test_an_edited_number_in_a_file_of_results_is_found(job: Job, kind: str) -> 
     kept = facts.parent / KEPT
     with closing(sqlite3.connect(kept)) as connection, connection:
         changed = connection.execute(
-            "UPDATE parts SET data = CAST(replace(CAST(data AS TEXT), '0.', '0.1') AS BLOB) WHERE kind = ?", (kind,)
+            "UPDATE parts SET data = CAST(replace(CAST(data AS TEXT), '0.', '0.1') AS BLOB) WHERE "
+            "kind = ?",
+            (kind,),
         )
         assert changed.rowcount > 0
     with pytest.raises(InputError, match="not as it was written"):

@@ -16,11 +16,16 @@ def test_facts_depend_on_the_code_that_makes_them_and_on_the_scenario_files(tmp_
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
     as_it_was = sources_of_facts(copy)
     assert as_it_was == sources_of_facts(PACKAGE)
-    assert {"scenario/files/cut_in.toml", "scenario/concrete.py", "ads/car_following.py", "record/worker.py"} <= set(
-        as_it_was
-    )
+    assert {
+        "scenario/files/cut_in.toml",
+        "scenario/concrete.py",
+        "ads/car_following.py",
+        "record/worker.py",
+    } <= set(as_it_was)
     file = copy / "scenario" / "files" / "cut_in.toml"
-    file.write_text(file.read_text(encoding="utf-8").replace("high = 40.0", "high = 39.0"), encoding="utf-8")
+    file.write_text(
+        file.read_text(encoding="utf-8").replace("high = 40.0", "high = 39.0"), encoding="utf-8"
+    )
     (copy / "report" / "html.py").unlink()  # the report makes no facts
     changed = {name for name, found in sources_of_facts(copy).items() if found != as_it_was[name]}
     assert changed == {"scenario/files/cut_in.toml"}

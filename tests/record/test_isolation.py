@@ -1,4 +1,5 @@
-"""Accidents in the process that serves an ADS: its own row is lost at most, and every other is as without."""
+"""Accidents in the process that serves an ADS: its own row is lost at most, and every other is as
+without."""
 
 from __future__ import annotations
 
@@ -55,7 +56,11 @@ def facts(outcome: Outcome) -> tuple[object, ...]:
     """What the store keeps of it as facts."""
     found = outcome.recording
     kept = keep(found) if isinstance(found, Recording) else found
-    return outcome.status, outcome.error, kept and (kept.drives, kept.collision, kept.end_reason, kept.clips)
+    return (
+        outcome.status,
+        outcome.error,
+        kept and (kept.drives, kept.collision, kept.end_reason, kept.clips),
+    )
 
 
 def driven(accidents: list[str], workers: int) -> list[Outcome]:
@@ -66,8 +71,12 @@ def driven(accidents: list[str], workers: int) -> list[Outcome]:
         for accident in accidents
         for locator in (INNOCENT[0], f"hostile_ads.py:{accident}", *INNOCENT[1:])
     ]
-    found = list(run_cases(cases, Setup(SimulationSettings(), RunSettings(workers=workers, **LIMITS), HERE)))
-    assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), "each exactly once"
+    found = list(
+        run_cases(cases, Setup(SimulationSettings(), RunSettings(workers=workers, **LIMITS), HERE))
+    )
+    assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), (
+        "each exactly once"
+    )
     return found
 
 
@@ -98,7 +107,9 @@ def outcomes() -> list[Outcome]:
 
 
 @pytest.mark.parametrize("accident", OF_EACH_KIND)
-def test_an_accident_costs_its_own_row_which_says_so(outcomes: list[Outcome], accident: str) -> None:
+def test_an_accident_costs_its_own_row_which_says_so(
+    outcomes: list[Outcome], accident: str
+) -> None:
     (outcome,) = [outcome for outcome in outcomes if outcome.case.driver == accident]
     assert outcome.status in hostile_ads.ACCIDENTS[accident], outcome.error
     assert outcome.error or outcome.status in ("ok", "collision", "off_road")
@@ -108,7 +119,9 @@ def test_every_row_beside_accidents_is_what_it_is_alone(outcomes: list[Outcome])
     untouched(outcomes)
 
 
-def test_processes_in_sessions_of_their_own_end_with_the_child_that_left_them(outcomes: list[Outcome]) -> None:
+def test_processes_in_sessions_of_their_own_end_with_the_child_that_left_them(
+    outcomes: list[Outcome],
+) -> None:
     assert outcomes
     assert nothing_left()
 
@@ -121,20 +134,30 @@ def test_memory_that_is_shared_or_anothers_counts_and_the_row_says_how_much(
     assert "more than the 600 MB of `run.memory_limit`" in (outcome.error or "")
 
 
-# --- one process, one locator -----------------------------------------------------------------------------------------
+# --- one process, one locator ---------------------------------------------------------------------
 
-PLANNER = "from sumo_eval import Command\nimport os\n\ndef plan():\n    print(os.getpid())\n    return Command({})\n"
+PLANNER = (
+    "from sumo_eval import Command\nimport os\n\ndef plan():\n    print(os.getpid())\n    return "
+    "Command({})\n"
+)
 MINE = "from planner import plan\n\ndef drive(traci, ego, now):\n    return plan()\n"
 
 
 def two_planners(folder: Path) -> list[Case]:
-    """Cases of `a/my.py` and `b/my.py`, each with a `planner.py` of its own beside it, one after the other."""
+    """Cases of `a/my.py` and `b/my.py`, each with a `planner.py` of its own beside it, one after
+    the other."""
     for name, acceleration in (("a", -1.0), ("b", -2.0)):
         (folder / name).mkdir(parents=True)
         (folder / name / "planner.py").write_text(PLANNER.format(acceleration))
         (folder / name / "my.py").write_text(MINE)
     return [
-        Case(point, SPACE.concrete(ego_speed=20, lead_speed=speed), "ads", name, f"{name}/my.py:drive")
+        Case(
+            point,
+            SPACE.concrete(ego_speed=20, lead_speed=speed),
+            "ads",
+            name,
+            f"{name}/my.py:drive",
+        )
         for point, speed in enumerate((5, 10))
         for name in ("a", "b")
     ]
@@ -177,14 +200,16 @@ def test_a_process_serves_one_locator_in_its_life(tmp_path: Path) -> None:
 def test_the_serial_engine_refuses_a_second_ads_of_the_users_and_takes_one(tmp_path: Path) -> None:
     cases = two_planners(tmp_path)
     setup = Setup(SimulationSettings(), RunSettings(engine="serial"), tmp_path)
-    with pytest.raises(InputError, match=r"one ADS of yours, got ADS `a/my.py:drive` and ADS `b/my.py:drive`"):
+    with pytest.raises(
+        InputError, match=r"one ADS of yours, got ADS `a/my.py:drive` and ADS `b/my.py:drive`"
+    ):
         list(run_cases(cases, setup))
     with pytest.raises(InputError, match="one ADS of yours"):
         identify([("ADS", "a/my.py:drive"), ("ADS", "b/my.py:drive")], setup)
     assert len(identify([("ADS", "a/my.py:drive"), ("ADS", "idm")], setup)) == 2
 
 
-# --- frames -----------------------------------------------------------------------------------------------------------
+# --- frames ---------------------------------------------------------------------------------------
 
 
 def test_a_frame_is_read_byte_by_byte_as_it_was_written() -> None:
@@ -222,7 +247,7 @@ def test_no_bit_of_a_frame_can_flip_unseen() -> None:
         assert found is None, "a longer length waits for what does not come"
 
 
-# --- process hygiene --------------------------------------------------------------------------------------------------
+# --- process hygiene ------------------------------------------------------------------------------
 
 
 def test_no_process_of_the_pool_holds_a_descriptor_of_the_owner(tmp_path: Path) -> None:
@@ -239,14 +264,17 @@ def test_no_process_of_the_pool_holds_a_descriptor_of_the_owner(tmp_path: Path) 
         "def drive(traci, ego, now):\n"
         "    if now == 0.0:\n"
         "        supervisor = os.getppid()\n"
-        "        server = int(open(f'/proc/{supervisor}/stat').read().rpartition(')')[2].split()[1])\n"
+        "        server = "
+        "int(open(f'/proc/{supervisor}/stat').read().rpartition(')')[2].split()[1])\n"
         "        print(json.dumps([held(pid) for pid in (os.getpid(), supervisor, server)]))\n"
         "    return Command(0.0)\n"
     )
     with (tmp_path / "facts.sqlite").open("w") as store:
         os.set_inheritable(store.fileno(), True)
         case = Case(0, CONCRETE, "ads", "x", "ads.py:drive")
-        (outcome,) = run_cases([case], Setup(SimulationSettings(), RunSettings(workers=1), tmp_path))
+        (outcome,) = run_cases(
+            [case], Setup(SimulationSettings(), RunSettings(workers=1), tmp_path)
+        )
     child, supervisor, server = json.loads(outcome.log.splitlines()[0])
     assert child
     assert supervisor
@@ -277,12 +305,18 @@ def test_the_process_that_makes_children_leaves_what_its_owner_says_to_the_owner
         "for kind in (EOFError, BlockingIOError, ValueError):\n"
         "    sys.excepthook(kind, kind('ended'), None)\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert done.stderr.strip() == "ValueError: ended"
 
 
-@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.campaign), signal.SIGKILL])
-def test_a_signal_ends_a_run_whatever_its_children_do(tmp_path: Path, number: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGTERM, marks=pytest.mark.campaign), signal.SIGKILL]
+)
+def test_a_signal_ends_a_run_whatever_its_children_do(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     ads = (
         "import os, time\nfrom sumo_eval import Command\n\n"
         "class MyAds:\n"
@@ -297,7 +331,9 @@ def test_a_signal_ends_a_run_whatever_its_children_do(tmp_path: Path, number: si
         "        return Command(0.0)\n"
     )
     path = write_evaluation(tmp_path, ads=ads, case_timeout=10_000.0)
-    with subprocess.Popen(command("run", path, "--out", tmp_path / "run"), stderr=subprocess.PIPE) as run:
+    with subprocess.Popen(
+        command("run", path, "--out", tmp_path / "run"), stderr=subprocess.PIPE
+    ) as run:
         while not (tmp_path / "begun").exists():
             assert run.poll() is None
             clock.sleep(0.02)
@@ -312,7 +348,7 @@ def test_a_signal_ends_a_run_whatever_its_children_do(tmp_path: Path, number: si
     assert nothing_left()
 
 
-# --- the campaign -----------------------------------------------------------------------------------------------------
+# --- the campaign ---------------------------------------------------------------------------------
 
 
 @pytest.mark.campaign
@@ -326,5 +362,8 @@ def test_accidents_again_and_again(capsys: pytest.CaptureFixture[str]) -> None:
         print(f"\n{len(accidents)} accidents {dict(ends)}; all rows beside them as alone")
     for outcome in found:
         allowed = hostile_ads.ACCIDENTS.get(outcome.case.driver)
-        assert allowed is None or outcome.status in allowed | hostile_ads.LOST, (outcome.case, outcome.error)
+        assert allowed is None or outcome.status in allowed | hostile_ads.LOST, (
+            outcome.case,
+            outcome.error,
+        )
     assert nothing_left()

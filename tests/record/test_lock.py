@@ -1,4 +1,5 @@
-"""The lock of run folders and histories: one holder, whose words a refusal repeats; it ends with the process."""
+"""The lock of run folders and histories: one holder, whose words a refusal repeats; it ends with
+the process."""
 
 from __future__ import annotations
 
@@ -25,7 +26,10 @@ def test_whoever_comes_second_is_told_who_holds_it_and_wipes_out_nothing(tmp_pat
     path = tmp_path / "lock"
     with held(path, "the first", "The folder", str):
         for _ in range(2):
-            with pytest.raises(InputError, match="the first"), held(path, "the second", "The folder", str):
+            with (
+                pytest.raises(InputError, match="the first"),
+                held(path, "the second", "The folder", str),
+            ):
                 pass
         assert path.read_text() == "the first\n"
     assert not path.exists()
@@ -36,11 +40,17 @@ def test_whoever_comes_second_is_told_who_holds_it_and_wipes_out_nothing(tmp_pat
 def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     with subprocess.Popen(
-        [sys.executable, "-c", HOLDER, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", HOLDER, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     ) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
-        with pytest.raises(InputError, match="process of the test"), held(path, "mine", "The folder", str):
+        with (
+            pytest.raises(InputError, match="process of the test"),
+            held(path, "mine", "The folder", str),
+        ):
             pass
         holder.kill()
     assert path.exists(), "a killed process takes nothing away"

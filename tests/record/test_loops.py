@@ -1,4 +1,5 @@
-"""Compiling before the first case: what a run needs, once on a machine; only what came to its end counts as done."""
+"""Compiling before the first case: what a run needs, once on a machine; only what came to its end
+counts as done."""
 
 from __future__ import annotations
 
@@ -19,11 +20,15 @@ from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation
 
 ROOT = Path(__file__).parents[2]
 LEAD = Actor("lead", Start(50.0, 0.0, 5.0))
-CONCRETE = ConcreteScenario("none", {}, 1.0, Road("road", 100.0, 2, 3.5, 0.0), Start(10.0, 0.0, 10.0), (LEAD,))
+CONCRETE = ConcreteScenario(
+    "none", {}, 1.0, Road("road", 100.0, 2, 3.5, 0.0), Start(10.0, 0.0, 10.0), (LEAD,)
+)
 
 
 @pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
-def test_what_failed_to_compile_is_not_marked_as_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_failed_to_compile_is_not_marked_as_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(loops, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(loops, "warm", lambda scripts: loops._mark("idm").touch())
     told: list[tuple[int, int, int]] = []
@@ -51,7 +56,10 @@ def test_an_interrupt_ends_what_compiles(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGALRM, press)
-    begun = f"import os, time; open({str(file)!r}, 'w').write(str(os.getpid())); os.kill({os.getpid()}, 14)"
+    begun = (
+        f"import os, time; open({str(file)!r}, 'w').write(str(os.getpid())); "
+        f"os.kill({os.getpid()}, 14)"
+    )
     try:
         with pytest.raises(KeyboardInterrupt):
             kernels.warm([f"{begun}; time.sleep(300)"])
@@ -63,18 +71,21 @@ def test_an_interrupt_ends_what_compiles(tmp_path: Path) -> None:
 
 @pytest.mark.campaign
 def test_children_take_no_module_from_the_folder_in_which_a_run_is_started(tmp_path: Path) -> None:
-    """A clone of this package lies there, as where it is installed from, and files that are called as modules are."""
+    """A clone of this package lies there, as where it is installed from, and files that are called
+    as modules are."""
     (tmp_path / "sumo_eval").mkdir()
     for name in ("sumo_eval/__init__.py", "random.py", "numba.py"):
         (tmp_path / name).write_text("raise RuntimeError('taken from the working folder')\n")
     (tmp_path / "mine.py").write_text("def acc(seen):\n    return 0.0\n")
     (tmp_path / "evaluation.toml").write_text(
-        'name = "x"\n[[scenario]]\nuse = "front_vehicle_low_speed"\nsampling.levels = 2\n[[ads]]\nname = "mine"\n'
+        'name = "x"\n[[scenario]]\nuse = "front_vehicle_low_speed"\nsampling.levels = '
+        '2\n[[ads]]\nname = "mine"\n'
         'controller = "mine.py:acc"\n[drivers]\ncount = 2\n'
     )
     done = subprocess.run(
         [sys.executable, "-P", "-m", "sumo_eval", "run", "evaluation.toml", "--out", "run"],
-        cwd=tmp_path, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "working folder" not in done.stderr
@@ -84,10 +95,14 @@ def test_children_take_no_module_from_the_folder_in_which_a_run_is_started(tmp_p
 def test_a_run_compiles_what_it_needs() -> None:
     settings = read_evaluation(PAPER_EVALUATION)
     assert loops.of_evaluation(settings) == {
-        loops.WORLD, loops.FIELDS, loops.PEOPLE, "ideal_braking", "no_reaction", "idm", "lane_changer"
+        loops.WORLD, loops.FIELDS, loops.PEOPLE, "ideal_braking", "no_reaction", "idm",
+        "lane_changer"
     }  # fmt: skip
     assert loops.of_cases([Case(0, CONCRETE, "ads", "mine", "my_ads.py:Mine")]) == {loops.WORLD}
-    assert loops.of_cases([Case(0, CONCRETE, "human", "driver_00", "synthetic")]) == {loops.WORLD, loops.PEOPLE}
+    assert loops.of_cases([Case(0, CONCRETE, "human", "driver_00", "synthetic")]) == {
+        loops.WORLD,
+        loops.PEOPLE,
+    }
 
 
 def test_every_rule_that_ships_is_a_piece() -> None:

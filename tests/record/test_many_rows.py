@@ -21,7 +21,9 @@ def peak(path: Path, rows: int) -> float:
 @pytest.mark.campaign
 def test_the_memory_of_the_parent_is_bounded(tmp_path: Path) -> None:
     small, large = peak(tmp_path / "a", 300), peak(tmp_path / "b", 3_000)
-    assert large - small < 2.0, "MB for ten times the rows; the numbers of the struck points are all that grows"
+    assert large - small < 2.0, (
+        "MB for ten times the rows; the numbers of the struck points are all that grows"
+    )
 
 
 @pytest.mark.campaign

@@ -1,4 +1,5 @@
-"""Cases that run together are what they are alone, whatever the size of the packs, and a fault costs its own case."""
+"""Cases that run together are what they are alone, whatever the size of the packs, and a fault
+costs its own case."""
 
 from __future__ import annotations
 
@@ -43,7 +44,13 @@ def setup(**run: Any) -> Setup:
 def cases(controller: str, count: int = 9) -> list[Case]:
     """Drives at one ego speed each, 15, 16 ... m/s."""
     return [
-        Case(number, SPACE.concrete(ego_speed=15.0 + number, lead_speed=5.0), "ads", "mine", controller)
+        Case(
+            number,
+            SPACE.concrete(ego_speed=15.0 + number, lead_speed=5.0),
+            "ads",
+            "mine",
+            controller,
+        )
         for number in range(count)
     ]
 
@@ -54,7 +61,9 @@ def facts(outcomes: list[Outcome]) -> dict[str, tuple[object, ...]]:
     for outcome in outcomes:
         recording = outcome.recording
         assert recording is None or isinstance(recording, KeptRecording)
-        drives = None if recording is None else (recording.drives, recording.collision, recording.clips)
+        drives = (
+            None if recording is None else (recording.drives, recording.collision, recording.clips)
+        )
         found[outcome.case.key] = (outcome.status, outcome.error, drives)
     assert len(found) == len(outcomes), "each exactly once"
     return found
@@ -76,7 +85,8 @@ def test_a_faulty_case_costs_itself_alone_and_the_log_says_when_it_broke_its_pac
 ) -> None:
     drives = cases(f"faulty_policies.py:{fault}")
     assert drives[FAULTY].concrete.ego.speed == 20.0
-    limits = {**LIMITS, "case_timeout": 1.0} if fault == "HangsInC" else LIMITS  # three times it takes all of it
+    # three times it takes all of it
+    limits = {**LIMITS, "case_timeout": 1.0} if fault == "HangsInC" else LIMITS
     together = list(run_cases(drives, setup(workers=1, **limits)))
     alone = list(run_cases(drives, setup(workers=1, cases_per_pack=1, **limits)))
     assert facts(together) == facts(alone)
@@ -91,12 +101,15 @@ def test_a_faulty_case_costs_itself_alone_and_the_log_says_when_it_broke_its_pac
 
 @pytest.mark.parametrize("ads", ["Gambles", "ImportsTraci", "Steps"])
 def test_what_cannot_ride_is_driven_alone_and_is_what_it_is_alone(ads: str) -> None:
-    """Global random numbers have to come case by case; who asks SUMO needs its case alone, and so does TraCI code."""
+    """Global random numbers have to come case by case; who asks SUMO needs its case alone, and so
+    does TraCI code."""
     together = list(run_cases(cases(f"faulty_policies.py:{ads}"), setup(workers=1)))
     alone = list(run_cases(cases(f"faulty_policies.py:{ads}"), setup(workers=1, cases_per_pack=1)))
     assert facts(together) == facts(alone)
     assert {outcome.status for outcome in together} == {"collision"}
-    assert [outcome.case.point for outcome in together if outcome.log] == ([FAULTY] if ads == "ImportsTraci" else [])
+    assert [outcome.case.point for outcome in together if outcome.log] == (
+        [FAULTY] if ads == "ImportsTraci" else []
+    )
 
 
 def test_what_a_pack_prints_and_how_it_ended_stands_in_the_logs() -> None:
@@ -117,9 +130,13 @@ def test_an_ads_that_cannot_be_loaded_is_rejected_case_by_case() -> None:
 def kinds() -> list[Case]:
     """ADSs, the ideal vehicle; two scenarios; mixed."""
     found: list[Case] = []
-    for number, (gap, speed) in enumerate([(20.0, 8.0), (40.0, 12.5), (60.0, 16.0), (30.0, 6.0), (50.0, 10.0)]):
+    for number, (gap, speed) in enumerate(
+        [(20.0, 8.0), (40.0, 12.5), (60.0, 16.0), (30.0, 6.0), (50.0, 10.0)]
+    ):
         concrete = CUT_IN.concrete(ego_speed=20.0, cut_in_speed=speed, gap=gap, lateral_speed=0.9)
-        found += [Case(number, concrete, "ads", name, name) for name in ("careful_driver", "no_reaction")]
+        found += [
+            Case(number, concrete, "ads", name, name) for name in ("careful_driver", "no_reaction")
+        ]
         found.append(Case(number, concrete, "ideal", "ideal", "ideal_braking"))
         low = SPACE.concrete(ego_speed=15.0 + number, lead_speed=speed)
         found += [Case(number, low, "ads", name, name) for name in ("careful_driver", "rss")]
@@ -133,7 +150,9 @@ def stored(path: Path, run: Setup) -> str:
         return store.digest()
 
 
-def test_neither_the_size_of_packs_nor_workers_nor_the_engine_changes_a_byte(tmp_path: Path) -> None:
+def test_neither_the_size_of_packs_nor_workers_nor_the_engine_changes_a_byte(
+    tmp_path: Path,
+) -> None:
     alone = stored(tmp_path / "alone", setup(workers=1, cases_per_pack=1))
     for number, run in enumerate(
         [
@@ -148,15 +167,20 @@ def test_neither_the_size_of_packs_nor_workers_nor_the_engine_changes_a_byte(tmp
         assert stored(tmp_path / str(number), run) == alone
 
 
-def test_conditions_of_the_ads_keep_it_out_of_packs_and_change_nothing_for_the_ideal_vehicle(tmp_path: Path) -> None:
+def test_conditions_of_the_ads_keep_it_out_of_packs_and_change_nothing_for_the_ideal_vehicle(
+    tmp_path: Path,
+) -> None:
     noisy = replace(SIMULATION, conditions=replace(SIMULATION.conditions, reveal_scenario=True))
     found = [
-        stored(tmp_path / str(size), Setup(noisy, RunSettings(workers=1, cases_per_pack=size), HERE)) for size in (1, 9)
+        stored(
+            tmp_path / str(size), Setup(noisy, RunSettings(workers=1, cases_per_pack=size), HERE)
+        )
+        for size in (1, 9)
     ]
     assert found[0] == found[1]
 
 
-# --- which cases go together ------------------------------------------------------------------------------------------
+# --- which cases go together ----------------------------------------------------------------------
 
 
 def taken(packs: Packs) -> list[int]:
@@ -169,7 +193,8 @@ def taken(packs: Packs) -> list[int]:
 
 
 def idle_at_the_end(sizes: list[int], lengths: list[int], workers: int) -> int:
-    """How long workers have nothing to do: each takes the next pack when it is free; a pack costs 8, and its cases."""
+    """How long workers have nothing to do: each takes the next pack when it is free; a pack costs
+    8, and its cases."""
     free_at, first = [0] * workers, 0
     for size in sizes:
         soonest = free_at.index(min(free_at))
@@ -178,7 +203,9 @@ def idle_at_the_end(sizes: list[int], lengths: list[int], workers: int) -> int:
     return sum(max(free_at) - time for time in free_at)
 
 
-@pytest.mark.parametrize(("count", "workers"), [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)])
+@pytest.mark.parametrize(
+    ("count", "workers"), [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)]
+)
 def test_packs_are_few_and_leave_all_workers_work_to_the_end(count: int, workers: int) -> None:
     concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
     drives = [Case(number, concrete, "ads", "a", "a") for number in range(count)]
@@ -192,7 +219,8 @@ def test_packs_are_few_and_leave_all_workers_work_to_the_end(count: int, workers
         [1 + (number * 7919) % 5 for number in range(count)],
         [3] * (count // 2) + [1] * count,
     ):
-        least = 8 + LEAST * max(lengths)  # of a pack; no worker waits longer than the last of them takes
+        # of a pack; no worker waits longer than the last of them takes
+        least = 8 + LEAST * max(lengths)
         assert idle_at_the_end(sizes, lengths, workers) <= (workers - 1) * least
 
 
@@ -222,7 +250,9 @@ def test_the_longest_cases_of_a_kind_go_first_and_kinds_in_their_order() -> None
     ]
 
 
-def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_each(tmp_path: Path) -> None:
+def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_each(
+    tmp_path: Path,
+) -> None:
     coarse = {
         "front_vehicle_low_speed": {"ego_speed": 5.0, "lead_speed": 10.0},
         "front_vehicle_cut_out": {"ego_speed": 10.0, "obstacle_speed": 10.0, "gap": 90.0},
@@ -230,7 +260,9 @@ def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_eac
     settings = EvaluationSettings(
         name="two",
         simulation=replace(SIMULATION, end_when_decided=False),
-        scenario=tuple(ScenarioSettings(name, SamplingSettings(steps=steps)) for name, steps in coarse.items()),
+        scenario=tuple(
+            ScenarioSettings(name, SamplingSettings(steps=steps)) for name, steps in coarse.items()
+        ),
         ads=(AdsSettings("idm", "idm"),),
         drivers=DriverSettings(count=2),
         run=RunSettings(engine="serial"),
@@ -248,7 +280,9 @@ def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_eac
     assert all(done == total for done, total in shown.values())
 
 
-@pytest.mark.parametrize(("too_slow", "expected"), [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])])
+@pytest.mark.parametrize(
+    ("too_slow", "expected"), [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])]
+)
 def test_packs_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_hold(
     too_slow: bool, expected: list[int]
 ) -> None:
@@ -286,7 +320,10 @@ def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins() 
 def test_settings_that_reject_a_case_alone_reject_it_in_a_pack() -> None:
     odd = replace(SIMULATION, step=0.03, record_interval=0.1)
     for ads in ("careful_driver", "idm"):
-        found = [list(run_cases(cases(ads, 3), Setup(odd, RunSettings(cases_per_pack=size), HERE))) for size in (1, 3)]
+        found = [
+            list(run_cases(cases(ads, 3), Setup(odd, RunSettings(cases_per_pack=size), HERE)))
+            for size in (1, 3)
+        ]
         assert facts(found[0]) == facts(found[1])
         assert {outcome.status for outcome in found[1]} == {"rejected"}
 
@@ -297,7 +334,10 @@ def test_a_score_says_which_drives_left_their_pack(tmp_path: Path) -> None:
         name="packs",
         simulation=SIMULATION,
         scenario=(ScenarioSettings("front_vehicle_low_speed", sampling),),
-        ads=(AdsSettings("mine", f"{HERE / 'faulty_policies.py'}:Exits"), AdsSettings("idm", "idm")),
+        ads=(
+            AdsSettings("mine", f"{HERE / 'faulty_policies.py'}:Exits"),
+            AdsSettings("idm", "idm"),
+        ),
         drivers=DriverSettings(count=2),
     )
     mine, idm = sumo_eval.evaluate(settings, tmp_path / "run").scores

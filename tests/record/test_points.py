@@ -9,8 +9,12 @@ from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings
 
 
 def test_an_empty_sampling_names_the_constraint_that_ruled_out_how_many(tmp_path):
-    (tmp_path / "points.csv").write_text("ego_speed,obstacle_speed,gap\n10,10,60\n20,20,60\n20,20,90\n")
-    entry = ScenarioSettings("front_vehicle_cut_out", SamplingSettings(method="file", file="points.csv"))
+    (tmp_path / "points.csv").write_text(
+        "ego_speed,obstacle_speed,gap\n10,10,60\n20,20,60\n20,20,90\n"
+    )
+    entry = ScenarioSettings(
+        "front_vehicle_cut_out", SamplingSettings(method="file", file="points.csv")
+    )
     settings = EvaluationSettings("x", (entry,), (AdsSettings("idm", "idm"),))
     with pytest.raises(InputError) as refused:
         choose_points(load(entry.use), entry, tmp_path, settings)

@@ -1,4 +1,5 @@
-"""Runs with vehicles that react: whose collision one from behind is, and the same facts however they are made."""
+"""Runs with vehicles that react: whose collision one from behind is, and the same facts however
+they are made."""
 
 from __future__ import annotations
 
@@ -62,13 +63,17 @@ def test_a_collision_from_behind_is_the_others_and_counted_apart_unless_a_settin
     assert 0 < len(struck) == score.struck_from_behind < len(done.cases)
     assert score.collisions == 0
     assert (score.c, score.avoided_share) == (1.0, 1.0)
-    assert all(case.side == "rear" and not case.collided and case.severity is None for case in struck)
+    assert all(
+        case.side == "rear" and not case.collided and case.severity is None for case in struck
+    )
     assert all(case.impact_speed and case.impact_speed > 0.0 for case in struck)
     (again,) = sumo_eval.score(done.folder, ['method.collision.rear_end="counts"']).scores
     assert (again.struck_from_behind, again.collisions) == (0, len(struck))
 
 
-def test_where_no_drivers_know_the_scene_d_and_h_say_so_and_nothing_is_missing(done: sumo_eval.Evaluation) -> None:
+def test_where_no_drivers_know_the_scene_d_and_h_say_so_and_nothing_is_missing(
+    done: sumo_eval.Evaluation,
+) -> None:
     (score,) = done.scores
     assert (score.d, score.human_likeness, score.not_evaluated) == (None, None, 0)
     assert score.d_reason is not None

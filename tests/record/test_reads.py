@@ -103,13 +103,22 @@ def copy_of(whole: Path, tmp_path: Path) -> Path:
 
 
 CHANGES: dict[str, tuple[str, Callable[[Path], object]]] = {
-    "imported in the constructor": ("lazy/planner.py", lambda it: (it / "lazy/planner.py").write_text(ROLLS)),
+    "imported in the constructor": (
+        "lazy/planner.py",
+        lambda it: (it / "lazy/planner.py").write_text(ROLLS),
+    ),
     "a module in a zip file": ("packed.zip", lambda it: (it / "packed.zip").write_bytes(b"")),
     "read in reset": ("weights/again.txt", lambda it: (it / "weights/again.txt").write_text("3")),
-    "read through a link": ("weights/link.json", lambda it: (it / "weights/target.json").write_text("3")),
+    "read through a link": (
+        "weights/link.json",
+        lambda it: (it / "weights/target.json").write_text("3"),
+    ),
     "deleted": ("weights/again.txt", lambda it: (it / "weights/again.txt").unlink()),
     "a pipe in its place": ("weights/again.txt", lambda it: _pipe(it / "weights/again.txt")),
-    "made after it was missed": ("weights/optional.txt", lambda it: (it / "weights/optional.txt").write_text("")),
+    "made after it was missed": (
+        "weights/optional.txt",
+        lambda it: (it / "weights/optional.txt").write_text(""),
+    ),
 }
 
 
@@ -140,12 +149,16 @@ def test_touched_and_written_files_change_nothing(whole: Path, tmp_path: Path) -
 def test_edited_planner_is_driven_again_and_said(whole: Path, tmp_path: Path) -> None:
     folder = copy_of(whole, tmp_path)
     (folder / "source" / "lazy" / "planner.py").write_text(ROLLS)
-    run = sumo_eval_cli("run", folder / "source" / "evaluation.toml", "--out", folder / "run", "--resume")
+    run = sumo_eval_cli(
+        "run", folder / "source" / "evaluation.toml", "--out", folder / "run", "--resume"
+    )
     assert run.returncode == 0, run.stderr
     assert "3 recorded cases of ADS `mine` cannot be reused: lazy/planner.py changed" in run.stdout
     fresh = sumo_eval.evaluate(folder / "source" / "evaluation.toml", tmp_path / "fresh")
     resumed = sumo_eval.score(folder / "run")
-    assert [score.collisions for score in resumed.scores] == [score.collisions for score in fresh.scores]
+    assert [score.collisions for score in resumed.scores] == [
+        score.collisions for score in fresh.scores
+    ]
     assert resumed.scores[0].collisions > sumo_eval.score(whole / "run").scores[0].collisions
     assert stale(folder) == ()
 
@@ -156,7 +169,9 @@ def test_list_that_cases_share_stands_once(whole: Path) -> None:
         assert facts.execute("SELECT count(*) FROM reads").fetchone() == (1,)
 
 
-@pytest.mark.parametrize("path", ["\ud800", "a\0b", "/dev/zero", "/proc/self/mem", "../" * 3_000, ""])
+@pytest.mark.parametrize(
+    "path", ["\ud800", "a\0b", "/dev/zero", "/proc/self/mem", "../" * 3_000, ""]
+)
 def test_name_that_is_no_file_is_not_the_same(tmp_path: Path, path: str) -> None:
     name = reads.name_of("", [(path, "a hash")])
     assert reads.changed({name: ("", [(path, "a hash")])}, tmp_path) == {name: [path]}
@@ -207,7 +222,8 @@ class Mine:
         return Command(-6.0)
 """
 WAYS = (
-    "in_thread.py", "again.py", "compiled_only.pyc", "run_by_path.py", "executed.txt", "mapped.bin", "both.txt",
+    "in_thread.py", "again.py", "compiled_only.pyc", "run_by_path.py", "executed.txt",
+    "mapped.bin", "both.txt",
     "by_number.txt", "asked.db", "library.so",
 )  # fmt: skip
 
@@ -225,7 +241,9 @@ def test_every_way_by_which_python_opens_counts(tmp_path: Path) -> None:
     path = tmp_path / "source" / "evaluation.toml"
     path.write_text(EVALUATION.format(locator="../link/my_ads.py:Mine", cases_per_child=1))
     sumo_eval.evaluate(path, tmp_path / "run")
-    assert stale(tmp_path) == (), "neither a log that it writes nor a file opened for both that it only reads"
+    assert stale(tmp_path) == (), (
+        "neither a log that it writes nor a file opened for both that it only reads"
+    )
     for name in WAYS:
         was = (real / name).read_bytes()
         (real / name).write_bytes(was + b"\n")
@@ -237,9 +255,17 @@ def test_every_way_by_which_python_opens_counts(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kept_in", ["", "elsewhere"])
 def test_kept_bytecode_hides_no_source(tmp_path: Path, kept_in: str) -> None:
     (tmp_path / "planner.py").write_text("a = 1\n")
-    look = "import sys; from pathlib import Path; from sumo_eval.record import reads; sys.path.insert(0, '.');"
-    look += "reads.begin(Path.cwd()); import planner; del sys.modules['planner']; print(reads.end()[1])"
-    kept = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(tmp_path / kept_in) if kept_in else ""}
+    look = (
+        "import sys; from pathlib import Path; from sumo_eval.record import reads; "
+        "sys.path.insert(0, '.');"
+    )
+    look += (
+        "reads.begin(Path.cwd()); import planner; del sys.modules['planner']; print(reads.end()[1])"
+    )
+    kept = {
+        "PYTHONDONTWRITEBYTECODE": "",
+        "PYTHONPYCACHEPREFIX": str(tmp_path / kept_in) if kept_in else "",
+    }
     for _ in ("compiled", "taken from what is compiled"):
         done = subprocess.run(
             [sys.executable, "-c", look],
@@ -249,7 +275,9 @@ def test_kept_bytecode_hides_no_source(tmp_path: Path, kept_in: str) -> None:
             stdout=subprocess.PIPE,
             check=True,
         )
-        assert done.stdout.strip() == f"[('planner.py', '{hash_of(tmp_path / 'planner.py', 'file')}')]"
+        assert (
+            done.stdout.strip() == f"[('planner.py', '{hash_of(tmp_path / 'planner.py', 'file')}')]"
+        )
     assert [*tmp_path.rglob("planner.*.pyc")]
 
 
@@ -258,12 +286,22 @@ def test_program_depends_on_modules_beside_it(tmp_path: Path) -> None:
     client.write_text("from helpers import planner\nimport json, nowhere\n")
     (tmp_path / "helpers").mkdir()
     (tmp_path / "helpers" / "__init__.py").write_text("")
-    (tmp_path / "helpers" / "planner.py").write_text("from . import deep\nimport top\nfrom .. import top\n")
+    (tmp_path / "helpers" / "planner.py").write_text(
+        "from . import deep\nimport top\nfrom .. import top\n"
+    )
     (tmp_path / "top.py").write_text("")
     (tmp_path / "helpers" / "deep.py").write_text("this is no Python")
     (tmp_path / "unused.py").write_text("")
-    names = {str(file.relative_to(tmp_path)) for file in named_files("exec:python client.py", tmp_path)}
-    assert names == {"client.py", "top.py", "helpers/__init__.py", "helpers/planner.py", "helpers/deep.py"}
+    names = {
+        str(file.relative_to(tmp_path)) for file in named_files("exec:python client.py", tmp_path)
+    }
+    assert names == {
+        "client.py",
+        "top.py",
+        "helpers/__init__.py",
+        "helpers/planner.py",
+        "helpers/deep.py",
+    }
 
 
 EDITED_MEANWHILE = """
@@ -285,7 +323,10 @@ class Mine:
 
 def test_two_versions_in_one_run_stop_it(tmp_path: Path) -> None:
     path = written(tmp_path / "source", EDITED_MEANWHILE, cases_per_child=1)
-    with pytest.raises(InputError, match=r"`mine` was changed while the run went on: .* two versions of lazy/planner"):
+    with pytest.raises(
+        InputError,
+        match=r"`mine` was changed while the run went on: .* two versions of lazy/planner",
+    ):
         sumo_eval.evaluate(path, tmp_path / "run")
     assert "1 recorded case of ADS `mine` cannot be reused: lazy/planner.py" in stale(tmp_path)[0]
     done = sumo_eval.evaluate(path, tmp_path / "run", resume=True)

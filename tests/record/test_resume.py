@@ -1,4 +1,5 @@
-"""Nothing recorded is lost or simulated twice: kill -9, Ctrl-C, a full disk, a changed ADS, a second writer, shards."""
+"""Nothing recorded is lost or simulated twice: kill -9, Ctrl-C, a full disk, a changed ADS, a
+second writer, shards."""
 
 from __future__ import annotations
 
@@ -49,7 +50,10 @@ def rows(run: Path) -> int:
 
 def started(run: Path, path: Path, *options: str, at_rows: int = 1) -> subprocess.Popen[str]:
     process = subprocess.Popen(
-        command("run", path, "--out", run, *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command("run", path, "--out", run, *options),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     until = time.monotonic() + 60.0
     while rows(run) < at_rows and process.poll() is None and time.monotonic() < until:
@@ -71,7 +75,9 @@ def test_a_killed_run_goes_on_to_the_same_content(whole: Path, tmp_path: Path) -
     assert len(json.loads((tmp_path / "run" / "manifest.json").read_text())["resumed"]) == 1
 
 
-def test_resuming_a_complete_run_simulates_nothing(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_resuming_a_complete_run_simulates_nothing(
+    whole: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = digest(whole)
     simulated = []
     from sumo_eval.record import recording
@@ -88,7 +94,9 @@ def test_resuming_a_complete_run_simulates_nothing(whole: Path, monkeypatch: pyt
     assert evaluation.name == "batch"
 
 
-def test_a_changed_ads_runs_again_and_an_unchanged_one_does_not(whole: Path, tmp_path: Path) -> None:
+def test_a_changed_ads_runs_again_and_an_unchanged_one_does_not(
+    whole: Path, tmp_path: Path
+) -> None:
     path = write_evaluation(tmp_path)
     sumo_eval.evaluate(path, tmp_path / "run")
     assert digest(tmp_path / "run") == digest(whole), "another folder is the same run"
@@ -142,7 +150,9 @@ def test_a_second_writer_is_refused_with_a_sentence(tmp_path: Path) -> None:
         pass
 
 
-def test_ctrl_c_once_ends_the_running_cases_and_says_how_to_go_on(whole: Path, tmp_path: Path) -> None:
+def test_ctrl_c_once_ends_the_running_cases_and_says_how_to_go_on(
+    whole: Path, tmp_path: Path
+) -> None:
     path = write_evaluation(tmp_path)
     process = started(tmp_path / "run", path, at_rows=2)
     process.send_signal(signal.SIGINT)
@@ -171,7 +181,9 @@ def children_of_fork_servers(root: int) -> set[int]:
 
 
 @pytest.mark.parametrize("how", ["killed", pytest.param("twice", marks=pytest.mark.campaign)])
-def test_hanging_children_are_gone_after_ctrl_c_twice_and_after_kill_9(how: str, tmp_path: Path) -> None:
+def test_hanging_children_are_gone_after_ctrl_c_twice_and_after_kill_9(
+    how: str, tmp_path: Path
+) -> None:
     path = write_evaluation(tmp_path, HANGS, case_timeout=300.0)
     process = started(tmp_path / "run", path, at_rows=1)
     time.sleep(0.5)
@@ -199,7 +211,9 @@ def alive(pids: set[int]) -> set[int]:
 
 
 @pytest.mark.campaign
-def test_a_run_whose_disk_fills_up_stops_with_a_sentence_and_goes_on_later(whole: Path, tmp_path: Path) -> None:
+def test_a_run_whose_disk_fills_up_stops_with_a_sentence_and_goes_on_later(
+    whole: Path, tmp_path: Path
+) -> None:
     path = write_evaluation(tmp_path)
 
     def small_files() -> None:
@@ -217,7 +231,9 @@ def test_a_run_whose_disk_fills_up_stops_with_a_sentence_and_goes_on_later(whole
 
 
 @pytest.mark.campaign
-def test_a_folder_whose_making_was_cut_short_is_made_anew_and_a_foreign_one_never(whole: Path, tmp_path: Path) -> None:
+def test_a_folder_whose_making_was_cut_short_is_made_anew_and_a_foreign_one_never(
+    whole: Path, tmp_path: Path
+) -> None:
     path = write_evaluation(tmp_path)
     (tmp_path / "run" / "networks").mkdir(parents=True)
     (tmp_path / "run" / "evaluation.toml.half").write_text("nam")
@@ -230,11 +246,13 @@ def test_a_folder_whose_making_was_cut_short_is_made_anew_and_a_foreign_one_neve
 
 
 def sbatch(script: str, folder: Path) -> list[subprocess.CompletedProcess[str]]:
-    """A stand-in for Slurm's: each job of the array that `#SBATCH` lines of a script ask for, one after the other."""
+    """A stand-in for Slurm's: each job of the array that `#SBATCH` lines of a script ask for, one
+    after the other."""
     asked = dict(re.findall(r"^#SBATCH --([\w-]+)=(\S+)", script, flags=re.MULTILINE))
     first, last = map(int, asked["array"].split("-"))
     (folder / "job.sh").write_text(script)
-    return [in_shell("bash job.sh", folder, SLURM_ARRAY_TASK_ID=f"{job}", SLURM_CPUS_PER_TASK=asked["cpus-per-task"])
+    return [in_shell("bash job.sh", folder, SLURM_ARRAY_TASK_ID=f"{job}",
+        SLURM_CPUS_PER_TASK=asked["cpus-per-task"])
             for job in range(first, last + 1)]  # fmt: skip
 
 
@@ -242,19 +260,30 @@ def in_shell(line: str, folder: Path, **variables: str) -> subprocess.CompletedP
     """A line as a shell runs it where `sumo-eval` is installed."""
     bin_folder = folder / "bin"
     bin_folder.mkdir(exist_ok=True)
-    (bin_folder / "sumo-eval").write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m sumo_eval "$@"\n')
+    (bin_folder / "sumo-eval").write_text(
+        f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m sumo_eval "$@"\n'
+    )
     (bin_folder / "sumo-eval").chmod(0o755)
     environment = {**os.environ, **variables, "PATH": f"{bin_folder}:{os.environ['PATH']}"}
     return subprocess.run(
-        ["bash", "-c", line], cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
+        ["bash", "-c", line],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
     )
 
 
 @pytest.mark.campaign
 def test_shards_make_the_whole_and_only_together(whole: Path, tmp_path: Path) -> None:
-    """As docs/clusters.md has it for Slurm, with two jobs of one process in place of eight of sixteen."""
+    """As docs/clusters.md has it for Slurm, with two jobs of one process in place of eight of
+    sixteen."""
     write_evaluation(tmp_path)
-    script, merging = re.findall(r"```sh\n(.*?)```", CLUSTERS.read_text(encoding="utf-8"), flags=re.DOTALL)[:2]
+    script, merging = re.findall(
+        r"```sh\n(.*?)```", CLUSTERS.read_text(encoding="utf-8"), flags=re.DOTALL
+    )[:2]
     for there, here in (
         ("array=1-8", "array=1-2"),
         ("TASK_ID/8", "TASK_ID/2"),
@@ -274,7 +303,9 @@ def test_shards_make_the_whole_and_only_together(whole: Path, tmp_path: Path) ->
         (("1",), "missing: 2/2"),
         (("1", "2", "2"), "are both shard 2/2"),
     ):
-        refused = sumo_eval_cli("merge", *(shards / part for part in parts), "--out", tmp_path / "merged")
+        refused = sumo_eval_cli(
+            "merge", *(shards / part for part in parts), "--out", tmp_path / "merged"
+        )
         assert (refused.returncode, sentence in refused.stderr) == (2, True), refused.stderr
     done = in_shell(merging, tmp_path)
     assert done.returncode == 0, done.stderr
@@ -295,7 +326,9 @@ def test_verify_passes_on_the_same_and_fails_on_a_bit(whole: Path, tmp_path: Pat
     done = sumo_eval_cli("verify", tmp_path / "run", "--share", "1")
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"{rows(tmp_path / 'run')} drives" in done.stdout
-    change = "UPDATE facts SET simulated_time = simulated_time + 1e-9 WHERE \"case\" LIKE '%-0002-idm'"
+    change = (
+        "UPDATE facts SET simulated_time = simulated_time + 1e-9 WHERE \"case\" LIKE '%-0002-idm'"
+    )
     edit(tmp_path / "run" / "facts.sqlite", change, hashes=True)
     done = sumo_eval_cli("verify", tmp_path / "run", "--share", "1")
     assert done.returncode == 1
@@ -319,7 +352,9 @@ def test_a_dry_run_counts_the_drives_and_makes_no_folder(tmp_path: Path) -> None
 def test_the_hash_seed_of_the_interpreter_changes_nothing(whole: Path, tmp_path: Path) -> None:
     path = write_evaluation(tmp_path)
     environment = {**os.environ, "PYTHONHASHSEED": "77"}
-    code = f"import sumo_eval; sumo_eval.evaluate({str(path)!r}, {str(tmp_path / 'run')!r}, workers=8)"
+    code = (
+        f"import sumo_eval; sumo_eval.evaluate({str(path)!r}, {str(tmp_path / 'run')!r}, workers=8)"
+    )
     subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=120)
     assert digest(tmp_path / "run") == digest(whole)
 
@@ -337,7 +372,7 @@ def test_a_caller_can_stop_a_run_and_go_on(whole: Path, tmp_path: Path) -> None:
     assert digest(tmp_path / "run") == digest(whole)
 
 
-# --- what another process does while cases are driven -----------------------------------------------------------------
+# --- what another process does while cases are driven ---------------------------------------------
 
 SLOW_ADS = "import time as clock\n\n\ndef MyAds(traci, ego, time):\n    clock.sleep(0.02)\n"
 
@@ -387,7 +422,9 @@ class LostElsewhere:
             os._exit(9)
 
 
-def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(whole: Path, tmp_path: Path) -> None:
+def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(
+    whole: Path, tmp_path: Path
+) -> None:
     path = write_evaluation(tmp_path, SLOW_ADS)
     settings = read_evaluation(path)
     with pytest.raises(InputError, match="zones of `mine`"):
@@ -395,14 +432,19 @@ def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(whole: Path
     assert rows(tmp_path / "run") < rows(whole), "not after an hour of driving"
 
 
-def test_driving_goes_on_where_only_the_process_beside_it_was_lost(whole: Path, tmp_path: Path) -> None:
+def test_driving_goes_on_where_only_the_process_beside_it_was_lost(
+    whole: Path, tmp_path: Path
+) -> None:
     settings = read_evaluation(write_evaluation(tmp_path))
     record_facts(settings, tmp_path, tmp_path / "run", meanwhile=LostElsewhere(os.getpid()))
     assert digest(tmp_path / "run") == digest(whole)
 
 
-def test_zones_that_cannot_be_found_are_told_by_runs_whole_and_in_part_and_by_a_check(tmp_path: Path) -> None:
-    """The point lies where the constraint allows it, and of the even grid by which zones are found none does."""
+def test_zones_that_cannot_be_found_are_told_by_runs_whole_and_in_part_and_by_a_check(
+    tmp_path: Path,
+) -> None:
+    """The point lies where the constraint allows it, and of the even grid by which zones are found
+    none does."""
     (tmp_path / "narrow.toml").write_text(NARROW, encoding="utf-8")
     (tmp_path / "points.csv").write_text("v,w\n20.1,6.717\n", encoding="utf-8")
     path = tmp_path / "batch.toml"
@@ -413,7 +455,12 @@ def test_zones_that_cannot_be_found_are_told_by_runs_whole_and_in_part_and_by_a_
     )
     sentence = "must have points that satisfy its constraints"
     a_shard = ("run", path, "--out", tmp_path / "shard", "--shard", "1/2")
-    for order in (("run", path, "--out", tmp_path / "run"), a_shard, ("run", path, "--dry-run"), ("check", path)):
+    for order in (
+        ("run", path, "--out", tmp_path / "run"),
+        a_shard,
+        ("run", path, "--dry-run"),
+        ("check", path),
+    ):
         done = sumo_eval_cli(*order)
         assert done.returncode != 0
         assert sentence in done.stderr + done.stdout

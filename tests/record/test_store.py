@@ -24,18 +24,23 @@ def drive(n: int = 40, seed: int = 3) -> Trajectory:
     rng = np.random.default_rng(seed)
     time = np.arange(n) * 0.1
     return Trajectory(
-        time, 20.0 * time, rng.normal(size=n), rng.normal(size=n), 20 + rng.normal(size=n), rng.normal(size=n),
+        time, 20.0 * time, rng.normal(size=n), rng.normal(size=n), 20 + rng.normal(size=n),
+        rng.normal(size=n),
         np.where(rng.random(n) < 0.3, np.nan, rng.normal(size=n)), length=4.3, width=1.9,
     )  # fmt: skip
 
 
 def case(point: int = 7, driver: str = "idm") -> Case:
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=20, obstacle_speed=5, gap=60)
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(
+        ego_speed=20, obstacle_speed=5, gap=60
+    )
     return Case(point, concrete, "ads", driver, driver)
 
 
 def collision() -> Collision:
-    return Collision(1.25, "obstacle", (12.0, 0.5), (5.0, 0.0), 0.75, "front", (1.0, 2.0, 0.1), (5.0, 2.0, 0.0))
+    return Collision(
+        1.25, "obstacle", (12.0, 0.5), (5.0, 0.0), 0.75, "front", (1.0, 2.0, 0.1), (5.0, 2.0, 0.0)
+    )
 
 
 def test_a_packed_trajectory_comes_back_time_and_x_exact_the_rest_to_single_precision() -> None:
@@ -44,7 +49,9 @@ def test_a_packed_trajectory_comes_back_time_and_x_exact_the_rest_to_single_prec
     assert np.array_equal(after.time, before.time)
     assert np.array_equal(after.x, before.x)
     for name in CHANNELS:
-        np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=1e-7, atol=0, equal_nan=True)
+        np.testing.assert_allclose(
+            getattr(after, name), getattr(before, name), rtol=1e-7, atol=0, equal_nan=True
+        )
     assert (after.length, after.width) == (4.3, 1.9)
 
 
@@ -56,7 +63,9 @@ def test_packing_what_was_unpacked_changes_no_byte() -> None:
 def test_a_case_comes_back_as_it_was_recorded(tmp_path: Path) -> None:
     clips = (Clip("friction", 3, 0.5, -12.0, -9.0),)
     took = Latency(1e-5, 2e-5, 9e-6, 1.9e-5, 8e-6)
-    recording = Recording(drive(), {"lead": drive(seed=4)}, collision(), "contact", clips, None, "", took, 0.01)
+    recording = Recording(
+        drive(), {"lead": drive(seed=4)}, collision(), "contact", clips, None, "", took, 0.01
+    )
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         store.add(Outcome(case(), "collision", recording))
         (fact,) = store.facts("ads")
@@ -73,7 +82,9 @@ def test_file_without_latencies_still_reads(tmp_path: Path) -> None:
     """One that an older version wrote has no table of them; what is added to it later has them."""
     path, took = tmp_path / "facts.sqlite", Latency(1e-5, 2e-5, 9e-6, 1.9e-5, 8e-6)
     with open_store(path, create=True) as store:
-        store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end", controller_latency=took)))
+        store.add(
+            Outcome(case(), "ok", Recording(drive(), {}, None, "road_end", controller_latency=took))
+        )
     with sqlite3.connect(path) as connection:
         connection.execute("DROP TABLE latencies")
     for create in (False, True):
@@ -86,7 +97,12 @@ def test_a_case_without_a_recording_is_kept_with_its_sentence(tmp_path: Path) ->
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         store.add(Outcome(case(), "crashed", None, "The process died."))
         (fact,) = store.facts("ads")
-    assert (fact.status, fact.error, fact.end_reason, fact.collision) == ("crashed", "The process died.", None, None)
+    assert (fact.status, fact.error, fact.end_reason, fact.collision) == (
+        "crashed",
+        "The process died.",
+        None,
+        None,
+    )
 
 
 def test_a_case_that_cannot_be_stored_whole_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -101,11 +117,15 @@ def test_a_case_that_cannot_be_stored_whole_leaves_nothing_behind(tmp_path: Path
         assert [fact.point for fact in store.facts("ads")] == [7]
 
 
-def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(tmp_path: Path) -> None:
+def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(
+    tmp_path: Path,
+) -> None:
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         for point in (9, 2, 5):
             for driver in ("b", "a"):
-                store.add(Outcome(case(point, driver), "ok", Recording(drive(), {}, None, "road_end")))
+                store.add(
+                    Outcome(case(point, driver), "ok", Recording(drive(), {}, None, "road_end"))
+                )
         assert [(f.point, f.driver) for f in store.facts("ads")] == [
             (2, "a"), (2, "b"), (5, "a"), (5, "b"), (9, "a"), (9, "b"),
         ]  # fmt: skip
@@ -117,7 +137,9 @@ def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(t
 def test_a_file_that_is_no_facts_file_is_refused_with_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is no run folder"), open_store(tmp_path / "facts.sqlite"):
         pass
-    (tmp_path / "facts.sqlite").write_text("not a database, but long enough to be mistaken for one " * 30)
+    (tmp_path / "facts.sqlite").write_text(
+        "not a database, but long enough to be mistaken for one " * 30
+    )
     with pytest.raises(InputError, match="is no facts file"), open_store(tmp_path / "facts.sqlite"):
         pass
 
@@ -131,13 +153,17 @@ def test_a_newer_format_is_refused_with_both_versions(tmp_path: Path) -> None:
     connection.commit()
     connection.close()
     with (
-        pytest.raises(InputError, match=f"format version 99; this sumo_eval reads version {FORMAT_VERSION}"),
+        pytest.raises(
+            InputError, match=f"format version 99; this sumo_eval reads version {FORMAT_VERSION}"
+        ),
         open_store(path),
     ):
         pass
 
 
-def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_written(tmp_path: Path) -> None:
+def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_written(
+    tmp_path: Path,
+) -> None:
     folder = tmp_path / "archive"
     folder.mkdir()
     with open_store(folder / "facts.sqlite", create=True) as store:
@@ -165,7 +191,9 @@ def filled(path: Path, order: list[int], log: str = "") -> str:
         return store.digest()
 
 
-def test_the_digest_hangs_on_the_facts_alone_not_on_order_times_or_printed_text(tmp_path: Path) -> None:
+def test_the_digest_hangs_on_the_facts_alone_not_on_order_times_or_printed_text(
+    tmp_path: Path,
+) -> None:
     forth = filled(tmp_path / "a", [1, 2, 3])
     assert filled(tmp_path / "b", [3, 1, 2], "printed at 12:00") == forth
     assert filled(tmp_path / "c", [1, 2]) != forth
@@ -175,7 +203,9 @@ def test_the_digest_hangs_on_the_facts_alone_not_on_order_times_or_printed_text(
 def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(tmp_path: Path) -> None:
     first, second = replace(case(), fingerprint="a"), replace(case(), fingerprint="b")
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
-        store.add(Outcome(first, "ok", Recording(drive(), {"lead": drive(seed=4)}, None, "road_end")))
+        store.add(
+            Outcome(first, "ok", Recording(drive(), {"lead": drive(seed=4)}, None, "road_end"))
+        )
         assert (store.holds(first), store.holds(second)) == (True, False)
         store.add(Outcome(second, "crashed", None, "The process died."))
         assert (store.holds(first), store.holds(second)) == (False, True)
@@ -196,7 +226,7 @@ def test_a_full_disk_is_a_sentence_and_what_was_recorded_stays(tmp_path: Path) -
         assert len(store.facts("ads")) == kept == 1
 
 
-# --- damage -----------------------------------------------------------------------------------------------------------
+# --- damage ---------------------------------------------------------------------------------------
 
 
 def reads(path: Path) -> str:
@@ -222,7 +252,8 @@ def reads(path: Path) -> str:
         "DELETE FROM facts WHERE point = 2",
         "DELETE FROM trajectories WHERE \"case\" LIKE '%-0002-%' AND vehicle = 'ego'",
         "UPDATE trajectories SET vehicle = 'lead' WHERE \"case\" LIKE '%-0002-%'",
-        "UPDATE trajectories SET data = (SELECT data FROM trajectories WHERE \"case\" LIKE '%-0001-%') "
+        'UPDATE trajectories SET data = (SELECT data FROM trajectories WHERE "case" LIKE '
+        "'%-0001-%') "
         "WHERE \"case\" LIKE '%-0002-%'",
     ],
 )
@@ -232,7 +263,10 @@ def test_an_edited_row_is_a_sentence_that_names_its_case(tmp_path: Path, change:
     edit(tmp_path / "facts.sqlite", change)
     said = reads(tmp_path / "facts.sqlite")
     assert "front_vehicle_cut_out-0002-idm" in said
-    with pytest.raises(InputError, match="0002"), open_store(tmp_path / "facts.sqlite", create=True):
+    with (
+        pytest.raises(InputError, match="0002"),
+        open_store(tmp_path / "facts.sqlite", create=True),
+    ):
         pass
 
 
@@ -250,7 +284,8 @@ def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(tmp_path: P
 
 
 def test_every_flipped_bit_is_a_sentence_or_changes_nothing(tmp_path: Path) -> None:
-    """Of 300 bits all over a file: each is either refused, or the file says the same to the last bit."""
+    """Of 300 bits all over a file: each is either refused, or the file says the same to the last
+    bit."""
     path = tmp_path / "facts.sqlite"
     filled(path, list(range(12)))
     with open_store(path, create=True) as store:
@@ -304,21 +339,27 @@ def test_a_locked_file_is_a_sentence(tmp_path: Path) -> None:
 def test_a_folder_in_place_of_the_file_is_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "facts.sqlite").mkdir()
     assert "is no run folder" in reads(tmp_path / "facts.sqlite")
-    with pytest.raises(InputError, match="unable to open"), open_store(tmp_path / "facts.sqlite", create=True):
+    with (
+        pytest.raises(InputError, match="unable to open"),
+        open_store(tmp_path / "facts.sqlite", create=True),
+    ):
         pass
 
 
 def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path: Path) -> None:
-    """A process that is killed leaves the write-ahead log; with the log cut off, what is left is whole cases."""
+    """A process that is killed leaves the write-ahead log; with the log cut off, what is left is
+    whole cases."""
     path = tmp_path / "facts.sqlite"
     program = (
         "import os, sys; sys.path.insert(0, 'tests'); from pathlib import Path\n"
         "from record.test_store import case, drive\n"
-        "from sumo_eval.record.cases import Outcome; from sumo_eval.record.store import open_store\n"
+        "from sumo_eval.record.cases import Outcome; from sumo_eval.record.store import "
+        "open_store\n"
         "from sumo_eval.trajectory import Recording\n"
         f"with open_store(Path({str(path)!r}), create=True) as store:\n"
         "    for point in range(6):\n"
-        "        store.add(Outcome(case(point), 'ok', Recording(drive(seed=point), {}, None, 'road_end')))\n"
+        "        store.add(Outcome(case(point), 'ok', Recording(drive(seed=point), {}, None, "
+        "'road_end')))\n"
         "    os._exit(9)\n"
     )
     root = Path(__file__).parents[2]
@@ -339,7 +380,8 @@ def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path
 
 def test_what_no_number_or_its_sign_is_comes_back_with_a_hash_that_fits(tmp_path: Path) -> None:
     recording = Recording(
-        drive(), {"b": drive(), "a": drive()}, None, "road_end", (), None, "", Latency(float("nan"), np.float64(-0.0)),
+        drive(), {"b": drive(), "a": drive()}, None, "road_end", (), None, "",
+        Latency(float("nan"), np.float64(-0.0)),
         float("inf"),
     )  # fmt: skip
     with open_store(tmp_path / "facts.sqlite", create=True) as store:

@@ -67,7 +67,9 @@ def another_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def foreign(own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, another_process: None) -> Path:
+def foreign(
+    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, another_process: None
+) -> Path:
     """The same run as another user finds it."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     (own / "source" / "it_ran").unlink(missing_ok=True)
@@ -129,7 +131,9 @@ DOORS: dict[str, Callable[[Path], object]] = {
 def test_no_function_runs_code_of_others(foreign: Path, tmp_path: Path, door: str) -> None:
     run = tmp_path / "run"
     shutil.copytree(foreign / "run", run)
-    with pytest.raises(InputError, match=r"`.*code\.py:severity` .* --trust\.|code\.py:mine.* --trust\."):
+    with pytest.raises(
+        InputError, match=r"`.*code\.py:severity` .* --trust\.|code\.py:mine.* --trust\."
+    ):
         DOORS[door](run)
     assert not ran(foreign)
 
@@ -145,9 +149,15 @@ EVIL = {
 
 
 @pytest.mark.parametrize(
-    "kind", [it if it in ("severity", "scenario") else pytest.param(it, marks=pytest.mark.campaign) for it in EVIL]
+    "kind",
+    [
+        it if it in ("severity", "scenario") else pytest.param(it, marks=pytest.mark.campaign)
+        for it in EVIL
+    ],
 )
-def test_every_name_of_code_is_refused(own: Path, tmp_path: Path, kind: str, another_process: None) -> None:
+def test_every_name_of_code_is_refused(
+    own: Path, tmp_path: Path, kind: str, another_process: None
+) -> None:
     """A run recorded here, to which somebody has added a name of code since."""
     run, evil = tmp_path / "run", tmp_path / "evil.py"
     evil.write_text(CODE)
@@ -171,17 +181,23 @@ def test_own_run_needs_no_option(own: Path, another_process: None) -> None:
         assert status == 0, words
 
 
-def test_own_run_that_names_other_code_now_is_refused(own: Path, tmp_path: Path, another_process: None) -> None:
+def test_own_run_that_names_other_code_now_is_refused(
+    own: Path, tmp_path: Path, another_process: None
+) -> None:
     before = (own / "run" / "evaluation.toml").read_text()
     try:
-        (own / "run" / "evaluation.toml").write_text(before.replace("code.py:severity", "code.py:other"))
+        (own / "run" / "evaluation.toml").write_text(
+            before.replace("code.py:severity", "code.py:other")
+        )
         with pytest.raises(InputError, match="--trust"):
             sumo_eval.score(own / "run")
     finally:
         (own / "run" / "evaluation.toml").write_text(before)
 
 
-def test_own_run_with_paths_from_elsewhere_is_refused(own: Path, tmp_path: Path, another_process: None) -> None:
+def test_own_run_with_paths_from_elsewhere_is_refused(
+    own: Path, tmp_path: Path, another_process: None
+) -> None:
     manifest = own / "run" / "manifest.json"
     before = manifest.read_text()
     content = {name: value for name, value in json.loads(before).items() if name != SEAL}

@@ -13,7 +13,9 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
 
 BRIEF = SimulationSettings(step=0.1, end_when_decided=True, time_limit=30.0)
-CUT_IN = catalogue.load("cut_in").concrete(ego_speed=20.0, cut_in_speed=17.5, gap=80.0, lateral_speed=3.0)
+CUT_IN = catalogue.load("cut_in").concrete(
+    ego_speed=20.0, cut_in_speed=17.5, gap=80.0, lateral_speed=3.0
+)
 
 
 class Stepping:
@@ -67,7 +69,8 @@ def test_after_its_last_step_no_alarm_is_set():
 def test_every_step_has_its_whole_time_and_one_that_hangs_is_interrupted():
     class HangsLate:
         def step(self, traci, ego, time):
-            clock.sleep(0.06 if time < 0.35 else 60.0)  # four steps together take longer than one may
+            # four steps together take longer than one may
+            clock.sleep(0.06 if time < 0.35 else 60.0)
             return Command(0.0)
 
     limits = RunSettings(step_timeout=0.2)

@@ -79,7 +79,9 @@ count = 2
 @pytest.mark.campaign
 def test_every_module_can_be_imported_without_posix() -> None:
     script = f"{IMPORT_ALL}{TAKE_AWAY}everything()"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -98,11 +100,22 @@ def test_where_nothing_forks_the_engine_of_processes_is_refused_before_the_work(
 
 
 @pytest.mark.campaign
-def test_a_whole_run_and_its_report_are_made_without_posix_by_the_serial_engine(tmp_path: Path) -> None:
+def test_a_whole_run_and_its_report_are_made_without_posix_by_the_serial_engine(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "evaluation.toml").write_text(EVALUATION)
-    words = ["run", str(tmp_path / "evaluation.toml"), "--out", str(tmp_path / "run"), "--engine", "serial"]
+    words = [
+        "run",
+        str(tmp_path / "evaluation.toml"),
+        "--out",
+        str(tmp_path / "run"),
+        "--engine",
+        "serial",
+    ]
     script = f"{BEFORE}{TAKE_AWAY}{ELSEWHERE}from sumo_eval.cli import main\nmain({words!r})"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     (score,) = json.loads((tmp_path / "run" / "scores.json").read_text(encoding="utf-8"))["scores"]
     assert (score["not_evaluated"], score["collisions"]) == (0, 0)

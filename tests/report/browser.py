@@ -13,18 +13,28 @@ from pathlib import Path
 from typing import Any
 
 CHROMIUM = next(
-    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
+    (
+        found
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (found := shutil.which(name))
+    ),
+    None,
 )
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--disable-extensions", "--remote-debugging-pipe",
+    "--disable-component-update", "--disable-sync", "--disable-extensions",
+    "--remote-debugging-pipe",
     "--enable-unsafe-swiftshader",
 )  # fmt: skip
 
 
 class Page:
-    """One page. `problems`: console errors, exceptions and policy violations; `requests`: every address asked for."""
+    """One page.
+
+    `problems`: console errors, exceptions and policy violations; `requests`: every address asked
+    for.
+    """
 
     def __init__(self, profile: Path, width: int = 1400, height: int = 900, *flags: str) -> None:
         to_browser, self._write = os.pipe()
@@ -35,7 +45,8 @@ class Page:
         wired = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
         self._process = subprocess.Popen(
             ["bash", "-c", wired, "bash", *command],
-            pass_fds=(to_browser, from_browser), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            pass_fds=(to_browser, from_browser), stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
         )  # fmt: skip
         os.close(to_browser)
         os.close(from_browser)
@@ -44,7 +55,9 @@ class Page:
         self.problems: list[str] = []
         self.requests: list[str] = []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
 
@@ -78,9 +91,13 @@ class Page:
 
     def run(self, script: str) -> Any:
         """The value of a JavaScript expression; a promise is waited for."""
-        answer = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        answer = self.call(
+            "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
+        )
         if "exceptionDetails" in answer:
-            raise RuntimeError(answer["exceptionDetails"]["exception"].get("description", "the script threw"))
+            raise RuntimeError(
+                answer["exceptionDetails"]["exception"].get("description", "the script threw")
+            )
         return answer["result"].get("value")
 
     def picture(self) -> bytes:
@@ -123,7 +140,13 @@ class Page:
             if "GL Driver Message (OpenGL, Performance" in params["entry"]["text"]:
                 return  # software drawing says that it is slow
             self.problems.append(params["entry"]["text"])
-        elif method == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning", "assert"):
-            self.problems.append(str([item.get("value", item.get("description")) for item in params["args"]]))
+        elif method == "Runtime.consoleAPICalled" and params["type"] in (
+            "error",
+            "warning",
+            "assert",
+        ):
+            self.problems.append(
+                str([item.get("value", item.get("description")) for item in params["args"]])
+            )
         elif method == "Network.requestWillBeSent":
             self.requests.append(params["request"]["url"])

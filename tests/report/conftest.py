@@ -17,7 +17,9 @@ def partitions() -> dict[str, ZonePartition]:
 
 
 @pytest.fixture(scope="session")
-def evaluation(tmp_path_factory: pytest.TempPathFactory, partitions: dict[str, ZonePartition]) -> Evaluation:
+def evaluation(
+    tmp_path_factory: pytest.TempPathFactory, partitions: dict[str, ZonePartition]
+) -> Evaluation:
     return builders.evaluation(tmp_path_factory.mktemp("runs") / "hand", partitions)
 
 

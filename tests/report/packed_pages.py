@@ -17,4 +17,6 @@ def unpacked(page: str, name: str) -> str:
 
 def with_packed(page: str, name: str, text: str) -> str:
     """The page with another text in that script."""
-    return re.sub(rf'(<script type="text/plain" id="{name}">)[A-Za-z0-9+/=]*', rf"\g<1>{packed(text)}", page)
+    return re.sub(
+        rf'(<script type="text/plain" id="{name}">)[A-Za-z0-9+/=]*', rf"\g<1>{packed(text)}", page
+    )

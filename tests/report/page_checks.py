@@ -1,4 +1,5 @@
-"""What holds for every page: words can be read, charts saved, three screens folded, nothing beside the window."""
+"""What holds for every page: words can be read, charts saved, three screens folded, nothing beside
+the window."""
 
 from __future__ import annotations
 
@@ -76,27 +77,44 @@ def press(page: Page, key: str) -> None:
 
 
 def size(page: Page, width: int, height: int) -> None:
-    page.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 500)
+    page.call(
+        "Emulation.setDeviceMetricsOverride",
+        width=width,
+        height=height,
+        deviceScaleFactor=1,
+        mobile=width < 500,
+    )
 
 
 def holds_what_every_page_holds(page: Page, path: Path, ready: str) -> None:
-    """Opened on a phone and on desktops, folded and unfolded, light and dark. ready: that it is drawn."""
+    """Opened on a phone and on desktops, folded and unfolded, light and dark.
+
+    ready: that it is drawn.
+    """
     for width, height in ((390, 844), (1400, 900), (2560, 1300)):
         size(page, width, height)
         page.open(path.as_uri(), f"document.readyState === 'complete' && ({ready})")
         screens = page.run("document.documentElement.scrollHeight") / height
-        assert screens <= 3.0, f"{path.name}: {screens:.2f} screens of {width} px before anything is unfolded"
+        assert screens <= 3.0, (
+            f"{path.name}: {screens:.2f} screens of {width} px before anything is unfolded"
+        )
         page.run("document.querySelectorAll('details').forEach((fold) => { fold.open = true; })")
         page.wait(f"document.documentElement.scrollWidth <= {width}", 20.0)
-    assert [one for one in page.requests if not one.startswith(("data:", "blob:"))] == [path.as_uri()]
+    assert [one for one in page.requests if not one.startswith(("data:", "blob:"))] == [
+        path.as_uri()
+    ]
     for theme in ("Dark", "Light"):
         page.run(f"document.documentElement.dataset.theme === '{theme.lower()}' || "
-                 "document.querySelector('[data-tools]').querySelectorAll('button').forEach((one) => "
+                 "document.querySelector('[data-tools]').querySelectorAll('button').forEach((one) "
+                 "=> "
                  f"{{ if (one.textContent === '{theme}') one.click(); }})")  # fmt: skip
         assert page.run("document.documentElement.dataset.theme") == theme.lower()
         assert page.run(CONTRAST) == [], path.name
     charts = "[...document.querySelectorAll('svg[data-chart], .js-plotly-plot')]"
-    assert page.run(f"{charts}.every((one) => one.closest('figure').querySelectorAll('.save button').length === 3)")
+    assert page.run(
+        f"{charts}.every((one) => one.closest('figure').querySelectorAll('.save button').length "
+        "=== 3)"
+    )
     assert page.problems == []
 
 
@@ -104,7 +122,10 @@ def saved_table(page: Page, chart: str) -> list[str]:
     """The lines of the CSV that the button of the first chart inside the selector saves."""
     page.run("""(() => { URL.createObjectURL = (blob) => { blob.text().then((text) => { window.savedText = text; });
         return '#'; }; HTMLAnchorElement.prototype.click = function () {}; window.savedText = ''; })()""")
-    page.run(f"document.querySelector({chart!r}).closest('figure').querySelectorAll('.save button')[2].click()")
+    page.run(
+        f"document.querySelector({chart!r}).closest('figure').querySelectorAll('.save "
+        "button')[2].click()"
+    )
     page.wait("window.savedText")
     text: str = page.run("window.savedText")
     return text.splitlines()

@@ -1,4 +1,5 @@
-"""The paired bootstrap is the plain loop: draw concrete scenarios, compute both runs' scores from them, subtract."""
+"""The paired bootstrap is the plain loop: draw concrete scenarios, compute both runs' scores from
+them, subtract."""
 
 from __future__ import annotations
 
@@ -21,8 +22,13 @@ METHOD = MethodSettings()
 
 
 def cut_out(evaluation: Evaluation) -> list[CaseResult]:
-    """Cases with collisions of different weight and ideal severity, and with D_i of different exposure."""
-    cases = [case for case in evaluation.cases if (case.ads, case.scenario) == (builders.CALM, builders.SCENARIOS[1])]
+    """Cases with collisions of different weight and ideal severity, and with D_i of different
+    exposure."""
+    cases = [
+        case
+        for case in evaluation.cases
+        if (case.ads, case.scenario) == (builders.CALM, builders.SCENARIOS[1])
+    ]
     return [replace(case, exposure=1.0 + 0.1 * number) for number, case in enumerate(cases)]
 
 
@@ -30,23 +36,33 @@ def slowly(cases: list[CaseResult]) -> tuple[float, float]:
     """C and D of a list of cases in which a case may stand several times."""
     hits = [case for case in cases if case.collided]
     c = collision_avoidance_index(
-        [case.severity for case in hits], [case.ideal_severity for case in hits], [case.weight for case in hits]
+        [case.severity for case in hits],
+        [case.ideal_severity for case in hits],
+        [case.weight for case in hits],
     )
     indexed = [case for case in cases if case.index is not None]
-    return c, exposure_weighted_index([case.index for case in indexed], [case.exposure for case in indexed])
+    return c, exposure_weighted_index(
+        [case.index for case in indexed], [case.exposure for case in indexed]
+    )
 
 
 def test_each_resample_is_what_the_method_makes_of_the_drawn_cases(evaluation: Evaluation) -> None:
-    """Of the drawn counts c' = n/(n - 1) times how often a case is drawn, which cancels in means."""
+    """Of the drawn counts c' = n/(n - 1) times how often a case is drawn, which cancels in
+    means."""
     cases = cut_out(evaluation)
-    worse = [replace(case, severity=2.0 * case.severity) if case.collided else case for case in cases]
+    worse = [
+        replace(case, severity=2.0 * case.severity) if case.collided else case for case in cases
+    ]
     found = paired_differences(
         case_terms(cases, METHOD), case_terms(worse, METHOD), METHOD, METHOD, replicates=40, seed=5
     )
     (part,) = resamples(one_list(len(cases)), 40, 5, ("comparison",))
     times = np.rint(part.counts * (len(cases) - 1) / len(cases)).astype(int)
     chosen = [(np.repeat(cases, row), np.repeat(worse, row)) for row in times]
-    expected = [slowly(list(after)) for _, after in chosen], [slowly(list(before)) for before, _ in chosen]
+    expected = (
+        [slowly(list(after)) for _, after in chosen],
+        [slowly(list(before)) for before, _ in chosen],
+    )
     c, d = np.subtract(*expected).T
     np.testing.assert_allclose(found["C"], c, atol=1e-12)
     np.testing.assert_allclose(found["D"], d, atol=1e-12)
@@ -54,9 +70,12 @@ def test_each_resample_is_what_the_method_makes_of_the_drawn_cases(evaluation: E
 
 
 def test_what_both_runs_have_in_common_cancels(evaluation: Evaluation) -> None:
-    """D 0.1 lower in every case is 0.1 lower in every resample, however much D itself varies with the cases drawn."""
+    """D 0.1 lower in every case is 0.1 lower in every resample, however much D itself varies with
+    the cases drawn."""
     cases = cut_out(evaluation)
-    lower = [replace(case, index=None if case.index is None else case.index - 0.1) for case in cases]
+    lower = [
+        replace(case, index=None if case.index is None else case.index - 0.1) for case in cases
+    ]
     drawn = paired_differences(
         case_terms(cases, METHOD), case_terms(lower, METHOD), METHOD, METHOD, replicates=300, seed=1
     )
@@ -65,12 +84,18 @@ def test_what_both_runs_have_in_common_cancels(evaluation: Evaluation) -> None:
 
 
 def test_a_change_in_one_case_of_many_is_not_certain(evaluation: Evaluation) -> None:
-    """About 37 % of the resamples miss the one case, (1 - 1/n)^(n - 1), so the interval reaches 0."""
+    """About 37 % of the resamples miss the one case, (1 - 1/n)^(n - 1), so the interval reaches
+    0."""
     cases = cut_out(evaluation)
     place = next(k for k, case in enumerate(cases) if case.index is not None)
     other = [*cases[:place], replace(cases[place], index=0.0), *cases[place + 1 :]]
     drawn = paired_differences(
-        case_terms(cases, METHOD), case_terms(other, METHOD), METHOD, METHOD, replicates=4000, seed=1
+        case_terms(cases, METHOD),
+        case_terms(other, METHOD),
+        METHOD,
+        METHOD,
+        replicates=4000,
+        seed=1,
     )["D"]
     n = len(cases)
     assert np.mean(drawn == 0.0) == pytest.approx((1.0 - 1.0 / n) ** (n - 1), abs=0.03)
@@ -81,19 +106,24 @@ def test_the_same_seed_draws_the_same_resamples(evaluation: Evaluation) -> None:
     cases = case_terms(cut_out(evaluation), METHOD)
     other = replace(cases, index=cases.index * 0.9)
     first, again, third = (
-        paired_differences(cases, other, METHOD, METHOD, replicates=150, seed=seed)["D"] for seed in (3, 3, 4)
+        paired_differences(cases, other, METHOD, METHOD, replicates=150, seed=seed)["D"]
+        for seed in (3, 3, 4)
     )
     assert np.array_equal(first, again)
     assert not np.array_equal(first, third)
 
 
 def test_blocks_drawn_in_place_of_single_scenarios_have_the_variance_of_a_mean() -> None:
-    """A of n cases that lose x or nothing each varies by s / sqrt(n), whether cases or blocks of them are drawn."""
+    """A of n cases that lose x or nothing each varies by s / sqrt(n), whether cases or blocks of
+    them are drawn."""
     n, half = 25_000, np.zeros(25_000)
     terms = CaseTerms(
-        exposure=np.ones(n), weight=np.ones(n), severity=half, ideal=half, unreacting=np.full(n, 10.0),
-        ratio=np.full(n, np.nan), collided=half > 1.0, evaluated=half < 1.0, index=np.full(n, np.nan),
-        likeness=np.full(n, np.nan), voids=half > 1.0, incident=half > 1.0, counted=half < 1.0, task=np.full(n, np.nan),
+        exposure=np.ones(n), weight=np.ones(n), severity=half, ideal=half,
+        unreacting=np.full(n, 10.0),
+        ratio=np.full(n, np.nan), collided=half > 1.0, evaluated=half < 1.0,
+        index=np.full(n, np.nan),
+        likeness=np.full(n, np.nan), voids=half > 1.0, incident=half > 1.0, counted=half < 1.0,
+        task=np.full(n, np.nan),
     )  # fmt: skip
     lost = np.random.default_rng(5).random(n) < 0.3
     worse = replace(terms, severity=np.where(lost, 10.0, 0.0))

@@ -13,7 +13,14 @@ from sumo_eval.settings.config import settings_from, suite_of
 
 def test_citation_names_run_versions_seed_digest_and_command(evaluation: Evaluation) -> None:
     line = citation(evaluation)
-    for part in (evaluation.name, "sumo_eval 0.0", "libsumo 1.28", "seed 0", digest(evaluation), "sumo-eval verify"):
+    for part in (
+        evaluation.name,
+        "sumo_eval 0.0",
+        "libsumo 1.28",
+        "seed 0",
+        digest(evaluation),
+        "sumo-eval verify",
+    ):
         assert part.replace("seed 0", f"seed {evaluation.settings.seed}") in line
     assert "\n" not in line
 
@@ -25,12 +32,18 @@ def test_digest_follows_every_score_and_no_order(evaluation: Evaluation) -> None
         other = replace(evaluation, scores=(replace(first, **changed), *rest))  # type: ignore[arg-type]
         assert digest(other) != digest(evaluation)
     noise = replace(first, c=(first.c or 0.0) + 1e-12)
-    assert digest(replace(evaluation, scores=(noise, *rest))) == digest(evaluation), "the last bits are the machine's"
+    assert digest(replace(evaluation, scores=(noise, *rest))) == digest(evaluation), (
+        "the last bits are the machine's"
+    )
 
 
 @pytest.mark.parametrize("changes", [{}, {"seed": 99}])
 def test_suite_is_named_only_as_it_is(evaluation: Evaluation, changes: dict[str, int]) -> None:
-    content = {"name": "mine", "scenario": [{"use": "suite:2026.1"}], "ads": [{"name": "a", "controller": "idm"}]}
+    content = {
+        "name": "mine",
+        "scenario": [{"use": "suite:2026.1"}],
+        "ads": [{"name": "a", "controller": "idm"}],
+    }
     settings = replace(settings_from(content, "a test"), **changes)  # type: ignore[arg-type]
     assert suite_of(settings) == ("" if changes else "2026.1")
     assert ("suite 2026.1" in citation(replace(evaluation, settings=settings))) == (not changes)

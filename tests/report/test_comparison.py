@@ -1,4 +1,5 @@
-"""Two runs side by side: what changed is found whatever the order, and nothing else is compared in silence."""
+"""Two runs side by side: what changed is found whatever the order, and nothing else is compared in
+silence."""
 
 from __future__ import annotations
 
@@ -27,36 +28,56 @@ def changes(comparison: Comparison) -> list[tuple[str, str]]:
     return [(item.change, item.new.case) for one in comparison.ads for item in one.changed]
 
 
-def test_a_run_beside_itself_has_no_change_and_intervals_of_zero_width(evaluation: Evaluation) -> None:
+def test_a_run_beside_itself_has_no_change_and_intervals_of_zero_width(
+    evaluation: Evaluation,
+) -> None:
     comparison = compare(evaluation, evaluation, GATE)
     assert changes(comparison) == []
     assert comparison.differences == ()
     assert sum(one.pairs for one in comparison.ads) == len(evaluation.cases)
     for one in comparison.ads:
         for change in one.quantities.values():
-            assert (change.difference, change.low, change.high) in ((0.0, 0.0, 0.0), (None, None, None))
+            assert (change.difference, change.low, change.high) in (
+                (0.0, 0.0, 0.0),
+                (None, None, None),
+            )
 
 
 def test_the_quantities_over_all_pairs_are_the_printed_ones(evaluation: Evaluation) -> None:
     for one in compare(evaluation, evaluation, GATE).ads:
         score = evaluation.score(one.ads, one.scenario)
         printed = {
-            "A": score.avoided_share, "regret": score.regret, "H": score.human_likeness, "S+": score.s_plus,
+            "A": score.avoided_share, "regret": score.regret, "H": score.human_likeness,
+            "S+": score.s_plus,
             "S": score.s, "C": score.c, "D": score.d,
         }  # fmt: skip
         for name, value in printed.items():
-            assert one.quantities[name].new == (None if value is None else pytest.approx(value, abs=1e-12))
+            assert one.quantities[name].new == (
+                None if value is None else pytest.approx(value, abs=1e-12)
+            )
 
 
 def test_every_kind_of_change_is_found_and_named(evaluation: Evaluation) -> None:
     safe, struck = pick(evaluation, collided=False), pick(evaluation, collided=True)
-    likened = next(case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None)
+    likened = next(
+        case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None
+    )
     expected: list[tuple[str, str, CaseResult, Callable[[CaseResult], CaseResult]]] = [
         ("new collision", "collision gone", safe, hit),
         ("harsher", "softer", struck, lambda case: replace(case, severity=12.0)),
-        ("less human", "more human", likened, lambda case: replace(case, index=(case.index or 0.0) - 0.1)),
+        (
+            "less human",
+            "more human",
+            likened,
+            lambda case: replace(case, index=(case.index or 0.0) - 0.1),
+        ),
         ("left the road", "back on the road", safe, lambda case: replace(case, status="off_road")),
-        ("not evaluated any more", "evaluated again", safe, lambda case: replace(case, status="timeout")),
+        (
+            "not evaluated any more",
+            "evaluated again",
+            safe,
+            lambda case: replace(case, status="timeout"),
+        ),
     ]
     for worse, better, case, change in expected:
         other = with_case(evaluation, case.case, change)
@@ -68,9 +89,13 @@ def test_every_kind_of_change_is_found_and_named(evaluation: Evaluation) -> None
         assert not back.worse
 
 
-def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(evaluation: Evaluation) -> None:
+def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(
+    evaluation: Evaluation,
+) -> None:
     likened = next(
-        case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None and case.evaluated
+        case
+        for case in evaluation.cases
+        if case.ads == builders.CALM and case.index is not None and case.evaluated
     )
     less = (likened.human_likeness or 0.0) - 0.2
     other = with_case(evaluation, likened.case, lambda case: replace(case, human_likeness=less))
@@ -86,16 +111,24 @@ def test_a_new_collision_says_by_how_much_the_regret_grew(evaluation: Evaluation
     comparison = compare(evaluation, with_case(evaluation, safe.case, hit), GATE)
     (item,) = (item for one in comparison.ads for item in one.changed.worse)
     assert item.moved["regret"] == pytest.approx(5.0)
-    (change,) = [one.quantities["A"] for one in comparison.ads if (one.ads, one.scenario) == (safe.ads, safe.scenario)]
+    (change,) = [
+        one.quantities["A"]
+        for one in comparison.ads
+        if (one.ads, one.scenario) == (safe.ads, safe.scenario)
+    ]
     assert change.difference is not None
     assert change.difference < 0.0
 
 
 def test_a_change_below_the_tolerance_is_none(evaluation: Evaluation) -> None:
     struck = pick(evaluation, collided=True)
-    other = with_case(evaluation, struck.case, lambda case: replace(case, severity=(case.severity or 0.0) + 0.05))
+    other = with_case(
+        evaluation, struck.case, lambda case: replace(case, severity=(case.severity or 0.0) + 0.05)
+    )
     assert changes(compare(evaluation, other, GATE)) == []
-    assert changes(compare(evaluation, other, replace(GATE, harsher_by=0.04))) == [("harsher", struck.case)]
+    assert changes(compare(evaluation, other, replace(GATE, harsher_by=0.04))) == [
+        ("harsher", struck.case)
+    ]
 
 
 def test_kept_rows_compare_as_rows_in_memory_do(evaluation: Evaluation, tmp_path: Path) -> None:
@@ -136,8 +169,13 @@ def test_counts_of_a_comparison_are_those_of_its_rows(evaluation: Evaluation) ->
         assert one.counts == {name: (number, number) for name, number in expected.items()}
 
 
-def test_cases_are_paired_by_their_values_not_by_their_order_or_number(evaluation: Evaluation) -> None:
-    renumbered = [replace(case, case=f"other-{number}") for number, case in enumerate(reversed(evaluation.cases))]
+def test_cases_are_paired_by_their_values_not_by_their_order_or_number(
+    evaluation: Evaluation,
+) -> None:
+    renumbered = [
+        replace(case, case=f"other-{number}")
+        for number, case in enumerate(reversed(evaluation.cases))
+    ]
     other = replace(evaluation, cases=tuple(renumbered))
     assert changes(compare(evaluation, other, GATE)) == []
 
@@ -151,8 +189,14 @@ def test_a_case_in_one_run_only_is_counted_and_said(evaluation: Evaluation) -> N
 def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation: Evaluation) -> None:
     renamed = replace(
         evaluation,
-        scores=tuple(replace(score, ads="new") if score.ads == builders.CALM else score for score in evaluation.scores),
-        cases=tuple(replace(case, ads="new") if case.ads == builders.CALM else case for case in evaluation.cases),
+        scores=tuple(
+            replace(score, ads="new") if score.ads == builders.CALM else score
+            for score in evaluation.scores
+        ),
+        cases=tuple(
+            replace(case, ads="new") if case.ads == builders.CALM else case
+            for case in evaluation.cases
+        ),
     )
     comparison = compare(evaluation, renamed, GATE)
     assert {one.ads for one in comparison.ads} == {builders.HOSTILE}
@@ -166,7 +210,8 @@ def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation: Ev
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda e: replace(e, settings=replace(e.settings, seed=2)), "seed: 1 in the base, 2 in the new run"),
+        (lambda e: replace(e, settings=replace(e.settings, seed=2)), "seed: 1 in the base, 2 in "
+                                                                     "the new run"),
         (
             lambda e: replace(
                 e, settings=replace(e.settings, simulation=replace(e.settings.simulation, step=0.1))
@@ -178,11 +223,13 @@ def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation: Ev
             "scenario.front_vehicle_cut_out",
         ),
         (
-            lambda e: replace(e, manifest={**e.manifest, "versions": {**e.manifest["versions"], "libsumo": "1.29"}}),
+            lambda e: replace(e,
+                manifest={**e.manifest, "versions": {**e.manifest["versions"], "libsumo": "1.29"}}),
             "version of libsumo: 1.28 in the base, 1.29 in the new run",
         ),
         (
-            lambda e: replace(e, manifest={**e.manifest, "sha256": {"routes/front_vehicle_cut_out.rou.xml": "ab"}}),
+            lambda e: replace(e,
+                manifest={**e.manifest, "sha256": {"routes/front_vehicle_cut_out.rou.xml": "ab"}}),
             "routes/front_vehicle_cut_out.rou.xml: not set in the base, ab in the new run",
         ),
     ],
@@ -198,7 +245,9 @@ def test_what_could_change_a_score_by_itself_is_refused_unless_accepted(
     assert any(words in item.words and item.decides for item in comparison.differences)
 
 
-def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused(evaluation: Evaluation) -> None:
+def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused(
+    evaluation: Evaluation,
+) -> None:
     versions = {**evaluation.manifest["versions"], "numpy": "3.0"}
     ads = (AdsSettings(builders.CALM, "lane_changer"), *evaluation.settings.ads[1:])
     other = replace(

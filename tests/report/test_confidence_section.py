@@ -23,14 +23,19 @@ def assessed(evaluation, partitions, tmp_path_factory):
     shutil.copy(evaluation.folder / FACTS, folder)
     calm = with_intervals_of(evaluation, partitions, builders.CALM).scores
     copy = replace(
-        evaluation, folder=folder, scores=calm, settings=replace(evaluation.settings, run=RunSettings(workers=1))
+        evaluation,
+        folder=folder,
+        scores=calm,
+        settings=replace(evaluation.settings, run=RunSettings(workers=1)),
     )
     return replace(evaluation, folder=folder), assess(copy, partitions)
 
 
 def test_the_section_has_the_numbers_of_the_assessment(assessed, partitions):
     evaluation, confidence = assessed
-    page = write_report(evaluation, partitions, Beside(confidence=confidence)).read_text(encoding="utf-8")
+    page = write_report(evaluation, partitions, Beside(confidence=confidence)).read_text(
+        encoding="utf-8"
+    )
     (section,) = html.fromstring(page).xpath("//section[@id='confidence']")
     words = " ".join(section.text_content().split())
     for item in confidence.assessments:
@@ -45,7 +50,9 @@ def test_the_section_has_the_numbers_of_the_assessment(assessed, partitions):
 def test_a_score_without_an_interval_says_why(assessed, partitions):
     evaluation, confidence = assessed
     first, *others = confidence.assessments
-    none = replace(first, intervals={}, risk=None, further=None, reason="fewer than two evaluated cases")
+    none = replace(
+        first, intervals={}, risk=None, further=None, reason="fewer than two evaluated cases"
+    )
     beside = Beside(confidence=Confidence((none, *others), confidence.coverage))
     page = write_report(evaluation, partitions, beside).read_text(encoding="utf-8")
     assert "no interval: fewer than two evaluated cases" in page

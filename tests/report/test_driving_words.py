@@ -1,4 +1,5 @@
-"""What one case looks like in driving words: worked scenes, each with its quantity, people and time."""
+"""What one case looks like in driving words: worked scenes, each with its quantity, people and
+time."""
 
 from __future__ import annotations
 
@@ -16,10 +17,17 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import Trajectory
 
-FINE = {"length_factor": 1.0, "operation_tolerance": 1.0, "mixture_similarity": 1.0, "plausibility": 1.0}
+FINE = {
+    "length_factor": 1.0,
+    "operation_tolerance": 1.0,
+    "mixture_similarity": 1.0,
+    "plausibility": 1.0,
+}
 
 
-def drive(speeds: list[tuple[float, float]], seconds: float = 10.0, x: float = 50.0, y: float = 0.0) -> Trajectory:
+def drive(
+    speeds: list[tuple[float, float]], seconds: float = 10.0, x: float = 50.0, y: float = 0.0
+) -> Trajectory:
     """A drive with speeds, m/s, at times, s, linear between them."""
     time = np.arange(0.0, seconds + 0.05, 0.1)
     speed = np.interp(time, *zip(*speeds, strict=True))
@@ -30,11 +38,15 @@ def drive(speeds: list[tuple[float, float]], seconds: float = 10.0, x: float = 5
 @pytest.fixture
 def case(evaluation: Evaluation) -> CaseResult:
     safe = next(one for one in evaluation.cases if one.zone == "safe" and not one.incident)
-    return replace(safe, scenario=builders.SCENARIOS[0], values={"ego_speed": 20.0, "lead_speed": 5.0}, **FINE)  # type: ignore[arg-type]
+    return replace(
+        safe, scenario=builders.SCENARIOS[0], values={"ego_speed": 20.0, "lead_speed": 5.0}, **FINE
+    )  # type: ignore[arg-type]
 
 
 def scene(case: CaseResult, ego: Trajectory, *drivers: Trajectory, **actors: Trajectory) -> Scene:
-    return Scene(case, ego, actors, drivers, {f"driver_{place}": one for place, one in enumerate(drivers)})
+    return Scene(
+        case, ego, actors, drivers, {f"driver_{place}": one for place, one in enumerate(drivers)}
+    )
 
 
 def test_every_extreme_has_words() -> None:
@@ -42,9 +54,14 @@ def test_every_extreme_has_words() -> None:
 
 
 def test_hard_braking_before_the_lead_brakes_in_words(case: CaseResult) -> None:
-    """20 to 2 m/s between 2 and 4 s: 9 m/s2 over any whole second. The lead brakes from 5.0 s on."""
+    """20 to 2 m/s between 2 and 4 s: 9 m/s2 over any whole second.
+
+    The lead brakes from 5.0 s on.
+    """
     lead = drive([(0, 20), (5, 20), (8, 8), (10, 8)], x=300.0)
-    braking = scene(replace(case, plausibility=0.0), drive([(0, 20), (2, 20), (4, 2), (10, 2)]), lead=lead)
+    braking = scene(
+        replace(case, plausibility=0.0), drive([(0, 20), (2, 20), (4, 2), (10, 2)]), lead=lead
+    )
     ((sentence, when),) = words.likeness_words(braking, MOTORWAY_PEOPLE)
     assert sentence.startswith("Braked at 9.0 m/s2 at 2.")
     assert "s before `lead` braked; none of the recorded people does" in sentence
@@ -57,10 +74,14 @@ def test_standing_and_crawling_name_the_references(case: CaseResult) -> None:
     logical, reference = catalogue.load(case.scenario), drive([(0, 20), (10, 20)], x=0.0)
     begin = logical.placed(case.values).ego.x
     reference = drive([(0, 20), (10, 20)], x=begin)
-    stops = scene(replace(case, task_share=0.2), drive([(0, 20), (4, 0), (10, 0)], x=begin), reference)
+    stops = scene(
+        replace(case, task_share=0.2), drive([(0, 20), (4, 0), (10, 0)], x=begin), reference
+    )
     ((sentence, _),) = words.task_words(stops, logical)
     assert sentence == "Stood after 40 m of 195 m, from 4.0 s on; 1 driver drove on."
-    crawls = scene(replace(case, task_share=0.5), drive([(0, 10), (30, 10)], 30.0, x=begin), reference)
+    crawls = scene(
+        replace(case, task_share=0.5), drive([(0, 10), (30, 10)], 30.0, x=begin), reference
+    )
     ((sentence, _),) = words.task_words(crawls, logical)
     assert sentence == "Needed 19.5 s for 195 m; the slowest of 1 driver needed 9.8 s."
 
@@ -85,5 +106,7 @@ def test_picture_is_as_wide_as_the_drive_and_marks_the_moment(case: CaseResult) 
     ego, mark, scale = words.picture(stops, 5.0)
     assert len(ego.split()[1]) == words.PICTURE
     assert (ego.split()[1][0], ego.split()[1][-1]) == ("█", "▁")
-    assert mark.index("^") == 10 + round(0.5 * (words.PICTURE - 1)), "half way, behind two blanks and a name of 8"
+    assert mark.index("^") == 10 + round(0.5 * (words.PICTURE - 1)), (
+        "half way, behind two blanks and a name of 8"
+    )
     assert "0 to 72 km/h over 10.0 s" in scale

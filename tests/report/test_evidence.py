@@ -52,7 +52,8 @@ def qualification(folder: Path, passed: tuple[bool, ...] = (True, True), **versi
     """A file as `qualify` writes it, with so many checks."""
     path = folder / "qualification.json"
     content = {
-        "format_version": 1, "created": "2026-11-22T08:00:00+00:00", "versions": HERE | versions, "machine": MACHINE,
+        "format_version": 1, "created": "2026-11-22T08:00:00+00:00", "versions": HERE | versions,
+        "machine": MACHINE,
         "checks": [{"name": f"check {k}", "passed": one} for k, one in enumerate(passed)],
     }  # fmt: skip
     path.write_text(json.dumps(content), encoding="utf-8")
@@ -64,8 +65,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("evidence")
     (folder / "approach.toml").write_text(SCENE, encoding="utf-8")
     evaluate(
-        {"name": "claims", "scenario": [{"use": str(folder / "approach.toml")}], "drivers": {"count": 2},
-         "ads": [{"name": "nothing", "controller": "no_reaction"}, {"name": "ideal", "controller": "ideal_braking"}],
+        {"name": "claims", "scenario": [{"use": str(folder / "approach.toml")}],
+            "drivers": {"count": 2},
+         "ads": [{"name": "nothing", "controller": "no_reaction"},
+             {"name": "ideal", "controller": "ideal_braking"}],
          "run": {"engine": "serial", "qualification": str(qualification(folder))}},
         folder / "run", workers=1,
     )  # fmt: skip
@@ -73,9 +76,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_claims_say_what_the_facts_bear_out(run: Path, tmp_path: Path) -> None:
-    """A car that does nothing closes 20 m at 10 m/s, and 60 m within 6 s and 120 m: both of its cases collide, the
-    ideal vehicle's none. Of two equally frequent cases without a collision at least 1 - 0.025^(1/2) = 0.842 is open.
-    """
+    """A car that does nothing closes 20 m at 10 m/s, and 60 m within 6 s and 120 m: both of its
+    cases collide, the ideal vehicle's none. Of two equally frequent cases without a collision at
+    least 1 - 0.025^(1/2) = 0.842 is open."""
     page, plain = write_evidence(score(run), tmp_path)
     found = json.loads(plain.read_text(encoding="utf-8"))
     claims = {claim["id"]: claim for claim in found["claims"]}
@@ -87,17 +90,31 @@ def test_claims_say_what_the_facts_bear_out(run: Path, tmp_path: Path) -> None:
     nothing, ideal = (claims[f"approach/{ads}/preventability"] for ads in ("nothing", "ideal"))
     assert (nothing["verdict"], ideal["verdict"]) == ("not supported", "supported")
     assert len(nothing["cases"]) == 2
-    assert nothing["evidence"][0].startswith("2 incidents: 2 preventable for a skilled driver, 0 unpreventable")
+    assert nothing["evidence"][0].startswith(
+        "2 incidents: 2 preventable for a skilled driver, 0 unpreventable"
+    )
     share = claims["approach/ideal/collisions"]
-    assert share["claim"].endswith("is below 0.842 in this space under equal weights of its points.")
+    assert share["claim"].endswith(
+        "is below 0.842 in this space under equal weights of its points."
+    )
     assert share["interval"]["high"] == pytest.approx(1.0 - 0.025**0.5)
-    everything = claims["approach/nothing/collisions"]  # both of its cases: no limit below 1 can be told
-    assert (everything["interval"]["high"], everything["verdict"], share["verdict"]) == (1.0, "open", "supported")
+    # both of its cases: no limit below 1 can be told
+    everything = claims["approach/nothing/collisions"]
+    assert (everything["interval"]["high"], everything["verdict"], share["verdict"]) == (
+        1.0,
+        "open",
+        "supported",
+    )
     assert any("every point counts the same" in text for text in share["assumptions"])
     assert claims["approach/nothing/checks"]["verdict"] == "not supported"
     assert claims["approach/ideal/checks"]["verdict"] == "supported"
-    assert found["hashes"]["facts.sqlite"] == hashlib.sha256((run / "facts.sqlite").read_bytes()).hexdigest()
-    assert found["run"]["id"] == hashlib.sha256((run / "manifest.json").read_bytes()).hexdigest()[:16]
+    assert (
+        found["hashes"]["facts.sqlite"]
+        == hashlib.sha256((run / "facts.sqlite").read_bytes()).hexdigest()
+    )
+    assert (
+        found["run"]["id"] == hashlib.sha256((run / "manifest.json").read_bytes()).hexdigest()[:16]
+    )
     assert found["qualified"]
     text = page.read_text(encoding="utf-8")
     assert "unpreventable for a skilled driver" in text
@@ -107,10 +124,13 @@ def test_claims_say_what_the_facts_bear_out(run: Path, tmp_path: Path) -> None:
 
 
 def test_nothing_is_claimed_of_harm_that_nobody_could_do(run: Path) -> None:
-    """Where a car that does nothing touches nobody A is 1 by definition, with 1 to 1 as its interval."""
+    """Where a car that does nothing touches nobody A is 1 by definition, with 1 to 1 as its
+    interval."""
     whole = score(run)
     calm = replace(whole.scores[0], avoided_share=1.0, avoided_share_interval=(1.0, 1.0))
-    (claim,) = (it for it in evidence_of(replace(whole, scores=(calm,))).claims if it.id.endswith("avoided"))
+    (claim,) = (
+        it for it in evidence_of(replace(whole, scores=(calm,))).claims if it.id.endswith("avoided")
+    )
     assert (claim.claim, claim.verdict) == (f"{calm.ads} in approach had harm to avoid.", "open")
 
 
@@ -118,7 +138,8 @@ def test_the_report_carries_the_qualification_that_the_run_names(run: Path) -> N
     evaluation = score(run)
     (sentence,) = (line for line in closing_lines(evaluation) if line.startswith("Qualification"))
     assert sentence == (
-        "Qualification of 2026-11-22T08:00:00+00:00: 2 of 2 known answers were found again, with the versions and on "
+        "Qualification of 2026-11-22T08:00:00+00:00: 2 of 2 known answers were found again, with "
+        "the versions and on "
         "the machine of this run."
     )
     content = qualification_content(evaluation)
@@ -141,7 +162,11 @@ def test_a_run_that_goes_on_needs_its_qualification_no_more(run: Path, tmp_path:
 @pytest.mark.parametrize(
     ("passed", "versions", "sentence"),
     [
-        ((True, False), {}, "1 of 2 known answers were found again, so the tool is NOT qualified: check 1."),
+        (
+            (True, False),
+            {},
+            "1 of 2 known answers were found again, so the tool is NOT qualified: check 1.",
+        ),
         (
             (True, True),
             {"libsumo": "1.0.0"},
@@ -152,7 +177,9 @@ def test_a_run_that_goes_on_needs_its_qualification_no_more(run: Path, tmp_path:
 def test_a_qualification_that_does_not_hold_is_said_to(
     tmp_path: Path, passed: tuple[bool, ...], versions: dict[str, str], sentence: str
 ) -> None:
-    named = read_qualification("qualification.json", qualification(tmp_path, passed, **versions).parent)
+    named = read_qualification(
+        "qualification.json", qualification(tmp_path, passed, **versions).parent
+    )
     manifest = {"qualification": named, "versions": HERE, "machine": MACHINE}
     assert qualification_sentence(manifest).endswith(sentence)
     assert read_qualification(".", tmp_path) == named  # the folder will do
@@ -162,7 +189,8 @@ def test_a_qualification_that_does_not_hold_is_said_to(
     ("text", "sentence"),
     [
         (None, "There is no qualification"), ("[]", "is not what `sumo-eval qualify` writes"),
-        ("{", "is not what `sumo-eval qualify` writes"), ('{"checks": 3}', "is not what `sumo-eval qualify` writes"),
+        ("{", "is not what `sumo-eval qualify` "
+              "writes"), ('{"checks": 3}', "is not what `sumo-eval qualify` writes"),
         ('{"checks": [], "created": "", "versions": {}, "machine": {}}', "holds no checks"),
     ],
 )  # fmt: skip

@@ -1,4 +1,5 @@
-"""`sumo-eval export RUN CASE`: what is written drives, loads and says the same as what was recorded."""
+"""`sumo-eval export RUN CASE`: what is written drives, loads and says the same as what was
+recorded."""
 
 from __future__ import annotations
 
@@ -82,7 +83,8 @@ while read -r seen; do echo '{"acceleration": -2}'; done
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two scenarios, three ADSs whose code lies beside the evaluation; the second point of each is the exported one."""
+    """Two scenarios, three ADSs whose code lies beside the evaluation; the second point of each is
+    the exported one."""
     folder = tmp_path_factory.mktemp("exported")
     (folder / "lib").mkdir()
     (folder / "lib" / "my_ads.py").write_text(DRAWS)
@@ -104,10 +106,22 @@ def drive(run: Path, case: str):
     with open_store(run / FACTS) as store:
         fact = next(fact for fact in store.facts("ads") if fact.case == case)
         vehicles = {
-            name: {field: getattr(path, field).tolist() for field in ("time", "x", "y", "speed", "heading")}
+            name: {
+                field: getattr(path, field).tolist()
+                for field in ("time", "x", "y", "speed", "heading")
+            }
             for name, path in store.trajectories(case).items()
         }
-    return fact.values, fact.exposure, fact.status, fact.end_reason, fact.error, fact.collision, fact.clips, vehicles
+    return (
+        fact.values,
+        fact.exposure,
+        fact.status,
+        fact.end_reason,
+        fact.error,
+        fact.collision,
+        fact.clips,
+        vehicles,
+    )
 
 
 def again(out: Path, line: str) -> Path:
@@ -124,7 +138,8 @@ def again(out: Path, line: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("scenario", "ads"), [("cut_in", "draws"), pytest.param("slow_truck", "program", marks=pytest.mark.campaign)]
+    ("scenario", "ads"),
+    [("cut_in", "draws"), pytest.param("slow_truck", "program", marks=pytest.mark.campaign)],
 )
 def test_an_exported_case_drives_again_digit_for_digit(run, tmp_path, scenario, ads):
     case = f"{scenario}-0001-{ads}"
@@ -140,11 +155,15 @@ def test_an_exported_case_drives_again_digit_for_digit(run, tmp_path, scenario, 
 def test_the_line_that_it_gives_drives_the_case_again(run, tmp_path):
     ads = "beside it/--x"
     exported = export_case(run, f"slow_truck-0001-{ads}", tmp_path)
-    assert drive(again(tmp_path, exported.line), f"slow_truck-0000-{ads}") == drive(run, f"slow_truck-0001-{ads}")
+    assert drive(again(tmp_path, exported.line), f"slow_truck-0000-{ads}") == drive(
+        run, f"slow_truck-0001-{ads}"
+    )
 
 
 def test_the_files_are_there_and_called_like_the_case(run, tmp_path):
-    result = CliRunner().invoke(main, ["export", str(run), "cut_in-0001-draws", "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(
+        main, ["export", str(run), "cut_in-0001-draws", "--out", str(tmp_path / "out")]
+    )
     assert result.exit_code == 0, result.output
     stem = "cut_in-0001-draws"
     names = {"two_lanes_1400m.net.xml", "two_lanes_1400m.view.xml"} | {
@@ -156,7 +175,9 @@ def test_the_files_are_there_and_called_like_the_case(run, tmp_path):
     assert told[-1] == f"Drive it again, in that folder: sumo-eval run {stem}.toml --out again"
     rows = (tmp_path / "out" / f"{stem}.csv").read_text().splitlines()
     assert rows == ["ego_speed,cut_in_speed,gap,lateral_speed,exposure", "30.0,15.0,50.1,0.8,0.3"]
-    assert CliRunner().invoke(main, ["check", str(tmp_path / "out" / f"{stem}.toml")]).exit_code == 0
+    assert (
+        CliRunner().invoke(main, ["check", str(tmp_path / "out" / f"{stem}.toml")]).exit_code == 0
+    )
 
 
 def test_a_name_that_is_no_file_name_becomes_one_and_stays_in_its_folder(run, tmp_path):
@@ -165,10 +186,12 @@ def test_a_name_that_is_no_file_name_becomes_one_and_stays_in_its_folder(run, tm
     assert "slow_truck-0000-beside_it__-x.toml" in {path.name for path in exported.paths}
     assert exported.line.startswith("sumo-eval run slow_truck-0000-beside_it__-x.toml ")
     alone = (tmp_path / "slow_truck-0000-beside_it__-x.toml").read_text()
-    assert f'"{run.parent}/neighbour.py:drive"' in alone, "the module is named by its file, wherever the line is typed"
+    assert f'"{run.parent}/neighbour.py:drive"' in alone, (
+        "the module is named by its file, wherever the line is typed"
+    )
 
 
-# --- SUMO -------------------------------------------------------------------------------------------------------------
+# --- SUMO -----------------------------------------------------------------------------------------
 
 STEPS_IN_LIBSUMO = """
 import json, sys, libsumo
@@ -186,7 +209,8 @@ def test_the_configuration_loads_and_steps_in_libsumo(run, tmp_path):
     case = "cut_in-0001-draws"
     export_case(run, case, tmp_path)
     done = subprocess.run(
-        [sys.executable, "-c", STEPS_IN_LIBSUMO, f"{case}.sumocfg"], cwd=tmp_path, capture_output=True, text=True,
+        [sys.executable, "-c", STEPS_IN_LIBSUMO, f"{case}.sumocfg"], cwd=tmp_path,
+        capture_output=True, text=True,
         timeout=60, check=True,
     )  # fmt: skip
     vehicles, step, time = json.loads(done.stdout.splitlines()[-1])
@@ -209,8 +233,20 @@ def test_the_configuration_runs_in_the_sumo_binary(run, tmp_path):
         binary = Path(found)
     case = "slow_truck-0001-program"
     export_case(run, case, tmp_path)
-    command = [str(binary), "-c", f"{case}.sumocfg", "--end", "3", "--fcd-output", "fcd.xml", "--no-step-log", "true"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    command = [
+        str(binary),
+        "-c",
+        f"{case}.sumocfg",
+        "--end",
+        "3",
+        "--fcd-output",
+        "fcd.xml",
+        "--no-step-log",
+        "true",
+    ]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 0, done.stderr
     steps = etree.parse(tmp_path / "fcd.xml").getroot().findall("timestep")
     assert {vehicle.get("id") for vehicle in steps[0]} == {"ego", "truck"}
@@ -220,7 +256,7 @@ def test_the_configuration_runs_in_the_sumo_binary(run, tmp_path):
     assert float(steps[1].get("time")) - float(steps[0].get("time")) == pytest.approx(0.1)
 
 
-# --- OpenSCENARIO and OpenDRIVE ---------------------------------------------------------------------------------------
+# --- OpenSCENARIO and OpenDRIVE -------------------------------------------------------------------
 
 
 def vertices(root, name):
@@ -237,32 +273,48 @@ def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path)
     assert (root.tag, header.get("revMajor"), header.get("revMinor")) == ("OpenSCENARIO", "1", "2")
     assert header.get("description").endswith(f"Run again: sumo-eval run {case}.toml --out again")
     assert root.find("RoadNetwork/LogicFile").get("filepath") == f"{case}.xodr"
-    assert [entity.get("name") for entity in root.findall("Entities/ScenarioObject")] == ["ego", "other"]
+    assert [entity.get("name") for entity in root.findall("Entities/ScenarioObject")] == [
+        "ego",
+        "other",
+    ]
     for size in root.findall("Entities/ScenarioObject/Vehicle/BoundingBox/Dimensions"):
         assert (size.get("length"), size.get("width")) == ("4.3", "1.9")
 
-    starts = {private.get("entityRef"): private for private in root.findall("Storyboard/Init/Actions/Private")}
+    starts = {
+        private.get("entityRef"): private
+        for private in root.findall("Storyboard/Init/Actions/Private")
+    }
     places = {name: private.find(".//WorldPosition") for name, private in starts.items()}
-    speeds = {name: private.find(".//AbsoluteTargetSpeed").get("value") for name, private in starts.items()}
+    speeds = {
+        name: private.find(".//AbsoluteTargetSpeed").get("value")
+        for name, private in starts.items()
+    }
     assert speeds == {"ego": "30", "other": "15"}
     assert {name: place.get("y") for name, place in places.items()} == {"ego": "0", "other": "3.5"}
-    assert float(places["other"].get("x")) - float(places["ego"].get("x")) == pytest.approx(50.1 + 4.3)
+    assert float(places["other"].get("x")) - float(places["ego"].get("x")) == pytest.approx(
+        50.1 + 4.3
+    )
 
     # the other slides 3.5 m to the right at 0.8 m/s, which takes 4.375 s, and goes on at 15 m/s
-    assert root.find("Storyboard/Story/Act/ManeuverGroup/Actors/EntityRef").get("entityRef") == "other"
+    assert (
+        root.find("Storyboard/Story/Act/ManeuverGroup/Actors/EntityRef").get("entityRef") == "other"
+    )
     path = vertices(root, "other")
     begin = float(places["other"].get("x"))
     for time, y in ((0.0, 3.5), (2.0, 3.5 - 1.6), (4.3, 3.5 - 3.44), (4.4, 0.0), (10.0, 0.0)):
         assert float(path[time].get("y")) == pytest.approx(y, abs=1e-6)
         assert float(path[time].get("x")) == pytest.approx(begin + 15.0 * time, abs=1e-5)
         assert path[time].get("h") == "0"  # it slides
-    # the case ends after 35 s at the latest, the others' vertices too; the ego drives as it was recorded, until its end
+    # the case ends after 35 s at the latest, the others' vertices too; the ego drives as it was
+    # recorded, until its end
     assert max(path) == pytest.approx(35.0)
     with open_store(run / FACTS) as store:
         driven = store.trajectory(case)
     ego = vertices(root, "ego")
     assert sorted(ego) == pytest.approx(driven.time.tolist(), abs=1e-6)
-    assert [float(ego[time].get("x")) for time in sorted(ego)] == pytest.approx(driven.x.tolist(), abs=1e-6)
+    assert [float(ego[time].get("x")) for time in sorted(ego)] == pytest.approx(
+        driven.x.tolist(), abs=1e-6
+    )
     end = float(root.find("Storyboard/StopTrigger//SimulationTimeCondition").get("value"))
     assert end == pytest.approx(driven.time[-1], abs=1e-6)
 
@@ -276,21 +328,28 @@ def test_a_braking_vehicle_follows_its_braking_in_openscenario(run, tmp_path):
     travelled = [path[time] - path[0.0] for time in (1.0, 2.0, 3.5, 20.0)]
     assert travelled == pytest.approx([10.0, 10.0 + 8.0, 10.0 + 12.5, 10.0 + 12.5], abs=1e-5)
     assert "moves on in this file" not in (tmp_path / f"{case}.rou.xml").read_text()
-    assert "`truck` brakes to a standstill with 4 m/s2 from 1 s on" in (tmp_path / f"{case}.rou.xml").read_text()
+    assert (
+        "`truck` brakes to a standstill with 4 m/s2 from 1 s on"
+        in (tmp_path / f"{case}.rou.xml").read_text()
+    )
 
 
 def recorded(start, speed):
     """A drive straight on for 2 s."""
     time = np.linspace(0.0, 2.0, 21)
     still = np.zeros(21)
-    return Trajectory(time=time, x=start.x + speed * time, y=start.y + still, heading=still, speed=speed + still,
-                      acceleration=still, steering_wheel_angle=still, length=4.5, width=1.8)  # fmt: skip
+    return Trajectory(time=time, x=start.x + speed * time, y=start.y + still, heading=still,
+        speed=speed + still,
+                      acceleration=still, steering_wheel_angle=still, length=4.5,
+                      width=1.8)  # fmt: skip
 
 
 def lively_case():
     """A child who runs when the ego is near: where it was is known from the recording alone."""
     logical = load("child_from_behind_parked_cars")
-    concrete = logical.concrete(**dict(zip(logical.names, sample(logical).points[0].tolist(), strict=True)))
+    concrete = logical.concrete(
+        **dict(zip(logical.names, sample(logical).points[0].tolist(), strict=True))
+    )
     child = next(actor for actor in concrete.actors if actor.name == "child")
     return concrete, {"ego": recorded(concrete.ego, 5.0), "child": recorded(child.start, 1.0)}
 
@@ -298,13 +357,18 @@ def lively_case():
 def test_who_waits_for_a_condition_follows_its_recording_in_openscenario():
     """10 m of the ego's and 2 m of the child's in 2 s at 5 and 1 m/s; a child is a Pedestrian."""
     concrete, driven = lively_case()
-    root = etree.fromstring(openscenario_xml(concrete, SimulationSettings(), "r.xodr", "r", driven).encode())
+    root = etree.fromstring(
+        openscenario_xml(concrete, SimulationSettings(), "r.xodr", "r", driven).encode()
+    )
     assert [item.get("name") for item in root.iter("Pedestrian")] == ["child"]
     for name, far in (("ego", 10.0), ("child", 2.0)):
         path = vertices(root, name)
         assert float(path[2.0].get("x")) - float(path[0.0].get("x")) == pytest.approx(far, abs=1e-6)
-    assert {g.get("name") for g in root.iter("ManeuverGroup")} == {"ego", "child"}  # parked cars stand
-    alone = etree.fromstring(openscenario_xml(concrete, SimulationSettings(), "r.xodr", "r").encode())
+    # parked cars stand
+    assert {g.get("name") for g in root.iter("ManeuverGroup")} == {"ego", "child"}
+    alone = etree.fromstring(
+        openscenario_xml(concrete, SimulationSettings(), "r.xodr", "r").encode()
+    )
     assert "ego" not in {g.get("name") for g in alone.iter("ManeuverGroup")}
 
 
@@ -316,20 +380,29 @@ CHECKER = os.environ.get("QC_OPENSCENARIO") or shutil.which("qc_openscenario")
 def test_asams_checker_finds_no_issue_and_skips_no_rule(tmp_path, request, kind):
     if kind == "a lively case":
         concrete, driven = lively_case()
-        (tmp_path / "c.xosc").write_text(openscenario_xml(concrete, SimulationSettings(), "c.xodr", "r", driven))
+        (tmp_path / "c.xosc").write_text(
+            openscenario_xml(concrete, SimulationSettings(), "c.xodr", "r", driven)
+        )
         (tmp_path / "c.xodr").write_text(opendrive_xml(concrete.road))
     elif kind == "a plain one":
-        concrete = load("cut_in").concrete(ego_speed=30.0, cut_in_speed=20.0, gap=25.0, lateral_speed=1.0)
-        (tmp_path / "c.xosc").write_text(openscenario_xml(concrete, SimulationSettings(), "c.xodr", "r"))
+        concrete = load("cut_in").concrete(
+            ego_speed=30.0, cut_in_speed=20.0, gap=25.0, lateral_speed=1.0
+        )
+        (tmp_path / "c.xosc").write_text(
+            openscenario_xml(concrete, SimulationSettings(), "c.xodr", "r")
+        )
         (tmp_path / "c.xodr").write_text(opendrive_xml(concrete.road))
     else:
         export_case(request.getfixturevalue("run"), "cut_in-0001-draws", tmp_path)
         (tmp_path / "cut_in-0001-draws.xosc").rename(tmp_path / "c.xosc")
     (tmp_path / "config.xml").write_text(
-        f'<Config><Param name="InputFile" value="{tmp_path}/c.xosc"/><CheckerBundle application="xoscBundle">'
+        f'<Config><Param name="InputFile" value="{tmp_path}/c.xosc"/><CheckerBundle '
+        'application="xoscBundle">'
         f'<Param name="resultFile" value="{tmp_path}/found.xqar"/></CheckerBundle></Config>'
     )
-    done = subprocess.run([CHECKER, "-c", "config.xml"], cwd=tmp_path, capture_output=True, timeout=120, check=False)
+    done = subprocess.run(
+        [CHECKER, "-c", "config.xml"], cwd=tmp_path, capture_output=True, timeout=120, check=False
+    )
     assert done.returncode == 0, done.stderr
     found = etree.parse(tmp_path / "found.xqar").getroot()
     assert [issue.get("description") for issue in found.iter("Issue")] == []
@@ -343,15 +416,19 @@ def test_the_opendrive_road_is_the_cases_road(run, tmp_path):
     export_case(run, case, tmp_path)
     root = etree.parse(tmp_path / f"{case}.xodr").getroot()
     assert root.tag == "OpenDRIVE"
-    # two lanes of 3.5 m, the right one's centre at y = 0: the reference line, the left edge, lies at 5.25
+    # two lanes of 3.5 m, the right one's centre at y = 0: the reference line, the left edge, lies
+    # at 5.25
     geometry = root.find("road/planView/geometry")
     assert (geometry.get("x"), geometry.get("y"), geometry.get("hdg")) == ("0", "5.25", "0")
     assert geometry.get("length") == root.find("road").get("length") == "2000"
     lanes = root.findall("road/lanes/laneSection/right/lane")
-    assert [(lane.get("id"), lane.find("width").get("a")) for lane in lanes] == [("-1", "3.5"), ("-2", "3.5")]
+    assert [(lane.get("id"), lane.find("width").get("a")) for lane in lanes] == [
+        ("-1", "3.5"),
+        ("-2", "3.5"),
+    ]
 
 
-# --- files of the user's, and mistakes --------------------------------------------------------------------------------
+# --- files of the user's, and mistakes ------------------------------------------------------------
 
 
 def test_an_fmu_keeps_its_mapping_and_drives_again(tmp_path):
@@ -397,13 +474,22 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
     folder = tmp_path / "run"
     shutil.copytree(run, folder)
     text = (folder / "evaluation.toml").read_text()
-    text = text.replace('source = "synthetic"', 'source = "people.py:drives"').replace('cases = ""', 'cases = "tests"')
+    text = text.replace('source = "synthetic"', 'source = "people.py:drives"').replace(
+        'cases = ""', 'cases = "tests"'
+    )
     assert 'cases = "tests"' in text
     (folder / "evaluation.toml").write_text(text)
     monkeypatch.setattr("sumo_eval.record.trust._asked", True)  # as `--trust` does
-    path = next(p for p in export_case(folder, "cut_in-0001-draws", tmp_path / "out").paths if p.suffix == ".toml")
+    path = next(
+        p
+        for p in export_case(folder, "cut_in-0001-draws", tmp_path / "out").paths
+        if p.suffix == ".toml"
+    )
     drivers = sumo_eval.settings.config.read_evaluation(path).drivers
-    assert (drivers.source, drivers.cases) == (f"{run.parent / 'people.py'}:drives", str(run.parent / "tests"))
+    assert (drivers.source, drivers.cases) == (
+        f"{run.parent / 'people.py'}:drives",
+        str(run.parent / "tests"),
+    )
 
 
 @pytest.mark.parametrize(
@@ -414,6 +500,8 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
     ],
 )
 def test_the_command_refuses_in_a_sentence(run, tmp_path, arguments, sentence):
-    result = CliRunner().invoke(main, ["export", str(run), *arguments, "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(
+        main, ["export", str(run), *arguments, "--out", str(tmp_path / "out")]
+    )
     assert (result.exit_code, (tmp_path / "out").exists()) == (2, False)
     assert sentence in result.stderr

@@ -1,4 +1,5 @@
-"""Gates: a limit fails when its bound is passed, says by what and where, and is never judged without a base."""
+"""Gates: a limit fails when its bound is passed, says by what and where, and is never judged
+without a base."""
 
 from __future__ import annotations
 
@@ -23,7 +24,11 @@ from sumo_eval.report.gate_settings import (
 from sumo_eval.report.gates import GateResult, failed, judge
 from sumo_eval.results import Evaluation
 
-OFF = {"outcome": OutcomeSettings(on=False), "near_miss": NearMissSettings(on=False), "shift": ShiftSettings(on=False)}
+OFF = {
+    "outcome": OutcomeSettings(on=False),
+    "near_miss": NearMissSettings(on=False),
+    "shift": ShiftSettings(on=False),
+}
 
 
 def judged(base: Evaluation, new: Evaluation, *limits: LimitSettings) -> tuple[GateResult, ...]:
@@ -33,19 +38,27 @@ def judged(base: Evaluation, new: Evaluation, *limits: LimitSettings) -> tuple[G
 
 
 def with_scores(evaluation: Evaluation, **values: float | None) -> Evaluation:
-    return replace(evaluation, scores=tuple(replace(score, **values) for score in evaluation.scores))
+    return replace(
+        evaluation, scores=tuple(replace(score, **values) for score in evaluation.scores)
+    )
 
 
 def test_a_repeat_of_the_same_run_passes_every_gate(evaluation: Evaluation) -> None:
     results = judged(evaluation, evaluation)
     assert {result.ads for result in results} == {score.ads for score in evaluation.scores}
     assert not failed(results)
-    assert {result.quantity for result in results if result.passed} >= {"collided", "simulated_time", "index"}
+    assert {result.quantity for result in results if result.passed} >= {
+        "collided",
+        "simulated_time",
+        "index",
+    }
     blind = [result for result in results if result.passed is None]
     assert all("cannot see a change with 0 cases" in result.sentence for result in blind)
 
 
-def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(evaluation: Evaluation) -> None:
+def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(
+    evaluation: Evaluation,
+) -> None:
     limit = LimitSettings("requirements_missed", at_most=0.0)
     first, *others = evaluation.scores
     assert any(score.scenario != first.scenario for score in others)
@@ -56,9 +69,15 @@ def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(ev
     results = judge(replace(evaluation, scores=some), None, GateSettings(limit=(limit,)))
     assert {result.scenario for result in results} == {first.scenario}
     assert all(result.passed for result in results)
-    named = replace(limit, scenario=next(score.scenario for score in others if score.scenario != first.scenario))
-    assert failed(judge(replace(evaluation, scores=some), None, GateSettings(limit=(named,)))), "it has none to miss"
-    assert failed(judge(evaluation, None, GateSettings(limit=(limit,)))), "no scenario has any: a mistake of the file"
+    named = replace(
+        limit, scenario=next(score.scenario for score in others if score.scenario != first.scenario)
+    )
+    assert failed(judge(replace(evaluation, scores=some), None, GateSettings(limit=(named,)))), (
+        "it has none to miss"
+    )
+    assert failed(judge(evaluation, None, GateSettings(limit=(limit,)))), (
+        "no scenario has any: a mistake of the file"
+    )
 
 
 def test_one_new_collision_fails_the_gate_that_names_it(evaluation: Evaluation) -> None:
@@ -79,7 +98,8 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation: Evaluat
     lower = replace(
         evaluation,
         cases=tuple(
-            case if case.index is None else replace(case, index=case.index - 0.05) for case in evaluation.cases
+            case if case.index is None else replace(case, index=case.index - 0.05)
+            for case in evaluation.cases
         ),
     )
     base = evaluation.score(builders.CALM, builders.SCENARIOS[0]).d
@@ -97,25 +117,37 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation: Evaluat
         assert result.passed is passes, limit
 
 
-def test_a_change_that_is_not_certain_is_excused_only_where_the_limit_says_so(evaluation: Evaluation) -> None:
-    case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None)
+def test_a_change_that_is_not_certain_is_excused_only_where_the_limit_says_so(
+    evaluation: Evaluation,
+) -> None:
+    case = next(
+        case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None
+    )
     other = with_case(evaluation, case.case, lambda one: replace(one, index=0.0))
     where = {"ads": builders.CALM, "scenario": case.scenario}
     (strict,) = judged(evaluation, other, LimitSettings("D", worse_by=0.0, **where))
-    (lenient,) = judged(evaluation, other, LimitSettings("D", worse_by=0.0, only_if_certain=True, **where))
+    (lenient,) = judged(
+        evaluation, other, LimitSettings("D", worse_by=0.0, only_if_certain=True, **where)
+    )
     assert (strict.passed, lenient.passed) == (False, True)
 
 
 def test_an_index_that_is_not_computed_any_more_fails(evaluation: Evaluation) -> None:
     case = pick(evaluation, collided=False, zone="safe")
     other = with_case(evaluation, case.case, hit)
-    (result,) = judged(evaluation, other, LimitSettings("D", worse_by=1.0, ads=builders.CALM, scenario=case.scenario))
+    (result,) = judged(
+        evaluation,
+        other,
+        LimitSettings("D", worse_by=1.0, ads=builders.CALM, scenario=case.scenario),
+    )
     assert result.passed is False
     assert "not computed any more" in result.sentence
 
 
 def test_without_a_base_only_limits_on_values_are_judged(evaluation: Evaluation) -> None:
-    settings = GateSettings(limit=(LimitSettings("new_collisions", at_most=0.0), LimitSettings("S", at_least=100.0)))
+    settings = GateSettings(
+        limit=(LimitSettings("new_collisions", at_most=0.0), LimitSettings("S", at_least=100.0))
+    )
     results = judge(evaluation, None, settings)
     assert {result.passed for result in results if result.quantity == "new_collisions"} == {None}
     assert {result.passed for result in results if result.quantity == "S"} == {False}
@@ -145,7 +177,9 @@ def test_a_gate_file_is_read(tmp_path: Path) -> None:
     (tmp_path / "gate.toml").write_text(GATE_FILE)
     settings = read_gate(tmp_path / "gate.toml")
     assert settings.confidence == 0.9
-    assert settings.limit[0] == LimitSettings("S", ads="mine", worse_by_percent=5.0, only_if_certain=True)
+    assert settings.limit[0] == LimitSettings(
+        "S", ads="mine", worse_by_percent=5.0, only_if_certain=True
+    )
     assert read_gate(None) == GateSettings()
 
 
@@ -155,7 +189,8 @@ def test_a_gate_file_is_read(tmp_path: Path) -> None:
         ('quantity = "S"', 'quantity = "Q"', "Unknown quantity `Q` of `limit` 1 in"),
         (
             '[[limit]]\nquantity = "S"',
-            'near_miss.measure = [{ quantity = "min_gab", absolute = 0.1 }]\n[[limit]]\nquantity = "S"',
+            'near_miss.measure = [{ quantity = "min_gab", absolute = 0.1 }]\n[[limit]]\nquantity '
+            '= "S"',
             "Did you mean `min_gap`?",
         ),
         ("worse_by_percent", "worse_by_procent", "Did you mean `worse_by_percent`?"),
@@ -168,7 +203,9 @@ def test_a_gate_file_is_read(tmp_path: Path) -> None:
         ("[[limit]]", "[[limit", "not valid TOML"),
     ],
 )
-def test_a_mistake_in_a_gate_file_gets_a_sentence(before: str, after: str, sentence: str, tmp_path: Path) -> None:
+def test_a_mistake_in_a_gate_file_gets_a_sentence(
+    before: str, after: str, sentence: str, tmp_path: Path
+) -> None:
     (tmp_path / "gate.toml").write_text(GATE_FILE.replace(before, after))
     with pytest.raises(InputError) as refusal:
         read_gate(tmp_path / "gate.toml")
@@ -178,14 +215,19 @@ def test_a_mistake_in_a_gate_file_gets_a_sentence(before: str, after: str, sente
 @pytest.mark.parametrize(
     ("quantity", "field"),
     [
-        ("A", "avoided_share"), ("H", "human_likeness"), ("S+", "s_plus"), ("regret", "regret"), ("T", "task_share"),
+        ("A", "avoided_share"), ("H", "human_likeness"), ("S+", "s_plus"), ("regret", "regret"),
+        ("T", "task_share"),
         ("A'", "avoidance_grade"), ("C", "c"), ("D", "d"), ("S", "s"),
-        ("avoidable_collisions", "avoidable_collisions"), ("unavoidable_collisions", "unavoidable_collisions"),
+        ("avoidable_collisions", "avoidable_collisions"),
+        ("unavoidable_collisions", "unavoidable_collisions"),
         ("caused_collisions", "caused_collisions"),
     ],
 )  # fmt: skip
-def test_the_scores_that_order_can_be_limited_by_value(evaluation: Evaluation, quantity: str, field: str) -> None:
-    """The bound is the value itself, which holds; the same bound with another value in the run does not."""
+def test_the_scores_that_order_can_be_limited_by_value(
+    evaluation: Evaluation, quantity: str, field: str
+) -> None:
+    """The bound is the value itself, which holds; the same bound with another value in the run does
+    not."""
     score = evaluation.score(builders.CALM, builders.SCENARIOS[1])
     value = float(getattr(score, field))
     best = quantity in HIGHER_IS_BETTER
@@ -193,24 +235,35 @@ def test_the_scores_that_order_can_be_limited_by_value(evaluation: Evaluation, q
     limit = LimitSettings(quantity, ads=score.ads, scenario=score.scenario, **bound)  # type: ignore[arg-type]
     (holds,) = judged(evaluation, evaluation, limit)
     assert holds.passed
-    (broken,) = judged(evaluation, with_scores(evaluation, **{field: value - 1.0 if best else value + 1.0}), limit)
+    (broken,) = judged(
+        evaluation, with_scores(evaluation, **{field: value - 1.0 if best else value + 1.0}), limit
+    )
     assert broken.passed is False
     assert quantity in broken.sentence
 
 
 def test_more_avoidable_collisions_than_the_base_fail(evaluation: Evaluation) -> None:
     case = pick(evaluation, collided=False)
-    limit = LimitSettings("avoidable_collisions", ads=case.ads, scenario=case.scenario, worse_by=0.0)
+    limit = LimitSettings(
+        "avoidable_collisions", ads=case.ads, scenario=case.scenario, worse_by=0.0
+    )
     (result,) = judged(evaluation, with_case(evaluation, case.case, hit), limit)
     assert result.passed is False
 
 
-@pytest.mark.parametrize(("by", "tolerance", "passes"), [(1e-12, 1e-9, True), (1e-6, 1e-9, False), (1e-6, 1e-5, True)])
-def test_worse_by_has_a_tolerance_of_its_own(evaluation: Evaluation, by: float, tolerance: float, passes: bool) -> None:
-    """A regret of 0 that rises by the last digit of 1 fails no limit, though any share of 0 is 0."""
+@pytest.mark.parametrize(
+    ("by", "tolerance", "passes"), [(1e-12, 1e-9, True), (1e-6, 1e-9, False), (1e-6, 1e-5, True)]
+)
+def test_worse_by_has_a_tolerance_of_its_own(
+    evaluation: Evaluation, by: float, tolerance: float, passes: bool
+) -> None:
+    """A regret of 0 that rises by the last digit of 1 fails no limit, though any share of 0 is
+    0."""
     still = replace(evaluation, cases=tuple(replace(case, index=0.5) for case in evaluation.cases))
     lower = replace(still, cases=tuple(replace(case, index=0.5 - by) for case in still.cases))
-    limit = LimitSettings("D", ads=builders.CALM, scenario=builders.SCENARIOS[0], worse_by=0.0, tolerance=tolerance)
+    limit = LimitSettings(
+        "D", ads=builders.CALM, scenario=builders.SCENARIOS[0], worse_by=0.0, tolerance=tolerance
+    )
     (result,) = judged(still, lower, limit)
     assert result.passed is passes
     rounded = replace(limit, worse_by=None, at_least=0.5)
@@ -218,18 +271,25 @@ def test_worse_by_has_a_tolerance_of_its_own(evaluation: Evaluation, by: float, 
 
 
 def test_a_column_is_judged_case_by_case(evaluation: Evaluation) -> None:
-    """Gaps of 5 m, one of them 3 m now: 2 m worse, 40 % worse, below 4 m; a case without a value is not judged."""
+    """Gaps of 5 m, one of them 3 m now: 2 m worse, 40 % worse, below 4 m; a case without a value is
+    not judged."""
     base = replace(evaluation, cases=tuple(replace(case, min_gap=5.0) for case in evaluation.cases))
     case = pick(base, collided=False)
     new = with_case(base, case.case, lambda one: replace(one, min_gap=3.0))
     other = next(one.case for one in new.cases if one.case != case.case and one.ads == case.ads)
     new = with_case(new, other, lambda one: replace(one, min_gap=None))
     for bound, fails in (
-        ({"at_least": 4.0}, True), ({"at_least": 3.0}, False), ({"at_most": 5.0}, False), ({"worse_by": 1.9}, True),
-        ({"worse_by": 2.0}, False), ({"worse_by_percent": 39.0}, True), ({"worse_by_percent": 40.0}, False),
+        ({"at_least": 4.0}, True), ({"at_least": 3.0}, False), ({"at_most": 5.0}, False),
+        ({"worse_by": 1.9}, True),
+        ({"worse_by": 2.0}, False), ({"worse_by_percent": 39.0}, True),
+        ({"worse_by_percent": 40.0}, False),
     ):  # fmt: skip
-        results = judged(base, new, LimitSettings("min_gap", ads=case.ads, scenario=case.scenario, **bound))
+        results = judged(
+            base, new, LimitSettings("min_gap", ads=case.ads, scenario=case.scenario, **bound)
+        )
         assert [result.passed for result in results] == [not fails], bound
         assert [one.words for result in results for one in result.worst] == ["5 -> 3"] * fails
-    (blind,) = judged(base, new, LimitSettings("pet", ads=case.ads, scenario=case.scenario, at_least=1.0))
+    (blind,) = judged(
+        base, new, LimitSettings("pet", ads=case.ads, scenario=case.scenario, at_least=1.0)
+    )
     assert (blind.passed, blind.sentence) == (None, "pet: no case has a value to judge")

@@ -39,15 +39,26 @@ def clean(evaluation: Evaluation, ads: str, number: int = 4) -> list[CaseResult]
     model = next(case for case in own if case.zone == "safe" and not case.incident)
     parameter = next(iter(model.values))
     return [
-        replace(model, case=f"{ads}{place}", ads=ads, scenario=NAME, status="ok", exposure=1.0, task_share=1.0,
+        replace(model, case=f"{ads}{place}", ads=ads, scenario=NAME, status="ok", exposure=1.0,
+            task_share=1.0,
                 values={**model.values, parameter: float(place)})
         for place in range(number)
     ]  # fmt: skip
 
 
-HIT = {"status": "collision", "collided": True, "severity": 12.0, "impact_speed": 12.0, "ideal_severity": 0.0}
+HIT = {
+    "status": "collision",
+    "collided": True,
+    "severity": 12.0,
+    "impact_speed": 12.0,
+    "ideal_severity": 0.0,
+}
 ALARMS = {
-    "left the road in 1 case": {"departure_time": 1.0, "departure_speed": 20.0, "departure_severity": 20.0},
+    "left the road in 1 case": {
+        "departure_time": 1.0,
+        "departure_speed": 20.0,
+        "departure_severity": 20.0,
+    },
     "gave up 1 case": {"status": "ads_error", "no_reaction_severity": 9.0},
     "1 avoidable collision": HIT,
     "stands in 1 safe case where drivers drive on": {"task_share": 0.4, "end_reason": "standstill"},
@@ -68,14 +79,16 @@ def test_each_alarm_is_raised_by_one_case(evaluation: Evaluation, words: str) ->
 
 
 def test_safety_in_a_test_engineers_words(evaluation: Evaluation) -> None:
-    """One hit of 12 m/s = 43 km/h in 4 cases: mean excess 3 m/s, 50 / 3.6 / 3 = 4.6 cases a contact."""
+    """One hit of 12 m/s = 43 km/h in 4 cases: mean excess 3 m/s, 50 / 3.6 / 3 = 4.6 cases a
+    contact."""
     first, *rest = clean(evaluation, builders.CALM)
     one = of_one_scenario(evaluation, [replace(first, **HIT), *rest])  # type: ignore[arg-type]
     assert safety_words(one, finding(one, builders.CALM)) == (
         "1 avoidable collision in 4 cases, worst 43 km/h; "
         "as much excess impact speed as one 50 km/h contact every 5 cases of this grid"
     )
-    softer = {"ideal_severity": 6.0, "ideal_collided": True}  # the ideal vehicle hits as well, by 6 m/s
+    # the ideal vehicle hits as well, by 6 m/s
+    softer = {"ideal_severity": 6.0, "ideal_collided": True}
     harder = of_one_scenario(evaluation, [replace(first, **HIT | softer), *rest])  # type: ignore[arg-type]
     assert safety_words(harder, finding(harder, builders.CALM)) == (
         "no avoidable collision in 4 cases, yet as much impact speed above the ideal vehicle's "
@@ -92,18 +105,30 @@ def test_sign_test_tells_the_safest_apart(evaluation: Evaluation, hits: int, wor
     hostile = [replace(case, **HIT) if place < hits else case for place, case in enumerate(hostile)]  # type: ignore[arg-type]
     both = of_one_scenario(evaluation, [*calm, *hostile])
     assert harm_beside(both, builders.CALM, builders.HOSTILE) == (hits, 0)
-    worse = tuple(replace(one, avoidance_grade=1.0 if one.ads == builders.CALM else 0.5) for one in both.scores)
+    worse = tuple(
+        replace(one, avoidance_grade=1.0 if one.ads == builders.CALM else 0.5)
+        for one in both.scores
+    )
     answer = dict(headline(replace(both, scores=worse)).answers)["Safest"]
-    assert answer.startswith(f"{builders.CALM} with no avoidable collision in 8 cases. {words} from")
+    assert answer.startswith(
+        f"{builders.CALM} with no avoidable collision in 8 cases. {words} from"
+    )
 
 
 def test_the_best_is_told_apart_or_not(evaluation: Evaluation) -> None:
     first, second = builders.CALM, builders.HOSTILE
     for apart, words in ((True, "Told apart from"), (False, "Not told apart from")):
-        ads = (RankedAds(first, 1, 60.0, (55.0, 66.0)), RankedAds(second, 2 if apart else 1, 50.0, (44.0, 57.0)))
+        ads = (
+            RankedAds(first, 1, 60.0, (55.0, 66.0)),
+            RankedAds(second, 2 if apart else 1, 50.0, (44.0, 57.0)),
+        )
         pair = RankedPair(first, second, 10.0, (4.0 if apart else -4.0, 16.0), apart)
-        answer = dict(headline(replace(evaluation, ranking=Ranking({}, 0.95, ads, (pair,)))).answers)["Best by S+"]
-        assert answer.startswith(f"{first} with 60.0 of 100 points (55.0 to 66.0). {words} {second}")
+        answer = dict(
+            headline(replace(evaluation, ranking=Ranking({}, 0.95, ads, (pair,)))).answers
+        )["Best by S+"]
+        assert answer.startswith(
+            f"{first} with 60.0 of 100 points (55.0 to 66.0). {words} {second}"
+        )
 
 
 def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation: Evaluation) -> None:

@@ -17,18 +17,24 @@ from sumo_eval.report.gate_result import GateResult
 from sumo_eval.results import Evaluation
 
 FUTURE, TODAY, LATER = "2999-01-01T02-00-00Z", "2026-11-25T02-00-00Z", "2026-11-26T02-00-00Z"
-FAILED = GateResult("min_gap", builders.CALM, builders.SCENARIOS[0], False, "smallest gap: 1 nearer", 1.0, None)
+FAILED = GateResult(
+    "min_gap", builders.CALM, builders.SCENARIOS[0], False, "smallest gap: 1 nearer", 1.0, None
+)
 
 
 def add(history: Path, name: str, evaluation: Evaluation, *gates: GateResult) -> None:
     (history / "nights" / name).mkdir(parents=True)
     status = 1 if gates else 0
-    night = Night(name, "made", f"nights/{name}", 1.0, status, None, "verdict", "0.1", "1.28", False)
+    night = Night(
+        name, "made", f"nights/{name}", 1.0, status, None, "verdict", "0.1", "1.28", False
+    )
     with open_history(history, create=True) as lines:
         lines.add(night, evaluation, gates)
 
 
-def test_a_clock_that_ran_ahead_once_decides_nothing(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_a_clock_that_ran_ahead_once_decides_nothing(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
     for name in (FUTURE, TODAY, LATER):
         add(tmp_path, name, evaluation)
     with open_history(tmp_path, create=True) as lines:
@@ -59,14 +65,23 @@ def test_accept_keeps_what_when_and_why(evaluation: Evaluation, tmp_path: Path) 
     with open_history(tmp_path) as lines:
         pin = pin_of(lines)
     assert pin is not None
-    assert (pin.night, pin.reason, pin.until, pin.itself) == (LATER, "softer on purpose", None, False)
-    for name, reason, words in ((LATER, " ", "--reason must say why"), ("2026-11-25T02-00-01Z", "x", "Did you mean")):
+    assert (pin.night, pin.reason, pin.until, pin.itself) == (
+        LATER,
+        "softer on purpose",
+        None,
+        False,
+    )
+    for name, reason, words in (
+        (LATER, " ", "--reason must say why"),
+        ("2026-11-25T02-00-01Z", "x", "Did you mean"),
+    ):
         with pytest.raises(InputError, match=words):
             accept(tmp_path, name, reason, None)
 
 
 def test_a_failure_says_since_when_without_a_break(evaluation: Evaluation, tmp_path: Path) -> None:
-    """It failed in the first night, not in the second, then in the third and tonight: since the third, 2 nights."""
+    """It failed in the first night, not in the second, then in the third and tonight: since the
+    third, 2 nights."""
     for name, gates in ((FUTURE, (FAILED,)), (TODAY, ()), (LATER, (FAILED,))):
         add(tmp_path, name, evaluation, *gates)
     with open_history(tmp_path) as lines:

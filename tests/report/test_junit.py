@@ -1,4 +1,5 @@
-"""JUnit: a failure is the ADS doing badly, an error is a harness that could not tell; junitparser reads it back."""
+"""JUnit: a failure is the ADS doing badly, an error is a harness that could not tell; junitparser
+reads it back."""
 
 from __future__ import annotations
 
@@ -21,18 +22,28 @@ from sumo_eval.settings import ReportSettings
 
 def read(path: Path) -> dict[str, dict[str, str]]:
     """Suite -> test -> what junitparser says of it: passed, failure, error or skipped."""
-    kinds = {junitparser.Failure: "failure", junitparser.Error: "error", junitparser.Skipped: "skipped"}
+    kinds = {
+        junitparser.Failure: "failure",
+        junitparser.Error: "error",
+        junitparser.Skipped: "skipped",
+    }
     return {
-        suite.name: {case.name: kinds[type(case.result[0])] if case.result else "passed" for case in suite}
+        suite.name: {
+            case.name: kinds[type(case.result[0])] if case.result else "passed" for case in suite
+        }
         for suite in junitparser.JUnitXml.fromfile(str(path))
     }
 
 
 def with_report(evaluation: Evaluation, **values: object) -> Evaluation:
-    return replace(evaluation, settings=replace(evaluation.settings, report=ReportSettings(**values)))  # type: ignore[arg-type]
+    return replace(
+        evaluation, settings=replace(evaluation.settings, report=ReportSettings(**values))
+    )  # type: ignore[arg-type]
 
 
-def test_every_case_is_a_test_with_the_verdict_of_the_table(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_every_case_is_a_test_with_the_verdict_of_the_table(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
     found = read(write_junit(run_suites(evaluation), tmp_path / "junit.xml"))
     missing = {case.case for table in unevaluated(evaluation) for case in table}
     assert sum(len(tests) for tests in found.values()) == len(evaluation.cases)
@@ -55,13 +66,21 @@ def test_every_case_is_a_test_with_the_verdict_of_the_table(evaluation: Evaluati
 
 def test_a_suite_names_s_plus_and_its_parts(evaluation: Evaluation, tmp_path: Path) -> None:
     """Departures and giving up are told with what they cost. junitparser reads properties back."""
-    safe, other = (pick(evaluation, collided=hits, zone=zone) for hits, zone in ((False, "safe"), (True, "hazardous")))
+    safe, other = (
+        pick(evaluation, collided=hits, zone=zone)
+        for hits, zone in ((False, "safe"), (True, "hazardous"))
+    )
     odd = with_case(
         evaluation, safe.case,
-        lambda case: replace(case, departure_time=2.5, departure_speed=20.0, departure_severity=20.0, task_share=0.0),
+        lambda case: replace(case, departure_time=2.5, departure_speed=20.0,
+            departure_severity=20.0, task_share=0.0),
     )  # fmt: skip
-    odd = with_case(odd, other.case, lambda case: replace(case, status="ads_error", no_reaction_severity=7.5))
-    xml = junitparser.JUnitXml.fromfile(str(write_junit(run_suites(odd), tmp_path / "junit.xml", score_parts(odd))))
+    odd = with_case(
+        odd, other.case, lambda case: replace(case, status="ads_error", no_reaction_severity=7.5)
+    )
+    xml = junitparser.JUnitXml.fromfile(
+        str(write_junit(run_suites(odd), tmp_path / "junit.xml", score_parts(odd)))
+    )
     for suite, score in zip(xml, odd.scores, strict=True):
         said = {one.name: one.value for one in suite.properties()}
         assert said["T"] == number(score.task_share, 4)
@@ -79,7 +98,9 @@ def test_a_suite_names_s_plus_and_its_parts(evaluation: Evaluation, tmp_path: Pa
 
 
 def test_the_totals_are_the_sums(evaluation: Evaluation, tmp_path: Path) -> None:
-    xml = junitparser.JUnitXml.fromfile(str(write_junit(run_suites(evaluation), tmp_path / "junit.xml")))
+    xml = junitparser.JUnitXml.fromfile(
+        str(write_junit(run_suites(evaluation), tmp_path / "junit.xml"))
+    )
     stated = xml.tests, xml.failures, xml.errors
     xml.update_statistics()
     assert stated == (xml.tests, xml.failures, xml.errors)
@@ -87,23 +108,47 @@ def test_the_totals_are_the_sums(evaluation: Evaluation, tmp_path: Path) -> None
     assert xml.errors > 0
 
 
-def test_an_unavoidable_collision_passes_unless_the_setting_says_any(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_an_unavoidable_collision_passes_unless_the_setting_says_any(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
     hard = with_report(evaluation, junit_failures="any")
-    mild, strict = (read(write_junit(run_suites(one), tmp_path / "junit.xml")) for one in (evaluation, hard))
-    softened = [case for case in evaluation.cases if case.collided and case.zone == "hazardous" and case.ideal_severity]
+    mild, strict = (
+        read(write_junit(run_suites(one), tmp_path / "junit.xml")) for one in (evaluation, hard)
+    )
+    softened = [
+        case
+        for case in evaluation.cases
+        if case.collided and case.zone == "hazardous" and case.ideal_severity
+    ]
     assert softened
     for case in softened:
         suite = f"{case.ads} in {case.scenario}"
-        assert (strict[suite][point(case.values)], mild[suite][point(case.values)]) == ("failure", "passed")
-    avoidable = next(case for case in evaluation.cases if case.collided and case.ideal_severity == 0.0)
+        assert (strict[suite][point(case.values)], mild[suite][point(case.values)]) == (
+            "failure",
+            "passed",
+        )
+    avoidable = next(
+        case for case in evaluation.cases if case.collided and case.ideal_severity == 0.0
+    )
     assert mild[f"{avoidable.ads} in {avoidable.scenario}"][point(avoidable.values)] == "failure"
 
 
-def test_a_failure_says_whether_the_collision_was_avoidable_or_caused(evaluation: Evaluation, tmp_path: Path) -> None:
-    struck = next(case for case in evaluation.cases if case.unavoidable and case.no_reaction_severity)
+def test_a_failure_says_whether_the_collision_was_avoidable_or_caused(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
+    struck = next(
+        case for case in evaluation.cases if case.unavoidable and case.no_reaction_severity
+    )
     evaluation = with_case(evaluation, struck.case, lambda case: replace(case, ideal_severity=0.0))
-    found = junitparser.JUnitXml.fromfile(str(write_junit(run_suites(evaluation), tmp_path / "junit.xml")))
-    said = {(suite.name, case.name): case.result[0].message for suite in found for case in suite if case.result}
+    found = junitparser.JUnitXml.fromfile(
+        str(write_junit(run_suites(evaluation), tmp_path / "junit.xml"))
+    )
+    said = {
+        (suite.name, case.name): case.result[0].message
+        for suite in found
+        for case in suite
+        if case.result
+    }
     kinds = set()
     for case in evaluation.cases:
         if case.avoidable:
@@ -115,9 +160,12 @@ def test_a_failure_says_whether_the_collision_was_avoidable_or_caused(evaluation
 
 
 def test_a_cell_fails_when_a_case_in_it_does(evaluation: Evaluation, tmp_path: Path) -> None:
-    """Two cells an axis over three levels: at most 2 x 2 x 2 tests a scenario instead of one a case."""
+    """Two cells an axis over three levels: at most 2 x 2 x 2 tests a scenario instead of one a
+    case."""
     celled = with_report(evaluation, junit="cell", junit_cells=2)
-    by_case, by_cell = (read(write_junit(run_suites(one), tmp_path / "junit.xml")) for one in (evaluation, celled))
+    by_case, by_cell = (
+        read(write_junit(run_suites(one), tmp_path / "junit.xml")) for one in (evaluation, celled)
+    )
     for suite, tests in by_cell.items():
         assert len(tests) <= 8
         assert ("failure" in tests.values()) == ("failure" in by_case[suite].values())
@@ -126,23 +174,33 @@ def test_a_cell_fails_when_a_case_in_it_does(evaluation: Evaluation, tmp_path: P
     assert any("cases failed" in message for message in said)
 
 
-def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
     case = pick(evaluation, collided=False)
     other = with_case(evaluation, case.case, hit)
     settings = GateSettings(resamples=100)
     limited = replace(settings, limit=(LimitSettings("new_collisions", at_most=0.0),))
     comparison = compare(evaluation, other, settings)
-    path = write_junit(comparison_suites(comparison, judge(other, comparison, settings)), tmp_path / "junit.xml")
+    path = write_junit(
+        comparison_suites(comparison, judge(other, comparison, settings)), tmp_path / "junit.xml"
+    )
     found = read(path)
     assert found["gates"][f"collided of {case.ads} in {case.scenario}"] == "failure"
     beside = found[f"{case.ads} in {case.scenario} beside the base"]
-    assert [name for name, verdict in beside.items() if verdict == "failure"] == [point(case.values)]
-    skipped = read(write_junit(comparison_suites(None, judge(other, None, limited)), tmp_path / "junit.xml"))
+    assert [name for name, verdict in beside.items() if verdict == "failure"] == [
+        point(case.values)
+    ]
+    skipped = read(
+        write_junit(comparison_suites(None, judge(other, None, limited)), tmp_path / "junit.xml")
+    )
     assert set(skipped["gates"].values()) == {"skipped"}
 
 
 @pytest.mark.parametrize("text", ["\x00\x1b[31m", "]]><x>&", "\ud800", "line\nline"])
-def test_whatever_a_controller_says_the_file_stays_xml(evaluation: Evaluation, text: str, tmp_path: Path) -> None:
+def test_whatever_a_controller_says_the_file_stays_xml(
+    evaluation: Evaluation, text: str, tmp_path: Path
+) -> None:
     broken = next(case for case in evaluation.cases if case.status == "crashed")
     other = with_case(evaluation, broken.case, lambda case: replace(case, error=text))
     found = read(write_junit(run_suites(other), tmp_path / "junit.xml"))

@@ -26,7 +26,10 @@ def test_the_lines_add_up_to_the_printed_scores(evaluation: Evaluation) -> None:
 
 def test_every_line_with_cases_is_the_sum_of_its_cases(evaluation: Evaluation) -> None:
     lines = [
-        line for score in evaluation.scores for line in ledger(Findings.of(evaluation, score)).lines if line.entries
+        line
+        for score in evaluation.scores
+        for line in ledger(Findings.of(evaluation, score)).lines
+        if line.entries
     ]
     assert len(lines) > 6
     for line in lines:
@@ -37,16 +40,24 @@ def test_every_line_with_cases_is_the_sum_of_its_cases(evaluation: Evaluation) -
 
 def test_scales_and_points_of_eq_18_are_in_the_sum(evaluation: Evaluation) -> None:
     """a = 60, k5 = 0.5, k6 = 2: S = 60 * 0.5 C + 40 * 2 D."""
-    settings = replace(evaluation.settings, method=MethodSettings(score=ScoreSettings(a=60.0, k5=0.5, k6=2.0)))
+    settings = replace(
+        evaluation.settings, method=MethodSettings(score=ScoreSettings(a=60.0, k5=0.5, k6=2.0))
+    )
     for score in evaluation.scores:
         found = ledger(Findings.of(replace(evaluation, settings=settings), score))
-        assert found.total == pytest.approx(30.0 * (score.c or 0.0) + 80.0 * (score.d or 0.0), abs=1e-9)
+        assert found.total == pytest.approx(
+            30.0 * (score.c or 0.0) + 80.0 * (score.d or 0.0), abs=1e-9
+        )
 
 
 def test_a_missing_d_is_a_line_with_the_collisions_that_took_it(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
     assert score.d is None
-    (line,) = [line for line in ledger(Findings.of(evaluation, score)).lines if "not computed" in line.words]
+    (line,) = [
+        line
+        for line in ledger(Findings.of(evaluation, score)).lines
+        if "not computed" in line.words
+    ]
     assert line.points == pytest.approx(-50.0)
     assert len(line.entries) == score.safe_collisions
 
@@ -76,7 +87,11 @@ def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation: Eva
     for score in evaluation.scores:
         found = ledger_plus(Findings.of(evaluation, score))
         assert found.total == pytest.approx(score.s_plus, abs=1e-9)
-        for term, value in (("T", score.task_share), ("A", score.avoided_share), ("H", score.human_likeness or 0.0)):
+        for term, value in (
+            ("T", score.task_share),
+            ("A", score.avoided_share),
+            ("H", score.human_likeness or 0.0),
+        ):
             assert 1.0 + found.index(term) == pytest.approx(value, abs=1e-12)
         for line in found.lines:
             if line.entries:
@@ -110,17 +125,27 @@ def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation: Eval
     struck = [case for case in rows if case.avoidable and case.no_reaction_severity == 0.0]
     assert score.caused_collisions == len(struck) > 0
     assert score.collisions == score.avoidable_collisions + score.unavoidable_collisions
-    (line,) = [line for line in ledger_plus(Findings.of(evaluation, score)).lines if "caused" in line.words]
+    (line,) = [
+        line for line in ledger_plus(Findings.of(evaluation, score)).lines if "caused" in line.words
+    ]
     assert set(line.entries.case.tolist()) == {case.case for case in struck}
-    assert f"({len(struck)} of them caused by the ADS)" in explain_a(Findings.of(evaluation, score))[0]
+    assert (
+        f"({len(struck)} of them caused by the ADS)" in explain_a(Findings.of(evaluation, score))[0]
+    )
 
 
-def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(evaluation: Evaluation) -> None:
+def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(
+    evaluation: Evaluation,
+) -> None:
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
     (line,) = [
-        line for line in ledger_plus(Findings.of(evaluation, score)).lines if "incident in a safe case" in line.words
+        line
+        for line in ledger_plus(Findings.of(evaluation, score)).lines
+        if "incident in a safe case" in line.words
     ]
-    counted = [case for case in Findings.of(evaluation, score).cases if case.human_likeness is not None]
+    counted = [
+        case for case in Findings.of(evaluation, score).cases if case.human_likeness is not None
+    ]
     hits = [case for case in counted if case.collided]
     exposure = sum(case.exposure for case in counted)
     assert line.index == pytest.approx(-sum(case.exposure for case in hits) / exposure)

@@ -1,4 +1,5 @@
-"""What the process that scores and reports holds of a case: at most what a million of them may take in 500 MB."""
+"""What the process that scores and reports holds of a case: at most what a million of them may take
+in 500 MB."""
 
 from __future__ import annotations
 
@@ -15,8 +16,10 @@ from sumo_eval.scoring.confidence import resamples
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
 
 MANY, MOST = 1_000_000, 500.0  # cases, and MB that they may take
-FIXED = 200.0  # of these, for Python, for what it imports, and for buffers whose size does not hang on the cases
-SMALL, LARGE = 3 * POINTS_AT_ONCE, 7 * POINTS_AT_ONCE  # cases: two chunks of rows are held while one is read
+# of these, for Python, for what it imports, and for buffers whose size does not hang on the cases
+FIXED = 200.0
+# cases: two chunks of rows are held while one is read
+SMALL, LARGE = 3 * POINTS_AT_ONCE, 7 * POINTS_AT_ONCE
 LONG = ("cases.csv", "junit.xml", "ledgers", "terminal")
 OF_ROWS_ALONE = (
     "scores", "intervals of 20 replicates", "preventability", "people", "why", "found cases",
@@ -61,15 +64,24 @@ def test_law_no_part_holds_more_of_a_case_than_a_million_cases_allow(
             tracemalloc.stop()
 
     make(SMALL)  # what is imported, compiled or kept at the first use
-    assert (most(LARGE) - most(SMALL)) / (LARGE - SMALL) <= (MOST - FIXED) * 1e6 / MANY, "bytes a case"
+    assert (most(LARGE) - most(SMALL)) / (LARGE - SMALL) <= (MOST - FIXED) * 1e6 / MANY, (
+        "bytes a case"
+    )
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("name", [name for name in SIZES.PARTS if name != "intervals of 20 replicates"])
+@pytest.mark.parametrize(
+    "name", [name for name in SIZES.PARTS if name != "intervals of 20 replicates"]
+)
 def test_law_a_million_cases_fit_into_memory(name: str, campaign_folder: Path) -> None:
-    """The line through what a process of its own holds at most at two sizes, both beyond every buffer."""
-    small, large = (SIZES.measured(campaign_folder, cases, name)["most"] for cases in (40_000, 120_000))
-    assert large + (large - small) / 80_000 * (MANY - 120_000) <= MOST, f"MB: {small} at 40,000, {large} at 120,000"
+    """The line through what a process of its own holds at most at two sizes, both beyond every
+    buffer."""
+    small, large = (
+        SIZES.measured(campaign_folder, cases, name)["most"] for cases in (40_000, 120_000)
+    )
+    assert large + (large - small) / 80_000 * (MANY - 120_000) <= MOST, (
+        f"MB: {small} at 40,000, {large} at 120,000"
+    )
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,5 @@
-"""What a night leaves for the morning: summary, chat, annotations, JUnit; the pin, and a drift beside it."""
+"""What a night leaves for the morning: summary, chat, annotations, JUnit; the pin, and a drift
+beside it."""
 
 from __future__ import annotations
 
@@ -29,7 +30,18 @@ FIRST, SECOND = "2026-11-24T02-00-00Z", "2026-11-25T02-00-00Z"
 
 
 def night(name: str, status: int = 0) -> Night:
-    return Night(name, "made", f"nights/{name}", 1.0, status, None, "WORSE than *yesterday*", "0.1", "1.28", False)
+    return Night(
+        name,
+        "made",
+        f"nights/{name}",
+        1.0,
+        status,
+        None,
+        "WORSE than *yesterday*",
+        "0.1",
+        "1.28",
+        False,
+    )
 
 
 def built(evaluation: Evaluation, build: str) -> Evaluation:
@@ -38,7 +50,8 @@ def built(evaluation: Evaluation, build: str) -> Evaluation:
 
 def calm(evaluation: Evaluation, gap: float) -> Evaluation:
     """Every case of `calm` that ended well came as near as that, m."""
-    cases = [replace(case, min_gap=gap, min_ttc=9.0) if case.ads == builders.CALM and case.status == "ok" else case
+    cases = [replace(case, min_gap=gap,
+        min_ttc=9.0) if case.ads == builders.CALM and case.status == "ok" else case
              for case in evaluation.cases]  # fmt: skip
     return replace(evaluation, cases=tuple(cases))
 
@@ -46,7 +59,9 @@ def calm(evaluation: Evaluation, gap: float) -> Evaluation:
 def nearer(evaluation: Evaluation, gap: float) -> Evaluation:
     """One case of `calm` alone came as near as that, m."""
     return with_case(
-        evaluation, pick(evaluation, collided=False).case, lambda case: replace(case, min_gap=gap, min_ttc=9.0)
+        evaluation,
+        pick(evaluation, collided=False).case,
+        lambda case: replace(case, min_gap=gap, min_ttc=9.0),
     )
 
 
@@ -74,7 +89,10 @@ def folder(judged: Judged, tmp_path: Path) -> Path:
 def test_summary_and_chat_say_what_failed_and_since_when(judged: Judged, folder: Path) -> None:
     (gate,) = failed(judged.gates)
     case = gate.worst[0].case
-    summary, chat = (folder / "summary.md").read_text(), json.loads((folder.parents[1] / "chat.json").read_text())
+    summary, chat = (
+        (folder / "summary.md").read_text(),
+        json.loads((folder.parents[1] / "chat.json").read_text()),
+    )
     assert summary.startswith("## WORSE than \\*yesterday\\*\n")
     assert f"- **{builders.CALM}** in {gate.scenario} (new): smallest gap: 1 nearer" in summary
     assert f"`{case}`: " in summary
@@ -96,7 +114,9 @@ def test_night_json_names_case_and_ways_to_it(judged: Judged, folder: Path) -> N
     assert told["builds"] == {builders.CALM: "def"}
 
 
-def test_accept_lists_the_cases_that_it_accepts(judged: Judged, folder: Path, evaluation: Evaluation) -> None:
+def test_accept_lists_the_cases_that_it_accepts(
+    judged: Judged, folder: Path, evaluation: Evaluation
+) -> None:
     history = folder.parents[1]
     with open_history(history, create=True) as lines:
         lines.add(night(SECOND, 1), evaluation, judged.gates)
@@ -126,20 +146,25 @@ def test_new_failures_stand_before_old_ones(judged: Judged) -> None:
 def test_junit_has_values_before_and_after(judged: Judged, tmp_path: Path) -> None:
     write_junit(comparison_suites(judged.bases.comparison, judged.gates), tmp_path / "junit.xml")
     suites = junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
-    (bad,) = [case for suite in suites if suite.name == "gates" for case in suite if case.is_failure]
+    (bad,) = [
+        case for suite in suites if suite.name == "gates" for case in suite if case.is_failure
+    ]
     assert "0.92 -> 0.32" in bad.result[0].text
     assert "--only" in bad.result[0].text
 
 
 def test_a_drift_of_two_percent_is_found_by_night_ten(evaluation: Evaluation) -> None:
-    """0.9 m times 0.98 a night: 0.1 m are gone after 6 nights (0.9 (1 - 0.98^5) = 0.086, ^6 = 0.103)."""
+    """0.9 m times 0.98 a night: 0.1 m are gone after 6 nights (0.9 (1 - 0.98^5) = 0.086, ^6 =
+    0.103)."""
     pinned = calm(evaluation, 0.9)
 
     def fails(base: Evaluation, number: int) -> bool:
         tonight = calm(evaluation, 0.9 * 0.98**number)
         return bool(failed(judge_rule(compare(base, tonight, SETTINGS), SETTINGS, Noise())))
 
-    assert not any(fails(calm(evaluation, 0.9 * 0.98 ** (number - 1)), number) for number in range(1, 11))
+    assert not any(
+        fails(calm(evaluation, 0.9 * 0.98 ** (number - 1)), number) for number in range(1, 11)
+    )
     assert [fails(pinned, number) for number in (5, 6, 10)] == [False, True, True]
 
 
@@ -163,7 +188,9 @@ def test_only_a_better_night_moves_the_pin(evaluation: Evaluation, tmp_path: Pat
     assert pin_after(tmp_path, better) == "paired cases only improved"
     assert pin_after(tmp_path, same) == ""
     assert pin_after(tmp_path, compare(base, nearer(base, 0.89), SETTINGS)) == ""
-    assert pin_after(tmp_path, better, Noise({builders.CALM: Repeats(30, 29)})) == "", "it would ratchet"
+    assert pin_after(tmp_path, better, Noise({builders.CALM: Repeats(30, 29)})) == "", (
+        "it would ratchet"
+    )
 
 
 def test_an_acceptance_of_yesterday_counts_no_more(evaluation: Evaluation, tmp_path: Path) -> None:
@@ -180,7 +207,9 @@ def test_an_acceptance_of_yesterday_counts_no_more(evaluation: Evaluation, tmp_p
         assert pin.night == pinned
 
 
-def test_the_trend_shows_departures_builds_and_acceptance(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_the_trend_shows_departures_builds_and_acceptance(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
     (tmp_path / "nights" / FIRST).mkdir(parents=True)
     with open_history(tmp_path, create=True) as lines:
         lines.add(night(FIRST), built(calm(evaluation, 0.9), "abc"), ())
@@ -188,7 +217,9 @@ def test_the_trend_shows_departures_builds_and_acceptance(evaluation: Evaluation
     with open_history(tmp_path) as lines:
         near = sum(one.value or 0.0 for one in lines.values() if one.quantity == "near_misses")
         page = write_trend(tmp_path, lines).read_text(encoding="utf-8")
-    assert near >= sum(case.ads == builders.CALM and case.status == "ok" for case in evaluation.cases)
+    assert near >= sum(
+        case.ads == builders.CALM and case.status == "ok" for case in evaluation.cases
+    )
     for words in (
         ">Left the road",
         ">Near misses",

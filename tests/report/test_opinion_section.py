@@ -14,18 +14,23 @@ from sumo_eval.report.opinion_section import OPINION, opinion_content
 
 def test_the_section_is_there_only_where_people_were_asked(tmp_path: Path) -> None:
     assert opinion_content(tmp_path) is None
-    rated = RatedScore("idm", "cut_out", 6.5, 0.5, 4, {"S+": 70.0, "A": -0.5, "S": 80.0, "D": None, "C": 0.25})
+    rated = RatedScore(
+        "idm", "cut_out", 6.5, 0.5, 4, {"S+": 70.0, "A": -0.5, "S": 80.0, "D": None, "C": 0.25}
+    )
     told = Opinion((rated,), {"S+": None, "A": None, "S": None, "D": None, "C": None}, None)
     (tmp_path / OPINION).write_text(json.dumps(opinion_json(told)), encoding="utf-8")
     content = opinion_content(tmp_path)
     assert content is not None
     dots = {panel["name"]: [dot["share"] for dot in panel["dots"]] for panel in content["panels"]}
-    assert dots == {"S+": [0.7], "A": [0.0], "S": [0.8], "D": [], "C": [0.25]}  # 70 of 100; below 0; 80 of 100; no D
+    # 70 of 100; below 0; 80 of 100; no D
+    assert dots == {"S+": [0.7], "A": [0.0], "S": [0.8], "D": [], "C": [0.25]}
     assert content["rows"][0]["opinion"] == 6.5
 
 
 @pytest.mark.parametrize("damage", ["", "[1]", '{"rows": [{}], "correlations": {}}'])
-def test_a_damaged_file_of_opinions_is_said_and_not_passed_over(tmp_path: Path, damage: str) -> None:
+def test_a_damaged_file_of_opinions_is_said_and_not_passed_over(
+    tmp_path: Path, damage: str
+) -> None:
     (tmp_path / OPINION).write_text(damage, encoding="utf-8")
     with pytest.raises(InputError, match="ask again with: sumo-eval humans opinion"):
         opinion_content(tmp_path)

@@ -1,4 +1,5 @@
-"""Preventability: every case has one verdict beside the reference, and the counts add up to what the cases say."""
+"""Preventability: every case has one verdict beside the reference, and the counts add up to what
+the cases say."""
 
 from __future__ import annotations
 
@@ -24,10 +25,14 @@ SCENARIO = builders.SCENARIOS[0]
 
 
 def against(evaluation: Evaluation, reference: str) -> Evaluation:
-    return replace(evaluation, settings=replace(evaluation.settings, report=ReportSettings(reference)))
+    return replace(
+        evaluation, settings=replace(evaluation.settings, report=ReportSettings(reference))
+    )
 
 
-def made(evaluation: Evaluation, outcomes: dict[str, list[str]], ideal: list[bool | None] | None = None) -> Evaluation:
+def made(
+    evaluation: Evaluation, outcomes: dict[str, list[str]], ideal: list[bool | None] | None = None
+) -> Evaluation:
     """One scenario: for each ADS what became of it point by point.
 
     -: avoided, X: collided, R: off road, G: given up, E: error of the harness.
@@ -36,7 +41,13 @@ def made(evaluation: Evaluation, outcomes: dict[str, list[str]], ideal: list[boo
     cases: list[CaseResult] = []
     for ads, kinds in outcomes.items():
         for number, kind in enumerate(kinds):
-            status = {"-": "ok", "X": "collision", "R": "off_road", "G": "ads_error", "E": "sim_error"}[kind]
+            status = {
+                "-": "ok",
+                "X": "collision",
+                "R": "off_road",
+                "G": "ads_error",
+                "E": "sim_error",
+            }[kind]
             cases.append(
                 replace(
                     like,
@@ -70,19 +81,28 @@ def test_every_pair_of_outcomes_has_its_verdict(evaluation: Evaluation) -> None:
     odd = made(evaluation, {"mine": [*"-X-XXXRGE-"], "careful_driver": [*"--XXREX-G-"]})
     found = by_case(odd)
     assert [found[f"mine-{number}"] for number in range(10)] == [
-        "avoided", "preventable", "better", "unpreventable", "unpreventable", "undecided", "unpreventable",
+        "avoided", "preventable", "better", "unpreventable", "unpreventable", "undecided",
+        "unpreventable",
         "preventable", "not evaluated", "avoided",
     ]  # fmt: skip
     mine, careful = preventability(odd)
     assert mine == Preventability(
-        ads="mine", scenario=SCENARIO, cases=10, avoided=3, better=1, incidents=6, preventable=2, unpreventable=3,
+        ads="mine", scenario=SCENARIO, cases=10, avoided=3, better=1, incidents=6, preventable=2,
+        unpreventable=3,
         undecided=1, not_evaluated=1, collided=4, off_road=1, gave_up=1,
     )  # fmt: skip
-    assert (careful.collided, careful.incidents, careful.unpreventable, careful.preventable) == (3, 5, 5, 0)
+    assert (careful.collided, careful.incidents, careful.unpreventable, careful.preventable) == (
+        3,
+        5,
+        5,
+        0,
+    )
 
 
 def test_without_the_named_ads_the_ideal_vehicle_is_the_reference(evaluation: Evaluation) -> None:
-    odd = made(evaluation, {"mine": [*"XXX--"], "idm": [*"X--X-"]}, ideal=[False, True, None, True, None])
+    odd = made(
+        evaluation, {"mine": [*"XXX--"], "idm": [*"X--X-"]}, ideal=[False, True, None, True, None]
+    )
     assert reference_ads(odd.settings) is None
     assert [by_case(odd)[f"mine-{number}"] for number in range(5)] == [
         "preventable", "unpreventable", "undecided", "better", "avoided",
@@ -113,7 +133,9 @@ def test_the_reference_is_found_by_name_before_controller(evaluation: Evaluation
     assert "“first”" in reference_sentence(replace(both, ads=ads[:1]))
 
 
-def test_the_reference_prevents_nothing_of_its_own_and_is_never_better_than_itself(evaluation: Evaluation) -> None:
+def test_the_reference_prevents_nothing_of_its_own_and_is_never_better_than_itself(
+    evaluation: Evaluation,
+) -> None:
     odd = against(evaluation, "idm")  # the controller of `calm`
     own = [row for row in preventability(odd) if row.ads == builders.CALM]
     assert own
@@ -122,10 +144,16 @@ def test_the_reference_prevents_nothing_of_its_own_and_is_never_better_than_itse
         assert row.unpreventable == row.incidents
 
 
-def test_an_ads_that_only_avoids_more_never_has_more_preventable_collisions(evaluation: Evaluation) -> None:
+def test_an_ads_that_only_avoids_more_never_has_more_preventable_collisions(
+    evaluation: Evaluation,
+) -> None:
     reference = [*"-XX--X-X"]
-    worse = preventability(made(evaluation, {"mine": [*"XXXX--XX"], "careful_driver": reference}))[0]
-    gentler = preventability(made(evaluation, {"mine": [*"-XXX--X-"], "careful_driver": reference}))[0]
+    worse = preventability(made(evaluation, {"mine": [*"XXXX--XX"], "careful_driver": reference}))[
+        0
+    ]
+    gentler = preventability(
+        made(evaluation, {"mine": [*"-XXX--X-"], "careful_driver": reference})
+    )[0]
     assert gentler.preventable <= worse.preventable
     assert gentler.better >= worse.better
 
@@ -133,9 +161,15 @@ def test_an_ads_that_only_avoids_more_never_has_more_preventable_collisions(eval
 def test_scores_json_carries_the_counts_and_the_reference(evaluation: Evaluation) -> None:
     plain = json.loads(json.dumps(scores_json(evaluation), allow_nan=False))["preventability"]
     assert plain["reference"] == "ideal vehicle"
-    assert [row["preventable"] for row in plain["rows"]] == [row.preventable for row in preventability(evaluation)]
+    assert [row["preventable"] for row in plain["rows"]] == [
+        row.preventable for row in preventability(evaluation)
+    ]
     assert scores_json(against(evaluation, "idm"))["preventability"]["reference"] == builders.CALM
 
 
 def test_no_two_verdicts_look_the_same() -> None:
-    assert len({look.letter for look in LOOKS.values()}) == len({look.colour for look in LOOKS.values()}) == len(LOOKS)
+    assert (
+        len({look.letter for look in LOOKS.values()})
+        == len({look.colour for look in LOOKS.values()})
+        == len(LOOKS)
+    )

@@ -1,4 +1,5 @@
-"""The replay: its TTC is the method's, it plays in a browser without a request, and shows what was recorded."""
+"""The replay: its TTC is the method's, it plays in a browser without a request, and shows what was
+recorded."""
 
 from __future__ import annotations
 
@@ -35,14 +36,17 @@ needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not in
 
 
 def plain(trajectory: Trajectory) -> dict[str, object]:
-    channels = {name: getattr(trajectory, name).tolist() for name in ("time", "x", "y", "heading", "speed")}
+    channels = {
+        name: getattr(trajectory, name).tolist() for name in ("time", "x", "y", "heading", "speed")
+    }
     return {**channels, "length": trajectory.length, "width": trajectory.width}
 
 
 @needs_node
 @pytest.mark.parametrize("contact", [False, True])
 def test_the_page_computes_the_gap_and_ttc_of_the_method(contact: bool) -> None:
-    """An ego that weaves behind a braking lorry, beside a faster car, with an actor whose recording ends early."""
+    """An ego that weaves behind a braking lorry, beside a faster car, with an actor whose recording
+    ends early."""
     ego = builders.drive(50.0, 0.0, 25.0, 6.0, offset=2.0)
     actors = {
         "lead": lorry(builders.drive(90.0, 0.0, 20.0, 6.0, braking=2.0)),
@@ -50,7 +54,11 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact: bool) -> None:
         "gone": builders.drive(70.0, 0.0, 15.0, 2.0),
     }
     pose = (0.0, 0.0, 0.0)
-    hit = Collision(4.0, "lead", (20.0, 0.0), (12.0, 0.0), 1.0, "front", pose, pose) if contact else None
+    hit = (
+        Collision(4.0, "lead", (20.0, 0.0), (12.0, 0.0), 1.0, "front", pose, pose)
+        if contact
+        else None
+    )
     given = {
         "ego": plain(ego),
         "actors": [[name, plain(actor)] for name, actor in actors.items()],
@@ -64,8 +72,13 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact: bool) -> None:
         console.log(JSON.stringify({{ gap: Array.from(gap, word), ttc: Array.from(ttc, word) }}));
     """
     assert NODE is not None
-    done = subprocess.run([NODE, "-e", script], input=json.dumps(given), capture_output=True, text=True, check=True)
-    there = {name: np.array([float(value) for value in values]) for name, values in json.loads(done.stdout).items()}
+    done = subprocess.run(
+        [NODE, "-e", script], input=json.dumps(given), capture_output=True, text=True, check=True
+    )
+    there = {
+        name: np.array([float(value) for value in values])
+        for name, values in json.loads(done.stdout).items()
+    }
     gap, closing = vehicle_ahead(ego, actors, hit)
     np.testing.assert_allclose(there["gap"], gap, atol=1e-9)
     np.testing.assert_allclose(there["ttc"], time_to_collision(gap, closing), rtol=1e-9)
@@ -78,18 +91,24 @@ def lorry(driven: Trajectory) -> Trajectory:
 
 
 def collision(evaluation: Evaluation) -> Fact:
-    key = next(case.case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
+    key = next(
+        case.case for case in evaluation.cases if case.ads == builders.CALM and case.collided
+    )
     return recorded(evaluation.folder, key)
 
 
 def test_a_replay_is_small_and_asks_for_nothing(evaluation: Evaluation, tmp_path: Path) -> None:
-    """The player is about 60 kB; one case of the hand-made evaluation adds less than the 14 kB a case may take."""
+    """The player is about 60 kB; one case of the hand-made evaluation adds less than the 14 kB a
+    case may take."""
     fact = collision(evaluation)
-    path = write_replay(evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html")
+    path = write_replay(
+        evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html"
+    )
     page = path.read_text(encoding="utf-8")
     (data,) = page.split('id="replay-data">')[1].split("</script>")[:1]
     assert len(data) < 14_000
-    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")  # a name, no address
+    # a name, no address
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")
 
 
 PAINTED = """Promise.all([...document.querySelectorAll('canvas')].map(async (canvas) => {
@@ -104,18 +123,27 @@ PAINTED = """Promise.all([...document.querySelectorAll('canvas')].map(async (can
 def test_the_replay_page_plays_in_a_browser(evaluation: Evaluation, tmp_path: Path) -> None:
     fact = collision(evaluation)
     logical = catalogue.load(fact.scenario)
-    path = write_replay(evaluation.folder, logical, fact, tmp_path / "replay.html", beside=builders.HOSTILE)
+    path = write_replay(
+        evaluation.folder, logical, fact, tmp_path / "replay.html", beside=builders.HOSTILE
+    )
     with open_store(evaluation.folder / FACTS) as store:
         ego = store.trajectory(fact.case, EGO)
     with Page(tmp_path / "profile") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
-        names = page.run("[...document.querySelectorAll('.replay-view figcaption')].map((one) => one.textContent)")
+        names = page.run(
+            "[...document.querySelectorAll('.replay-view figcaption')].map((one) => "
+            "one.textContent)"
+        )
         assert names == [builders.CALM, builders.HOSTILE]
-        assert "contact at t = 3.04 s, 7.5 m/s" in page.run("document.querySelector('.replay-reading').textContent")
+        assert "contact at t = 3.04 s, 7.5 m/s" in page.run(
+            "document.querySelector('.replay-reading').textContent"
+        )
         page.run("""(() => { const slider = document.querySelector('.replay-slider');
             slider.value = 1; slider.dispatchEvent(new Event('input')); })()""")
         speed = float(np.interp(1.0, ego.time, ego.speed))
-        assert f"v {speed:.1f} m/s" in page.run("document.querySelector('.replay-reading').textContent")
+        assert f"v {speed:.1f} m/s" in page.run(
+            "document.querySelector('.replay-reading').textContent"
+        )
         press(page, " ")  # nothing was clicked before
         page.wait("Number(document.querySelector('.replay-slider').value) > 1.1")
         press(page, " ")
@@ -123,9 +151,13 @@ def test_the_replay_page_plays_in_a_browser(evaluation: Evaluation, tmp_path: Pa
         page.run("new Promise((resolve) => setTimeout(resolve, 150))")
         assert page.run("document.querySelector('.replay-slider').value") == held
         assert page.run(PAINTED) == [True] * 8
-        assert page.run("[...document.querySelectorAll('.replay-chase')].every((it) => it.getContext('webgl2'))")
+        assert page.run(
+            "[...document.querySelectorAll('.replay-chase')].every((it) => it.getContext('webgl2'))"
+        )
         assert page.problems == []
-        assert [one for one in page.requests if not one.startswith(("data:", "blob:"))] == [path.as_uri()]
+        assert [one for one in page.requests if not one.startswith(("data:", "blob:"))] == [
+            path.as_uri()
+        ]
 
 
 def share_of(page: Page, colour: tuple[int, int, int], within: int = 40) -> float:
@@ -145,11 +177,16 @@ def share_of(page: Page, colour: tuple[int, int, int], within: int = 40) -> floa
 
 
 @needs_chromium
-def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(evaluation: Evaluation, tmp_path: Path) -> None:
-    """Asphalt is grey in every camera; the ego's blue, its bonnet from the seat; red frames at contact, none before."""
+def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
+    """Asphalt is grey in every camera; the ego's blue, its bonnet from the seat; red frames at
+    contact, none before."""
     fact = collision(evaluation)
     logical = catalogue.load(fact.scenario)
-    path = write_replay(evaluation.folder, logical, fact, tmp_path / "r.html", beside=builders.HOSTILE)
+    path = write_replay(
+        evaluation.folder, logical, fact, tmp_path / "r.html", beside=builders.HOSTILE
+    )
     with Page(tmp_path / "profile") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
         for camera in ("behind", "above", "seat", "free"):
@@ -162,14 +199,20 @@ def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(evaluation: 
             slider.value = 0; slider.dispatchEvent(new Event('input')); })()""")
         assert share_of(page, (199, 41, 41), 25) == 0.0
         page.run("document.querySelector('.replay-ghosted input').click()")
-        assert page.run("[...document.querySelectorAll('.replay-chase')].map((it) => it.hidden)") == [False, True]
+        assert page.run(
+            "[...document.querySelectorAll('.replay-chase')].map((it) => it.hidden)"
+        ) == [False, True]
         assert page.problems == []
 
 
 @needs_chromium
-def test_where_webgl_is_missing_the_plain_drawing_stays(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_where_webgl_is_missing_the_plain_drawing_stays(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
     fact = collision(evaluation)
-    path = write_replay(evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html")
+    path = write_replay(
+        evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html"
+    )
     with Page(tmp_path / "profile", 800, 600, "--disable-3d-apis") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
         assert page.run("document.querySelector('.replay-camera').hidden")
@@ -188,45 +231,77 @@ def test_a_case_without_a_recording_and_a_companion_that_was_not_there_get_a_sen
         recorded(evaluation.folder, crashed.case + "x")
     fact = collision(evaluation)
     with pytest.raises(InputError, match="Unknown ADS or driver"):
-        write_replay(evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "r.html", beside="nobody")
+        write_replay(
+            evaluation.folder,
+            catalogue.load(fact.scenario),
+            fact,
+            tmp_path / "r.html",
+            beside="nobody",
+        )
 
 
-def test_without_sumo_gui_a_sentence_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_sumo_gui_a_sentence_says_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr("sys.executable", str(tmp_path / "python"))
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(InputError, match=r"needs the extra `gui`, which this installs: .* -m pip install .*\[gui\]"):
+    with pytest.raises(
+        InputError, match=r"needs the extra `gui`, which this installs: .* -m pip install .*\[gui\]"
+    ):
         sumo_gui()
 
 
 @needs_node
 def test_the_page_puts_a_bend_where_the_road_has_it() -> None:
-    line = (Piece(40.0), Piece(60.0, 0.0, 1 / 200), arc(300.0, 200.0), Piece(90.0, 1 / 200, -1 / 80))
+    line = (
+        Piece(40.0),
+        Piece(60.0, 0.0, 1 / 200),
+        arc(300.0, 200.0),
+        Piece(90.0, 1 / 200, -1 / 80),
+    )
     s, d = np.linspace(-20.0, 600.0, 63), np.linspace(-2.0, 5.0, 63)
-    given = {"line": drawn_line(Road("bend", 400.0, 2, 3.5, 0.0, line=line)), "places": np.stack([s, d], 1).tolist()}
+    given = {
+        "line": drawn_line(Road("bend", 400.0, 2, 3.5, 0.0, line=line)),
+        "places": np.stack([s, d], 1).tolist(),
+    }
     script = f"""
         const replay = require({json.dumps(REPLAY_JS)});
         const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
         console.log(JSON.stringify(given.places.map(([x, y]) => replay.onMap(given, x, y))));
     """
     done = subprocess.run(
-        [str(NODE), "-e", script], input=json.dumps(given), capture_output=True, text=True, check=True
+        [str(NODE), "-e", script],
+        input=json.dumps(given),
+        capture_output=True,
+        text=True,
+        check=True,
     )
     found = np.array(json.loads(done.stdout))
-    assert np.abs(found - np.stack(map_places(line, s, d), axis=1)).max() < 1e-5  # nine digits of the line travel
+    # nine digits of the line travel
+    assert np.abs(found - np.stack(map_places(line, s, d), axis=1)).max() < 1e-5
 
 
 @needs_node
 def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says() -> None:
     """A truck of a van's size is a truck; at 20 m a pixel a child is 4 by 8 of them."""
-    bodies = [{"kind": kind, "length": body.length, "width": body.width} for kind, body in BODIES.items()]
-    bodies += [{"kind": "truck", "length": 6.5, "width": 2.16}, {"kind": "van", "length": 6.5, "width": 2.16}]
+    bodies = [
+        {"kind": kind, "length": body.length, "width": body.width} for kind, body in BODIES.items()
+    ]
+    bodies += [
+        {"kind": "truck", "length": 6.5, "width": 2.16},
+        {"kind": "van", "length": 6.5, "width": 2.16},
+    ]
     script = f"""
         const replay = require({json.dumps(REPLAY_JS)});
         const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
         console.log(JSON.stringify([given.map((body) => replay.bodyParts(body)), replay.bodyParts(given[6], 20)]));
     """
     done = subprocess.run(
-        [str(NODE), "-e", script], input=json.dumps(bodies), capture_output=True, text=True, check=True
+        [str(NODE), "-e", script],
+        input=json.dumps(bodies),
+        capture_output=True,
+        text=True,
+        check=True,
     )
     drawn, child_from_afar = json.loads(done.stdout)
     for body, parts in zip(bodies, drawn, strict=True):
@@ -234,11 +309,18 @@ def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says() -> None:
         rider = 0.56 if body["kind"] == "bicycle" else 0.0  # who rides is as wide as that at least
         size = np.ptp(places, axis=0)
         assert size == pytest.approx([body["length"], max(body["width"], rider)], abs=0.03), body
-    roles = {body["kind"]: [part["role"] for part in parts] for body, parts in zip(bodies, drawn, strict=True)}
+    roles = {
+        body["kind"]: [part["role"] for part in parts]
+        for body, parts in zip(bodies, drawn, strict=True)
+    }
     assert roles["child"] == roles["pedestrian"] == ["body", "head"]
     assert roles["bicycle"] == roles["motorcycle"] == ["body"] * 3
     assert roles["car"] == roles["truck"] == ["body", "glass"]
-    cab = [parts[1]["ring"][0][0] for body, parts in zip(bodies, drawn, strict=True) if body["length"] == 6.5]
+    cab = [
+        parts[1]["ring"][0][0]
+        for body, parts in zip(bodies, drawn, strict=True)
+        if body["length"] == 6.5
+    ]
     assert cab == pytest.approx([3.25 - 1.4, 3.25 - 2.2, 3.25 - 1.4])  # van, truck, van
     assert np.ptp(child_from_afar[0]["ring"], axis=0).tolist() == [80.0, 160.0]
 
@@ -248,7 +330,9 @@ def test_the_charts_of_a_replay_follow_the_theme_and_are_saved_as_they_are_drawn
     evaluation: Evaluation, tmp_path: Path
 ) -> None:
     fact = collision(evaluation)
-    path = write_replay(evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html")
+    path = write_replay(
+        evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html"
+    )
     with Page(tmp_path / "profile") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
         assert page.run("document.querySelectorAll('.replay-held .save button').length") == 4 * 3
@@ -258,7 +342,10 @@ def test_the_charts_of_a_replay_follow_the_theme_and_are_saved_as_they_are_drawn
             return [...sheet.getImageData(2, 2, 1, 1).data].slice(0, 3);
         })()"""
         light = page.run(ground)
-        page.run("[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === 'Dark').click()")
+        page.run(
+            "[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === "
+            "'Dark').click()"
+        )
         assert sum(page.run(ground)) < sum(light) / 2
         page.run("""window.saved = [];
             URL.createObjectURL = (blob) => { blob.text().then((text) => window.saved.push(text)); return '#'; };

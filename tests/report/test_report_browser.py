@@ -1,4 +1,5 @@
-"""The report in a browser: it draws without an error, asks nobody for anything, and computes the method's own field."""
+"""The report in a browser: it draws without an error, asks nobody for anything, and computes the
+method's own field."""
 
 from __future__ import annotations
 
@@ -38,12 +39,16 @@ def node(program: str, given: object) -> Any:
         const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
         (async () => {{ {program} }})().then((result) => console.log(JSON.stringify(result)));
     """
-    done = subprocess.run([NODE, "-e", script], input=json.dumps(given), capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [NODE, "-e", script], input=json.dumps(given), capture_output=True, text=True, check=True
+    )
     return json.loads(done.stdout)
 
 
 def plain(trajectory: Trajectory) -> dict[str, list[float]]:
-    return {name: getattr(trajectory, name).tolist() for name in ("time", "x", "y", "heading", "speed")}
+    return {
+        name: getattr(trajectory, name).tolist() for name in ("time", "x", "y", "heading", "speed")
+    }
 
 
 def turning() -> Trajectory:
@@ -54,11 +59,15 @@ def turning() -> Trajectory:
 
 
 def standing() -> Trajectory:
-    return Trajectory(np.arange(0.0, 5.0, 0.1), np.full(50, 60.0), np.full(50, 1.0), speed=np.zeros(50))
+    return Trajectory(
+        np.arange(0.0, 5.0, 0.1), np.full(50, 60.0), np.full(50, 1.0), speed=np.zeros(50)
+    )
 
 
 def steered() -> Trajectory:
-    return Trajectory([0.0, 0.1, 0.2], [50.0, 52.0, 54.0], np.zeros(3), steering_wheel_angle=[0.0, 0.5, -1.25])
+    return Trajectory(
+        [0.0, 0.1, 0.2], [50.0, 52.0, 54.0], np.zeros(3), steering_wheel_angle=[0.0, 0.5, -1.25]
+    )
 
 
 def coarse() -> Trajectory:
@@ -66,13 +75,23 @@ def coarse() -> Trajectory:
 
 
 @needs_node
-@pytest.mark.parametrize("make", [turning, standing, coarse, lambda: builders.drive(50.0, 0.0, 30.0, 6.0, offset=3.5)])
+@pytest.mark.parametrize(
+    "make", [turning, standing, coarse, lambda: builders.drive(50.0, 0.0, 30.0, 6.0, offset=3.5)]
+)
 @pytest.mark.parametrize(
     ("k1", "k2"),
-    [(0.73, 0.01), *(pytest.param(*it, marks=pytest.mark.campaign) for it in [(0.5, 0.005), (1.0, 0.05), (2.0, 0.0)])],
+    [
+        (0.73, 0.01),
+        *(
+            pytest.param(*it, marks=pytest.mark.campaign)
+            for it in [(0.5, 0.005), (1.0, 0.05), (2.0, 0.0)]
+        ),
+    ],
 )
 @pytest.mark.parametrize("superposition", ["magnitude", "vector"])
-def test_the_page_computes_the_field_of_the_method(make: Any, k1: float, k2: float, superposition: str) -> None:
+def test_the_page_computes_the_field_of_the_method(
+    make: Any, k1: float, k2: float, superposition: str
+) -> None:
     trajectory = make()
     rng = np.random.default_rng(7)
     points = np.column_stack([rng.uniform(40.0, 110.0, 60), rng.uniform(-3.0, 6.0, 60)])
@@ -82,14 +101,24 @@ def test_the_page_computes_the_field_of_the_method(make: Any, k1: float, k2: flo
         "trajectory": plain(trajectory),
         "options": {"k1": k1, "k2": k2, "sampleInterval": 0.1, "superposition": superposition},
     }
-    there = node("return Array.from(sumoEval.trajectoryField(given.points, given.trajectory, given.options));", given)
+    there = node(
+        "return Array.from(sumoEval.trajectoryField(given.points, given.trajectory, "
+        "given.options));",
+        given,
+    )
     here = trajectory_field(points, trajectory, k1=k1, k2=k2, superposition=superposition)  # type: ignore[arg-type]
     np.testing.assert_allclose(there, here, rtol=1e-6, atol=1e-9)
 
 
 @needs_node
 def test_trajectories_come_back_from_the_page_to_their_steps() -> None:
-    sent = [turning(), standing(), coarse(), Trajectory([0.0], [-12.345], [0.0015], speed=[3.0]), steered()]
+    sent = [
+        turning(),
+        standing(),
+        coarse(),
+        Trajectory([0.0], [-12.345], [0.0015], speed=[3.0]),
+        steered(),
+    ]
     program = """
         const all = await sumoEval.decodeTrajectories(given.packed, given.steps);
         const plain = (value) => value.length === undefined ? value : Array.from(value);
@@ -100,24 +129,41 @@ def test_trajectories_come_back_from_the_page_to_their_steps() -> None:
     for there, here in zip(received, sent, strict=True):
         assert (there["length"], there["width"]) == (here.length, here.width)
         for name, step in CHANNEL_STEPS.items():
-            values = np.array(there[name], dtype=float)  # JSON has no nan, so what is not known comes as null
+            # JSON has no nan, so what is not known comes as null
+            values = np.array(there[name], dtype=float)
             np.testing.assert_allclose(values, getattr(here, name), rtol=0, atol=0.5 * step + 1e-9)
 
 
 @needs_node
 def test_extreme_samples_come_back_from_the_page_as_they_were() -> None:
-    # 1073741823 steps are the last that differences of 32 bits hold: of x 10,737,418.23 m, of speed as much in m/s
+    # 1073741823 steps are the last that differences of 32 bits hold: of x 10,737,418.23 m, of speed
+    # as much in m/s
     edge = (2**30 - 1) * 1e-2
     lost = -1073741824.0  # what SUMO answers for a vehicle that is on no lane
     x = [0.0, edge, -edge, lost, lost, 1e300, -1.7e308, 1.7e308, 1e9, edge + 1.0, 5.25]
     sent = [
         turning(),
-        Trajectory(0.05 * np.arange(len(x)), x, [0.0] * len(x), speed=x[::-1], acceleration=x, heading=[1e9] * len(x)),
-        Trajectory([0.0, 1e12], [lost, 1.0], [1.0, lost], speed=[3.0, 4.0], steering_wheel_angle=[0.5, 1e30]),
+        Trajectory(
+            0.05 * np.arange(len(x)),
+            x,
+            [0.0] * len(x),
+            speed=x[::-1],
+            acceleration=x,
+            heading=[1e9] * len(x),
+        ),
+        Trajectory(
+            [0.0, 1e12],
+            [lost, 1.0],
+            [1.0, lost],
+            speed=[3.0, 4.0],
+            steering_wheel_angle=[0.5, 1e30],
+        ),
         standing(),
     ]
     packed = encode_trajectories(sent)
-    assert [entry[1:] for entry in packed["beyond"] if entry[0] == "heading"] == [[len(sent[0]), len(x), 1e9]]
+    assert [entry[1:] for entry in packed["beyond"] if entry[0] == "heading"] == [
+        [len(sent[0]), len(x), 1e9]
+    ]
     json.dumps(packed, allow_nan=False)
     program = """
         const all = await sumoEval.decodeTrajectories(given.packed, given.steps);
@@ -133,7 +179,9 @@ def test_extreme_samples_come_back_from_the_page_as_they_were() -> None:
             with np.errstate(over="ignore"):
                 far = ~(np.abs(np.round(meant / step)) <= 2**30 - 1)
             np.testing.assert_array_equal(values[far], meant[far])  # to the last bit
-            np.testing.assert_allclose(values[~far], meant[~far], rtol=1e-12, atol=0.5 * step + 1e-9)
+            np.testing.assert_allclose(
+                values[~far], meant[~far], rtol=1e-12, atol=0.5 * step + 1e-9
+            )
 
 
 @pytest.fixture(scope="module")
@@ -142,18 +190,28 @@ def opened(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[P
         page.open(report.as_uri(), "document.documentElement.dataset.report === 'ready'")
         for width, height in ((390, 844), (1400, 900)):
             page.call(
-                "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
+                "Emulation.setDeviceMetricsOverride",
+                width=width,
+                height=height,
+                deviceScaleFactor=1,
+                mobile=False,
             )
             screens = page.run("document.documentElement.scrollHeight") / height
-            assert screens <= 3.0, f"{screens:.2f} screens of {width} px before anything is unfolded"
+            assert screens <= 3.0, (
+                f"{screens:.2f} screens of {width} px before anything is unfolded"
+            )
         page.call("Emulation.clearDeviceMetricsOverride")
-        page.run("document.querySelectorAll('details.fold').forEach((fold) => { fold.open = true; })")
+        page.run(
+            "document.querySelectorAll('details.fold').forEach((fold) => { fold.open = true; })"
+        )
         page.wait("document.documentElement.dataset.fields === 'drawn'")
         yield page
 
 
 @needs_chromium
-def test_the_report_opens_without_an_error_and_without_a_request(opened: Page, report: Path) -> None:
+def test_the_report_opens_without_an_error_and_without_a_request(
+    opened: Page, report: Path
+) -> None:
     assert opened.problems == []
     outside = [address for address in opened.requests if not address.startswith(("data:", "blob:"))]
     assert outside == [report.as_uri()]
@@ -167,13 +225,17 @@ def test_the_report_opens_without_an_error_and_without_a_request(opened: Page, r
 @needs_chromium
 def test_hostile_names_stay_text_in_the_charts(opened: Page) -> None:
     assert opened.run("document.querySelectorAll('img').length") == 0
-    names = opened.run("[...document.getElementById('pick-ads').options].map((option) => option.textContent)")
+    names = opened.run(
+        "[...document.getElementById('pick-ads').options].map((option) => option.textContent)"
+    )
     assert names[1].startswith("</script><img src=x")
 
 
 @needs_chromium
 def test_a_case_of_every_kind_can_be_shown(opened: Page, evaluation: Evaluation) -> None:
-    kinds = {(case.scenario, case.ads, case.status, case.zone): case.case for case in evaluation.cases}
+    kinds = {
+        (case.scenario, case.ads, case.status, case.zone): case.case for case in evaluation.cases
+    }
     for key in kinds.values():
         opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(key)}), null)")
         opened.run("new Promise((resolve) => setTimeout(resolve, 0))")
@@ -189,11 +251,16 @@ def test_choosing_another_ads_keeps_the_point(opened: Page, evaluation: Evaluati
     case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
     opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
     words = ", ".join(f"{name} {value:g}" for name, value in case.values.items())
-    opened.wait(f"document.getElementById('case-name').textContent === {json.dumps(f'calm: {words}')}")
-    opened.run(
-        "const pick = document.getElementById('pick-ads'); pick.value = '1'; pick.dispatchEvent(new Event('change'))"
+    opened.wait(
+        f"document.getElementById('case-name').textContent === {json.dumps(f'calm: {words}')}"
     )
-    opened.wait(f"document.getElementById('case-name').textContent.endsWith({json.dumps(f': {words}')})")
+    opened.run(
+        "const pick = document.getElementById('pick-ads'); pick.value = '1'; "
+        "pick.dispatchEvent(new Event('change'))"
+    )
+    opened.wait(
+        f"document.getElementById('case-name').textContent.endsWith({json.dumps(f': {words}')})"
+    )
     assert opened.run("document.getElementById('case-name').textContent").startswith("</script>")
     assert opened.problems == []
 
@@ -210,14 +277,23 @@ def test_a_click_on_the_map_shows_the_case(opened: Page) -> None:
     })()""")
     for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
         button = "none" if kind == "mouseMoved" else "left"
-        opened.call("Input.dispatchMouseEvent", type=kind, x=place["x"], y=place["y"], button=button, clickCount=1)
+        opened.call(
+            "Input.dispatchMouseEvent",
+            type=kind,
+            x=place["x"],
+            y=place["y"],
+            button=button,
+            clickCount=1,
+        )
         opened.run("new Promise((resolve) => setTimeout(resolve, 120))")
     opened.wait(f"document.getElementById('pick-case').value === '{place['index']}'")
     assert opened.run("document.getElementById('pick-scenario').value") == "0"
 
 
 @needs_chromium
-def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened: Page, evaluation: Evaluation) -> None:
+def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(
+    opened: Page, evaluation: Evaluation
+) -> None:
     for which, scenario in enumerate(builders.SCENARIOS):
         for position, ads in enumerate((builders.CALM, builders.HOSTILE)):
             letters = opened.run(f"""(() => {{
@@ -233,10 +309,15 @@ def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened: Pag
 
 
 @needs_chromium
-def test_the_case_panel_tells_the_criticality_measures_in_words(opened: Page, evaluation: Evaluation) -> None:
+def test_the_case_panel_tells_the_criticality_measures_in_words(
+    opened: Page, evaluation: Evaluation
+) -> None:
     case = [case for case in evaluation.cases if case.ads == builders.CALM and case.collided][-1]
     opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
-    opened.wait("document.getElementById('case-facts').textContent.includes('delta-v at contact-3.75\u00a0m/s')")
+    opened.wait(
+        "document.getElementById('case-facts').textContent.includes('delta-v at "
+        "contact-3.75\u00a0m/s')"
+    )
     text = opened.run("document.getElementById('case-facts').textContent")
     assert "smallest gap ahead0.00\u00a0m" in text
     assert "largest inverse TTC" not in text, "it has no bound at contact"
@@ -247,12 +328,15 @@ def test_the_case_panel_tells_the_criticality_measures_in_words(opened: Page, ev
 
 @needs_chromium
 def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path: Path) -> None:
-    """The page of the other tests with a fifth of its cases moved to a second value of two more parameters."""
+    """The page of the other tests with a fifth of its cases moved to a second value of two more
+    parameters."""
     text = report.read_text(encoding="utf-8")
     data = json.loads(unpacked(text, "report-data"))
     scenario = data["scenarios"][0]
     for name, values in (("extra", (1.0, 2.0)), ("other", (3.0, 4.0))):
-        scenario["parameters"].append({"name": name, "unit": "m", "low": values[0], "high": values[1], "about": ""})
+        scenario["parameters"].append(
+            {"name": name, "unit": "m", "low": values[0], "high": values[1], "about": ""}
+        )
         for number, case in enumerate(scenario["cases"]):
             case["values"].append(values[number % 5 == 0])
     scenario["view"]["slice"] = {"2": 1.0, "3": 3.0}
@@ -264,16 +348,25 @@ def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path:
     moved = [case for case in own if case["values"][2] == 2.0]
     card = """document.querySelector('[data-prevented="0"]')"""
     with Page(tmp_path / "profile") as opened:
-        opened.open((tmp_path / "slices.html").as_uri(), "document.documentElement.dataset.report === 'ready'")
-        opened.run("document.querySelectorAll('details.fold').forEach((fold) => { fold.open = true; })")
-        opened.wait(f"{card}.querySelectorAll('.slider').length === 2 && {card}.querySelector('.plot').data")
+        opened.open(
+            (tmp_path / "slices.html").as_uri(),
+            "document.documentElement.dataset.report === 'ready'",
+        )
+        opened.run(
+            "document.querySelectorAll('details.fold').forEach((fold) => { fold.open = true; })"
+        )
+        opened.wait(
+            f"{card}.querySelectorAll('.slider').length === 2 && {card}.querySelector('.plot').data"
+        )
         shown = f"""(() => {{ const data = {card}.querySelector('.plot').data[0];
             return (data.type === 'heatmap' ? data.z.flat().filter((z) => z !== null) : data.x).length; }})()"""
         assert opened.run(shown) == len(own) - len(moved)
         opened.run(f"""{card}.querySelectorAll('.slider input').forEach((slider) => {{
             slider.value = 1; slider.dispatchEvent(new Event('input', {{ bubbles: true }})); }})""")
         assert opened.run(shown) == len(moved)
-        assert f"{len(moved)} of {len(own)} cases" in opened.run(f"{card}.querySelector('.slice-note').textContent")
+        assert f"{len(moved)} of {len(own)} cases" in opened.run(
+            f"{card}.querySelector('.slice-note').textContent"
+        )
         opened.run(f"""{card}.querySelectorAll('.slider select').forEach((select) => {{
             select.value = 'all'; select.dispatchEvent(new Event('change')); }})""")
         assert opened.run(shown) == len(own)
@@ -284,18 +377,26 @@ def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path:
 
 
 @needs_chromium
-def test_on_a_slice_of_ones_own_what_cannot_be_is_hatched_up_to_its_limit_and_holds_no_case(opened: Page) -> None:
+def test_on_a_slice_of_ones_own_what_cannot_be_is_hatched_up_to_its_limit_and_holds_no_case(
+    opened: Page,
+) -> None:
     card = f"""document.querySelector('[data-map="{builders.SCENARIOS.index("front_vehicle_cut_out")}"]')"""
     pick = f"""(which, value) => {{ const axis = {card}.querySelector(`[data-axis=${{which}}]`);
         axis.value = value; axis.dispatchEvent(new Event('change')); }}"""
     opened.run(f"{card}.scrollIntoView()")
     opened.wait(f"{card}.querySelector('.plot')?.data")
-    opened.run(f"(() => {{ const pick = {pick}; pick('panel', ''); pick('x', 0); pick('y', 1); }})()")
+    opened.run(
+        f"(() => {{ const pick = {pick}; pick('panel', ''); pick('x', 0); pick('y', 1); }})()"
+    )
     slider = f"{card}.querySelector('.slider input')"
-    opened.run(f"(() => {{ {slider}.value = 0; {slider}.dispatchEvent(new Event('input', {{ bubbles: true }})); }})()")
+    opened.run(
+        f"(() => {{ {slider}.value = 0; {slider}.dispatchEvent(new Event('input', {{ bubbles: true }})); }})()"
+    )
     traces = opened.run(f"""[...{card}.querySelector('.plot').data].filter((trace) => trace.type === 'scatter')
         .map(({{ x, y, name, fillpattern }}) => ({{ x, y, name, pattern: fillpattern?.shape }}))""")
-    opened.run(f"(() => {{ const pick = {pick}; pick('x', 1); pick('y', 2); pick('panel', 0); }})()")
+    opened.run(
+        f"(() => {{ const pick = {pick}; pick('x', 1); pick('y', 2); pick('panel', 0); }})()"
+    )
     (hatched,) = [trace for trace in traces if trace.get("pattern") == "/"]
     corners = [(x, y) for x, y in zip(hatched["x"], hatched["y"], strict=True) if x is not None]
     # gap = 20 m: slower than the ego, and 6.5 m + 1.3 s * (ego_speed - obstacle_speed) <= gap
@@ -319,7 +420,11 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
     assert opened.run(f"{card}.querySelectorAll('.beside > div').length") == 2
     opened.run(f"""(() => {{ const by = {card}.querySelector('[data-by=outcome]');
         by.value = 'collision'; by.dispatchEvent(new Event('change')); }})()""")
-    hits = [case for case in evaluation.cases if case.scenario == builders.SCENARIOS[1] and case.collided]
+    hits = [
+        case
+        for case in evaluation.cases
+        if case.scenario == builders.SCENARIOS[1] and case.collided
+    ]
     drawn = f"""[...{card}.querySelectorAll('.plot')].flatMap((plot) => plot.data)
         .filter((trace) => ['no contact', 'collision', 'off road', 'not evaluated'].includes(trace.name))
         .flatMap((trace) => trace.x).length"""
@@ -328,7 +433,9 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
     opened.wait(f"{card}.querySelectorAll('.case-list tbody tr').length === {min(15, len(hits))}")
     listed = f"[...{card}.querySelectorAll('.case-list .case-id')].map((link) => link.textContent)"
     assert set(opened.run(listed)) <= {case.case for case in hits}
-    clear = f"[...{card}.querySelectorAll('button')].find((one) => one.textContent === 'Clear').click()"
+    clear = (
+        f"[...{card}.querySelectorAll('button')].find((one) => one.textContent === 'Clear').click()"
+    )
     opened.run(clear)
     own = [case for case in evaluation.cases if case.scenario == builders.SCENARIOS[1]]
     safe = [case for case in own if case.zone == "safe"]
@@ -355,7 +462,8 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
 def test_every_word_can_be_read_in_the_light_and_in_the_dark(opened: Page) -> None:
     for theme in ("Dark", "Light"):
         opened.run(
-            f"[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === '{theme}').click()"
+            "[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === "
+            f"'{theme}').click()"
         )
         assert opened.run("document.documentElement.dataset.theme") == theme.lower()
         assert opened.run(CONTRAST) == []
@@ -369,7 +477,8 @@ def test_every_word_can_be_read_in_the_light_and_in_the_dark(opened: Page) -> No
 def test_every_chart_can_be_saved(opened: Page) -> None:
     charts = "[...document.querySelectorAll('.js-plotly-plot')].filter((plot) => plot.clientWidth)"
     assert opened.run(
-        f"{charts}.every((plot) => plot.closest('figure, .panel').querySelectorAll('.save button').length === 3)"
+        f"{charts}.every((plot) => plot.closest('figure, .panel').querySelectorAll('.save "
+        "button').length === 3)"
     )
     opened.run("""window.saved = [];
         URL.createObjectURL = (blob) => { blob.text()
@@ -382,15 +491,22 @@ def test_every_chart_can_be_saved(opened: Page) -> None:
     opened.wait("window.saved.length === 2")
     saved = opened.run("window.saved.sort()")
     assert any(text.startswith("<svg") for text in saved)
-    assert any(text.startswith("series,case,x,y,value\r\n") and builders.CALM in text for text in saved)
+    assert any(
+        text.startswith("series,case,x,y,value\r\n") and builders.CALM in text for text in saved
+    )
     assert opened.problems == []
 
 
 @pytest.mark.campaign
 @needs_chromium
-def test_the_replay_plays_beside_another_ads_and_printing_redraws(opened: Page, evaluation: Evaluation) -> None:
+def test_the_replay_plays_beside_another_ads_and_printing_redraws(
+    opened: Page, evaluation: Evaluation
+) -> None:
     case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
-    opened.run(f"(location.hash = '', location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
+    opened.run(
+        "(location.hash = '', location.hash = '#case:' + "
+        f"encodeURIComponent({json.dumps(case.case)}), null)"
+    )
     opened.wait("document.querySelector('.replay-reading')?.textContent.includes('contact at')")
     opened.run("""(() => { const beside = document.getElementById('replay-beside');
         beside.value = '0'; beside.dispatchEvent(new Event('change')); })()""")
@@ -399,8 +515,12 @@ def test_the_replay_plays_beside_another_ads_and_printing_redraws(opened: Page, 
     opened.run("new Promise((resolve) => setTimeout(resolve, 300))")
     opened.run("document.querySelector('details.fold').open = false")
     opened.run("window.dispatchEvent(new Event('beforeprint'))")
-    assert opened.run("[...document.querySelectorAll('details.fold')].every((fold) => fold.open)"), "paper has it all"
-    widths = opened.run("[...document.querySelectorAll('.js-plotly-plot')].map((plot) => plot._fullLayout.width)")
+    assert opened.run(
+        "[...document.querySelectorAll('details.fold')].every((fold) => fold.open)"
+    ), "paper has it all"
+    widths = opened.run(
+        "[...document.querySelectorAll('.js-plotly-plot')].map((plot) => plot._fullLayout.width)"
+    )
     assert max(widths) <= 690
     opened.run("window.dispatchEvent(new Event('afterprint'))")
     assert not opened.run("document.querySelector('details.fold').open")
@@ -409,7 +529,9 @@ def test_the_replay_plays_beside_another_ads_and_printing_redraws(opened: Page, 
 
 
 @needs_chromium
-def test_keys_alone_unfold_sections_change_the_case_and_are_seen_where_they_are(opened: Page) -> None:
+def test_keys_alone_unfold_sections_change_the_case_and_are_seen_where_they_are(
+    opened: Page,
+) -> None:
     fold = "document.querySelector('details.fold')"
     opened.run(f"({fold}.open = false, document.querySelector('.skip').focus(), null)")
     for _ in range(60):
@@ -424,9 +546,13 @@ def test_keys_alone_unfold_sections_change_the_case_and_are_seen_where_they_are(
     opened.run("document.getElementById('pick-case').focus()")
     before = opened.run("location.hash + document.getElementById('case-name').textContent")
     # Another test may have left the page at the last case, below which there is none.
-    last = opened.run("(({ selectedIndex, length }) => selectedIndex === length - 1)(document.activeElement)")
+    last = opened.run(
+        "(({ selectedIndex, length }) => selectedIndex === length - 1)(document.activeElement)"
+    )
     press(opened, "ArrowUp" if last else "ArrowDown")
-    opened.wait(f"location.hash + document.getElementById('case-name').textContent !== {json.dumps(before)}")
+    opened.wait(
+        f"location.hash + document.getElementById('case-name').textContent !== {json.dumps(before)}"
+    )
     by_mouse_alone = """[...document.querySelectorAll('body *')].filter((one) => one.getClientRects().length
         && getComputedStyle(one).cursor === 'pointer' && !one.closest('a, button, summary, label, select, input, svg'))
         .map((one) => one.className)"""
@@ -441,7 +567,11 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened: Page, evaluation: E
         if not hits:
             assert opened.run(f"document.querySelector('[data-terms=\"{which}\"]')") is None
             continue
-        ads = next(score.ads for score in evaluation.scores if score.scenario == scenario and score.collisions)
+        ads = next(
+            score.ads
+            for score in evaluation.scores
+            if score.scenario == scenario and score.collisions
+        )
         cases = [case for case in evaluation.cases if (case.scenario, case.ads) == (scenario, ads)]
         # U belongs to collisions; r is the weight of every point in A, and of the collisions in C
         for term, numbers in (
@@ -461,8 +591,15 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened: Page, evaluation: E
 @needs_chromium
 @pytest.mark.parametrize("width", [390, 1400, 2560])
 def test_no_page_is_wider_than_its_window(opened: Page, width: int) -> None:
-    opened.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=width < 500)
-    opened.wait(f"document.documentElement.scrollWidth <= {width}", 20.0)  # charts follow the window a little later
+    opened.call(
+        "Emulation.setDeviceMetricsOverride",
+        width=width,
+        height=800,
+        deviceScaleFactor=1,
+        mobile=width < 500,
+    )
+    # charts follow the window a little later
+    opened.wait(f"document.documentElement.scrollWidth <= {width}", 20.0)
     cut = """[...document.querySelectorAll('.scroll, .overflow')].filter((one) => one.scrollWidth > one.clientWidth + 1)
         .map((one) => one.textContent.trim().slice(0, 60))"""
     assert width < 1400 or opened.run(cut) == [], "no table hides its last column"

@@ -1,4 +1,5 @@
-"""The report as a file: complete, closed, and deaf to what people write into names and error texts."""
+"""The report as a file: complete, closed, and deaf to what people write into names and error
+texts."""
 
 from __future__ import annotations
 
@@ -86,16 +87,36 @@ def test_the_scores_stand_in_the_verdict(evaluation: Evaluation, page: str) -> N
             assert f"{score.caused_collisions} of these caused" in text
 
 
-def test_the_collisions_and_s_plus_come_before_the_papers_scores(tags: list[Any], page: str) -> None:
+def test_the_collisions_and_s_plus_come_before_the_papers_scores(
+    tags: list[Any], page: str
+) -> None:
     heading = re.search(r'<table class="scores">.*?</thead>', page, flags=re.S)
     assert heading is not None
-    columns = [unescape(re.sub(r"<[^>]+>", "", cell)).strip() for cell in re.findall(r"<th.*?</th>", heading[0], re.S)]
+    columns = [
+        unescape(re.sub(r"<[^>]+>", "", cell)).strip()
+        for cell in re.findall(r"<th.*?</th>", heading[0], re.S)
+    ]
     points = "Points for the task + for driving like people"
     assert columns[:10] == ["ADS", "Collisions", "T", "A' and A", "H", "S+", points, "C", "D", "S"]
 
 
 @pytest.mark.parametrize(
-    "name", ["U", "L", "Ug", "U0", "r", "ITTC", "exposure", "slice", "A", "H", "S+", "regret", "plausibility"]
+    "name",
+    [
+        "U",
+        "L",
+        "Ug",
+        "U0",
+        "r",
+        "ITTC",
+        "exposure",
+        "slice",
+        "A",
+        "H",
+        "S+",
+        "regret",
+        "plausibility",
+    ],
 )
 def test_jargon_has_a_line_in_the_glossary(page: str, name: str) -> None:
     glossary = page[page.index('<dl class="glossary">') :]
@@ -104,14 +125,20 @@ def test_jargon_has_a_line_in_the_glossary(page: str, name: str) -> None:
 
 def test_the_scores_headings_have_tooltips(tags: list[Any]) -> None:
     told = {dict(attributes).get("title") for tag, attributes in tags if tag == "abbr"}
-    assert {GLOSSARY[name] for name in ("A", "H", "S+", "C", "D", "S", "avoidable", "U", "Ug", "U0", "r")} <= told
+    assert {
+        GLOSSARY[name]
+        for name in ("A", "H", "S+", "C", "D", "S", "avoidable", "U", "Ug", "U0", "r")
+    } <= told
 
 
 def test_an_interval_stands_below_its_score(
     evaluation: Evaluation, partitions: dict[str, ZonePartition], tmp_path: Path
 ) -> None:
     page = write_report(
-        replace(evaluation, scores=tuple(replace(s, s_plus_interval=(12.0, 87.0)) for s in evaluation.scores)),
+        replace(
+            evaluation,
+            scores=tuple(replace(s, s_plus_interval=(12.0, 87.0)) for s in evaluation.scores),
+        ),
         partitions,
     ).read_text(encoding="utf-8")
     assert page.count('<small class="pair">12..87</small>') == len(evaluation.scores)
@@ -140,17 +167,25 @@ def test_the_ranking_has_a_section_where_there_is_one(evaluation: Evaluation) ->
 def test_d_that_was_not_computed_is_said_with_its_reason(evaluation: Evaluation, page: str) -> None:
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
     assert score.d is None
-    assert f"not computed {count(score.safe_collisions, 'collision')} in the safe zone" in visible(page)
+    assert f"not computed {count(score.safe_collisions, 'collision')} in the safe zone" in visible(
+        page
+    )
 
 
 def test_the_drivers_are_called_synthetic_and_only_when_they_are(
     evaluation: Evaluation, partitions: dict[str, ZonePartition], page: str
 ) -> None:
     assert (
-        visible(page).count("synthetic: drawn from distributions fitted to recorded traffic. They are not") == 3
+        visible(page).count(
+            "synthetic: drawn from distributions fitted to recorded traffic. They are not"
+        )
+        == 3
     )  # first screen, scores, human-likeness
     recorded = replace(
-        evaluation, settings=replace(evaluation.settings, drivers=DriverSettings(count=3, source="mine:drivers"))
+        evaluation,
+        settings=replace(
+            evaluation.settings, drivers=DriverSettings(count=3, source="mine:drivers")
+        ),
     )
     other = visible(write_report(recorded, partitions).read_text(encoding="utf-8"))
     write_report(evaluation, partitions)
@@ -158,7 +193,9 @@ def test_the_drivers_are_called_synthetic_and_only_when_they_are(
     assert "mine:drivers" in other
 
 
-def test_every_collision_and_every_missing_case_is_listed(evaluation: Evaluation, tags: list[Any]) -> None:
+def test_every_collision_and_every_missing_case_is_listed(
+    evaluation: Evaluation, tags: list[Any]
+) -> None:
     links = [attributes.get("href") or "" for tag, attributes in tags if tag == "a"]
     linked = {unquote(link.removeprefix("#case:")) for link in links if link.startswith("#case:")}
     missing = {case.case for table in unevaluated(evaluation) for case in table}
@@ -180,7 +217,9 @@ def test_the_data_cannot_be_read_as_markup(page: str) -> None:
 
 
 def test_the_data_holds_every_name_as_it_is(evaluation: Evaluation, data: dict[str, Any]) -> None:
-    assert [scenario["ads"] for scenario in data["scenarios"]] == [[builders.CALM, builders.HOSTILE]] * 2
+    assert [scenario["ads"] for scenario in data["scenarios"]] == [
+        [builders.CALM, builders.HOSTILE]
+    ] * 2
     keys = [case["key"] for scenario in data["scenarios"] for case in scenario["cases"]]
     assert sorted(keys) == sorted(case.case for case in evaluation.cases)
 
@@ -205,32 +244,49 @@ def test_every_label_and_picture_has_words(tags: list[Any]) -> None:
             assert attributes.get("aria-label"), (tag, attributes)
     ids = [attributes["id"] for _, attributes in tags if "id" in attributes]
     assert len(ids) == len(set(ids))
-    targets = {attributes["aria-labelledby"] for _, attributes in tags if "aria-labelledby" in attributes}
+    targets = {
+        attributes["aria-labelledby"] for _, attributes in tags if "aria-labelledby" in attributes
+    }
     targets |= {
         attributes["href"][1:]
         for tag, attributes in tags
-        if tag == "a" and (attributes.get("href") or "").startswith("#") and ":" not in attributes["href"]
+        if tag == "a"
+        and (attributes.get("href") or "").startswith("#")
+        and ":" not in attributes["href"]
     }
     assert targets <= set(ids)
 
 
-def test_the_preventability_of_every_ads_stands_in_a_table(evaluation: Evaluation, page: str) -> None:
+def test_the_preventability_of_every_ads_stands_in_a_table(
+    evaluation: Evaluation, page: str
+) -> None:
     text = visible(page)
     assert "No ADS of this run is “careful_driver”, so the reference is the ideal vehicle" in text
     for row in preventability(evaluation):
-        counts = (row.cases, row.avoided, row.better, row.incidents, row.preventable, row.unpreventable)
+        counts = (
+            row.cases,
+            row.avoided,
+            row.better,
+            row.incidents,
+            row.preventable,
+            row.unpreventable,
+        )
         assert " ".join(map(str, counts)) in text
 
 
 def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation: Evaluation) -> None:
-    rows = [[float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)]
+    rows = [
+        [float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)
+    ]
     view = choose_view(space(4), points(evaluation, rows))
     assert (view.x, view.y) == (2, 3)
     assert set(view.fixed) == {0, 1}
 
 
 def test_a_map_shows_the_two_parameters_that_somebody_chose(evaluation: Evaluation) -> None:
-    rows = [[float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)]
+    rows = [
+        [float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)
+    ]
     cases = points(evaluation, rows)
     view = choose_view(space(4), cases, ("p3", "p0"))
     assert (view.x, view.y, set(view.fixed)) == (3, 0, {1, 2})
@@ -241,24 +297,39 @@ def test_a_map_shows_the_two_parameters_that_somebody_chose(evaluation: Evaluati
 
 def test_a_map_with_slices_opens_where_most_collisions_are(evaluation: Evaluation) -> None:
     rows = [
-        [float(a), float(b), float(c), float(d)] for a in range(3) for b in range(3) for c in range(2) for d in range(2)
+        [float(a), float(b), float(c), float(d)]
+        for a in range(3)
+        for b in range(3)
+        for c in range(2)
+        for d in range(2)
     ]
     calm = CaseTable.of(replace(case, collided=False) for case in points(evaluation, rows))
     view = choose_view(space(4), calm)
     assert telling_slice(view, calm) == {2: 0.0, 3: 0.0}
-    hits = CaseTable.of(replace(case, collided=case.values["p2"] == 1.0 and case.values["p3"] == 0.0) for case in calm)
+    hits = CaseTable.of(
+        replace(case, collided=case.values["p2"] == 1.0 and case.values["p3"] == 0.0)
+        for case in calm
+    )
     assert telling_slice(view, hits) == {2: 1.0, 3: 0.0}
     assert telling_slice(choose_view(space(3), calm), calm) == {}
 
 
 @pytest.mark.parametrize("name", ["front_vehicle_cut_out", "curve_braking", "oncoming_in_lane"])
-def test_law_a_map_is_told_the_room_of_each_constraint_and_the_least_says_what_is_possible(name: str) -> None:
+def test_law_a_map_is_told_the_room_of_each_constraint_and_the_least_says_what_is_possible(
+    name: str,
+) -> None:
     logical = catalogue.load(name)
     rows = logical.from_unit(np.random.default_rng(1).random((500, len(logical.parameters))))
-    told = [np.frombuffer(base64.b64decode(packed), dtype="<i2") for packed in rooms_of(logical, rows)]
+    told = [
+        np.frombuffer(base64.b64decode(packed), dtype="<i2") for packed in rooms_of(logical, rows)
+    ]
     assert ((np.min(told, axis=0) >= 0) == logical.feasible(rows)).all()
-    said = replace(logical, constraints=tuple(replace(one, room=None) for one in logical.constraints))
-    plain = [np.frombuffer(base64.b64decode(packed), dtype="<i2") for packed in rooms_of(said, rows)]
+    said = replace(
+        logical, constraints=tuple(replace(one, room=None) for one in logical.constraints)
+    )
+    plain = [
+        np.frombuffer(base64.b64decode(packed), dtype="<i2") for packed in rooms_of(said, rows)
+    ]
     assert set(np.abs(plain).ravel().tolist()) == {32_000}
     assert ((np.min(plain, axis=0) >= 0) == logical.feasible(rows)).all()
 
@@ -269,7 +340,9 @@ def test_zones_stand_with_their_boundary_errors(page: str) -> None:
 
 def test_settings_stand_with_unit_and_meaning(page: str) -> None:
     text = visible(page)
-    assert "critical_inverse_ttc 0.7 1/s ITTC* 6 inverse TTC from which a point is hazardous" in text
+    assert (
+        "critical_inverse_ttc 0.7 1/s ITTC* 6 inverse TTC from which a point is hazardous" in text
+    )
     assert re.search(r"drivers \d+ settings ?, 1 not at the default", text)
     assert "count 3 default 10" in text
 
@@ -287,22 +360,29 @@ def test_a_run_without_facts_is_one_sentence(
         write_report(replace(evaluation, folder=tmp_path), partitions)
 
 
-# --- how a space is put on paper --------------------------------------------------------------------------------------
+# --- how a space is put on paper ------------------------------------------------------------------
 
 
 def space(k: int) -> LogicalScenario:
     logical = catalogue.load(builders.SCENARIOS[0])
-    parameters = tuple(Parameter(f"p{index}", 0.0, 10.0, 5.0, "m", "a length") for index in range(k))
+    parameters = tuple(
+        Parameter(f"p{index}", 0.0, 10.0, 5.0, "m", "a length") for index in range(k)
+    )
     return replace(logical, name="made_up", parameters=parameters, constraints=())
 
 
 def points(evaluation: Evaluation, rows: list[list[float]]) -> CaseTable:
     first = evaluation.cases[0]
-    records = (replace(first, values={f"p{index}": value for index, value in enumerate(row)}) for row in rows)
+    records = (
+        replace(first, values={f"p{index}": value for index, value in enumerate(row)})
+        for row in rows
+    )
     return CaseTable.of(records)
 
 
-@pytest.mark.parametrize(("k", "x", "y", "panel"), [(1, 0, None, None), (2, 0, 1, None), (3, 1, 2, 0)])
+@pytest.mark.parametrize(
+    ("k", "x", "y", "panel"), [(1, 0, None, None), (2, 0, 1, None), (3, 1, 2, 0)]
+)
 def test_up_to_three_parameters_are_all_shown(
     evaluation: Evaluation, k: int, x: int, y: int | None, panel: int | None
 ) -> None:
@@ -338,7 +418,10 @@ def test_when_hardly_a_case_is_on_the_slice_all_are_projected(evaluation: Evalua
 
 
 def test_a_large_evaluation_embeds_the_most_telling_points_and_says_so(
-    evaluation: Evaluation, partitions: dict[str, ZonePartition], page: str, monkeypatch: pytest.MonkeyPatch
+    evaluation: Evaluation,
+    partitions: dict[str, ZonePartition],
+    page: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert "points are in this file" not in page
     monkeypatch.setattr(sent_drives, "MOST_BYTES", 20 * sent_drives.BYTES_OF_A_RUN)
@@ -350,6 +433,12 @@ def test_a_large_evaluation_embeds_the_most_telling_points_and_says_so(
     assert 0 < len(here) < len(cases)
     matters = {case.case for case in evaluation.cases if case.collided or not case.evaluated}
     assert here & matters
-    assert sum(len(scenario["trajectories"]["data"]) for scenario in embedded(small)["scenarios"]) <= 20 * 900
+    assert (
+        sum(len(scenario["trajectories"]["data"]) for scenario in embedded(small)["scenarios"])
+        <= 20 * 900
+    )
     points = len({tuple(key.split("-")[:2]) for key in here})
-    assert f"Trajectories of {points} of {sum(zone.sampled for zone in evaluation.zones)} points" in visible(small)
+    assert (
+        f"Trajectories of {points} of {sum(zone.sampled for zone in evaluation.zones)} points"
+        in visible(small)
+    )

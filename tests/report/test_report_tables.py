@@ -13,7 +13,12 @@ import pytest
 
 from sumo_eval.errors import InputError
 from sumo_eval.report.tables import cases_csv, scores_json
-from sumo_eval.report.words import count, exposure_note_words, index_note_words, reference_note_words
+from sumo_eval.report.words import (
+    count,
+    exposure_note_words,
+    index_note_words,
+    reference_note_words,
+)
 from sumo_eval.results import Evaluation
 
 
@@ -24,7 +29,9 @@ def table(evaluation: Evaluation, tmp_path_factory: pytest.TempPathFactory) -> p
     return pd.read_csv(path, keep_default_na=False, na_values=[""])
 
 
-def test_every_case_is_a_row_and_every_field_comes_back(evaluation: Evaluation, table: pd.DataFrame) -> None:
+def test_every_case_is_a_row_and_every_field_comes_back(
+    evaluation: Evaluation, table: pd.DataFrame
+) -> None:
     assert len(table) == len(evaluation.cases)
     for (_, row), case in zip(table.iterrows(), evaluation.cases, strict=True):
         plain = asdict(case) | {
@@ -46,7 +53,9 @@ def test_parameters_of_another_scenario_are_empty(table: pd.DataFrame) -> None:
     assert low_speed["lead_speed"].notna().all()
 
 
-def test_a_parameter_that_is_called_like_a_column_keeps_its_values(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_a_parameter_that_is_called_like_a_column_keeps_its_values(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
     odd = replace(evaluation, cases=(replace(evaluation.cases[0], values={"zone": 3.5}),))
     cases_csv(odd, tmp_path / "odd.csv")
     row = pd.read_csv(tmp_path / "odd.csv").iloc[0]

@@ -37,7 +37,9 @@ def test_closing_lines_say_what_the_table_cannot(evaluation: Evaluation) -> None
     assert str(evaluation.folder / "report.html") in lines[-1]
 
 
-def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(evaluation: Evaluation) -> None:
+def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(
+    evaluation: Evaluation,
+) -> None:
     broken = tuple(
         replace(case, status="timeout", collided=False, error=f"Lost at {number}.")
         for number, case in enumerate(evaluation.cases)
@@ -52,7 +54,9 @@ def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(evaluati
 
 def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation: Evaluation) -> None:
     recorded = replace(evaluation.settings, drivers=DriverSettings(source="mine:drivers"))
-    assert not any("synthetic" in line for line in closing_lines(replace(evaluation, settings=recorded)))
+    assert not any(
+        "synthetic" in line for line in closing_lines(replace(evaluation, settings=recorded))
+    )
     nobody = NotComputed("no_drivers")
     alone = [replace(score, human_likeness=None, h_reason=nobody) for score in evaluation.scores]
     told = "\n".join(closing_lines(replace(evaluation, scores=tuple(alone))))
@@ -60,7 +64,8 @@ def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation: Eval
     assert "human drivers of each concrete scenario" not in told
     (first, *_), (last, *_) = alone, reversed(alone)
     some = [
-        one if one.scenario == last.scenario else score for one, score in zip(alone, evaluation.scores, strict=True)
+        one if one.scenario == last.scenario else score
+        for one, score in zip(alone, evaluation.scores, strict=True)
     ]
     assert first.scenario != last.scenario
     told = "\n".join(closing_lines(replace(evaluation, scores=tuple(some))))

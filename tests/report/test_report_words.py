@@ -39,32 +39,46 @@ def with_loss(evaluation: Evaluation, loss: str) -> Evaluation:
 
 
 @pytest.mark.parametrize("loss", ["severity", "class"])
-def test_the_parts_of_the_collisions_add_up_to_what_c_lost(evaluation: Evaluation, loss: str) -> None:
+def test_the_parts_of_the_collisions_add_up_to_what_c_lost(
+    evaluation: Evaluation, loss: str
+) -> None:
     odd = with_loss(evaluation, loss)
     found = Findings.of(odd, odd.score(builders.HOSTILE, CUT_OUT))
     rows, shares = found.cases, found.collisions
     hits = [row for row in rows if row.collided]
     c = collision_avoidance_index(
-        [row.severity for row in hits], [row.ideal_severity for row in hits], [row.weight for row in hits], loss
+        [row.severity for row in hits],
+        [row.ideal_severity for row in hits],
+        [row.weight for row in hits],
+        loss,
     )
     assert shares.lost.sum() == pytest.approx(1.0 - c, abs=1e-12)
     assert shares.lost.tolist() == sorted(shares.lost, reverse=True)
 
 
 def test_without_any_weight_every_collision_counts_the_same(evaluation: Evaluation) -> None:
-    rows = [replace(row, weight=0.0, ideal_severity=0.0) for row in evaluation.cases if row.collided][:4]
+    rows = [
+        replace(row, weight=0.0, ideal_severity=0.0) for row in evaluation.cases if row.collided
+    ][:4]
     assert (
-        Findings(evaluation.scores[0], CaseTable.of(rows), evaluation.settings).collisions.lost.tolist() == [0.25] * 4
+        Findings(
+            evaluation.scores[0], CaseTable.of(rows), evaluation.settings
+        ).collisions.lost.tolist()
+        == [0.25] * 4
     )
 
 
-def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluation: Evaluation) -> None:
+def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(
+    evaluation: Evaluation,
+) -> None:
     score = evaluation.score(builders.CALM, CUT_OUT)
     rows = Findings.of(evaluation, score).cases
     first = next(row for row in rows if row.collided)
     odd = replace(
         evaluation,
-        cases=tuple(replace(row, ideal_severity=None) if row is first else row for row in evaluation.cases),
+        cases=tuple(
+            replace(row, ideal_severity=None) if row is first else row for row in evaluation.cases
+        ),
     )
     found = Findings.of(odd, score)
     cases, shares = found.cases, found.collisions
@@ -76,7 +90,10 @@ def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluatio
 def test_c_is_explained_by_counts_of_each_zone(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, CUT_OUT)
     text = " ".join(explain_c(Findings.of(evaluation, score)))
-    assert f"{score.collisions - score.safe_collisions} of {score.hazardous_cases} hazardous cases" in text
+    assert (
+        f"{score.collisions - score.safe_collisions} of {score.hazardous_cases} hazardous cases"
+        in text
+    )
     assert f"in {score.safe_collisions} of {score.safe_cases} safe cases" in text
     assert f"avoids {score.avoidable_collisions} of these" in text
     assert f"C = {score.c:.3f}" in text
@@ -86,7 +103,11 @@ def test_no_collision_is_said_as_such(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
     rows = Findings.of(evaluation, score).cases
     (sentence,) = explain_c(Findings.of(evaluation, score))
-    assert sentence == f"calm did not collide in any of {sum(row.evaluated for row in rows)} evaluated cases, so C = 1."
+    assert (
+        sentence
+        == f"calm did not collide in any of {sum(row.evaluated for row in rows)} evaluated cases, "
+        "so C = 1."
+    )
 
 
 def test_d_names_the_factor_that_limits_it(evaluation: Evaluation) -> None:
@@ -101,7 +122,9 @@ def test_d_names_the_factor_that_limits_it(evaluation: Evaluation) -> None:
 def test_a_perfect_d_is_limited_by_nothing(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, CUT_OUT)
     rows = [
-        replace(row, index=1.0, length_factor=1.0, operation_factor=1.0, similarity=1.0, index_note=())
+        replace(
+            row, index=1.0, length_factor=1.0, operation_factor=1.0, similarity=1.0, index_note=()
+        )
         for row in Findings.of(evaluation, score).cases
         if row.index is not None
     ]
@@ -114,20 +137,26 @@ def test_no_d_is_a_value_with_a_reason(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, CUT_OUT)
     (sentence,) = explain_d(Findings.of(evaluation, score))
     assert (
-        sentence == f"D is not computed: {count(score.safe_collisions, 'collision')} in the safe zone. "
+        sentence
+        == f"D is not computed: {count(score.safe_collisions, 'collision')} in the safe zone. "
         "Its term counts 0 points."
     )
     assert "D, not computed, gives 0" in explain_s(score, evaluation.settings)
 
 
 def test_the_same_note_with_other_numbers_is_gathered(evaluation: Evaluation) -> None:
-    notes = [note for note in index_notes(evaluation) if (note.ads, note.scenario) == (builders.CALM, CUT_OUT)]
+    notes = [
+        note
+        for note in index_notes(evaluation)
+        if (note.ads, note.scenario) == (builders.CALM, CUT_OUT)
+    ]
     assert len(notes) == 1
     numbers = [row.index_note[0].count for row in evaluation.cases if row.ads == builders.CALM
                and row.scenario == CUT_OUT and row.index_note]  # fmt: skip
     assert notes[0].cases == len(numbers)
     assert notes[0].text == (
-        f"At {min(numbers)} to {max(numbers)} of 1101 slices the drivers are in two groups, over half a lane apart "
+        f"At {min(numbers)} to {max(numbers)} of 1101 slices the drivers are in two groups, over "
+        "half a lane apart "
         "(bimodal)."
     )
 
@@ -143,7 +172,14 @@ def test_every_kind_of_note_has_a_sentence_with_its_numbers(kind: NoteKind) -> N
 
 @pytest.mark.parametrize(
     ("share", "text"),
-    [(0.0, "0 %"), (0.0365, "3.65 %"), (0.5, "50 %"), (1.0, "100 %"), (0.00012345, "0.0123 %"), (np.nan, "not known")],
+    [
+        (0.0, "0 %"),
+        (0.0365, "3.65 %"),
+        (0.5, "50 %"),
+        (1.0, "100 %"),
+        (0.00012345, "0.0123 %"),
+        (np.nan, "not known"),
+    ],
 )
 def test_shares_have_three_digits(share: float, text: str) -> None:
     assert percent(share) == text
@@ -152,7 +188,8 @@ def test_shares_have_three_digits(share: float, text: str) -> None:
 def test_no_number_is_shown_as_minus_zero() -> None:
     assert number(-0.0004, 3) == number(-0.0, 3) == "0.000"
     assert number(-0.0006, 3) == "-0.001"
-    found = re.compile(r":[<>^]?[+]?[0-9]*[.]([0-9]|[{]digits[}])+[fge%][}]")  # a fixed format without `z`
+    # a fixed format without `z`
+    found = re.compile(r":[<>^]?[+]?[0-9]*[.]([0-9]|[{]digits[}])+[fge%][}]")
     for room in ("report", "cli", "nightly", "studies"):
         for file in (Path(words.__file__).parents[1] / room).glob("*.py"):
             assert not found.findall(file.read_text(encoding="utf-8")), file

@@ -12,7 +12,12 @@ from report_cases import hit, pick, with_case
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.comparison import compare
-from sumo_eval.report.gate_settings import GateSettings, MeasureSettings, NearMissSettings, NoiseSettings
+from sumo_eval.report.gate_settings import (
+    GateSettings,
+    MeasureSettings,
+    NearMissSettings,
+    NoiseSettings,
+)
 from sumo_eval.report.gates import GateResult, failed, judge
 from sumo_eval.report.rule import (
     Ends,
@@ -39,13 +44,15 @@ Change = Callable[[CaseResult], CaseResult]
 
 
 def test_worsening_has_the_sign_of_the_quantity() -> None:
-    """A gap that falls from 0.92 to 0.32 m is 0.60 m worse; a DRAC that rises from 3.5 to 4.1 is 0.6 m/s2 worse."""
+    """A gap that falls from 0.92 to 0.32 m is 0.60 m worse; a DRAC that rises from 3.5 to 4.1 is
+    0.6 m/s2 worse."""
     assert worsening(np.array([0.92]), np.array([0.32]), GAP) == pytest.approx([0.60])
     assert worsening(np.array([3.5]), np.array([4.1]), DRAC) == pytest.approx([0.6])
 
 
 def test_tolerance_is_the_largest_of_three() -> None:
-    """max(0.1, 0.1 * 0.5, 0) = 0.1; max(0.1, 0.1 * 1.5, 0) = 0.15; with a floor of 0.4 both are 0.4."""
+    """max(0.1, 0.1 * 0.5, 0) = 0.1; max(0.1, 0.1 * 1.5, 0) = 0.15; with a floor of 0.4 both are
+    0.4."""
     base = np.array([0.5, 1.5])
     assert tolerance(base, GAP) == pytest.approx([0.1, 0.15])
     assert tolerance(base, GAP, 0.4) == pytest.approx([0.4, 0.4])
@@ -53,7 +60,9 @@ def test_tolerance_is_the_largest_of_three() -> None:
 
 def test_sign_test_counts_coins() -> None:
     """5 of 5: 1/32; 4 of 5: (1 + 5) / 32; 0 of 0: certain."""
-    assert [sign_test(5, 0), sign_test(4, 1), sign_test(0, 0)] == pytest.approx([1 / 32, 6 / 32, 1.0])
+    assert [sign_test(5, 0), sign_test(4, 1), sign_test(0, 0)] == pytest.approx(
+        [1 / 32, 6 / 32, 1.0]
+    )
 
 
 def test_kept_margin_is_a_ratio_towards_the_accident() -> None:
@@ -70,15 +79,21 @@ def test_floor_is_half_again_the_95th_percentile() -> None:
 
 
 def test_floor_of_u_is_that_of_cases_with_a_contact() -> None:
-    """19 of 20 cases end without contact; the other has U = 4, then 3 m/s: |d| = 1, the floor 1.5 m/s, not 0."""
+    """19 of 20 cases end without contact; the other has U = 4, then 3 m/s: |d| = 1, the floor 1.5
+    m/s, not 0."""
     never = np.zeros(20, dtype=bool)
-    once, twice = (Ends(never, never, never, never, never, np.where(np.arange(20) == 0, u, 0.0)) for u in (4.0, 3.0))
+    once, twice = (
+        Ends(never, never, never, never, never, np.where(np.arange(20) == 0, u, 0.0))
+        for u in (4.0, 3.0)
+    )
     assert severity_floor(once, twice, NoiseSettings()) == pytest.approx(1.5)
     assert severity_floor(once, once, NoiseSettings()) == 0.0
 
 
 def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail() -> None:
-    """0.02 / 2 = 0.01 >= 0.008, then 0.02 / 1 >= 0.015: both. With a third test that counts, 0.02 / 3 < 0.008: none.
+    """0.02 / 2 = 0.01 >= 0.008, then 0.02 / 1 >= 0.015: both.
+
+    With a third test that counts, 0.02 / 3 < 0.008: none.
 
     A test whose least P is 0.25 can never be rejected, so it costs the others nothing.
     """
@@ -100,7 +115,9 @@ def calm(evaluation: Evaluation, **values: float) -> Evaluation:
 
 def some(evaluation: Evaluation, number: int, change: Change) -> Evaluation:
     """A run with the first cases of `calm` that ended well changed."""
-    keys = [case.case for case in evaluation.cases if case.ads == builders.CALM and case.status == "ok"]
+    keys = [
+        case.case for case in evaluation.cases if case.ads == builders.CALM and case.status == "ok"
+    ]
     for key in keys[:number]:
         evaluation = with_case(evaluation, key, change)
     return evaluation
@@ -121,8 +138,12 @@ def test_one_case_that_lost_most_of_its_gap_fails(evaluation: Evaluation) -> Non
     assert [(one.before, one.after) for one in gate.worst] == [(0.92, 0.32)]
 
 
-@pytest.mark.parametrize(("gap", "after"), [(0.92, 0.82 + 1e-12), (2.5, 2.05), (0.92, 0.92 + 1e-12), (0.92, 1.5)])
-def test_a_change_within_the_tolerance_or_far_away_passes(evaluation: Evaluation, gap: float, after: float) -> None:
+@pytest.mark.parametrize(
+    ("gap", "after"), [(0.92, 0.82 + 1e-12), (2.5, 2.05), (0.92, 0.92 + 1e-12), (0.92, 1.5)]
+)
+def test_a_change_within_the_tolerance_or_far_away_passes(
+    evaluation: Evaluation, gap: float, after: float
+) -> None:
     base = calm(evaluation, min_gap=gap, min_ttc=9.0)
     assert not judged(base, some(base, 1, lambda case: replace(case, min_gap=after)))
 
@@ -135,7 +156,9 @@ def test_as_many_farther_as_nearer_passes(evaluation: Evaluation) -> None:
 
 def test_a_missing_ttc_counts_as_the_limit_of_the_zone(evaluation: Evaluation) -> None:
     """Never closing in before, 0.5 s now: 1.5 - 0.5 = 1 s worse."""
-    base = replace(evaluation, cases=tuple(replace(case, min_ttc=None) for case in evaluation.cases))
+    base = replace(
+        evaluation, cases=tuple(replace(case, min_ttc=None) for case in evaluation.cases)
+    )
     gates = judged(base, some(base, 1, lambda case: replace(case, min_ttc=0.5)))
     assert [gate.quantity for gate in gates] == ["min_ttc"]
 
@@ -195,12 +218,15 @@ def test_only_improved_forgives_no_last_millimetre(evaluation: Evaluation) -> No
     better = some(base, 1, lambda case: replace(case, min_gap=1.5))
     assert only_improved(compare(base, better, SETTINGS), SETTINGS)
     assert not only_improved(compare(base, base, SETTINGS), SETTINGS)
-    mixed = some(better, 2, lambda case: replace(case, min_gap=1.5 if case.min_gap == 1.5 else 0.899))
+    mixed = some(
+        better, 2, lambda case: replace(case, min_gap=1.5 if case.min_gap == 1.5 else 0.899)
+    )
     assert not only_improved(compare(base, mixed, SETTINGS), SETTINGS)
 
 
 def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation: Evaluation) -> None:
-    """Of one ADS in one scenario the first case is lost, then all of them, then the ADS everywhere."""
+    """Of one ADS in one scenario the first case is lost, then all of them, then the ADS
+    everywhere."""
 
     def without(unwanted: Callable[[CaseResult], bool], run: Evaluation = evaluation) -> Evaluation:
         cases = tuple(case for case in run.cases if not unwanted(case))
@@ -215,7 +241,9 @@ def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation: Evaluation) -> No
         return found[0].sentence if found else ""
 
     assert sentence(without(lambda case: case.case == first.case)) == ""
-    assert f"ADS `{first.ads}` of the base is missing" in sentence(without(lambda case: case.ads == first.ads))
+    assert f"ADS `{first.ads}` of the base is missing" in sentence(
+        without(lambda case: case.ads == first.ads)
+    )
     gone = sentence(without(lambda case: case.scenario == first.scenario))
     assert f"logical scenario `{first.scenario}` of the base is missing" in gone
     assert gone.endswith("If this is meant: accept it")
@@ -232,18 +260,31 @@ def test_the_same_is_said_of_equal_bits_alone(evaluation: Evaluation) -> None:
 
     assert told(evaluation).startswith("same: THE SAME as")
     case = pick(evaluation, collided=False)
-    digit = with_case(evaluation, case.case, lambda one: replace(one, max_jerk=np.nextafter(one.max_jerk or 1.0, 9.0)))
+    digit = with_case(
+        evaluation,
+        case.case,
+        lambda one: replace(one, max_jerk=np.nextafter(one.max_jerk or 1.0, 9.0)),
+    )
     assert told(digit).startswith("no_limit_failed: NO LIMIT FAILED")
     assert "1 case changed by less than the tolerances" in told(digit)
-    fewer = replace(evaluation, cases=tuple(one for one in evaluation.cases if one.case != case.case))
+    fewer = replace(
+        evaluation, cases=tuple(one for one in evaluation.cases if one.case != case.case)
+    )
     assert "equal to the last bit, 1 of the base have no partner" in told(fewer)
-    slower = with_case(evaluation, case.case, lambda one: replace(one, latency_median=1.0, wall_time=9.0))
+    slower = with_case(
+        evaluation, case.case, lambda one: replace(one, latency_median=1.0, wall_time=9.0)
+    )
     assert told(slower).startswith("same: THE SAME as"), "no two drives take the same time"
 
 
 def test_a_slower_ads_fails_and_a_loaded_machine_does_not(evaluation: Evaluation) -> None:
-    """20 times the fixed work before. 30 now: its half is allowed (max(10, 0.5 * 20) = 10). 31: it is not."""
+    """20 times the fixed work before.
+
+    30 now: its half is allowed (max(10, 0.5 * 20) = 10). 31: it is not.
+    """
     base = calm(evaluation, latency_relative=20.0, latency_median=1e-4)
     loaded = calm(base, latency_relative=30.0, latency_median=9e-4)
     assert not judged(base, loaded)
-    assert [gate.quantity for gate in judged(base, calm(base, latency_relative=31.0))] == ["latency_relative"]
+    assert [gate.quantity for gate in judged(base, calm(base, latency_relative=31.0))] == [
+        "latency_relative"
+    ]

@@ -1,4 +1,5 @@
-"""The tables of scores in text: as wide as the terminal at most, a row an ADS and scenario, every number somewhere."""
+"""The tables of scores in text: as wide as the terminal at most, a row an ADS and scenario, every
+number somewhere."""
 
 from __future__ import annotations
 
@@ -33,7 +34,9 @@ def with_ads(evaluation: Evaluation, number: int) -> Evaluation:
 @pytest.mark.parametrize("number", [1, 12])
 @pytest.mark.parametrize("everything", [False, True])
 @pytest.mark.parametrize("width", [30, 60, 80, 100, 140])
-def test_no_line_is_wider_than_the_terminal(evaluation: Evaluation, width: int, number: int, everything: bool) -> None:
+def test_no_line_is_wider_than_the_terminal(
+    evaluation: Evaluation, width: int, number: int, everything: bool
+) -> None:
     many = with_ads(evaluation, number)
     lines = [click.unstyle(line) for line in score_lines(many, width, everything)]
     assert max(len(line) for line in lines if not line.startswith("Not shown")) <= width
@@ -47,7 +50,11 @@ def test_a_narrower_terminal_gets_fewer_columns(evaluation: Evaluation, number: 
     for width in (140, 100, 80, 60, 40, 30):
         text = click.unstyle("\n".join(score_lines(many, width)))
         table = text.partition("\nNot shown")[0]
-        shown = [heading for heading in FIRST if heading.split("\n")[-1] in table.split() or heading in table]
+        shown = [
+            heading
+            for heading in FIRST
+            if heading.split("\n")[-1] in table.split() or heading in table
+        ]
         assert len(shown) <= before
         assert (len(shown) == len(FIRST)) or "Not shown for want of room" in text
         assert shown, "S+ stays"
@@ -64,8 +71,12 @@ def test_all_prints_every_number_at_every_width(evaluation: Evaluation) -> None:
     score = with_ads(evaluation, 1).scores[0]
     cells = cells_of(score)
     for width in (60, 100):
-        text = click.unstyle("\n".join(score_lines(with_ads(evaluation, 1), width, everything=True)))
-        assert {cells[heading] for heading in (*FIRST, *MORE)} <= {cell for cell in cells.values() if cell in text}
+        text = click.unstyle(
+            "\n".join(score_lines(with_ads(evaluation, 1), width, everything=True))
+        )
+        assert {cells[heading] for heading in (*FIRST, *MORE)} <= {
+            cell for cell in cells.values() if cell in text
+        }
         for heading in (*FIRST, *MORE):
             assert all(word in text for word in heading.split("\n"))
 

@@ -1,4 +1,5 @@
-"""A page of more cases than it can hold: what it leaves out, what it shows of all, and how a case is found."""
+"""A page of more cases than it can hold: what it leaves out, what it shows of all, and how a case
+is found."""
 
 from __future__ import annotations
 
@@ -34,16 +35,32 @@ def test_half_of_the_cases_that_are_shown_tell_most_and_the_others_lie_evenly(
     for name, shown in shown_cases(evaluation).items():
         assert shown.places is not None
         assert len(shown.places) == len(set(shown.places.tolist())) == 4
-        everybody = [evaluation.cases_of(one.ads, name) for one in evaluation.scores if one.scenario == name]
-        tells = np.max([[2.0 * (case.collided or not case.evaluated) for case in cases] for cases in everybody], axis=0)
+        everybody = [
+            evaluation.cases_of(one.ads, name) for one in evaluation.scores if one.scenario == name
+        ]
+        tells = np.max(
+            [
+                [2.0 * (case.collided or not case.evaluated) for case in cases]
+                for cases in everybody
+            ],
+            axis=0,
+        )
         assert sum(tells[shown.places] > 0.0) >= min(2, sum(tells > 0.0))
-        assert list(shown.among(everybody[0])) == [(k, everybody[0][k]) for k in shown.places.tolist()]
+        assert list(shown.among(everybody[0])) == [
+            (k, everybody[0][k]) for k in shown.places.tolist()
+        ]
         assert shown.number(everybody[0]) == 4
 
 
-def test_cases_of_failed_limits_are_on_the_page(evaluation: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cases_of_failed_limits_are_on_the_page(
+    evaluation: Evaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
-    shown = {name: set(one.places.tolist()) for name, one in shown_cases(evaluation).items() if one.places is not None}
+    shown = {
+        name: set(one.places.tolist())
+        for name, one in shown_cases(evaluation).items()
+        if one.places is not None
+    }
     left_out = [
         case.case
         for score in evaluation.scores
@@ -55,28 +72,41 @@ def test_cases_of_failed_limits_are_on_the_page(evaluation: Evaluation, monkeypa
         assert any(
             name == case.case
             for score in evaluation.scores
-            for _, case in found[score.scenario].among(evaluation.cases_of(score.ads, score.scenario))
+            for _, case in found[score.scenario].among(
+                evaluation.cases_of(score.ads, score.scenario)
+            )
         )
 
 
 def test_the_page_says_what_it_leaves_out_and_draws_where_all_cases_lie(
-    evaluation: Evaluation, partitions: dict[str, ZonePartition], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    evaluation: Evaluation,
+    partitions: dict[str, ZonePartition],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
     monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
     shutil.copytree(evaluation.folder, tmp_path / "run")
     page = write_report(replace(evaluation, folder=tmp_path / "run"), partitions).read_text()
     data = json.loads(unpacked(page, "report-data"))
     of = len(evaluation.cases)
-    assert sum(len(scenario["cases"]) for scenario in data["scenarios"]) == 4 * len(evaluation.scores)
+    assert sum(len(scenario["cases"]) for scenario in data["scenarios"]) == 4 * len(
+        evaluation.scores
+    )
     told = re.findall(r"This page has (\d+) of (\d+) cases", page)
     assert sum(int(number) for number, _ in told) == 4 * len(evaluation.scores)
     assert sum(int(number) for _, number in told) == of
-    assert page.count('<svg class="density" data-chart="') == 2 * len(evaluation.scores), "each can be saved"
+    assert page.count('<svg class="density" data-chart="') == 2 * len(evaluation.scores), (
+        "each can be saved"
+    )
     for scenario in data["scenarios"]:
         here = {case["key"] for case in scenario["cases"]}
-        assert all(here.issuperset(group["cases"]) for group in scenario["groups"]), "links lead to cases that are here"
+        assert all(here.issuperset(group["cases"]) for group in scenario["groups"]), (
+            "links lead to cases that are here"
+        )
         failed = np.count_nonzero(failure_kinds(evaluation.cases_in(scenario["name"]))[0])
-        assert sum(group["size"] for group in scenario["groups"]) == failed, "those that are left out count"
+        assert sum(group["size"] for group in scenario["groups"]) == failed, (
+            "those that are left out count"
+        )
 
 
 def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(
@@ -85,12 +115,20 @@ def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(
     name = builders.SCENARIOS[1]
     logical, cases = partitions[name].logical, evaluation.cases_of(builders.HOSTILE, name)
     places = {
-        tuple(np.clip((logical.to_unit(logical.row(case.values))[[0, 1]] * TILES).astype(int), 0, TILES - 1))
+        tuple(
+            np.clip(
+                (logical.to_unit(logical.row(case.values))[[0, 1]] * TILES).astype(int),
+                0,
+                TILES - 1,
+            )
+        )
         for case in cases
     }
     (words, number), (share_words, share) = density_maps(logical, cases, 0, 1)
     assert number.count("<rect") == len(places)
-    assert sum(json.loads(row)[2] for row in re.findall(r'data-row="([^"]*)"', number)) == len(cases)
+    assert sum(json.loads(row)[2] for row in re.findall(r'data-row="([^"]*)"', number)) == len(
+        cases
+    )
     assert 0 < share.count("<rect") <= sum(case.collided for case in cases)
     assert words.startswith("how many cases, up to ")
     assert share_words.startswith("share of them that collided, up to ")
@@ -114,6 +152,8 @@ def test_a_case_is_found_by_some_of_its_parameters(evaluation: Evaluation) -> No
         ({"ego_speed": np.nan}, None, "finite"),
     ],
 )
-def test_what_the_run_does_not_have_is_said(evaluation: Evaluation, values: dict, ads: str | None, words: str) -> None:
+def test_what_the_run_does_not_have_is_said(
+    evaluation: Evaluation, values: dict, ads: str | None, words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         list(nearest_cases(evaluation, values, ads, None, 1))

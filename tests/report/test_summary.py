@@ -27,7 +27,9 @@ def test_worst_case_of_the_best_ads_comes_first(evaluation: Evaluation) -> None:
     safe = replace(evaluation, cases=tuple(calm))
     least = evaluation.case(worst_case(safe, [builders.CALM]))
     assert least is not None
-    assert least.human_likeness == min(case.human_likeness for case in calm if case.human_likeness is not None)
+    assert least.human_likeness == min(
+        case.human_likeness for case in calm if case.human_likeness is not None
+    )
 
 
 def test_first_screen_says_what_the_terminal_says(evaluation: Evaluation) -> None:
@@ -37,7 +39,9 @@ def test_first_screen_says_what_the_terminal_says(evaluation: Evaluation) -> Non
 
 
 def test_departures_stand_beside_collisions(evaluation: Evaluation) -> None:
-    left = replace(evaluation, scores=tuple(replace(score, departures=2) for score in evaluation.scores))
+    left = replace(
+        evaluation, scores=tuple(replace(score, departures=2) for score in evaluation.scores)
+    )
     for row in summary_content(left, None, (), {})["rows"]:
         assert row["departures"] == 2 * sum(score.ads == row["ads"] for score in left.scores) > 0
 
@@ -45,24 +49,36 @@ def test_departures_stand_beside_collisions(evaluation: Evaluation) -> None:
 def test_what_to_look_at_leads_to_cases_of_the_run(evaluation: Evaluation) -> None:
     looks = summary_content(evaluation, None, (), {})["looks"]
     keys = {case.case for case in evaluation.cases}
-    targets = [unquote(address.removeprefix("#case:")) for _, address in looks if address.startswith("#case:")]
+    targets = [
+        unquote(address.removeprefix("#case:"))
+        for _, address in looks
+        if address.startswith("#case:")
+    ]
     assert targets
     assert set(targets) <= keys
     assert any(address == "#missing" for _, address in looks)
 
 
-def test_failures_next_to_each_other_are_one_group_and_far_ones_another(evaluation: Evaluation) -> None:
-    """On a 9 x 9 grid, collisions in two corners: 4 cases at small, 4 at large values of both parameters."""
+def test_failures_next_to_each_other_are_one_group_and_far_ones_another(
+    evaluation: Evaluation,
+) -> None:
+    """On a 9 x 9 grid, collisions in two corners: 4 cases at small, 4 at large values of both
+    parameters."""
     logical = catalogue.load("front_vehicle_low_speed")
-    model = next(case for case in evaluation.cases if case.scenario == logical.name and not case.collided)
+    model = next(
+        case for case in evaluation.cases if case.scenario == logical.name and not case.collided
+    )
     unit = np.linspace(0.0, 1.0, 9)
     cases = []
     for i, x in enumerate(unit):
         for j, y in enumerate(unit):
-            values = dict(zip(logical.names, logical.from_unit(np.array([[x, y]]))[0].tolist(), strict=True))
+            values = dict(
+                zip(logical.names, logical.from_unit(np.array([[x, y]]))[0].tolist(), strict=True)
+            )
             hit = (i < 2 and j < 2) or (i > 6 and j > 6)
             new = replace(
-                model, case=f"c{i}{j}", values=values, status="ok", collided=hit, severity=5.0 if hit else None,
+                model, case=f"c{i}{j}", values=values, status="ok", collided=hit,
+                severity=5.0 if hit else None,
                 ideal_severity=0.0, ideal_collided=False, no_reaction_severity=9.0, index=None,
             )  # fmt: skip
             cases.append(new)

@@ -1,4 +1,5 @@
-"""The history and its page: lines come back as written, charts are drawn to their ticks, gates are on them."""
+"""The history and its page: lines come back as written, charts are drawn to their ticks, gates are
+on them."""
 
 from __future__ import annotations
 
@@ -20,7 +21,18 @@ needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not in
 
 
 def night(name: str, status: int = 0) -> Night:
-    return Night(name, "made", f"nights/{name}", 12.5, status, None, "NO GATE <b>FAILED</b>", "0.1", "1.28", False)
+    return Night(
+        name,
+        "made",
+        f"nights/{name}",
+        12.5,
+        status,
+        None,
+        "NO GATE <b>FAILED</b>",
+        "0.1",
+        "1.28",
+        False,
+    )
 
 
 @pytest.fixture
@@ -35,7 +47,9 @@ def history(evaluation: Evaluation, tmp_path: Path) -> Path:
 def test_what_was_added_comes_back(history: Path, evaluation: Evaluation) -> None:
     with open_history(history) as lines:
         assert lines.nights()[1] == night("2026-01-02T02-00-00Z", 1)
-        values = {(value.ads, value.scenario, value.quantity): value.value for value in lines.values()}
+        values = {
+            (value.ads, value.scenario, value.quantity): value.value for value in lines.values()
+        }
         for score in evaluation.scores:
             assert values[score.ads, score.scenario, "S"] == score.s
             assert values[score.ads, score.scenario, "D"] == score.d
@@ -43,7 +57,10 @@ def test_what_was_added_comes_back(history: Path, evaluation: Evaluation) -> Non
             assert values[score.ads, score.scenario, "H"] == score.human_likeness
             assert values[score.ads, score.scenario, "S+"] == score.s_plus
             assert values[score.ads, score.scenario, "regret"] == score.regret
-            assert values[score.ads, score.scenario, "avoidable_collisions"] == score.avoidable_collisions
+            assert (
+                values[score.ads, score.scenario, "avoidable_collisions"]
+                == score.avoidable_collisions
+            )
         assert {gate.threshold for gate in lines.gates()} == {40.0}
 
 
@@ -80,30 +97,43 @@ def test_another_format_and_another_file_are_refused(tmp_path: Path) -> None:
         (-3.0, 7.0, 0.0, [-5.0, -2.5, 0.0, 2.5, 5.0, 7.5]),
     ],
 )
-def test_ticks_are_round_and_hold_the_range(low: float, high: float, least: float, expected: list[float]) -> None:
+def test_ticks_are_round_and_hold_the_range(
+    low: float, high: float, least: float, expected: list[float]
+) -> None:
     ticks = _ticks(low, high, least)
     assert ticks == pytest.approx(expected)
     assert ticks[0] <= low
     assert ticks[-1] >= high
 
 
-def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke(history: Path) -> None:
+def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke(
+    history: Path,
+) -> None:
     with open_history(history) as lines:
         nights, values, gates = lines.nights(), lines.values(), lines.gates()
     gap = [
-        value if (value.night, value.quantity) != (nights[1].night, "S") else type(value)(*value_without(value))
+        value
+        if (value.night, value.quantity) != (nights[1].night, "S")
+        else type(value)(*value_without(value))
         for value in values
     ]
     chart = next(
-        one for one in charts(builders.SCENARIOS[0], nights, gap, gates) if one.title == "Score S of the paper"
+        one
+        for one in charts(builders.SCENARIOS[0], nights, gap, gates)
+        if one.title == "Score S of the paper"
     )
     assert [len(part) for part in chart.lines[0].parts] == [1, 1]
     assert len(chart.gates) == 3
-    assert all(TOP <= point.y <= HEIGHT for line in chart.lines for part in line.parts for point in part)
+    assert all(
+        TOP <= point.y <= HEIGHT for line in chart.lines for part in line.parts for point in part
+    )
 
 
-def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(history: Path) -> None:
-    """The oldest night knows S, C, D and collisions only: its line of A begins a night later, the others are whole."""
+def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(
+    history: Path,
+) -> None:
+    """The oldest night knows S, C, D and collisions only: its line of A begins a night later, the
+    others are whole."""
     with open_history(history) as lines:
         nights, values = lines.nights(), lines.values()
     known = ("S", "C", "D", "collisions", "collision_probability", "not_evaluated", "run_time")
@@ -112,7 +142,9 @@ def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(hi
     assert [len(part) for part in found["Avoided share A"].lines[0].parts] == [2]
     assert [len(part) for part in found["Score S of the paper"].lines[0].parts] == [3]
     only = [value for value in older if value.quantity in known]
-    assert "Avoided share A" not in {chart.title for chart in charts(builders.SCENARIOS[0], nights, only, [])}
+    assert "Avoided share A" not in {
+        chart.title for chart in charts(builders.SCENARIOS[0], nights, only, [])
+    }
 
 
 def value_without(value: object) -> tuple[object, ...]:

@@ -15,7 +15,8 @@ real = st.floats(-50, 50).map(lambda value: round(value, 3))
 def test_law_arithmetic_is_that_of_numbers(a, b, c):
     values = {"a": a, "b": b, "c": c}
     assert Expression("a + 2 * b - a * b / c").value(values) == pytest.approx(a + 2 * b - a * b / c)
-    assert Expression("-a ** 2").value(values) == pytest.approx(-(a**2))  # the power binds closer than the sign
+    # the power binds closer than the sign
+    assert Expression("-a ** 2").value(values) == pytest.approx(-(a**2))
     assert Expression("max(a, b, 0) + abs(min(a, b)) + sqrt(c)").value(values) == pytest.approx(
         max(a, b, 0) + abs(min(a, b)) + c**0.5
     )
@@ -29,16 +30,20 @@ def test_one_expression_serves_a_point_and_a_whole_space():
 
 
 EXACT = (
-    "a + 2 * b - a * b / c", "1 / (a - b)", "a / 0", "-a / 0", "min(a, b, 0.5) - max(c, -a)", "abs(b) * -a", "sqrt(a)",
+    "a + 2 * b - a * b / c", "1 / (a - b)", "a / 0", "-a / 0", "min(a, b, 0.5) - max(c, "
+                                                               "-a)", "abs(b) * -a", "sqrt(a)",
     "+a - (3 - 1)",
-    "where(a < b <= c or not a < 0, a / c, b)", "where(a == b and b != c, 1, where(c >= a and a > b, 2, 3))",
+    "where(a < b <= c or not a < 0, a / c, b)", "where(a == b and b != c, 1, where(c >= a and a > "
+                                                "b, 2, 3))",
 )  # fmt: skip
 ROUNDED = ("a ** 2 - c ** b", "exp(a) + log(b)", "tanh(a / c)")
 
 
 @given(st.lists(st.tuples(real, real, real), min_size=1, max_size=8))
 def test_law_a_point_alone_has_the_number_that_it_has_in_a_space(rows):
-    space = {name: np.array(column) for name, column in zip("abc", zip(*rows, strict=True), strict=True)}
+    space = {
+        name: np.array(column) for name, column in zip("abc", zip(*rows, strict=True), strict=True)
+    }
     points = [dict(zip("abc", row, strict=True)) for row in rows]
     for text in EXACT:
         alone = np.array([Expression(text).at(point) for point in points])
@@ -74,9 +79,12 @@ def test_it_knows_the_names_it_needs_and_whether_it_is_a_condition():
 @pytest.mark.parametrize(
     "text",
     [
-        "__import__('os').system('true')", "speed.real", "speed[0]", "[1, 2]", "lambda: 1", "(a := 1)", "f'{a}'", "'text'",  # noqa: E501
-        "a if a < b else b", "a @ b", "a // b", "a & b", "~a", "a in b", "a is b", "min(*a)", "min(a, key=b)", "True", "None",  # noqa: E501
-        "1j", "1e999", "{a}", "a; b", "a = 1", "", "  ", "(" * 60 + "a" + ")" * 60 + "+" * 70 + "a", "exec(a)", "abs(a, b)",  # noqa: E501
+        "__import__('os').system('true')", "speed.real", "speed[0]", "[1, 2]", "lambda: 1",
+        "(a := 1)", "f'{a}'", "'text'",
+        "a if a < b else b", "a @ b", "a // b", "a & b", "~a", "a in b", "a is b", "min(*a)",
+        "min(a, key=b)", "True", "None",
+        "1j", "1e999", "{a}", "a; b", "a = 1", "", "  ",
+        "(" * 60 + "a" + ")" * 60 + "+" * 70 + "a", "exec(a)", "abs(a, b)",
         "min(a)", "a and b", "(a < b) + 1", "where(a, b, b)", "not a", "x" * 1001, "-" * 900 + "a",
     ],
 )  # fmt: skip
@@ -130,12 +138,15 @@ def test_odd_text_is_one_sentence_that_can_be_shown(text: str) -> None:
 @pytest.mark.parametrize(
     "rule",
     [
-        "a < b", "a <= b", "a > b", "a >= b", "a == b", "a != b", "not a < b", "a < b <= c", "a < b and b < c",
+        "a < b", "a <= b", "a > b", "a >= b", "a == b", "a != b", "not a < b", "a < b <= c",
+        "a < b and b < c",
         "a < b or c < a", "not (a == b or b > c)",
     ],
 )  # fmt: skip
 def test_law_a_condition_has_room_where_it_holds_and_none_where_it_does_not(rule):
-    values = dict(zip("abc", np.random.default_rng(1).integers(-2, 3, (3, 200)).astype(float), strict=True))
+    values = dict(
+        zip("abc", np.random.default_rng(1).integers(-2, 3, (3, 200)).astype(float), strict=True)
+    )
     expression = Expression(rule)
     holds, room = expression.value(values), expression.room(values)
     assert np.all(holds[room > 0.0])

@@ -1,4 +1,5 @@
-"""Formats of scenario files that installed packages bring: entry points of the group `sumo_eval.scenarios`."""
+"""Formats of scenario files that installed packages bring: entry points of the group
+`sumo_eval.scenarios`."""
 
 from __future__ import annotations
 
@@ -59,24 +60,35 @@ def test_an_installed_package_reads_a_format_of_its_own(site: Path) -> None:
 
 def test_a_format_that_cannot_be_loaded_is_one_sentence(site: Path) -> None:
     install(site, "lead = lead_format:read")
-    with pytest.raises(InputError, match=r"The reader of `\.lead` files, `lead_format:read`, cannot be loaded: Module"):
+    with pytest.raises(
+        InputError,
+        match=r"The reader of `\.lead` files, `lead_format:read`, cannot be loaded: Module",
+    ):
         catalogue.find("slow.lead", site)
 
 
 def test_two_readers_of_one_ending_are_refused_by_name(site: Path) -> None:
     install(site, "xosc = lead_format:read")
-    with pytest.raises(InputError, match=r"Files `\.xosc` must have one reader, got .*uninstall one"):
+    with pytest.raises(
+        InputError, match=r"Files `\.xosc` must have one reader, got .*uninstall one"
+    ):
         catalogue.find("any.xosc", site)
 
 
 def test_an_ending_that_nothing_reads_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match=r"Unknown logical scenario `slow\.lead`: .*entry point `lead` of .* would do\.$"
+        InputError,
+        match=r"Unknown logical scenario `slow\.lead`: .*entry point `lead` of .* would do\.$",
     ):
         catalogue.find("slow.lead", tmp_path)
 
 
-def test_own_format_without_entry_point_names_the_mend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_own_format_without_entry_point_names_the_mend(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(formats, "_points", dict)
-    with pytest.raises(InputError, match=r"no installed package reads `\.xosc` files.*`pip install -e \.` once more"):
+    with pytest.raises(
+        InputError,
+        match=r"no installed package reads `\.xosc` files.*`pip install -e \.` once more",
+    ):
         catalogue.find("any.xosc", tmp_path)

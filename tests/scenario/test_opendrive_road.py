@@ -1,4 +1,5 @@
-"""Roads out of OpenDRIVE files: those of the ALKS and NCAP catalogues, one written here, and what is refused."""
+"""Roads out of OpenDRIVE files: those of the ALKS and NCAP catalogues, one written here, and what
+is refused."""
 
 from __future__ import annotations
 
@@ -18,7 +19,9 @@ from sumo_eval.scenario.road.reference_line import Piece, arc, frame_places, map
 
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
 ALKS = CATALOGUES / "osc_alks" / "logical_scenarios" / "concrete_scenarios" / "road_networks"
-needs_catalogues = pytest.mark.skipif(not ALKS.is_dir(), reason="the catalogues of OpenSCENARIO are not here")
+needs_catalogues = pytest.mark.skipif(
+    not ALKS.is_dir(), reason="the catalogues of OpenSCENARIO are not here"
+)
 LINE = (Piece(100.0), Piece(60.0, 0.0, 1 / 200), arc(150.0, 200.0), Piece(60.0, 1 / 200, 0.0))
 PLAN = """<OpenDRIVE><road id="{id}" length="1"><planView>
 <geometry s="0" x="7" y="3" hdg="1.5" length="100"><line/></geometry>
@@ -34,7 +37,10 @@ SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevati
 
 def written(tmp_path: Path, **parts: object) -> Path:
     path = tmp_path / "road.xodr"
-    path.write_text(PLAN.format(**{"id": "0", "more": "", "profile": "", "a": 3.5, "b": 0, **parts}), encoding="utf-8")
+    path.write_text(
+        PLAN.format(**{"id": "0", "more": "", "profile": "", "a": 3.5, "b": 0, **parts}),
+        encoding="utf-8",
+    )
     return path
 
 
@@ -45,7 +51,8 @@ def written(tmp_path: Path, **parts: object) -> Path:
      ("right_radius_1000m", -1000.0)],
 )  # fmt: skip
 def test_the_bends_of_the_alks_catalogue(name: str, radius: float) -> None:
-    """Driving lanes begin 2.75 m to the right; the third one's centre is 2.75 + 2.5 * 3.5 = 11.5 m from the line."""
+    """Driving lanes begin 2.75 m to the right; the third one's centre is 2.75 + 2.5 * 3.5 = 11.5 m
+    from the line."""
     read = read_opendrive(ALKS / f"alks_road_{name}.xodr")
     assert (read.lanes, read.lane_width) == (3, 3.5)
     (piece,) = [piece for piece in read.line if piece.begin]
@@ -54,7 +61,8 @@ def test_the_bends_of_the_alks_catalogue(name: str, radius: float) -> None:
 
 @needs_catalogues
 def test_the_road_of_many_curvatures_is_the_offset_of_its_reference_line() -> None:
-    """The reference line is drawn again from the file's own numbers; ours must lie 11.5 m to its right everywhere."""
+    """The reference line is drawn again from the file's own numbers; ours must lie 11.5 m to its
+    right everywhere."""
     from lxml import etree
 
     path = ALKS / "alks_road_different_curvatures.xodr"
@@ -67,7 +75,8 @@ def test_the_road_of_many_curvatures_is_the_offset_of_its_reference_line() -> No
         reference.append(Piece(float(geometry.get("length")), begin, end))
     assert len(reference) == 33
     s = np.linspace(0.0, read.length, 4001)
-    x, y, heading = map_places(read.line, s, 0.0)  # which begins at the origin, 11.5 m beside the reference line
+    # which begins at the origin, 11.5 m beside the reference line
+    x, y, heading = map_places(read.line, s, 0.0)
     along, across, turned = frame_places(tuple(reference), x, y - 11.5, heading)
     assert np.abs(across + 11.5).max() < 2e-3
     assert np.abs(turned).max() < 2e-5
@@ -85,7 +94,8 @@ def test_straight_roads_are_straight_and_a_crossing_asks_which_road() -> None:
 
 
 def test_law_a_road_that_is_written_is_read_again(tmp_path: Path) -> None:
-    """It is written with a lane offset, so that the line of the file is the right lane's centre: which is read."""
+    """It is written with a lane offset, so that the line of the file is the right lane's centre:
+    which is read."""
     path = tmp_path / "bend.xodr"
     path.write_text(opendrive_xml(Road("bend", 500.0, 2, 3.5, 100.0, line=LINE)), encoding="utf-8")
     read = read_opendrive(path)
@@ -100,13 +110,23 @@ def test_law_a_road_that_is_written_is_read_again(tmp_path: Path) -> None:
 OFFSET = '<laneOffset s="{s}" a="{a}" b="0" c="0" d="0"/>'
 
 
-def test_a_constant_lane_offset_shifts_the_lanes_and_one_that_changes_is_refused(tmp_path: Path) -> None:
-    """The right driving lane's centre lies 2 + 3.5 + 1.75 = 7.25 m right of the line, less 1.25 m by the offset."""
-    bend = '<geometry s="100" x="14.07372" y="102.7495" hdg="1.5" length="80"><arc curvature="0.01"/></geometry>'
+def test_a_constant_lane_offset_shifts_the_lanes_and_one_that_changes_is_refused(
+    tmp_path: Path,
+) -> None:
+    """The right driving lane's centre lies 2 + 3.5 + 1.75 = 7.25 m right of the line, less 1.25 m
+    by the offset."""
+    bend = (
+        '<geometry s="100" x="14.07372" y="102.7495" hdg="1.5" length="80"><arc '
+        'curvature="0.01"/></geometry>'
+    )
     path = written(tmp_path, more=bend)
     text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace("<lanes>", "<lanes>" + OFFSET.format(s=0, a=1.25)), encoding="utf-8")
-    assert 1.0 / read_opendrive(path).line[-1].begin == pytest.approx(100.0 + 7.25 - 1.25, rel=1e-12)
+    path.write_text(
+        text.replace("<lanes>", "<lanes>" + OFFSET.format(s=0, a=1.25)), encoding="utf-8"
+    )
+    assert 1.0 / read_opendrive(path).line[-1].begin == pytest.approx(
+        100.0 + 7.25 - 1.25, rel=1e-12
+    )
     steps = OFFSET.format(s=0, a=1.25) + OFFSET.format(s=50, a=0)
     path.write_text(text.replace("<lanes>", "<lanes>" + steps), encoding="utf-8")
     with pytest.raises(InputError, match=r"<laneOffset> of .* must be constant along the road"):
@@ -137,11 +157,17 @@ def cubic(tmp_path: Path, last: float, kind: str, **changes: float) -> Path:
 
 @pytest.mark.parametrize("normalised", [False, True])
 def test_law_a_parametric_cubic_is_followed(tmp_path: Path, normalised: bool) -> None:
-    """u = p - 9e-8 p3, v = 1e-3 p2 - 1e-5 p3 for p to 60 m, or the same in p / 60. The lane's centre is 1.75 m to its
-    right, so the cubic lies 1.75 m to the left of what is read, within 0.1 mm, and twice that as offsets are in parts.
+    """u = p - 9e-8 p3, v = 1e-3 p2 - 1e-5 p3 for p to 60 m, or the same in p / 60.
+
+    The lane's centre is 1.75 m to its right, so the cubic lies 1.75 m to the left of what is read,
+    within 0.1 mm, and twice that as offsets are in parts.
     """
     last = 60.0
-    scaled = {"bU": last, "dU": -9e-8 * last**3, "cV": 1e-3 * last**2, "dV": -1e-5 * last**3} if normalised else {}
+    scaled = (
+        {"bU": last, "dU": -9e-8 * last**3, "cV": 1e-3 * last**2, "dV": -1e-5 * last**3}
+        if normalised
+        else {}
+    )
     path = cubic(tmp_path, last, "" if normalised else 'pRange="arcLength"', **scaled)
     read = read_opendrive(path)
     p = np.linspace(0.0, last, 2001)[1:-1]
@@ -150,7 +176,8 @@ def test_law_a_parametric_cubic_is_followed(tmp_path: Path, normalised: bool) ->
     _, across, turned = frame_places(read.line, u, v + 1.75, heading)
     assert np.abs(across - 1.75).max() < 2e-4
     assert np.abs(turned).max() < 2e-4
-    assert read.line[0].begin == pytest.approx(2e-3 / (1.0 + 1.75 * 2e-3), abs=2e-6)  # v'' / u'2 at its begin
+    # v'' / u'2 at its begin
+    assert read.line[0].begin == pytest.approx(2e-3 / (1.0 + 1.75 * 2e-3), abs=2e-6)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +198,8 @@ def test_a_cubic_that_is_not_what_its_geometry_says_is_refused(
 
 
 def test_a_scenario_file_drives_on_it(tmp_path: Path) -> None:
-    written(tmp_path, more='<geometry s="100" x="14.07372" y="102.7495" hdg="1.5" length="80"><arc curvature="0.01"/>'
+    written(tmp_path, more='<geometry s="100" x="14.07372" y="102.7495" hdg="1.5" '
+                           'length="80"><arc curvature="0.01"/>'
             "</geometry>")  # fmt: skip
     content = {
         "name": "theirs",
@@ -181,10 +209,15 @@ def test_a_scenario_file_drives_on_it(tmp_path: Path) -> None:
     }  # fmt: skip
     road = scenario_from(content, "the file", tmp_path).road
     assert (road.lanes, road.lane_width, road.length) == (2, 3.5, 150.0)
-    assert road.line == (Piece(100.0), Piece(80.0 * (1 + 0.01 * 7.25), 0.01 / 1.0725, 0.01 / 1.0725))
+    assert road.line == (
+        Piece(100.0),
+        Piece(80.0 * (1 + 0.01 * 7.25), 0.01 / 1.0725, 0.01 / 1.0725),
+    )
     for key, value in (("line", [{"length": 9.0}]), ("network", "town.net.xml")):
         with pytest.raises(InputError, match="opendrive"):
-            scenario_from({**content, "road": {"opendrive": "road.xodr", key: value}}, "the file", tmp_path)
+            scenario_from(
+                {**content, "road": {"opendrive": "road.xodr", key: value}}, "the file", tmp_path
+            )
 
 
 @pytest.mark.parametrize(
@@ -198,7 +231,9 @@ def test_a_scenario_file_drives_on_it(tmp_path: Path) -> None:
         ({"more": NEXT.format(x="oops", shape="line")}, "`x` of <geometry>"),
     ],
 )  # fmt: skip
-def test_what_would_be_another_road_is_refused_by_name(tmp_path: Path, parts: dict[str, object], sentence: str) -> None:
+def test_what_would_be_another_road_is_refused_by_name(
+    tmp_path: Path, parts: dict[str, object], sentence: str
+) -> None:
     with pytest.raises(InputError, match=sentence):
         read_opendrive(written(tmp_path, **parts))
 
@@ -213,25 +248,44 @@ def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path: Path) -> Non
         read_opendrive(written(tmp_path, id="mein"), "main")
 
 
-def test_law_a_road_whose_right_lane_opens_or_ends_comes_back_from_its_own_export(tmp_path: Path) -> None:
+def test_law_a_road_whose_right_lane_opens_or_ends_comes_back_from_its_own_export(
+    tmp_path: Path,
+) -> None:
     for span in (LaneSpan(0, -math.inf, 300.0, 0.0, 50.0), LaneSpan(0, 200.0, math.inf, 40.0, 0.0),
                  LaneSpan(0, 200.0, 300.0, 40.0, 50.0)):  # fmt: skip
         road = Road("t", 500.0, 3, 3.5, 400.0, spans=(span,))
         (tmp_path / "t.xodr").write_text(opendrive_xml(road), encoding="utf-8")
         read = read_opendrive(tmp_path / "t.xodr")
-        assert (read.lanes, read.lane_width, read.length, read.line, read.spans) == (3, 3.5, 900.0, (), (span,))
+        assert (read.lanes, read.lane_width, read.length, read.line, read.spans) == (
+            3,
+            3.5,
+            900.0,
+            (),
+            (span,),
+        )
 
 
 def test_an_export_has_the_left_edge_where_the_road_has_it(tmp_path: Path) -> None:
     from lxml import etree
 
     road = Road(
-        "t", 500.0, 2, 3.5, 400.0, spans=(LaneSpan(1, -math.inf, 300.0, 0.0, 50.0),), crossings=(Crossing(400.0),)
+        "t",
+        500.0,
+        2,
+        3.5,
+        400.0,
+        spans=(LaneSpan(1, -math.inf, 300.0, 0.0, 50.0),),
+        crossings=(Crossing(400.0),),
     )
     root = etree.fromstring(opendrive_xml(road).encode())
-    found = [(float(it.get("s")), float(it.get("a")), float(it.get("b"))) for it in root.iter("laneOffset")]
+    found = [
+        (float(it.get("s")), float(it.get("a")), float(it.get("b")))
+        for it in root.iter("laneOffset")
+    ]
     assert found == [(0.0, 0.0, 0.0), (300.0, 0.0, -0.07), (350.0, -3.5, 0.0)]  # 3.5 m in 50 m
-    lanes = [len(section.findall("right/lane")) for section in root.find("road").iter("laneSection")]
+    lanes = [
+        len(section.findall("right/lane")) for section in root.find("road").iter("laneSection")
+    ]
     assert lanes == [2, 2, 1]
     assert [it.get("name") for it in root.iter("road")] == ["t", "crossing"]
 
@@ -258,7 +312,8 @@ def chain(tmp_path: Path, a: float = 3.5) -> Path:
 
 
 def test_the_roads_of_a_turn_at_a_junction_are_driven_one_behind_the_other(tmp_path: Path) -> None:
-    """The first is driven against its direction; the lane's centre is 1.75 m right of the arc: R = 21.75 m."""
+    """The first is driven against its direction; the lane's centre is 1.75 m right of the arc: R =
+    21.75 m."""
     read = read_opendrive(chain(tmp_path), ["in", "turn", "out"])
     assert [(round(piece.length, 9), piece.begin) for piece in read.line] == [
         (100.0, 0.0), (round(0.5 * math.pi * 21.75, 9), pytest.approx(1 / 21.75)), (50.0, 0.0),
@@ -287,8 +342,13 @@ def test_roads_that_do_not_follow_each_other_are_refused(
 def test_a_width_that_is_a_polynomial_is_refused_by_its_lane(tmp_path: Path) -> None:
     road = Road("t", 500.0, 3, 3.5, 400.0, spans=(LaneSpan(0, -math.inf, 300.0, 0.0, 50.0),))
     path = tmp_path / "t.xodr"
-    path.write_text(opendrive_xml(road).replace('b="-0.07" c="0"', 'b="0" c="-0.001"'), encoding="utf-8")
-    with pytest.raises(InputError, match=r"The width of lane -3 of road `0` of OpenDRIVE file .* must be constant, or"):
+    path.write_text(
+        opendrive_xml(road).replace('b="-0.07" c="0"', 'b="0" c="-0.001"'), encoding="utf-8"
+    )
+    with pytest.raises(
+        InputError,
+        match=r"The width of lane -3 of road `0` of OpenDRIVE file .* must be constant, or",
+    ):
         read_opendrive(path)
 
 
@@ -298,7 +358,9 @@ def test_all_twelve_ways_through_the_junction_of_the_ncap_catalogue_are_driven()
 
     path = CATALOGUES / "osc_ncap" / "OpenDRIVE" / "NCAP" / "X-Intersection_NCAP.xodr"
     root = etree.parse(path).getroot()
-    joined = {it.get("id"): [end.get("elementId") for end in it.find("link")] for it in root.iter("road")}
+    joined = {
+        it.get("id"): [end.get("elementId") for end in it.find("link")] for it in root.iter("road")
+    }
     turns = []
     for connection in root.iter("connection"):
         first, middle = connection.get("incomingRoad"), connection.get("connectingRoad")

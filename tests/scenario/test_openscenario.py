@@ -1,4 +1,5 @@
-"""OpenSCENARIO files as logical scenarios: worked numbers, what is refused, and the public catalogues."""
+"""OpenSCENARIO files as logical scenarios: worked numbers, what is refused, and the public
+catalogues."""
 
 from __future__ import annotations
 
@@ -33,8 +34,18 @@ from sumo_eval.scenario.undisturbed import tracks
 
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
 ALKS = CATALOGUES / "osc_alks" / "logical_scenarios"
-NCAP = CATALOGUES / "osc_ncap" / "OpenSCENARIO" / "NCAP" / "CA-FC_2026" / "Variations" / "StandardRange"
-needs_catalogues = pytest.mark.skipif(not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here")
+NCAP = (
+    CATALOGUES
+    / "osc_ncap"
+    / "OpenSCENARIO"
+    / "NCAP"
+    / "CA-FC_2026"
+    / "Variations"
+    / "StandardRange"
+)
+needs_catalogues = pytest.mark.skipif(
+    not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here"
+)
 
 ROAD = """<OpenDRIVE><road id="0" length="1000" junction="-1"><planView>
 <geometry s="0" x="5" y="7" hdg="0.5" length="1000"><line/></geometry></planView><lanes><laneSection s="0">
@@ -102,15 +113,19 @@ def written(folder: Path, **parts: object) -> Path:
     (folder / "catalogs").mkdir(exist_ok=True)
     (folder / "catalogs" / "cars.xosc").write_text(CARS, encoding="utf-8")
     (folder / "road.xodr").write_text(ROAD, encoding="utf-8")
-    known = {"minor": 2, "most": 80, "v": "${$kph / 3.6}", "catalogs": "catalogs", "road": "road.xodr",
+    known = {"minor": 2, "most": 80, "v": "${$kph / 3.6}", "catalogs": "catalogs",
+        "road": "road.xodr",
              "catalog": "cars", "step": STEP, "events": ""}  # fmt: skip
     path = folder / "scenario.xosc"
     path.write_text(FILE.format(**{**known, **parts}), encoding="utf-8")
     return path
 
 
-def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(tmp_path: Path) -> None:
-    """The ego's axle at s = 20, its centre 1.5 m ahead; the other's 50 m further, in the left lane and 0.25 m on."""
+def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(
+    tmp_path: Path,
+) -> None:
+    """The ego's axle at s = 20, its centre 1.5 m ahead; the other's 50 m further, in the left lane
+    and 0.25 m on."""
     logical = find("scenario.xosc", written(tmp_path).parent)
     scene = logical.concrete(only=0.0)
     assert (scene.ego.x, scene.ego.y, scene.ego.speed) == pytest.approx((21.5, 0.0, 20.0))
@@ -123,8 +138,11 @@ def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(tm
 
 
 def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path: Path) -> None:
-    """3.75 m to the right at 2 m/s: the peak of half a cosine is pi/2 of the mean, so it lasts pi * 3.75 / 4 s."""
-    (other,) = find("scenario.xosc", written(tmp_path, events=CUT_IN).parent).concrete(only=0.0).actors
+    """3.75 m to the right at 2 m/s: the peak of half a cosine is pi/2 of the mean, so it lasts pi *
+    3.75 / 4 s."""
+    (other,) = (
+        find("scenario.xosc", written(tmp_path, events=CUT_IN).parent).concrete(only=0.0).actors
+    )
     (act,) = other.acts
     assert (act.kind, act.begin) == (played.COSINE, 0.5)
     assert (act.offset, act.duration) == pytest.approx((-3.75, math.pi * 3.75 / 4.0))
@@ -143,13 +161,16 @@ def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path
 def test_moves_at_times_are_scripts_that_a_bend_can_have(tmp_path: Path) -> None:
     """1.25 m in pi sqrt(1.25 / 0.6) = 4.53 s from 2 s on, and 1 s after its end a brake."""
     ended = (
-        '<StoryboardElementStateCondition storyboardElementType="action" storyboardElementRef="act1" '
+        '<StoryboardElementStateCondition storyboardElementType="action" '
+        'storyboardElementRef="act1" '
         'state="endTransition"/>'
     )
     events = TIMED.format(n=1, action=OFFSET, delay=0, when=AT.format(2)) + TIMED.format(
         n=2, action=BRAKE, delay=1, when=ended
     )
-    (other,) = find("scenario.xosc", written(tmp_path, events=events).parent).concrete(only=0.0).actors
+    (other,) = (
+        find("scenario.xosc", written(tmp_path, events=events).parent).concrete(only=0.0).actors
+    )
     assert not other.lively
     (move,) = other.lateral_moves
     lasts = math.pi * math.sqrt(1.25 / 0.6)
@@ -165,11 +186,14 @@ def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path: Pat
     <ParameterValueSet><ParameterAssignment parameterRef="light" value="night"/></ParameterValueSet>
     </ValueSetDistribution></DeterministicMultiParameterDistribution>"""
     path = tmp_path / "varied.xosc"
-    path.write_text(VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kph") + light), encoding="utf-8")
+    path.write_text(
+        VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kph") + light),
+        encoding="utf-8",
+    )
     read = read_file(path)
-    assert [(item.name, item.low, item.high, item.step, item.unit) for item in read.logical.parameters] == [
-        ("kph", 36.0, 90.0, 18.0, "1")
-    ]
+    assert [
+        (item.name, item.low, item.high, item.step, item.unit) for item in read.logical.parameters
+    ] == [("kph", 36.0, 90.0, 18.0, "1")]
     assert read.dropped == ("light",)
     found = [(point["kph"], why) for point, why in concrete_points(read)]
     assert found == [(36.0, None), (54.0, None), (72.0, None), (90.0, "= kph lessOrEqual 80")]
@@ -190,7 +214,8 @@ def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path: Pat
 def test_who_is_synchronized_is_there_on_time_with_the_final_speed(
     distance: float, time: float, speed: float, final: float, steady: float
 ) -> None:
-    """The area below the speeds is the distance; over the last `steady` m it is the final one; none is below 0."""
+    """The area below the speeds is the distance; over the last `steady` m it is the final one; none
+    is below 0."""
     knots = [(0.0, speed), *synchronized(distance, time, speed, final, steady)]
     at = np.array([knot[0] for knot in knots])
     of = np.array([knot[1] for knot in knots])
@@ -214,10 +239,12 @@ BAD = {
     "holds `__import__": {"v": "${__import__(1)}"},
     "no action `other` stands above it": {
         "events": TIMED.format(n=1, action=BRAKE, delay=0, when='<StoryboardElementStateCondition '
-                               'storyboardElementType="action" storyboardElementRef="other" state="endTransition"/>')
+                               'storyboardElementType="action" storyboardElementRef="other" '
+                               'state="endTransition"/>')
     },
     "line .*<AcquirePositionAction>: this is not played|<RoutingAction>": {
-        "events": TIMED.format(n=1, action="<RoutingAction><AcquirePositionAction/></RoutingAction>", delay=0,
+        "events": TIMED.format(n=1,
+            action="<RoutingAction><AcquirePositionAction/></RoutingAction>", delay=0,
                                when=AT.format(1))
     },
 }  # fmt: skip
@@ -234,8 +261,9 @@ def test_what_cannot_be_played_is_refused_in_one_sentence(tmp_path: Path, senten
     ('dLane="0" ds="2"', "clear of `ego` at the start"), ('dLane="1" ds="-19"', "on the road")
 ])  # fmt: skip
 def test_points_at_which_nobody_can_be_do_not_play(tmp_path: Path, where: str, must: str) -> None:
-    """The other's body, 6 m long: 2 m ahead of the ego's centre inside it; with its centre 2.5 m behind the road's
-    beginning half a metre over it. UN R157 has such points: a truck of 18.75 m stands 15 m before what it hides.
+    """The other's body, 6 m long: 2 m ahead of the ego's centre inside it; with its centre 2.5 m
+    behind the road's beginning half a metre over it. UN R157 has such points: a truck of 18.75 m
+    stands 15 m before what it hides.
     """
     path = written(tmp_path)
     text = path.read_text(encoding="utf-8").replace('dLane="1" ds="50"', where)
@@ -254,30 +282,49 @@ def test_entities_and_documents_outside_are_never_expanded(tmp_path: Path) -> No
     path = written(tmp_path)
     plain = path.read_text(encoding="utf-8").removeprefix('<?xml version="1.0"?>')
     bomb = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10 if n else "x"}">' for n in range(12))
-    for head in (f'<!DOCTYPE o [<!ENTITY e SYSTEM "{secret.as_uri()}">]>', f"<!DOCTYPE o [{bomb}]>"):
+    for head in (
+        f'<!DOCTYPE o [<!ENTITY e SYSTEM "{secret.as_uri()}">]>',
+        f"<!DOCTYPE o [{bomb}]>",
+    ):
         path.write_text(head + plain.replace('value="72"', 'value="&e;"'), encoding="utf-8")
-        said = r"scenario.xosc must not declare a document type or entities, got <!DOCTYPE> in line 1: none is ever"
+        said = (
+            r"scenario.xosc must not declare a document type or entities, got <!DOCTYPE> in line "
+            r"1: none is ever"
+        )
         with pytest.raises(InputError, match=said):
             read_file(path)
 
 
 def test_a_variation_that_leads_back_to_itself_is_refused(tmp_path: Path) -> None:
     one, two = tmp_path / "one.xosc", tmp_path / "two.xosc"
-    one.write_text(VARIATION.format(file="two.xosc", parts=RANGE.format(name="kph")), encoding="utf-8")
-    two.write_text(VARIATION.format(file="one.xosc", parts=RANGE.format(name="kph")), encoding="utf-8")
-    with pytest.raises(InputError, match=r"two.xosc, line 2, <ScenarioFile>: it leads back to one.xosc"):
+    one.write_text(
+        VARIATION.format(file="two.xosc", parts=RANGE.format(name="kph")), encoding="utf-8"
+    )
+    two.write_text(
+        VARIATION.format(file="one.xosc", parts=RANGE.format(name="kph")), encoding="utf-8"
+    )
+    with pytest.raises(
+        InputError, match=r"two.xosc, line 2, <ScenarioFile>: it leads back to one.xosc"
+    ):
         read_file(one)
     written(tmp_path)
-    one.write_text(VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kmh")), encoding="utf-8")
-    with pytest.raises(InputError, match=r"parameter `kmh` is not declared in scenario.xosc. Did you mean `kph`"):
+    one.write_text(
+        VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kmh")), encoding="utf-8"
+    )
+    with pytest.raises(
+        InputError, match=r"parameter `kmh` is not declared in scenario.xosc. Did you mean `kph`"
+    ):
         read_file(one)
 
 
 def test_a_move_with_a_condition_plays_on_a_road_that_bends(tmp_path: Path) -> None:
-    """A left bend of 500 m: the cut-in waits until the gap is below 30 m there as on a straight road."""
+    """A left bend of 500 m: the cut-in waits until the gap is below 30 m there as on a straight
+    road."""
     path = written(tmp_path, events=CUT_IN)
     straight = find(str(path)).concrete(only=0.0).actors[0]
-    (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.002"/>'), encoding="utf-8")
+    (tmp_path / "road.xodr").write_text(
+        ROAD.replace("<line/>", '<arc curvature="0.002"/>'), encoding="utf-8"
+    )
     logical = find(str(written_again(path)))
     assert logical.road.bent
     (other,) = logical.concrete(only=0.0).actors
@@ -287,13 +334,18 @@ def test_a_move_with_a_condition_plays_on_a_road_that_bends(tmp_path: Path) -> N
     assert other.acts[0].offset == pytest.approx(straight.acts[0].offset)
 
 
-def test_speeds_and_gaps_beside_the_line_of_a_road_that_bends_are_over_the_ground(tmp_path: Path) -> None:
-    """A left bend of 500 m: who drives 15 m/s in the left lane, 0.25 m on, is 501.75 - 3.75 m from its centre, and
-    comes 15 m further each second there, by the chord: with 6 m/s2 it stands after 15 / 6 = 2.5 s and 18.75 m.
+def test_speeds_and_gaps_beside_the_line_of_a_road_that_bends_are_over_the_ground(
+    tmp_path: Path,
+) -> None:
+    """A left bend of 500 m: who drives 15 m/s in the left lane, 0.25 m on, is 501.75 - 3.75 m from
+    its centre, and comes 15 m further each second there, by the chord: with 6 m/s2 it stands after
+    15 / 6 = 2.5 s and 18.75 m.
     """
     brake = BRAKE.replace('value="5"/><SpeedActionTarget>', 'value="6"/><SpeedActionTarget>')
     path = written(tmp_path, events=TIMED.format(n=1, action=brake, delay=0, when=AT.format(2)))
-    (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.002"/>'), encoding="utf-8")
+    (tmp_path / "road.xodr").write_text(
+        ROAD.replace("<line/>", '<arc curvature="0.002"/>'), encoding="utf-8"
+    )
     logical = find(str(path))
     scene = logical.concrete(only=0.0)
     assert scene.actors[0].start.speed == pytest.approx(15.0 / (1.0 - 3.75 / 501.75))
@@ -324,23 +376,35 @@ def _segment(length: float, begin: float, end: float, first: str = "") -> str:
     first = first.replace("Position>", "PositionStart>", 1)
     first = first[: -len("</Position>")] + "</PositionStart>" if first else ""
     return (
-        f'<ClothoidSplineSegment length="{length}" curvatureStart="{begin}" curvatureEnd="{end}">{first}'
+        f'<ClothoidSplineSegment length="{length}" curvatureStart="{begin}" '
+        f'curvatureEnd="{end}">{first}'
         "</ClothoidSplineSegment>"
     )
 
 
 def turning(folder: Path) -> Path:
-    """An ego with 5 m/s that turns left on a radius of 10 m, 100 m ahead, across the way of one who comes with 5 m/s.
+    """An ego with 5 m/s that turns left on a radius of 10 m, 100 m ahead, across the way of one who
+    comes with 5 m/s.
 
-    Both keep their speed. The other starts 200 m along the same road in the left lane, 3.5 m beside, and comes back.
-    """
+    Both keep their speed. The other starts 200 m along the same road in the left lane, 3.5 m
+    beside, and comes back."""
     path = written(folder, v="5")
     text = path.read_text(encoding="utf-8").replace('value="-5" speedT', 'value="0" speedT')
     quarter = 5.0 * math.pi
-    shape = _segment(100.0, 0.0, 0.0, _at(-1, 20.0)) + _segment(quarter, 0.1, 0.1) + _segment(60.0, 0.0, 0.0)
-    ways = (_following(f"<ClothoidSpline>{shape}</ClothoidSpline>"), _following(_line(_at(1, 200.0), _at(1, 20.0))))
+    shape = (
+        _segment(100.0, 0.0, 0.0, _at(-1, 20.0))
+        + _segment(quarter, 0.1, 0.1)
+        + _segment(60.0, 0.0, 0.0)
+    )
+    ways = (
+        _following(f"<ClothoidSpline>{shape}</ClothoidSpline>"),
+        _following(_line(_at(1, 200.0), _at(1, 20.0))),
+    )
     for way in ways:
-        begin, end = text.index("<TeleportAction>"), text.index("</TeleportAction>") + len("</TeleportAction>")
+        begin, end = (
+            text.index("<TeleportAction>"),
+            text.index("</TeleportAction>") + len("</TeleportAction>"),
+        )
         text = text[:begin] + way + text[end:]
     path.write_text(text, encoding="utf-8")
     return path
@@ -349,8 +413,10 @@ def turning(folder: Path) -> Path:
 def test_the_road_of_an_ego_that_turns_is_its_way_and_who_comes_across_drives_straight_on_the_map(
     tmp_path: Path,
 ) -> None:
-    """The road begins where the ego's does, 20 m before it. The other's axle at s = 200 and its centre 1.5 m ahead of
-    it, back along the road, at x = 198.5 m and 3.5 m beside the ego's line, comes with 5 m/s along exactly that line.
+    """The road begins where the ego's does, 20 m before it.
+
+    The other's axle at s = 200 and its centre 1.5 m ahead of it, back along the road, at x = 198.5
+    m and 3.5 m beside the ego's line, comes with 5 m/s along exactly that line.
     """
     logical = find(str(turning(tmp_path)))
     assert [(piece.length, piece.begin, piece.end) for piece in logical.road.line] == [
@@ -372,9 +438,11 @@ def test_the_road_of_an_ego_that_turns_is_its_way_and_who_comes_across_drives_st
     assert abs(np.diff(seen[:, 2])).max() < 0.2  # its heading in the frame turns without a jump
 
 
-def test_people_who_know_leads_alone_are_not_asked_where_somebody_comes_across(tmp_path: Path) -> None:
-    """A car that changes lane ahead is what the synthetic drivers know; one that comes across the ego's turn is not,
-    and the file that is written of it says so.
+def test_people_who_know_leads_alone_are_not_asked_where_somebody_comes_across(
+    tmp_path: Path,
+) -> None:
+    """A car that changes lane ahead is what the synthetic drivers know; one that comes across the
+    ego's turn is not, and the file that is written of it says so.
     """
     along, across = tmp_path / "along", tmp_path / "across"
     along.mkdir()
@@ -387,13 +455,18 @@ def test_people_who_know_leads_alone_are_not_asked_where_somebody_comes_across(t
 
 
 def test_an_ego_that_turns_behind_who_comes_across_touches_nobody(tmp_path: Path) -> None:
-    """Through SUMO: an ego that does nothing reaches the bend after (120 - 20) / 5 = 20 s, when the other, from 198.5 m
-    with 5 m/s, is at 98.5 m, beside the straight. The ego's axle keeps to the radius of 10 m, its centre 1.35 m ahead,
-    within the 0.2 m that its wheel, which turns at a limited rate, needs where a bend begins without a spiral.
+    """Through SUMO: an ego that does nothing reaches the bend after (120 - 20) / 5 = 20 s, when the
+    other, from 198.5 m with 5 m/s, is at 98.5 m, beside the straight. The ego's axle keeps to the
+    radius of 10 m, its centre 1.35 m ahead, within the 0.2 m that its wheel, which turns at a
+    limited rate, needs where a bend begins without a spiral.
     """
     logical = find(str(turning(tmp_path)))
     recording = simulate(logical.concrete(only=0.0), "no_reaction")
-    assert (recording.error, recording.collision, recording.end_reason) == (None, None, "time_limit")
+    assert (recording.error, recording.collision, recording.end_reason) == (
+        None,
+        None,
+        "time_limit",
+    )
     way = recording.actors["Other"]
     x, y, _ = map_places(logical.road.line, way.x, way.y)
     np.testing.assert_allclose(x, 198.5 - 5.0 * way.time, atol=1e-6)
@@ -405,14 +478,19 @@ def test_an_ego_that_turns_behind_who_comes_across_touches_nobody(tmp_path: Path
 
 
 def test_a_trajectory_crosses_a_road_that_bends_straight_on_the_map(tmp_path: Path) -> None:
-    """A left bend of 500 m, a body that goes from the left lane, 3.5 m to the left, to the right one 10 m before: on
-    the map its places lie on the chord between both ends, 1.5 m ahead of where its axle is.
+    """A left bend of 500 m, a body that goes from the left lane, 3.5 m to the left, to the right
+    one 10 m before: on the map its places lie on the chord between both ends, 1.5 m ahead of where
+    its axle is.
     """
     follow = _following(_line(_at(1, 70.0), _at(-1, 60.0)))
-    path = written(tmp_path, events=TIMED.format(n=1, action=follow, delay=0, when=AT.format(0)), v="10")
+    path = written(
+        tmp_path, events=TIMED.format(n=1, action=follow, delay=0, when=AT.format(0)), v="10"
+    )
     road = ROAD.replace("<line/>", '<arc curvature="0.002"/>')
     (tmp_path / "road.xodr").write_text(road, encoding="utf-8")
-    path.write_text(path.read_text(encoding="utf-8").replace(' offset="0.25"', ""), encoding="utf-8")
+    path.write_text(
+        path.read_text(encoding="utf-8").replace(' offset="0.25"', ""), encoding="utf-8"
+    )
     logical = find(str(path))
     scene = logical.concrete(only=0.0)
     assert logical.road.bent
@@ -425,7 +503,8 @@ def test_a_trajectory_crosses_a_road_that_bends_straight_on_the_map(tmp_path: Pa
 
 
 def _ends_in_frame() -> tuple[list[float], list[float]]:
-    """s and d of s = 70 m in lane 1 and s = 60 m in lane -1: the frame lies 1.75 m to the right of the road's line."""
+    """s and d of s = 70 m in lane 1 and s = 60 m in lane -1: the frame lies 1.75 m to the right of
+    the road's line."""
     outside = 1.0 + 1.75 * 0.002
     return [70.0 * outside, 60.0 * outside], [3.5, 0.0]
 
@@ -433,7 +512,10 @@ def _ends_in_frame() -> tuple[list[float], list[float]]:
 def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path: Path) -> None:
     was = find(str(written(tmp_path))).concrete(only=0.0)
     linear = STEP.replace('"step"', '"linear"')
-    assert find(str(written_again(written(tmp_path, step=linear)))).concrete(only=0.0).actors == was.actors
+    assert (
+        find(str(written_again(written(tmp_path, step=linear)))).concrete(only=0.0).actors
+        == was.actors
+    )
     with pytest.raises(InputError, match="must be a step, or be reached within 0 s"):
         find(str(written_again(written(tmp_path, step=linear.replace('"0"', '"2"')))))
 
@@ -442,8 +524,13 @@ def test_who_is_judged_can_be_named(tmp_path: Path) -> None:
     path = written(tmp_path, events=CUT_IN)
     was = find(str(path)).concrete(only=0.0)
     hero = tmp_path / "hero.xosc"
-    hero.write_text(path.read_text(encoding="utf-8").replace('"Ego"', '"my hero"'), encoding="utf-8")
-    with pytest.raises(InputError, match=r"<Entities>: one entity must be named `Ego`, .* another of my hero, Other"):
+    hero.write_text(
+        path.read_text(encoding="utf-8").replace('"Ego"', '"my hero"'), encoding="utf-8"
+    )
+    with pytest.raises(
+        InputError,
+        match=r"<Entities>: one entity must be named `Ego`, .* another of my hero, Other",
+    ):
         find(str(hero))
     logical = find(f"{hero}?ego=my hero")
     assert logical.name == "hero_my_hero"
@@ -454,13 +541,20 @@ def test_who_is_judged_can_be_named(tmp_path: Path) -> None:
 def test_a_road_that_cannot_be_read_is_refused_only_where_somebody_is_on_it(tmp_path: Path) -> None:
     path = written(tmp_path)
     slope = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
-    steep = ROAD[ROAD.index("<road") : ROAD.index("</OpenDRIVE>")].replace("</planView>", "</planView>" + slope, 1)
+    steep = ROAD[ROAD.index("<road") : ROAD.index("</OpenDRIVE>")].replace(
+        "</planView>", "</planView>" + slope, 1
+    )
     name = steep.split('id="')[1].split('"')[0]
     beside = steep.replace(f'id="{name}"', 'id="hill"', 1)
-    (tmp_path / "road.xodr").write_text(ROAD.replace("</OpenDRIVE>", beside + "</OpenDRIVE>"), encoding="utf-8")
+    (tmp_path / "road.xodr").write_text(
+        ROAD.replace("</OpenDRIVE>", beside + "</OpenDRIVE>"), encoding="utf-8"
+    )
     assert find(str(written_again(path))).concrete(only=0.0).actors
     (tmp_path / "road.xodr").write_text("<OpenDRIVE>" + steep + "</OpenDRIVE>", encoding="utf-8")
-    with pytest.raises(InputError, match=rf"<elevation> of road `{name}` of OpenDRIVE file road.xodr must be constant"):
+    with pytest.raises(
+        InputError,
+        match=rf"<elevation> of road `{name}` of OpenDRIVE file road.xodr must be constant",
+    ):
         find("scenario.xosc?road=1", tmp_path)
     flat = find("scenario.xosc?flat=1", tmp_path)
     assert flat.concrete(only=0.0).actors
@@ -468,16 +562,22 @@ def test_a_road_that_cannot_be_read_is_refused_only_where_somebody_is_on_it(tmp_
 
 
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path: Path) -> None:
-    """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the act has begun."""
+    """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
+    act has begun."""
     plain = written(tmp_path, events=CUT_IN)
     was = find(str(plain)).concrete(only=0.0).actors
     own = "<ParameterDeclarations>{}</ParameterDeclarations>"
     one = '<ParameterDeclaration name="{}" parameterType="string" value="{}"/>'
     text = plain.read_text(encoding="utf-8").replace(
-        '<Story name="s">', '<Story name="s">' + own.format(one.format("who", "Other") + one.format("far", "99"))
+        '<Story name="s">',
+        '<Story name="s">' + own.format(one.format("who", "Other") + one.format("far", "99")),
     )
-    text = text.replace('<Maneuver name="m">', '<Maneuver name="m">' + own.format(one.format("far", "${10 * 3}")))
-    text = text.replace('<EntityRef entityRef="Other"/></Actors>', '<EntityRef entityRef="$who"/></Actors>')
+    text = text.replace(
+        '<Maneuver name="m">', '<Maneuver name="m">' + own.format(one.format("far", "${10 * 3}"))
+    )
+    text = text.replace(
+        '<EntityRef entityRef="Other"/></Actors>', '<EntityRef entityRef="$who"/></Actors>'
+    )
     text = text.replace('value="30"/></EntityCondition>', 'value="$far"/></EntityCondition>')
     again = tmp_path / "stories.xosc"
     again.write_text(text, encoding="utf-8")
@@ -493,7 +593,8 @@ def written_again(path: Path) -> Path:
 
 
 def test_a_case_ends_before_sumo_takes_the_ego_off_the_road(tmp_path: Path) -> None:
-    """50 m/s for 30 s is more than the road's 1000 m: half a body of 4 m and 5 m for a step at full speed are left."""
+    """50 m/s for 30 s is more than the road's 1000 m: half a body of 4 m and 5 m for a step at full
+    speed are left."""
     logical = find(str(written(tmp_path, v="50")))
     assert logical.road.length == pytest.approx(1000.0 - 2.0 - 5.0)
     assert logical.road.length + logical.road.run_out == pytest.approx(1000.0)
@@ -520,9 +621,9 @@ def test_all_files_of_un_r157_play() -> None:
 
 @needs_catalogues
 def test_of_a_file_whose_road_is_decided_by_two_parameters_every_point_of_each_road_plays() -> None:
-    """UN R157's crossing pedestrian: 5 roads, 2 lanes to start in and 12 speeds are 120 points; the ego's lane is the
-    origin of the road's frame, so a bend is another road from another lane, and only the straight one has both lanes.
-    """
+    """UN R157's crossing pedestrian: 5 roads, 2 lanes to start in and 12 speeds are 120 points; the
+    ego's lane is the origin of the road's frame, so a bend is another road from another lane, and
+    only the straight one has both lanes."""
     file = ALKS / "alks_scenario_4_2_3_crossing_pedestrian_variation.xosc"
     reads = [read for _, read in uses_of(file, file.name)]
     assert sorted(grid_size(read.space) for read in reads) == [12] * 8 + [24]
@@ -532,8 +633,10 @@ def test_of_a_file_whose_road_is_decided_by_two_parameters_every_point_of_each_r
 @pytest.mark.campaign
 @needs_catalogues
 def test_values_that_play_nowhere_are_counted_with_their_reason() -> None:
-    """UN R157's several targets: 12 speeds, 6 first and 5 second bodies. The first one's truck of 18.75 m reaches
-    16.375 m from its axle, the second bodies begin 12.25 to 14.3 m from there: 60 of the 360 points of a road.
+    """UN R157's several targets: 12 speeds, 6 first and 5 second bodies.
+
+    The first one's truck of 18.75 m reaches 16.375 m from its axle, the second bodies begin 12.25
+    to 14.3 m from there: 60 of the 360 points of a road.
     """
     file = ALKS / "alks_scenario_4_2_4_multiple_blocking_targets_variation.xosc"
     reasons = [why for _, why in concrete_points(read_file(file)) if why is not None]
@@ -543,7 +646,8 @@ def test_values_that_play_nowhere_are_counted_with_their_reason() -> None:
 
 @needs_catalogues
 def test_the_files_of_euro_ncap_play_without_their_night_duplicates() -> None:
-    """22 of 22 play, 388 of 388 cases by day; an ego that turns does so on three radii, 3 cases each."""
+    """22 of 22 play, 388 of 388 cases by day; an ego that turns does so on three radii, 3 cases
+    each."""
     counts = {}
     for file in sorted(NCAP.glob("*.xosc")):
         reads = [read for _, read in uses_of(file, file.name)]
@@ -551,16 +655,19 @@ def test_the_files_of_euro_ncap_play_without_their_night_duplicates() -> None:
         assert len(reads) == (3 if file.stem in ("CCFtap", "CMFtap") else 1)
     assert sum(counts.values()) == 388
     assert counts == {
-        "CBFA": 12, "CBLA": 5, "CBLA_FCW": 4, "CBNA": 12, "CBNAO": 12, "CCCscp": 50, "CCFhos": 18, "CCFtap": 9,
-        "CCRb": 30, "CCRm": 55, "CCRs": 25, "CCRs_FCW": 15, "CMCscp": 50, "CMFtap": 9, "CMRb": 18, "CMRs": 15,
+        "CBFA": 12, "CBLA": 5, "CBLA_FCW": 4, "CBNA": 12, "CBNAO": 12, "CCCscp": 50, "CCFhos": 18,
+        "CCFtap": 9,
+        "CCRb": 30, "CCRm": 55, "CCRs": 25, "CCRs_FCW": 15, "CMCscp": 50, "CMFtap": 9, "CMRb": 18,
+        "CMRs": 15,
         "CMRs_FCW": 9, "CPFA": 6, "CPLA": 6, "CPLA_FCW": 4, "CPNA": 18, "CPNCO": 6,
     }  # fmt: skip
 
 
 @needs_catalogues
 def test_a_pedestrian_of_euro_ncap_meets_the_bumper_where_the_protocol_says() -> None:
-    """CPNA at 50 %: when an ego that keeps 30 km/h has its bumper at the pedestrian's near side, its hip (0.06 m
-    ahead of its centre) is on the ego's middle line; it walks 5 km/h over the 3 m before, which it reaches in 1 m."""
+    """CPNA at 50 %: when an ego that keeps 30 km/h has its bumper at the pedestrian's near side,
+    its hip (0.06 m ahead of its centre) is on the ego's middle line; it walks 5 km/h over the 3 m
+    before, which it reaches in 1 m."""
     logical = read_file(NCAP / "CPNA.xosc").logical
     scene = logical.concrete(Ego_speed_kph=30.0, ImpactLocation=50.0)
     (walker,) = scene.actors
@@ -570,22 +677,27 @@ def test_a_pedestrian_of_euro_ncap_meets_the_bumper_where_the_protocol_says() ->
     ((stands, still), (walks, speed)) = walker.acts[0].table
     assert (still, speed) == (0.0, pytest.approx(5.0 / 3.6))
     covered = 0.5 * (walks - stands) * speed + (arrives - walks) * speed
-    assert 0.5 * (walks - stands) * speed == pytest.approx(1.06, abs=1e-6)  # 1 m, and the hip's 0.06 m
+    # 1 m, and the hip's 0.06 m
+    assert 0.5 * (walks - stands) * speed == pytest.approx(1.06, abs=1e-6)
     assert walker.start.y + covered - 0.06 == pytest.approx(scene.ego.y, abs=1e-6)
 
 
 @needs_catalogues
-def test_who_turns_across_the_way_of_a_motorcycle_is_where_the_protocol_says_when_they_meet() -> None:
-    """CMFtap, 20 km/h on R2 = 14.75 m: the point that both are steered to is where the middle of the ego's bumper is on
-    the middle of the oncoming lane, so contact comes as soon as the front of either is over the other's body: before
-    the planned instant, by less than the motorcycle's half width of 0.395 m takes at the ego's 5.56 m/s.
+def test_who_turns_across_the_way_of_a_motorcycle_is_where_the_protocol_says_when_they_meet() -> (
+    None
+):
+    """CMFtap, 20 km/h on R2 = 14.75 m: the point that both are steered to is where the middle of
+    the ego's bumper is on the middle of the oncoming lane, so contact comes as soon as the front of
+    either is over the other's body: before the planned instant, by less than the motorcycle's half
+    width of 0.395 m takes at the ego's 5.56 m/s.
     """
     read = read_file(NCAP / "CMFtap.xosc", {"road": "3"})
     for kph in (30.0, 60.0):
         case = read.logical.concrete(Target_final_speed_kph=kph)
         (other,) = case.actors
         (_, (until, _)) = other.acts[0].table
-        planned = 0.5 + until + 50.0 / (kph / 3.6)  # its plan begins at 0.5 s, and 50 m at the final speed end it
+        # its plan begins at 0.5 s, and 50 m at the final speed end it
+        planned = 0.5 + until + 50.0 / (kph / 3.6)
         hit = simulate(case, "no_reaction").collision
         assert hit is not None
         assert -0.2 < hit.time - planned < 0.05
@@ -599,15 +711,27 @@ def test_every_element_that_the_catalogues_use_is_in_the_list() -> None:
     for file in [*(ALKS / "concrete_scenarios").glob("*.xosc"), *NCAP.parents[1].glob("*.xosc")]:
         for element in etree.parse(file).iter():
             tag = str(element.tag)
-            if tag.endswith(("Condition", "Position")) and tag != "Condition" and len(element.attrib):
+            if (
+                tag.endswith(("Condition", "Position"))
+                and tag != "Condition"
+                and len(element.attrib)
+            ):
                 assert tag in known, (file.name, tag)
-            if tag.endswith("Action") and element.getparent().tag in ("PrivateAction", "LongitudinalAction"):
-                assert tag in known or tag in ("LongitudinalAction", "LateralAction", "RoutingAction"), (file.name, tag)
+            if tag.endswith("Action") and element.getparent().tag in (
+                "PrivateAction",
+                "LongitudinalAction",
+            ):
+                assert tag in known or tag in (
+                    "LongitudinalAction",
+                    "LateralAction",
+                    "RoutingAction",
+                ), (file.name, tag)
 
 
 @needs_catalogues
 def test_how_often_the_catalogues_use_each_element_is_counted() -> None:
-    """In their files and whatever these lead to: scenario files, and all catalogs of the folders that they name."""
+    """In their files and whatever these lead to: scenario files, and all catalogs of the folders
+    that they name."""
     copies = {"osc_alks": ALKS.parent, "ncap_2026": NCAP.parents[4]}
     for column, (name, copy) in enumerate(copies.items()):
         roots: dict[Path, etree._Element] = {}
@@ -617,22 +741,32 @@ def test_how_often_the_catalogues_use_each_element_is_counted() -> None:
             if file in roots:
                 continue
             roots[file] = etree.parse(file).getroot()
-            left += [(file.parent / it.get("filepath")).resolve() for it in roots[file].iter("ScenarioFile")]
+            left += [
+                (file.parent / it.get("filepath")).resolve()
+                for it in roots[file].iter("ScenarioFile")
+            ]
             for folder in roots[file].iter("Directory"):
                 left += [it.resolve() for it in (file.parent / folder.get("path")).glob("*.xosc")]
-        found = {row.element: sum(len(list(root.iter(row.element))) for root in roots.values()) for row in ROWS}
+        found = {
+            row.element: sum(len(list(root.iter(row.element))) for root in roots.values())
+            for row in ROWS
+        }
         assert found == {row.element: row.used[column] for row in ROWS}
 
 
 ENDED = (
-    '<StoryboardElementStateCondition storyboardElementType="action" storyboardElementRef="cut" state="endTransition"/>'
+    '<StoryboardElementStateCondition storyboardElementType="action" storyboardElementRef="cut" '
+    'state="endTransition"/>'
 )
 
 
-@pytest.mark.parametrize("events", ["", CUT_IN, TIMED.format(n=1, action=OFFSET, delay=0, when=AT.format(2)),
-                                    CUT_IN + TIMED.format(n=2, action=BRAKE, delay=1, when=ENDED)])  # fmt: skip
+@pytest.mark.parametrize("events",
+    ["", CUT_IN, TIMED.format(n=1, action=OFFSET, delay=0, when=AT.format(2)),
+                                    CUT_IN + TIMED.format(n=2, action=BRAKE, delay=1,
+                                        when=ENDED)])  # fmt: skip
 def test_the_scenario_file_that_was_understood_says_the_same(tmp_path: Path, events: str) -> None:
-    """Everybody starts at the same place and does the same, by the scenario file as by the imported one."""
+    """Everybody starts at the same place and does the same, by the scenario file as by the imported
+    one."""
     read = read_file(written(tmp_path, events=events))
     content = scenario_content(read, {})
     write_scenario(content, tmp_path / "again.toml")
@@ -643,7 +777,9 @@ def test_the_scenario_file_that_was_understood_says_the_same(tmp_path: Path, eve
     for one, two in zip(theirs.actors, again.actors, strict=True):
         assert (one.name, one.start, one.heading) == (two.name, two.start, two.heading)
         assert (one.length, one.width, one.body) == (two.length, two.width, two.body)
-        assert [act._replace(name="") for act in one.acts] == [act._replace(name="") for act in two.acts]
+        assert [act._replace(name="") for act in one.acts] == [
+            act._replace(name="") for act in two.acts
+        ]
 
 
 def same_case(one: ConcreteScenario, two: ConcreteScenario) -> None:
@@ -652,13 +788,20 @@ def same_case(one: ConcreteScenario, two: ConcreteScenario) -> None:
     assert (one.ego_body, one.time_limit, one.road.length, one.road.lanes) == (
         two.ego_body, two.time_limit, two.road.length, two.road.lanes
     )  # fmt: skip
-    assert (one.ego.x, one.ego.y, one.ego.speed) == pytest.approx((two.ego.x, two.ego.y, two.ego.speed), abs=1e-9)
+    assert (one.ego.x, one.ego.y, one.ego.speed) == pytest.approx(
+        (two.ego.x, two.ego.y, two.ego.speed), abs=1e-9
+    )
     for a, b in zip(one.actors, two.actors, strict=True):
         assert (a.body, a.length, a.width, len(a.acts)) == (b.body, b.length, b.width, len(b.acts))
-        of = [(it.start.x, it.start.y, it.start.speed, it.heading, *(it.on_map or ())) for it in (a, b)]
+        of = [
+            (it.start.x, it.start.y, it.start.speed, it.heading, *(it.on_map or ()))
+            for it in (a, b)
+        ]
         assert of[0] == pytest.approx(of[1], abs=1e-9)
         for act, other in zip(a.acts, b.acts, strict=True):
-            mine, theirs = ([*it[:7], *np.ravel(it.table), *np.ravel(it.program)] for it in (act, other))
+            mine, theirs = (
+                [*it[:7], *np.ravel(it.table), *np.ravel(it.program)] for it in (act, other)
+            )
             assert mine == pytest.approx(theirs, abs=1e-9)
 
 
@@ -666,7 +809,9 @@ def test_one_point_is_written_and_a_whole_space_is_not(tmp_path: Path) -> None:
     """54 km/h = 15 m/s; the other is 5 m/s slower."""
     scenario = written(tmp_path, events=CUT_IN)
     path = tmp_path / "variation.xosc"
-    path.write_text(VARIATION.format(file=scenario.name, parts=RANGE.format(name="kph")), encoding="utf-8")
+    path.write_text(
+        VARIATION.format(file=scenario.name, parts=RANGE.format(name="kph")), encoding="utf-8"
+    )
     read = read_file(path)
     write_scenario(scenario_content(read, {"kph": 54.0}), tmp_path / "again.toml")
     again = find("again.toml", tmp_path).concrete(only=0.0)
@@ -675,7 +820,10 @@ def test_one_point_is_written_and_a_whole_space_is_not(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["import", str(path), "--out", str(tmp_path / "space.toml")])
     assert result.exit_code == 2
     assert "writes one point, without `--set` for kph" in result.output
-    assert 'The whole space plays from the OpenSCENARIO file itself: `use = "FILE.xosc"`' in result.output
+    assert (
+        'The whole space plays from the OpenSCENARIO file itself: `use = "FILE.xosc"`'
+        in result.output
+    )
     assert not (tmp_path / "space.toml").exists()
 
 
@@ -700,7 +848,9 @@ def test_the_written_space_of_an_ego_that_turns_has_the_other_on_the_map(tmp_pat
 ])  # fmt: skip
 def test_a_written_point_is_the_case_of_the_file(tmp_path: Path, name: str) -> None:
     plain, _, road = name.partition("?road=")
-    read = read_file((ALKS if plain.startswith("alks") else NCAP) / plain, {"road": road} if road else {})
+    read = read_file(
+        (ALKS if plain.startswith("alks") else NCAP) / plain, {"road": road} if road else {}
+    )
     points = [point for point, why in concrete_points(read) if why is None]
     for number, point in enumerate((points[0], points[-1])):
         write_scenario(scenario_content(read, point), tmp_path / f"{number}.toml")
@@ -709,7 +859,8 @@ def test_a_written_point_is_the_case_of_the_file(tmp_path: Path, name: str) -> N
 
 @needs_catalogues
 def test_a_written_point_is_driven_with_the_same_outcome(tmp_path: Path) -> None:
-    """CPNA at 40 km/h, both by who does nothing: contact at the same instant, with the same velocity."""
+    """CPNA at 40 km/h, both by who does nothing: contact at the same instant, with the same
+    velocity."""
     read, point = read_file(NCAP / "CPNA.xosc"), {"Ego_speed_kph": 40.0, "ImpactLocation": 50.0}
     write_scenario(scenario_content(read, point), tmp_path / "again.toml")
     one = simulate(find("again.toml", tmp_path).concrete(only=0.0), "no_reaction").collision

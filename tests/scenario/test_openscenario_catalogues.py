@@ -1,4 +1,5 @@
-"""Public catalogues of OpenSCENARIO files by their names, and what they say beside our own scenarios."""
+"""Public catalogues of OpenSCENARIO files by their names, and what they say beside our own
+scenarios."""
 
 from __future__ import annotations
 
@@ -26,33 +27,49 @@ from sumo_eval.trajectory import Collision as Hit
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
 ALKS, NCAP = CATALOGUES / "osc_alks", CATALOGUES / "osc_ncap"
 STANDARD = NCAP / "OpenSCENARIO" / "NCAP" / "CA-FC_2026" / "Variations" / "StandardRange"
-needs_catalogues = pytest.mark.skipif(not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here")
+needs_catalogues = pytest.mark.skipif(
+    not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here"
+)
 
 
 def test_a_catalogue_needs_a_folder_that_holds_it(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"Catalogue `ncap_2026` must have a `folder`: your copy of vectorgrp/"):
+    with pytest.raises(
+        InputError, match=r"Catalogue `ncap_2026` must have a `folder`: your copy of vectorgrp/"
+    ):
         expanded((ScenarioSettings("ncap_2026"),), tmp_path)
-    with pytest.raises(InputError, match=r"`folder` of the catalogue .* must be one with OpenSCENARIO/NCAP/CA-FC_2026"):
+    with pytest.raises(
+        InputError,
+        match=r"`folder` of the catalogue .* must be one with OpenSCENARIO/NCAP/CA-FC_2026",
+    ):
         expanded((ScenarioSettings("ncap_2026", folder="."),), tmp_path)
-    with pytest.raises(InputError, match=r"`folder` of scenario `cut_in` is for catalogues: osc_alks, ncap_2026"):
+    with pytest.raises(
+        InputError, match=r"`folder` of scenario `cut_in` is for catalogues: osc_alks, ncap_2026"
+    ):
         expanded((ScenarioSettings("cut_in", folder="."),), tmp_path)
     plain = (ScenarioSettings("cut_in?lateral_acceleration=1.5"),)
     assert expanded(plain, tmp_path) == plain
 
 
 @needs_catalogues
-def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(tmp_path: Path) -> None:
+def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(
+    tmp_path: Path,
+) -> None:
     content = {"name": "n", "scenario": [{"use": "ncap_2026", "folder": str(NCAP)}],
                "ads": [{"name": "idm", "controller": "idm"}]}  # fmt: skip
     settings, _ = resolve(content, tmp_path, resume=False)
-    assert len(settings.scenario) == 20 + 2 * 3  # an ego that turns has a road for each of its three radii
+    # an ego that turns has a road for each of its three radii
+    assert len(settings.scenario) == 20 + 2 * 3
     assert not settings.scenario[0].not_played
     for name in ("CCRs.xosc", "CPNA.xosc"):
-        text = (NCAP / "OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange" / name).read_text(encoding="utf-8")
+        text = (NCAP / "OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange" / name).read_text(
+            encoding="utf-8"
+        )
         (tmp_path / name).write_text(text, encoding="utf-8")
     base = (NCAP / "OpenSCENARIO/NCAP/CA-FC_2026/CCRs.xosc").resolve()
     whole = (tmp_path / "CCRs.xosc").read_text(encoding="utf-8")
-    (tmp_path / "CCRs.xosc").write_text(whole.replace("../../CCRs.xosc", str(base)), encoding="utf-8")
+    (tmp_path / "CCRs.xosc").write_text(
+        whole.replace("../../CCRs.xosc", str(base)), encoding="utf-8"
+    )
     content["scenario"] = [{"use": "ncap_2026", "folder": str(tmp_path)}]
     settings, _ = resolve(content, tmp_path, resume=False)
     assert [Path(entry.use).name for entry in settings.scenario] == ["CCRs.xosc"]
@@ -75,14 +92,19 @@ def test_a_file_with_five_roads_is_five_scenarios() -> None:
 def test_zones_are_searched_in_few_parameters_only() -> None:
     file = ALKS / "logical_scenarios" / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc"
     with pytest.raises(
-        InputError, match=r"`zones=1` of alks_\S+.xosc must be asked of a file with at most 3 parameters .*, got 5\."
+        InputError,
+        match=r"`zones=1` of alks_\S+.xosc must be asked of a file with at most 3 parameters .*, "
+        r"got 5\.",
     ):
         find(f"{file}?zones=1")
 
 
 @needs_catalogues
-def test_who_is_on_no_lane_moves_alike_however_often_sumo_hears_of_him(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A pedestrian crosses a bend of 250 m: SUMO hears of him in one step of ten, or, as where an ADS asks, in each."""
+def test_who_is_on_no_lane_moves_alike_however_often_sumo_hears_of_him(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A pedestrian crosses a bend of 250 m: SUMO hears of him in one step of ten, or, as where an
+    ADS asks, in each."""
     file = ALKS / "logical_scenarios" / "alks_scenario_4_2_3_crossing_pedestrian_variation.xosc"
     case = find(f"{file}?road=2").concrete(Ego_InitSpeed_Ve0_kph=60.0)
     assert case.road.bent
@@ -108,13 +130,16 @@ AS_THEIRS = {
     "front_vehicle_braking": {"4.3": "5.0", "width = 1.9": "width = 2.0"},
     "cut_in": {
         "length = 4.3": "length = 5.0", "width = 1.9": "width = 2.0",
-        'do = "move_sideways"\nspeed = "lateral_speed"\nacceleration = "lateral_acceleration"': COSINE,
+        'do = "move_sideways"\nspeed = "lateral_speed"\nacceleration = '
+        '"lateral_acceleration"': COSINE,
     },
     "r157_cut_out": {
-        "4.3": "5.0", "width = 1.9": "width = 2.0", 'do = "move_sideways"\nspeed = "lateral_speed"': COSINE,
+        "4.3": "5.0", "width = 1.9": "width = 2.0", 'do = "move_sideways"\nspeed = '
+                                                    '"lateral_speed"': COSINE,
     },
 }  # fmt: skip
-"""What a user changes in a copy of our file to have the bodies and the moves of the imported one, text by text."""
+"""What a user changes in a copy of our file to have the bodies and the moves of the imported one,
+text by text."""
 
 
 def like_theirs(name: str, folder: Path) -> LogicalScenario:
@@ -127,63 +152,93 @@ def like_theirs(name: str, folder: Path) -> LogicalScenario:
     return find(f"{name}.toml", folder)
 
 
-def ours_and_theirs(load: Callable[[str], LogicalScenario]) -> list[tuple[str, ConcreteScenario, ConcreteScenario]]:
-    """Cases that our files and the imported ones both have: the other starts as far ahead, and does as much.
+def ours_and_theirs(
+    load: Callable[[str], LogicalScenario],
+) -> list[tuple[str, ConcreteScenario, ConcreteScenario]]:
+    """Cases that our files and the imported ones both have: the other starts as far ahead, and does
+    as much.
 
     load: our scenario by its name.
     """
     found = []
     for kph in (10, 20, 30, 40, 50):
-        theirs = find(str(STANDARD / "CCRs.xosc")).concrete(Ego_speed_kph=float(kph), ImpactLocation=50.0)
+        theirs = find(str(STANDARD / "CCRs.xosc")).concrete(
+            Ego_speed_kph=float(kph), ImpactLocation=50.0
+        )
         own = load("ncap_ccrs").concrete(ego_speed=kph / 3.6, overlap=1.0)
         found.append((f"CCRs {kph}", own, theirs))
     for kph, lead in ((30, 20), (50, 20), (80, 20), (100, 40), (130, 70)):
-        theirs = find(str(STANDARD / "CCRm.xosc")).concrete(Ego_speed_kph=float(kph), ImpactLocation=50.0)
+        theirs = find(str(STANDARD / "CCRm.xosc")).concrete(
+            Ego_speed_kph=float(kph), ImpactLocation=50.0
+        )
         own = load("ncap_ccrm").concrete(ego_speed=kph / 3.6, lead_speed=lead / 3.6, overlap=1.0)
         found.append((f"CCRm {kph}", own, theirs))
     for kph in (30, 50, 80):
-        theirs = find(str(STANDARD / "CCRb.xosc")).concrete(Ego_speed_kph=float(kph), ImpactLocation=50.0)
+        theirs = find(str(STANDARD / "CCRb.xosc")).concrete(
+            Ego_speed_kph=float(kph), ImpactLocation=50.0
+        )
         own = load("ncap_ccrb").concrete(
             ego_speed=kph / 3.6, overlap=1.0, headway_distance=kph / 3.6, lead_deceleration=4.0
         )
         found.append((f"CCRb {kph}", own, theirs))
     folder = ALKS / "logical_scenarios"
-    braking = find(str(folder / "alks_scenario_4_3_2_follow_lead_vehicle_emergency_brake_variation_reference.xosc"))
+    braking = find(
+        str(
+            folder
+            / "alks_scenario_4_3_2_follow_lead_vehicle_emergency_brake_variation_reference.xosc"
+        )
+    )
     for kph, rate in ((50.0, 3.0), (60.0, 6.0), (60.0, 9.0)):
         theirs = braking.concrete(
-            Ego_InitSpeed_Ve0_kph=kph, LeadVehicle_Model=0.0, LeadVehicle_Deceleration_Rate_mps2=rate
+            Ego_InitSpeed_Ve0_kph=kph,
+            LeadVehicle_Model=0.0,
+            LeadVehicle_Deceleration_Rate_mps2=rate,
         )
-        own = load("front_vehicle_braking").concrete(ego_speed=kph / 3.6, headway=2.0, lead_deceleration=rate)
+        own = load("front_vehicle_braking").concrete(
+            ego_speed=kph / 3.6, headway=2.0, lead_deceleration=rate
+        )
         found.append((f"brakes {kph:g} {rate:g}", own, theirs))
     cuts_in = find(str(folder / "alks_scenario_4_4_1_cut_in_no_collision_variation.xosc"))
-    for gap, lateral in ((10.0, 1.0), (20.0, 3.0), (60.0, 1.0)):  # of 60 km/h, 40 km/h: the speed that theirs keeps
+    # of 60 km/h, 40 km/h: the speed that theirs keeps
+    for gap, lateral in ((10.0, 1.0), (20.0, 3.0), (60.0, 1.0)):
         theirs = cuts_in.concrete(
-            Ego_InitSpeed_Ve0_kph=60.0, CutInVehicle_Model=0.0, CutInVehicle_InitPosition_RelativeLaneId=1.0,
-            CutInVehicle_RelativeInitSpeed_Ve0_Vo0_kph=-20.0, CutInVehicle_HeadwayDistanceTrigger_dx0_m=gap,
-            CutInVehicle_LaneChange_MaxLateralVelocity_Vy_mps=lateral, CutInVehicle_Acceleration_Rate_mps2=3.0,
+            Ego_InitSpeed_Ve0_kph=60.0, CutInVehicle_Model=0.0,
+            CutInVehicle_InitPosition_RelativeLaneId=1.0,
+            CutInVehicle_RelativeInitSpeed_Ve0_Vo0_kph=-20.0,
+            CutInVehicle_HeadwayDistanceTrigger_dx0_m=gap,
+            CutInVehicle_LaneChange_MaxLateralVelocity_Vy_mps=lateral,
+            CutInVehicle_Acceleration_Rate_mps2=3.0,
         )  # fmt: skip
-        own = load("cut_in").concrete(ego_speed=60 / 3.6, cut_in_speed=40 / 3.6, gap=gap, lateral_speed=lateral)
+        own = load("cut_in").concrete(
+            ego_speed=60 / 3.6, cut_in_speed=40 / 3.6, gap=gap, lateral_speed=lateral
+        )
         found.append((f"cuts in {gap:g} {lateral:g}", own, theirs))
     cuts_out = find(str(folder / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc"))
     for kph, gap, lateral in ((30.0, 100.0, 3.0), (60.0, 100.0, 1.0), (60.0, 20.0, 1.0)):
         theirs = cuts_out.concrete(
-            Ego_InitSpeed_Ve0_kph=kph, CutOutVehicle_RelativeTargetLane=1.0, FrontOfLead_Distance_dx0_f_m=gap,
+            Ego_InitSpeed_Ve0_kph=kph, CutOutVehicle_RelativeTargetLane=1.0,
+            FrontOfLead_Distance_dx0_f_m=gap,
             CutOutVehicle_LaneChange_MaxLateralVelocity_Vy_mps=lateral, TargetBlocking_Model=1.0,
         )  # fmt: skip
-        own = load("r157_cut_out").concrete(ego_speed=kph / 3.6, obstacle_gap=gap, lateral_speed=lateral)
+        own = load("r157_cut_out").concrete(
+            ego_speed=kph / 3.6, obstacle_gap=gap, lateral_speed=lateral
+        )
         found.append((f"cuts out {kph:g} {gap:g} {lateral:g}", own, theirs))
     return found
 
 
 @pytest.mark.campaign
 @needs_catalogues
-def test_a_car_that_does_nothing_hits_as_hard_in_our_own_scenarios_as_in_the_imported_ones() -> None:
-    """Closing speeds at contact: 50 of CCRs, 80 - 20 of CCRm, 60 - 40 of the cut-in and 60 km/h of the cut-out; the
-    braking lead has come to a stop in both.
+def test_a_car_that_does_nothing_hits_as_hard_in_our_own_scenarios_as_in_the_imported_ones() -> (
+    None
+):
+    """Closing speeds at contact: 50 of CCRs, 80 - 20 of CCRm, 60 - 40 of the cut-in and 60 km/h of
+    the cut-out; the braking lead has come to a stop in both.
     """
     cases = {name: (own, theirs) for name, own, theirs in ours_and_theirs(load)}
     for name, kph in (
-        ("CCRs 50", 50.0), ("CCRm 80", 60.0), ("cuts in 60 1", 20.0), ("cuts out 60 100 1", 60.0), ("brakes 60 9", 60.0)
+        ("CCRs 50", 50.0), ("CCRm 80", 60.0), ("cuts in 60 1", 20.0), ("cuts out 60 100 1", 60.0),
+        ("brakes 60 9", 60.0)
     ):  # fmt: skip
         for case in cases[name]:
             hit = simulate(case, "no_reaction").collision
@@ -192,25 +247,34 @@ def test_a_car_that_does_nothing_hits_as_hard_in_our_own_scenarios_as_in_the_imp
 
 
 SIMULATION = SimulationSettings()
-STRONGEST = {"no_reaction": 0.0, "careful_driver": HUMAN_BRAKING, "idm": SIMULATION.vehicle.max_deceleration}
+STRONGEST = {
+    "no_reaction": 0.0,
+    "careful_driver": HUMAN_BRAKING,
+    "idm": SIMULATION.vehicle.max_deceleration,
+}
 """m/s2, as hard as each of them can brake."""
 ROUNDING = 0.005
-"""m/s between two impacts that are the same by physics: what SUMO's positions of 1 mm make of a speed."""
+"""m/s between two impacts that are the same by physics: what SUMO's positions of 1 mm make of a
+speed."""
 
 
-def furthest_apart(own: Hit, theirs: Hit, own_idle: Hit, theirs_idle: Hit, braking: float, step: float) -> float:
-    """By how much the closing speeds of two impacts may differ, m/s, of one driver in our scenario and in theirs.
+def furthest_apart(
+    own: Hit, theirs: Hit, own_idle: Hit, theirs_idle: Hit, braking: float, step: float
+) -> float:
+    """By how much the closing speeds of two impacts may differ, m/s, of one driver in our scenario
+    and in theirs.
 
-    Our lead moves from t = 0 on, at a look of the driver; the imported one moves when a condition holds, within a step.
-    The same move is therefore seen, and braked for, up to one step dt sooner or later. Who is late by d <= dt is d u0
-    further when the same braking begins, u0 the closing speed without it. So contact is where the other still has
+    Our lead moves from t = 0 on, at a look of the driver; the imported one moves when a condition
+    holds, within a step. The same move is therefore seen, and braked for, up to one step dt sooner
+    or later. Who is late by d <= dt is d u0 further when the same braking begins, u0 the closing
+    speed without it. So contact is where the other still has
     d u0 to go, and over these metres brakes of at most a change u^2 / 2 by at most a d u0:
 
         |u1^2 - u2^2| / 2 <= a dt u0, thus |u1 - u2| <= a dt u0 / ((u1 + u2) / 2).
 
-    Where the other moves into the ego's side, the moment of contact is his, and |u1 - u2| <= a d, which is less. Where
-    both leads begin at a look nothing differs: the impacts of who does nothing are whole steps apart then. own_idle,
-    theirs_idle: those, with u0.
+    Where the other moves into the ego's side, the moment of contact is his, and |u1 - u2| <= a d,
+    which is less. Where both leads begin at a look nothing differs: the impacts of who does nothing
+    are whole steps apart then. own_idle, theirs_idle: those, with u0.
     """
     steps = (theirs_idle.time - own_idle.time) / step
     if abs(steps - round(steps)) * step < 1e-6:
@@ -232,22 +296,30 @@ SHAPE_DECIDES = {("careful_driver", "cuts out 60 20 1")}
 @pytest.mark.campaign
 @pytest.mark.parametrize("ads", ["careful_driver", "no_reaction", "idm"])
 def test_our_own_scenarios_come_out_as_the_imported_ones(ads: str, tmp_path: Path) -> None:
-    """Contact or none in every case, and impacts as hard, of a copy of our file with the bodies and moves of theirs;
-    of our file as it ships in all cases but those in which the shape of the lead's move decides.
+    """Contact or none in every case, and impacts as hard, of a copy of our file with the bodies and
+    moves of theirs; of our file as it ships in all cases but those in which the shape of the lead's
+    move decides.
     """
     for name, own, theirs in ours_and_theirs(lambda name: like_theirs(name, tmp_path)):
         assert own.ego_body == theirs.ego_body, name
-        assert {(it.length, it.width) for it in own.actors} == {(it.length, it.width) for it in theirs.actors}, name
+        assert {(it.length, it.width) for it in own.actors} == {
+            (it.length, it.width) for it in theirs.actors
+        }, name
         one, two = (simulate(case, ads, SIMULATION).collision for case in (own, theirs))
         assert (one is None) == (two is None), name
         if one is not None and two is not None:
-            idle, its_idle = (simulate(case, "no_reaction", SIMULATION).collision for case in (own, theirs))
+            idle, its_idle = (
+                simulate(case, "no_reaction", SIMULATION).collision for case in (own, theirs)
+            )
             assert idle is not None, name
             assert its_idle is not None, name
             apart = furthest_apart(one, two, idle, its_idle, STRONGEST[ads], SIMULATION.step)
             assert closing(one) == pytest.approx(closing(two), abs=apart), name
     for name, own, theirs in ours_and_theirs(load):
-        one, two = (simulate(replace(case, ego_body=theirs.ego_body), ads).collision for case in (own, theirs))
+        one, two = (
+            simulate(replace(case, ego_body=theirs.ego_body), ads).collision
+            for case in (own, theirs)
+        )
         alike = (one is None) == (two is None)
         assert alike == ((ads, name) not in SHAPE_DECIDES), name
         if one is not None and two is not None:
@@ -258,19 +330,22 @@ def test_our_own_scenarios_come_out_as_the_imported_ones(ads: str, tmp_path: Pat
 @needs_catalogues
 @pytest.mark.campaign
 def test_how_the_lead_leaves_its_lane_alone_decides_on_a_cut_out_close_to_the_limit() -> None:
-    """60 km/h, 20 m, 1 m/s, 2 s of headway, all bodies 5 x 2 m as theirs: `careful_driver` stops behind a lead that
-    leaves evenly in 3.5 s, and hits the obstacle where it leaves along half a cosine with that peak, in 3.5 pi/2 =
-    5.5 s: as hard in our own scenario as in the imported file.
+    """60 km/h, 20 m, 1 m/s, 2 s of headway, all bodies 5 x 2 m as theirs: `careful_driver` stops
+    behind a lead that leaves evenly in 3.5 s, and hits the obstacle where it leaves along half a
+    cosine with that peak, in 3.5 pi/2 = 5.5 s: as hard in our own scenario as in the imported file.
     """
     folder = ALKS / "logical_scenarios"
     theirs = find(str(folder / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc")).concrete(
-        Ego_InitSpeed_Ve0_kph=60.0, CutOutVehicle_RelativeTargetLane=1.0, FrontOfLead_Distance_dx0_f_m=20.0,
+        Ego_InitSpeed_Ve0_kph=60.0, CutOutVehicle_RelativeTargetLane=1.0,
+        FrontOfLead_Distance_dx0_f_m=20.0,
         CutOutVehicle_LaneChange_MaxLateralVelocity_Vy_mps=1.0, TargetBlocking_Model=1.0,
     )  # fmt: skip
     own = load("r157_cut_out").concrete(ego_speed=60 / 3.6, obstacle_gap=20.0, lateral_speed=1.0)
     lead, obstacle = (
         replace(actor, start=replace(actor.start, x=own.ego.x + ahead), length=5.0, width=2.0)
-        for actor, ahead in zip(own.actors, (2.0 * 60 / 3.6 + 5.0, 2.0 * 60 / 3.6 + 5.0 + 25.0), strict=True)
+        for actor, ahead in zip(
+            own.actors, (2.0 * 60 / 3.6 + 5.0, 2.0 * 60 / 3.6 + 5.0 + 25.0), strict=True
+        )
     )
     speeds = []
     for way in (lead.lateral_moves[0], lane_change(0.0, 0.5 * math.pi * 3.5, 3.5, cosine=True)):

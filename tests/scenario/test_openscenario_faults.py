@@ -1,4 +1,5 @@
-"""Files of OpenSCENARIO that are wrong, or ask for what is not played, through the command line: one sentence each."""
+"""Files of OpenSCENARIO that are wrong, or ask for what is not played, through the command line:
+one sentence each."""
 
 from __future__ import annotations
 
@@ -42,7 +43,9 @@ def lane_change(n: int, when: float, target: str, lasts: float = 2.0) -> str:
     return TIMED.format(n=n, action=action, delay=0, when=AT.format(when))
 
 
-def speed_change(n: int, when: float, to: float, seconds: float, priority: str = "overwrite") -> str:
+def speed_change(
+    n: int, when: float, to: float, seconds: float, priority: str = "overwrite"
+) -> str:
     """An event with a change of the other's speed."""
     action = f"""<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear" dynamicsDimension="time"
     value="{seconds}"/><SpeedActionTarget><AbsoluteTargetSpeed value="{to}"/></SpeedActionTarget></SpeedAction>
@@ -62,7 +65,8 @@ SLOW = '<SpeedCondition rule="lessThan" value="3" direction="lateral"/>'
 
 def when(condition: str, more: str = "") -> str:
     """A brake of the other that begins by a condition, and by another one of the same group."""
-    group = "".join(f'<Condition name="c" delay="0" conditionEdge="none">{it}</Condition>' for it in (condition, more)
+    group = "".join('<Condition name="c" delay="0" '
+                    f'conditionEdge="none">{it}</Condition>' for it in (condition, more)
                     if it)  # fmt: skip
     return f"""<Event name="e" priority="overwrite"><Action name="act"><PrivateAction>{BRAKE}</PrivateAction></Action>
     <StartTrigger><ConditionGroup>{group}</ConditionGroup></StartTrigger></Event>"""
@@ -71,7 +75,8 @@ def when(condition: str, more: str = "") -> str:
 def after(ref: str, state: str = "endTransition") -> str:
     """A brake of the other once an event has ended."""
     ended = (
-        f'<StoryboardElementStateCondition storyboardElementType="event" storyboardElementRef="{ref}" state="{state}"/>'
+        '<StoryboardElementStateCondition storyboardElementType="event" '
+        f'storyboardElementRef="{ref}" state="{state}"/>'
     )
     return TIMED.format(n=9, action=BRAKE, delay=0, when=ended)
 
@@ -80,8 +85,12 @@ EVENTS = {
     r"<RelativeTargetLane>: lane `3` is not on road `0` of road.xodr, which has 1, -1": lane_change(
         1, 1.0, SELF.format(2)
     ),
-    r"<RelativeTargetLane>: `value` must be a whole number, got 0.5": lane_change(1, 1.0, SELF.format(0.5)),
-    r"<AbsoluteTargetLane>: lane `-1.5` is not on road": lane_change(1, 1.0, '<AbsoluteTargetLane value="-1.5"/>'),
+    r"<RelativeTargetLane>: `value` must be a whole number, got 0.5": lane_change(
+        1, 1.0, SELF.format(0.5)
+    ),
+    r"<AbsoluteTargetLane>: lane `-1.5` is not on road": lane_change(
+        1, 1.0, '<AbsoluteTargetLane value="-1.5"/>'
+    ),
     r"<SpeedActionDynamics>: `Other` still changes its speed when this begins, at 2 s": (
         speed_change(1, 0.0, 5.0, 6.0) + speed_change(2, 2.0, 20.0, 3.0)
     ),
@@ -89,7 +98,8 @@ EVENTS = {
         speed_change(1, 0.0, 5.0, 6.0) + lane_change(2, 2.0, SELF.format(-1))
     ),
     r"<Event>: with its priority `skip` it is left out while event `e1` runs": (
-        speed_change(1, 0.0, 5.0, 6.0) + speed_change(2, 2.0, 20.0, 3.0, "skip").replace('"time"', '"rate"')
+        speed_change(1, 0.0, 5.0, 6.0)
+        + speed_change(2, 2.0, 20.0, 3.0, "skip").replace('"time"', '"rate"')
     ),
     r"<Condition>: a condition on the drive is not played together with a time until which": when(
         BY_GAP.format(one="Ego", condition=GAP.format(other="Other")), SOON
@@ -116,7 +126,8 @@ EVENTS |= {
         speed_change(1, 0.0, 5.0, 2.0) + speed_change(1, 4.0, 9.0, 2.0) + after("e1")
     ),
     r"<ParameterCondition>: parameter `light` is set during the drive": when(
-        '<ByValueCondition><ParameterCondition parameterRef="light" value="night" rule="equalTo"/></ByValueCondition>'
+        '<ByValueCondition><ParameterCondition parameterRef="light" value="night" '
+        'rule="equalTo"/></ByValueCondition>'
     ) + """<Event name="n" priority="parallel"><Action name="sets"><GlobalAction><ParameterAction parameterRef="light">
     <SetAction value="night"/></ParameterAction></GlobalAction></Action></Event>""",
 }  # fmt: skip
@@ -124,7 +135,8 @@ TEXTS = {
     r"<SimulationTimeCondition>: a stop by time must come after the start, got lessThan 30 s": (
         'value="30" rule="greaterThan"', 'value="30" rule="lessThan"'
     ),
-    r"<ScenarioObject>: its speed at the start must be at most 60 m/s, the fastest": ("${$kph / 3.6}", "61"),
+    r"<ScenarioObject>: its speed at the start must be at most 60 m/s, the "
+    r"fastest": ("${$kph / 3.6}", "61"),
     r"`value` must be a finite number, got '\$v', which is '2_0'": ("${$kph / 3.6}", "2_0"),
     r"expression .* divides by zero": ("${$kph / 3.6}", "${$kph % 0}"),
     r"<ManeuverGroup>: a group of manoeuvres that runs more or less than once": (
@@ -133,27 +145,36 @@ TEXTS = {
     r"<ScenarioObject>: there is another entity with the name `Ego`": (
         '<ScenarioObject name="Other">', '<ScenarioObject name="Ego">'
     ),
-    r"<RelativeLanePosition>: `dLane` must be a whole number, got 0.5": ('dLane="1"', 'dLane="0.5"'),
+    r"<RelativeLanePosition>: `dLane` must be a whole number, got "
+    r"0.5": ('dLane="1"', 'dLane="0.5"'),
     r"<LanePosition>: road `7` is not in road.xodr": ('roadId="0"', 'roadId="7"'),
-    r"<CatalogReference>: entry `truck` is not in catalog `cars`": ('entryName="car"', 'entryName="truck"'),
-    r"<ParameterAssignments>|<CatalogReference>|<ParameterDeclarations>: parameter `wide` is not declared": (
+    r"<CatalogReference>: entry `truck` is not in catalog "
+    r"`cars`": ('entryName="car"', 'entryName="truck"'),
+    r"<ParameterAssignments>|<CatalogReference>|<ParameterDeclarations>: parameter `wide` is not "
+    r"declared": (
         'parameterRef="long"', 'parameterRef="wide"'
     ),
     r"<OpenSCENARIO>: <Entities> is missing in it": ("Entities>", "Entitys>"),
     r"holds `\$kph and 2`": ("${$kph / 3.6}", "${$kph and 2}"),
     r"bracket does not close": ("${$kph / 3.6}", "${$kph / 3.6"),
-    r"parameter `kmh` is not declared. Did you mean `kph`": ("${$kph / 3.6}", "${max(pow($kmh, 2), 1)}"),
-    r"<Private>: entity `Third` is not among": ('<Private entityRef="Other">', '<Private entityRef="Third">'),
+    r"parameter `kmh` is not declared. Did you mean "
+    r"`kph`": ("${$kph / 3.6}", "${max(pow($kmh, 2), 1)}"),
+    r"<Private>: entity `Third` is not "
+    r"among": ('<Private entityRef="Other">', '<Private entityRef="Third">'),
     r"<StopTrigger>: an act that is stopped while somebody moves in it": (
-        "</ManeuverGroup>", '</ManeuverGroup><StopTrigger><ConditionGroup><Condition name="x" delay="0" '
-        'conditionEdge="none"><ByValueCondition><SimulationTimeCondition value="2" rule="greaterThan"/>'
+        "</ManeuverGroup>", '</ManeuverGroup><StopTrigger><ConditionGroup><Condition name="x" '
+                            'delay="0" '
+        'conditionEdge="none"><ByValueCondition><SimulationTimeCondition value="2" '
+        'rule="greaterThan"/>'
         "</ByValueCondition></Condition></ConditionGroup></StopTrigger>"
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("sentence", TEXTS)
-def test_a_file_with_one_thing_wrong_is_refused_with_its_element(tmp_path: Path, sentence: str) -> None:
+def test_a_file_with_one_thing_wrong_is_refused_with_its_element(
+    tmp_path: Path, sentence: str
+) -> None:
     old, new = TEXTS[sentence]
     path = written(tmp_path, events=speed_change(1, 0.0, 5.0, 6.0))
     text = path.read_text(encoding="utf-8")
@@ -165,11 +186,13 @@ def test_a_file_with_one_thing_wrong_is_refused_with_its_element(tmp_path: Path,
 
 
 ROADS = {
-    r"<lane>: its `id` must be a whole number below 0, got 1\.5": ('<lane id="-1"', '<lane id="1.5"'),
+    r"<lane>: its `id` must be a whole number below 0, got "
+    r"1\.5": ('<lane id="-1"', '<lane id="1.5"'),
     r"<lane>: `id` must be a finite number, got one": ('<lane id="-1"', '<lane id="one"'),
     r"<width>: `a` must be a finite number, got wide": ('a="3.5"', 'a="wide"'),
     r"<width>: `b` must be a finite number, got steep": ('b="0"', 'b="steep"'),
-    r"`length` of <geometry>.* must be a number|length": ('hdg="0.5" length="1000"', 'hdg="0.5" length="long"'),
+    r"`length` of <geometry>.* must be a "
+    r"number|length": ('hdg="0.5" length="1000"', 'hdg="0.5" length="long"'),
     r"<road>: there is another road with the `id` 0": (
         "<OpenDRIVE>", '<OpenDRIVE><road id="0" length="1" junction="-1"/>'
     ),
@@ -179,7 +202,9 @@ ROADS = {
 
 
 @pytest.mark.parametrize("sentence", ROADS)
-def test_a_road_with_one_thing_wrong_is_refused_with_its_element(tmp_path: Path, sentence: str) -> None:
+def test_a_road_with_one_thing_wrong_is_refused_with_its_element(
+    tmp_path: Path, sentence: str
+) -> None:
     path = written(tmp_path)
     old, new = ROADS[sentence]
     assert old in ROAD
@@ -190,8 +215,8 @@ def test_a_road_with_one_thing_wrong_is_refused_with_its_element(tmp_path: Path,
 
 
 def test_who_moves_across_twice_is_told_from_the_lane_in_which_it_then_is(tmp_path: Path) -> None:
-    """From lane 1 one lane to the right and one to the left again, each relative to itself: 0 m and then as it began,
-    0.25 m beside its lane's middle at the start.
+    """From lane 1 one lane to the right and one to the left again, each relative to itself: 0 m and
+    then as it began, 0.25 m beside its lane's middle at the start.
     """
     events = lane_change(1, 1.0, SELF.format(-1)) + lane_change(2, 5.0, SELF.format(1))
     (other,) = find(str(written(tmp_path, events=events))).concrete(only=0.0).actors
@@ -200,25 +225,31 @@ def test_who_moves_across_twice_is_told_from_the_lane_in_which_it_then_is(tmp_pa
 
 
 def test_an_event_is_found_by_the_path_to_it(tmp_path: Path) -> None:
-    """Two manoeuvres with an event `e1` each, at 1 and at 4 s, for 2 s: `two::e1` has ended at 6 s."""
+    """Two manoeuvres with an event `e1` each, at 1 and at 4 s, for 2 s: `two::e1` has ended at 6
+    s."""
     second = f'</Maneuver><Maneuver name="two">{speed_change(1, 4.0, 9.0, 2.0)}'
     events = speed_change(1, 1.0, 5.0, 2.0) + second + after("s::a::g::two::e1")
     for path in ("s::a::g::two::e1", "two::e1"):
         (other,) = (
-            find(str(written(tmp_path, events=events.replace("s::a::g::two::e1", path)))).concrete(only=0.0).actors
+            find(str(written(tmp_path, events=events.replace("s::a::g::two::e1", path))))
+            .concrete(only=0.0)
+            .actors
         )
         assert [act.begin for act in other.acts] == pytest.approx([1.0, 4.0, 6.0])
 
 
 def test_a_time_that_is_equal_begins_at_it(tmp_path: Path) -> None:
-    events = TIMED.format(n=1, action=BRAKE, delay=0, when='<SimulationTimeCondition value="4" rule="equalTo"/>')
+    events = TIMED.format(
+        n=1, action=BRAKE, delay=0, when='<SimulationTimeCondition value="4" rule="equalTo"/>'
+    )
     (other,) = find(str(written(tmp_path, events=events))).concrete(only=0.0).actors
     assert other.braking is not None
     assert other.braking.begin == 4.0
 
 
 def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path: Path) -> None:
-    """Two files with a catalog of one name: an entry that one of them has plays, one that both have is refused."""
+    """Two files with a catalog of one name: an entry that one of them has plays, one that both have
+    is refused."""
     path = written(tmp_path)
     other = tmp_path / "catalogs" / "more.xosc"
     other.write_text(CARS.replace('Vehicle name="car"', 'Vehicle name="van"'), encoding="utf-8")
@@ -226,14 +257,19 @@ def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path: Path) -> 
     other.write_text(CARS, encoding="utf-8")
     change(path, 'description="a test"', 'description="another"')
     sentence = said(path)
-    assert "entry `car` of catalog `cars` is there more than once: cars.xosc, line 2, <Vehicle>, more.xosc" in sentence
+    assert (
+        "entry `car` of catalog `cars` is there more than once: cars.xosc, line 2, <Vehicle>, "
+        "more.xosc" in sentence
+    )
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "iso-8859-1"])
 def test_a_file_in_another_encoding_reads_as_it_is(tmp_path: Path, encoding: str) -> None:
     path = written(tmp_path)
     told = encoding.removesuffix("-sig")
-    text = path.read_text(encoding="utf-8").replace('version="1.0"?>', f'version="1.0" encoding="{told}"?>')
+    text = path.read_text(encoding="utf-8").replace(
+        'version="1.0"?>', f'version="1.0" encoding="{told}"?>'
+    )
     path.write_bytes(text.replace("a test", "Prüfung").encode(encoding))
     logical = find(str(path))
     assert logical.about == "Prüfung"
@@ -262,7 +298,9 @@ def test_a_range_with_a_step_of_nothing_is_refused_at_once(tmp_path: Path) -> No
 def test_names_that_look_like_numbers_stay_what_they_are(tmp_path: Path) -> None:
     """A road `1234567` that a distribution chooses."""
     path = change(written(tmp_path), 'roadId="0"', 'roadId="$light"')
-    (tmp_path / "road.xodr").write_text(ROAD.replace('id="0" length', 'id="1234567" length'), encoding="utf-8")
+    (tmp_path / "road.xodr").write_text(
+        ROAD.replace('id="0" length', 'id="1234567" length'), encoding="utf-8"
+    )
     part = """<DeterministicSingleParameterDistribution parameterName="light"><DistributionSet>
     <Element value="1234567"/></DistributionSet></DeterministicSingleParameterDistribution>"""
     varied = tmp_path / "varied.xosc"
@@ -271,15 +309,26 @@ def test_names_that_look_like_numbers_stay_what_they_are(tmp_path: Path) -> None
 
 
 def test_parameters_in_catalog_references_and_in_each_other_are_worked_out(tmp_path: Path) -> None:
-    """`$which` names the catalog and an entry's length is an expression of parameters that rest on each other."""
-    path = change(written(tmp_path), 'catalogName="cars" entryName="car"/>', 'catalogName="$which" entryName="car"/>')
+    """`$which` names the catalog and an entry's length is an expression of parameters that rest on
+    each other."""
+    path = change(
+        written(tmp_path),
+        'catalogName="cars" entryName="car"/>',
+        'catalogName="$which" entryName="car"/>',
+    )
     change(path, "</ParameterDeclarations>",
            '<ParameterDeclaration name="which" parameterType="string" value="cars"/>'
-           '<ParameterDeclaration name="half" parameterType="double" value="${sqrt(pow($v, 2)) / 8}"/>'
-           '<ParameterDeclaration name="all" parameterType="double" value="${max($half, -$half) * (1 + 1)}"/>'
+           '<ParameterDeclaration name="half" parameterType="double" value="${sqrt(pow($v, 2)) / '
+           '8}"/>'
+           '<ParameterDeclaration name="all" parameterType="double" value="${max($half, -$half) * '
+           '(1 + 1)}"/>'
            "</ParameterDeclarations>")  # fmt: skip
     change(path, 'parameterRef="long" value="6"', 'parameterRef="long" value="${$all + 0.5}"')
-    change(path, path.read_text(encoding="utf-8").split("<StopTrigger>")[1].split("</StopTrigger>")[0], "")
+    change(
+        path,
+        path.read_text(encoding="utf-8").split("<StopTrigger>")[1].split("</StopTrigger>")[0],
+        "",
+    )
     change(path, "<StopTrigger></StopTrigger>", "")
     logical = find(str(path))
     (other,) = logical.concrete(only=0.0).actors
@@ -307,7 +356,9 @@ def test_an_entry_that_leads_to_itself_is_refused(tmp_path: Path) -> None:
 
 def test_what_is_no_scenario_is_said(tmp_path: Path) -> None:
     path = written(tmp_path)
-    assert "cars.xosc, line 1, <OpenSCENARIO>: it must hold a <Storyboard>" in said(tmp_path / "catalogs" / "cars.xosc")
+    assert "cars.xosc, line 1, <OpenSCENARIO>: it must hold a <Storyboard>" in said(
+        tmp_path / "catalogs" / "cars.xosc"
+    )
     path.write_text("", encoding="utf-8")
     assert "is not XML" in said(path)
     path.write_text("<OpenDRIVE/>", encoding="utf-8")
@@ -318,9 +369,12 @@ def test_what_is_no_scenario_is_said(tmp_path: Path) -> None:
 
 
 def test_a_road_of_a_scenario_file_declares_no_entities_either(tmp_path: Path) -> None:
-    (tmp_path / "road.xodr").write_text('<!DOCTYPE o [<!ENTITY e "3.5">]>' + ROAD.replace('a="3.5"', 'a="&e;"'),
+    (tmp_path / "road.xodr").write_text('<!DOCTYPE o [<!ENTITY e '
+                                        '"3.5">]>' + ROAD.replace('a="3.5"', 'a="&e;"'),
                                         encoding="utf-8")  # fmt: skip
-    with pytest.raises(InputError, match="must not declare a document type or entities, got <!DOCTYPE> in line 1"):
+    with pytest.raises(
+        InputError, match="must not declare a document type or entities, got <!DOCTYPE> in line 1"
+    ):
         read_opendrive(tmp_path / "road.xodr")
 
 
@@ -329,7 +383,9 @@ def test_a_catalogue_that_nobody_knows_is_told_by_its_neighbour() -> None:
 
 
 def test_a_mark_before_the_text_of_a_scenario_file_is_no_part_of_it(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(scenario_files()["ncap_ccrs"].read_text(encoding="utf-8"), encoding="utf-8-sig")
+    (tmp_path / "mine.toml").write_text(
+        scenario_files()["ncap_ccrs"].read_text(encoding="utf-8"), encoding="utf-8-sig"
+    )
     assert find("mine.toml", tmp_path).name == "ncap_ccrs"
 
 

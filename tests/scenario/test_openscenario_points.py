@@ -1,4 +1,5 @@
-"""OpenSCENARIO parameter variations, in the layouts of the published ALKS set, become points of our spaces."""
+"""OpenSCENARIO parameter variations, in the layouts of the published ALKS set, become points of our
+spaces."""
 
 import numpy as np
 import pytest
@@ -20,16 +21,24 @@ def single(name, inner):
 
 
 def steps(low, high, step):
-    return f'<DistributionRange stepWidth="{step}"><Range lowerLimit="{low}" upperLimit="{high}"/></DistributionRange>'
+    return (
+        f'<DistributionRange stepWidth="{step}"><Range lowerLimit="{low}" '
+        f'upperLimit="{high}"/></DistributionRange>'
+    )
 
 
 def elements(*values):
-    return "<DistributionSet>" + "".join(f'<Element value="{value}"/>' for value in values) + "</DistributionSet>"
+    return (
+        "<DistributionSet>"
+        + "".join(f'<Element value="{value}"/>' for value in values)
+        + "</DistributionSet>"
+    )
 
 
 def variation(inner):
     return (
-        '<?xml version="1.0"?><OpenSCENARIO><FileHeader revMajor="1" revMinor="1" date="2021-07-06T10:00:00" '
+        '<?xml version="1.0"?><OpenSCENARIO><FileHeader revMajor="1" revMinor="1" '
+        'date="2021-07-06T10:00:00" '
         'description="-" author="-"/><ParameterValueDistribution>'
         f'<ScenarioFile filepath="./Concrete/cut_in.xosc"/>{inner}</ParameterValueDistribution></OpenSCENARIO>'
     )
@@ -84,7 +93,9 @@ def files(tmp_path):
 
 
 def points(folder, **keys):
-    return sample(CUT_IN, "openscenario", request=Request(file="mapping.toml", folder=folder, **keys))
+    return sample(
+        CUT_IN, "openscenario", request=Request(file="mapping.toml", folder=folder, **keys)
+    )
 
 
 def by_hand():
@@ -115,29 +126,37 @@ def test_of_several_groups_one_has_to_hold_and_within_a_group_all(files):
     (files / "mapping.toml").write_text(MAPPING.replace("RelativeLaneId = 1\n", ""))
     assert {tuple(row) for row in points(files).points.tolist()} == by_hand()
     loose = DECLARATIONS.replace(
-        '<ValueConstraint rule="greaterThan" value="0.0"/>\n  <ValueConstraint rule="lessThan" value="${($',
+        '<ValueConstraint rule="greaterThan" value="0.0"/>\n  <ValueConstraint rule="lessThan" '
+        'value="${($',
         '<ValueConstraint rule="greaterThan" value="0.0"/></ConstraintGroup><ConstraintGroup>'
         '<ValueConstraint rule="lessThan" value="${($',
     )
     assert loose != DECLARATIONS
     (files / "Concrete" / "cut_in.xosc").write_text(loose)
-    # Vy > 0 alone now suffices: what our own space cannot hold (speeds below its range) is left out and said
+    # Vy > 0 alone now suffices: what our own space cannot hold (speeds below its range) is left out
+    # and said
     assert len(points(files).points) > len(by_hand())
     assert any("outside the ranges" in note for note in points(files).notes)
 
 
 def test_steps_of_a_tenth_end_where_they_should(files):
     (files / "variation.xosc").write_text(
-        variation("<Deterministic>" + single("Vy_mps", steps("0.0", "1.0", "0.1")) + "</Deterministic>")
+        variation(
+            "<Deterministic>" + single("Vy_mps", steps("0.0", "1.0", "0.1")) + "</Deterministic>"
+        )
     )
-    values = [item["Vy_mps"] for item in read_variation(files / "variation.xosc", None, 1).combinations]
+    values = [
+        item["Vy_mps"] for item in read_variation(files / "variation.xosc", None, 1).combinations
+    ]
     assert values == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
 
 
 def test_numbers_with_underscores_are_texts(files):
     inner = "<Deterministic>" + single("Model", elements("1_0", "2")) + "</Deterministic>"
     (files / "variation.xosc").write_text(variation(inner))
-    values = [item["Model"] for item in read_variation(files / "variation.xosc", None, 1).combinations]
+    values = [
+        item["Model"] for item in read_variation(files / "variation.xosc", None, 1).combinations
+    ]
     assert values == ["1_0", 2.0]
 
 
@@ -149,17 +168,22 @@ def test_value_sets_vary_parameters_together(files):
     )
     multi = f"<DeterministicMultiParameterDistribution><ValueSetDistribution>{sets}</ValueSetDistribution>"
     (files / "variation.xosc").write_text(
-        variation(f"<Deterministic>{multi}</DeterministicMultiParameterDistribution></Deterministic>")
+        variation(
+            f"<Deterministic>{multi}</DeterministicMultiParameterDistribution></Deterministic>"
+        )
     )
     (files / "mapping.toml").write_text(MAPPING.replace("[only]\nRelativeLaneId = 1\n", ""))
     # the gap 30 m and 2 m/s are the declared defaults
-    expected = {(round(ve / 3.6, 9), round(vo / 3.6, 9), 30.0, 2.0) for ve, vo in ((40, 30), (60, 30))}
+    expected = {
+        (round(ve / 3.6, 9), round(vo / 3.6, 9), 30.0, 2.0) for ve, vo in ((40, 30), (60, 30))
+    }
     assert {tuple(row) for row in points(files).points.tolist()} == expected
 
 
 def stochastic(*parts, runs=2000):
     inner = "".join(
-        f'<StochasticDistribution parameterName="{name}">{inside}</StochasticDistribution>' for name, inside in parts
+        f'<StochasticDistribution parameterName="{name}">{inside}</StochasticDistribution>'
+        for name, inside in parts
     )
     return variation(f'<Stochastic numberOfTestRuns="{runs}" randomSeed="7">{inner}</Stochastic>')
 
@@ -170,17 +194,23 @@ def test_stochastic_distributions_have_their_moments_and_their_limits(files):
         stochastic(
             ("Ve0_kph", '<NormalDistribution expectedValue="50" variance="25"/>'),
             ("Rel_kph", f"<UniformDistribution>{limits.format(-30, -10)}</UniformDistribution>"),
-            ("dx0_m", f'<NormalDistribution expectedValue="0" variance="100">{limits.format(0, 60)}</NormalDistribution>'),  # noqa: E501
-            ("Vy_mps", f'<Histogram><Bin weight="3">{limits.format(0, 1)}</Bin><Bin weight="1">{limits.format(1, 3)}</Bin>'  # noqa: E501
+            ("dx0_m", '<NormalDistribution expectedValue="0" '
+                      f'variance="100">{limits.format(0, 60)}</NormalDistribution>'),
+            ("Vy_mps", f'<Histogram><Bin weight="3">{limits.format(0, 1)}</Bin><Bin '
+                       f'weight="1">{limits.format(1, 3)}</Bin>'
                        "</Histogram>"),
-            ("Model", '<ProbabilityDistributionSet><Element value="car" weight="4"/><Element value="bus" weight="1"/>'
+            ("Model", '<ProbabilityDistributionSet><Element value="car" weight="4"/><Element '
+                      'value="bus" weight="1"/>'
                       "</ProbabilityDistributionSet>"),
             ("Count", '<PoissonDistribution expectedValue="4"/>'),
             ("Long", '<LogNormalDistribution expectedValue="10" variance="4"/>'),
         )
     )  # fmt: skip
     drawn = read_variation(files / "variation.xosc", None, 1)
-    column = {name: np.array([item[name] for item in drawn.combinations]) for name in drawn.combinations[0]}
+    column = {
+        name: np.array([item[name] for item in drawn.combinations])
+        for name in drawn.combinations[0]
+    }
     assert len(drawn.combinations) == 2000
     assert (column["Ve0_kph"].mean(), column["Ve0_kph"].std()) == (
         pytest.approx(50, abs=0.5),
@@ -192,8 +222,14 @@ def test_stochastic_distributions_have_their_moments_and_their_limits(files):
     assert column["dx0_m"].mean() == pytest.approx(7.98, abs=0.5)
     assert np.mean(column["Vy_mps"] < 1) == pytest.approx(0.75, abs=0.03)
     assert np.mean(column["Model"] == "car") == pytest.approx(0.8, abs=0.03)
-    assert (column["Count"].mean(), column["Count"].var()) == (pytest.approx(4, abs=0.2), pytest.approx(4, abs=0.5))
-    assert (column["Long"].mean(), column["Long"].std()) == (pytest.approx(10, abs=0.2), pytest.approx(2, abs=0.2))
+    assert (column["Count"].mean(), column["Count"].var()) == (
+        pytest.approx(4, abs=0.2),
+        pytest.approx(4, abs=0.5),
+    )
+    assert (column["Long"].mean(), column["Long"].std()) == (
+        pytest.approx(10, abs=0.2),
+        pytest.approx(2, abs=0.2),
+    )
     assert any("random seed 7" in note for note in drawn.notes)
     again, other = (read_variation(files / "variation.xosc", 50, seed) for seed in (1, 2))
     assert len(again.combinations) == 50
@@ -217,12 +253,25 @@ def test_stochastic_distributions_have_their_moments_and_their_limits(files):
             "<UserDefinedDistribution>: this is not played",
         ),
         (("variation.xosc", 'stepWidth="0.5"', 'stepWidth="0"'), "`stepWidth`"),
-        (("variation.xosc", 'upperLimit="3.0"', 'upperLimit="x"'), "`upperLimit` must be a finite number"),
+        (
+            ("variation.xosc", 'upperLimit="3.0"', 'upperLimit="x"'),
+            "`upperLimit` must be a finite number",
+        ),
         (("variation.xosc", 'stepWidth="0.5"', 'stepWidth="1e-9"'), "between 1 and 1,000,000"),
-        (("variation.xosc", "<OpenSCENARIO>", "<!DOCTYPE x><OpenSCENARIO>"), "must not declare a document type"),
+        (
+            ("variation.xosc", "<OpenSCENARIO>", "<!DOCTYPE x><OpenSCENARIO>"),
+            "must not declare a document type",
+        ),
         (("variation.xosc", "</OpenSCENARIO>", ""), "is not XML"),
         (("Concrete/cut_in.xosc", "lessOrEqual", "lessOrEqal"), "Did you mean `lessOrEqual`?"),
-        (("Concrete/cut_in.xosc", 'rule="greaterThan" value="0.0"', 'rule="greaterThan" value="99"'), "allow none"),
+        (
+            (
+                "Concrete/cut_in.xosc",
+                'rule="greaterThan" value="0.0"',
+                'rule="greaterThan" value="99"',
+            ),
+            "allow none",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_a_sentence(files, change, sentence):
@@ -245,7 +294,13 @@ def test_without_the_scenario_file_there_are_no_constraints_and_that_is_said(fil
 
 def test_a_count_for_a_deterministic_variation_is_not_ignored_in_silence(tmp_path):
     path = tmp_path / "all.xosc"
-    path.write_text(variation("<Deterministic>" + single("Ve0_kph", steps("20", "60", "10")) + "</Deterministic>"))
+    path.write_text(
+        variation(
+            "<Deterministic>" + single("Ve0_kph", steps("20", "60", "10")) + "</Deterministic>"
+        )
+    )
     assert len(read_variation(path, None, 1).combinations) == 5
-    with pytest.raises(InputError, match=r"`count` does nothing for all\.xosc: its distribution is deterministic"):
+    with pytest.raises(
+        InputError, match=r"`count` does nothing for all\.xosc: its distribution is deterministic"
+    ):
         read_variation(path, 3, 1)

@@ -16,7 +16,8 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.undisturbed import tracks
 
 BASE: dict[str, Any] = {
-    "name": "t", "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+    "name": "t",
+    "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
     "ego": {"speed": "v"}, "end": {"x": 600.0, "time": 20.0}, "zone": "none",
 }  # fmt: skip
 
@@ -27,7 +28,9 @@ def scene(*moves: dict[str, Any], zone: Any = "none", **vehicle: Any) -> Logical
     return scenario_from({**BASE, "vehicle": [lead], "zone": zone}, "t", Path())
 
 
-def way(logical: LogicalScenario, step: float = 0.05, until: float = 10.0, v: float = 20.0) -> tuple[np.ndarray, ...]:
+def way(
+    logical: LogicalScenario, step: float = 0.05, until: float = 10.0, v: float = 20.0
+) -> tuple[np.ndarray, ...]:
     """Times and the lead's x, y, heading and speed, while the ego keeps its speed."""
     found = tracks([logical.concrete(v=v)], [(4.5, 1.8)], step, until)
     rows = found.others[0, 0]
@@ -36,7 +39,9 @@ def way(logical: LogicalScenario, step: float = 0.05, until: float = 10.0, v: fl
 
 def test_accelerating_with_a_rate_reaches_the_speed_and_keeps_it() -> None:
     # from 20 to 26 m/s at 3 m/s2: 2 s and 46 m, then 26 m/s
-    t, x, _, _, v = way(scene({"do": "accelerate", "begin": 1.0, "speed": 26.0, "acceleration": 3.0}))
+    t, x, _, _, v = way(
+        scene({"do": "accelerate", "begin": 1.0, "speed": 26.0, "acceleration": 3.0})
+    )
     assert v[t == 3.0] == pytest.approx(26.0)
     assert x[t == 3.0] == pytest.approx(150.0 + 20.0 + 46.0)
     assert x[-1] == pytest.approx(150.0 + 20.0 + 46.0 + 26.0 * 7.0)
@@ -44,7 +49,9 @@ def test_accelerating_with_a_rate_reaches_the_speed_and_keeps_it() -> None:
 
 def test_accelerating_with_a_jerk_builds_up() -> None:
     # jerk 3 m/s3 to 3 m/s2: 1 s for 1.5 m/s, then (10 - 1.5) / 3 s: 3.8333 s in all
-    t, _, _, _, v = way(scene({"do": "accelerate", "speed": 10.0, "acceleration": 3.0, "jerk": 3.0}))
+    t, _, _, _, v = way(
+        scene({"do": "accelerate", "speed": 10.0, "acceleration": 3.0, "jerk": 3.0})
+    )
     assert v[t == 1.0] == pytest.approx(18.5)
     assert v[np.isclose(t, 3.85)] == pytest.approx(10.0)
     assert v[np.isclose(t, 3.80)] == pytest.approx(10.1)
@@ -55,21 +62,30 @@ def test_a_profile_by_time_and_one_by_place_pass_through_their_knots() -> None:
     assert (v[t == 2.0], v[t == 4.0]) == (pytest.approx(10.0), pytest.approx(30.0))
     assert x[t == 4.0] == pytest.approx(150.0 + 30.0 + 40.0)
     # 150 -> 190 m from 20 to 10 m/s lasts 2 * 40 / 30 s
-    t, x, _, _, v = way(scene({"do": "speed_profile", "places": [190.0], "speeds": [10.0]}), step=0.01)
+    t, x, _, _, v = way(
+        scene({"do": "speed_profile", "places": [190.0], "speeds": [10.0]}), step=0.01
+    )
     assert np.interp(190.0, x, v) == pytest.approx(10.0, abs=0.02)
     assert np.interp(190.0, x, t) == pytest.approx(80.0 / 30.0, abs=1e-3)
 
 
 def test_a_swing_has_its_amplitude_and_its_lateral_acceleration() -> None:
-    # A = 1 m, a = 2 m/s2: w = sqrt(2 a / A) = 2 rad/s, so a swing lasts pi s; to the left, then to the right
-    t, _, y, _, _ = way(scene({"do": "sinus", "offset": 1.0, "acceleration": 2.0, "cycles": 2.0}), step=0.01)
-    np.testing.assert_allclose(y[t < math.pi], 0.5 * (1.0 - np.cos(2.0 * t[t < math.pi])), atol=1e-12)
+    # A = 1 m, a = 2 m/s2: w = sqrt(2 a / A) = 2 rad/s, so a swing lasts pi s; to the left, then to
+    # the right
+    t, _, y, _, _ = way(
+        scene({"do": "sinus", "offset": 1.0, "acceleration": 2.0, "cycles": 2.0}), step=0.01
+    )
+    np.testing.assert_allclose(
+        y[t < math.pi], 0.5 * (1.0 - np.cos(2.0 * t[t < math.pi])), atol=1e-12
+    )
     assert y.min() == pytest.approx(-1.0, abs=1e-3)
     assert np.abs(np.diff(y, 2)).max() / 1e-4 == pytest.approx(2.0, rel=1e-3)
 
 
 def test_a_path_leads_through_its_points_at_the_vehicles_speed() -> None:
-    t, x, y, heading, _ = way(scene({"do": "path", "points": [[190.0, 0.0], [220.0, 3.5], [400.0, 3.5]]}), step=0.01)
+    t, x, y, heading, _ = way(
+        scene({"do": "path", "points": [[190.0, 0.0], [220.0, 3.5], [400.0, 3.5]]}), step=0.01
+    )
     at = np.isclose(t, (40.0 + math.hypot(30.0, 3.5)) / 20.0, atol=0.006)
     assert x[at][0] == pytest.approx(220.0, abs=0.15)
     assert heading[np.isclose(t, 2.5)] == pytest.approx(math.atan2(3.5, 30.0))
@@ -114,7 +130,10 @@ def test_law_the_instant_of_a_linear_condition_is_exact(step: float) -> None:
 )
 def test_conditions_of_every_kind(when: str, begins: float) -> None:
     found = tracks(
-        [scene({"do": "brake", "when": when, "deceleration": 1e-9}).concrete(v=30.0)], [(4.5, 1.8)], 0.05, 9.0
+        [scene({"do": "brake", "when": when, "deceleration": 1e-9}).concrete(v=30.0)],
+        [(4.5, 1.8)],
+        0.05,
+        9.0,
     )
     assert found.begins[0, 0] == pytest.approx(begins, abs=1e-6)
 
@@ -122,7 +141,13 @@ def test_conditions_of_every_kind(when: str, begins: float) -> None:
 def test_a_move_begins_when_another_has_ended_and_a_delay_is_over() -> None:
     # 20 -> 10 m/s at 5 m/s2 ends at 2 s; half a second later it speeds up again
     first = {"do": "accelerate", "name": "slow", "speed": 10.0, "acceleration": 5.0}
-    then = {"do": "accelerate", "when": "ended(lead, slow)", "begin": 0.5, "speed": 15.0, "acceleration": 5.0}
+    then = {
+        "do": "accelerate",
+        "when": "ended(lead, slow)",
+        "begin": 0.5,
+        "speed": 15.0,
+        "acceleration": 5.0,
+    }
     t, _, _, _, v = way(scene(first, then))
     assert v[np.isclose(t, 2.5)] == pytest.approx(10.0)
     assert v[np.isclose(t, 3.0)] == pytest.approx(12.5)
@@ -145,44 +170,68 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over() -> None:
         ({"speed": 3.0}, "has no `speed`"),
         ({"do": "accelerate", "deceleration": None}, "must have `speed`"),
         ({"do": "sinus", "deceleration": None}, "must have `acceleration`"),
-        ({"do": "speed_profile", "deceleration": None, "times": [1.0], "speeds": [1.0, 2.0]}, "as many `times`"),
-        ({"do": "speed_profile", "deceleration": None, "times": [2.0, 1.0], "speeds": [1.0, 2.0]}, "ascending"),
+        ({"do": "speed_profile", "deceleration": None, "times": [1.0], "speeds": [1.0, 2.0]},
+            "as many `times`"),
+        ({"do": "speed_profile", "deceleration": None, "times": [2.0, 1.0], "speeds": [1.0, 2.0]},
+            "ascending"),
         ({"do": "path", "deceleration": None, "points": [[10.0, 400.0]]}, "must be on the map"),
         ({"do": "path", "deceleration": None, "lanes": [7], "places": [10.0]}, "within 0..1"),
         ({"do": "follow", "deceleration": None}, "must have `model`"),
-        ({"do": "follow", "deceleration": None, "model": "IDM", "begin": 1.0}, "follows from the start"),
-        ({"do": "follow", "deceleration": None, "model": "IDM", "when": "departed > 1"}, "has `recorded` places"),
+        ({"do": "follow", "deceleration": None, "model": "IDM", "begin": 1.0}, "follows from the "
+                                                                               "start"),
+        ({"do": "follow", "deceleration": None, "model": "IDM", "when": "departed > 1"},
+            "has `recorded` places"),
     ],
 )  # fmt: skip
-def test_every_mistake_is_a_sentence_that_names_the_nearest_word(change: dict[str, Any], sentence: str) -> None:
+def test_every_mistake_is_a_sentence_that_names_the_nearest_word(
+    change: dict[str, Any], sentence: str
+) -> None:
     move = {"do": "brake", "deceleration": 5.0, **change}
     with pytest.raises(InputError) as caught:
-        check_points(scene({key: value for key, value in move.items() if value is not None}), np.array([[20.0]]))
+        check_points(
+            scene({key: value for key, value in move.items() if value is not None}),
+            np.array([[20.0]]),
+        )
     assert sentence in str(caught.value)
 
 
 def test_a_vehicle_that_starts_inside_another_is_refused() -> None:
     with pytest.raises(InputError, match="clear of `ego` at the start"):
-        check_points(scene({"do": "accelerate", "speed": 3.0, "acceleration": 1.0}, x=52.0), np.array([[20.0]]))
+        check_points(
+            scene({"do": "accelerate", "speed": 3.0, "acceleration": 1.0}, x=52.0),
+            np.array([[20.0]]),
+        )
 
 
 def test_a_parameter_that_nothing_depends_on_is_refused() -> None:
     unused = [*BASE["parameter"], {"name": "w", "unit": "m", "low": 0.0, "high": 1.0, "step": 0.5}]
     with pytest.raises(InputError, match="Parameter `w` of t must be used"):
         scenario_from(
-            {**BASE, "parameter": unused, "vehicle": [{"name": "lead", "x": 150.0, "speed": 1.0}]}, "t", Path()
+            {**BASE, "parameter": unused, "vehicle": [{"name": "lead", "x": 150.0, "speed": 1.0}]},
+            "t",
+            Path(),
         )
 
 
 def test_a_stream_is_the_same_every_time_and_denser_than_its_lane_is_refused() -> None:
-    stream = {"name": "s", "lane": 1, "begin": -100.0, "end": 200.0, "density": 30.0, "speed": "v", "speed_spread": 2.0}
+    stream = {
+        "name": "s",
+        "lane": 1,
+        "begin": -100.0,
+        "end": 200.0,
+        "density": 30.0,
+        "speed": "v",
+        "speed_spread": 2.0,
+    }
     content = {**BASE, "stream": [stream]}
     one, two = (scenario_from(content, "t", Path()).concrete(v=20.0) for _ in range(2))
     assert repr(one) == repr(two)
     assert len(one.actors) in range(7, 13)  # 300 m at 30 a km, give or take what is drawn
     assert {actor.name for actor in one.actors} >= {"s_1", "s_7"}
     with pytest.raises(InputError, match="`density` of stream `s` must be at most 100 a km"):
-        scenario_from({**content, "stream": [{**stream, "density": 150.0}]}, "t", Path()).concrete(v=20.0)
+        scenario_from({**content, "stream": [{**stream, "density": 150.0}]}, "t", Path()).concrete(
+            v=20.0
+        )
 
 
 @pytest.mark.campaign
@@ -217,8 +266,12 @@ def test_where_no_zone_can_be_defined_everything_is_safe() -> None:
         ("gap(ego, lead) < -1000", True),  # nobody knows
     ],
 )
-def test_a_condition_that_can_never_hold_is_refused_before_anybody_drives(when: str, held: bool) -> None:
-    logical = scene({"do": "keep_speed", "name": "keep"}, {"do": "brake", "deceleration": 5.0, "when": when})
+def test_a_condition_that_can_never_hold_is_refused_before_anybody_drives(
+    when: str, held: bool
+) -> None:
+    logical = scene(
+        {"do": "keep_speed", "name": "keep"}, {"do": "brake", "deceleration": 5.0, "when": when}
+    )
     if held:
         check_points(logical, np.array([[20.0]]))
         return

@@ -1,4 +1,5 @@
-"""The reference line of a road: its closed forms, its frame, its polyline in SUMO, and how a file draws it."""
+"""The reference line of a road: its closed forms, its frame, its polyline in SUMO, and how a file
+draws it."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ from sumo_eval.scenario.road.reference_line import (
 )
 
 CHAIN = (
-    Piece(80.0), Piece(60.0, 0.0, 1 / 250), arc(200.0, 250.0), Piece(90.0, 1 / 250, -1 / 120), arc(70.0, -120.0),
+    Piece(80.0), Piece(60.0, 0.0, 1 / 250), arc(200.0, 250.0), Piece(90.0, 1 / 250, -1 / 120),
+    arc(70.0, -120.0),
     Piece(50.0, -1 / 120, 0.0),
 )  # fmt: skip
 """Straight, into a left bend, over into a right one, and straight again."""
@@ -35,18 +37,22 @@ RNG = np.random.default_rng(17)
 
 
 def test_an_arc_is_a_circle() -> None:
-    # a quarter of a circle of 100 m to the left ends at (100, 100) m, heading north; 2 m inside it, at (98, 100) m
+    # a quarter of a circle of 100 m to the left ends at (100, 100) m, heading north; 2 m inside it,
+    # at (98, 100) m
     quarter = (arc(50.0 * math.pi, 100.0),)
     s = 50.0 * math.pi
     assert np.allclose(map_places(quarter, s, 0.0), (100.0, 100.0, math.pi / 2), atol=1e-12)
-    assert np.allclose(map_places(quarter, s, 2.0, 0.1), (98.0, 100.0, math.pi / 2 + 0.1), atol=1e-12)
+    assert np.allclose(
+        map_places(quarter, s, 2.0, 0.1), (98.0, 100.0, math.pi / 2 + 0.1), atol=1e-12
+    )
     right = (arc(50.0 * math.pi, -100.0),)
     assert np.allclose(map_places(right, s, 2.0), (102.0, -100.0, -math.pi / 2), atol=1e-12)
 
 
 @pytest.mark.parametrize("length", [30.0, 100.0, 250.0])
 def test_a_spiral_is_a_fresnel_integral(length: float) -> None:
-    # with curvature c s the place is a (C(s / a), S(s / a)), a = sqrt(pi / c), by the definition of C and S
+    # with curvature c s the place is a (C(s / a), S(s / a)), a = sqrt(pi / c), by the definition of
+    # C and S
     rate = (1.0 / 150.0) / length
     s = np.linspace(0.0, length, 41)
     a = math.sqrt(math.pi / rate)
@@ -58,7 +64,11 @@ def test_a_spiral_is_a_fresnel_integral(length: float) -> None:
 
 
 def test_law_frame_and_map_are_inverses() -> None:
-    s, d, heading = RNG.uniform(0.0, 560.0, 2000), RNG.uniform(-8.0, 8.0, 2000), RNG.uniform(-1.0, 1.0, 2000)
+    s, d, heading = (
+        RNG.uniform(0.0, 560.0, 2000),
+        RNG.uniform(-8.0, 8.0, 2000),
+        RNG.uniform(-1.0, 1.0, 2000),
+    )
     back = frame_places(CHAIN, *map_places(CHAIN, s, d, heading))
     for found, given in zip(back, (s, d, heading), strict=True):
         assert np.abs(found - given).max() < 1e-9
@@ -75,12 +85,18 @@ def test_law_a_line_has_no_gap_no_kink_and_the_length_it_says() -> None:
 
 
 def test_a_straight_road_has_one_pair_of_numbers() -> None:
-    s, d, heading = RNG.uniform(0.0, 560.0, 50), RNG.uniform(-8.0, 8.0, 50), RNG.uniform(-1.0, 1.0, 50)
+    s, d, heading = (
+        RNG.uniform(0.0, 560.0, 50),
+        RNG.uniform(-8.0, 8.0, 50),
+        RNG.uniform(-1.0, 1.0, 50),
+    )
     for there in (map_places((), s, d, heading), frame_places((), s, d, heading)):
         assert [it.tobytes() for it in there] == [s.tobytes(), d.tobytes(), heading.tobytes()]
 
 
-@pytest.mark.parametrize("piece", [(0.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (math.inf, 0.0, 0.0), (5.0, math.nan, 0.0)])
+@pytest.mark.parametrize(
+    "piece", [(0.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (math.inf, 0.0, 0.0), (5.0, math.nan, 0.0)]
+)
 def test_a_piece_of_no_length_or_no_curvature_is_refused(piece: tuple[float, float, float]) -> None:
     with pytest.raises(InputError, match="piece of a road"):
         Piece(*piece)
@@ -91,7 +107,9 @@ def test_lanes_in_sumo_have_a_vertex_at_every_metre_of_bend_and_one_length() -> 
     lanes = list(etree.fromstring(network_xml(road).encode()).iter("lane"))
     assert [lane.get("length") for lane in lanes] == ["600.00"] * 3
     for number, lane in enumerate(lanes):
-        points = np.array([[float(it) for it in pair.split(",")] for pair in lane.get("shape").split()])
+        points = np.array(
+            [[float(it) for it in pair.split(",")] for pair in lane.get("shape").split()]
+        )
         s, d, _ = frame_places(CHAIN, points[:, 0], points[:, 1])
         assert np.abs(d - 3.5 * number).max() < 1e-4  # four decimals
         bends = np.abs(curvatures(CHAIN, 0.5 * (s[1:] + s[:-1]))) > 0.0
@@ -104,20 +122,25 @@ def test_a_bent_road_as_opendrive_has_its_pieces() -> None:
     root = etree.fromstring(opendrive_xml(Road("chain", 500.0, 2, 3.5, 100.0, line=CHAIN)).encode())
     kinds = [geometry[0].tag for geometry in root.iter("geometry")]
     assert kinds == ["line", "spiral", "arc", "spiral", "arc", "spiral", "line"]
-    for geometry, s in zip(root.iter("geometry"), np.cumsum([0.0, *(piece.length for piece in CHAIN)]), strict=True):
+    for geometry, s in zip(
+        root.iter("geometry"), np.cumsum([0.0, *(piece.length for piece in CHAIN)]), strict=True
+    ):
         x, y, heading = map_places(CHAIN, s, 0.0)
         found = [float(geometry.get(key, "")) for key in ("s", "x", "y", "hdg")]
         assert np.allclose(found, (s, x, y, heading), atol=1e-6)
 
 
-# -- in a scenario file ------------------------------------------------------------------------------------------------
+# -- in a scenario file ----------------------------------------------------------------------------
 
 
 def scenario(**road: Any) -> dict[str, Any]:
     return {
         "name": "bent",
         "parameter": [{"name": "ego_speed", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 5.0}],
-        "option": [{"name": "radius", "unit": "m", "default": 300.0}, {"name": "bend", "unit": "m"}],
+        "option": [
+            {"name": "radius", "unit": "m", "default": 300.0},
+            {"name": "bend", "unit": "m"},
+        ],
         "ego": {"speed": "ego_speed"},
         "vehicle": [{"name": "lead", "speed": 5.0, "gap": 40.0}],
         "zone": {"obstacle": "lead"},
@@ -131,11 +154,13 @@ def read(**road: Any) -> Road:
 
 def test_a_file_draws_a_road_piece_by_piece() -> None:
     road = read(line=[
-        {"length": 100.0}, {"length": 50.0, "end_radius": "radius"}, {"length": 200.0, "radius": "radius"},
+        {"length": 100.0}, {"length": 50.0, "end_radius": "radius"},
+        {"length": 200.0, "radius": "radius"},
         {"length": 40.0, "begin_radius": 300.0, "end_radius": -200.0},
     ])  # fmt: skip
     assert road.line == (
-        Piece(100.0), Piece(50.0, 0.0, 1 / 300), Piece(200.0, 1 / 300, 1 / 300), Piece(40.0, 1 / 300, -1 / 200),
+        Piece(100.0), Piece(50.0, 0.0, 1 / 300), Piece(200.0, 1 / 300, 1 / 300),
+        Piece(40.0, 1 / 300, -1 / 200),
     )  # fmt: skip
     assert road.name.startswith("road_2x3.5m_600m_of_800m_right_200m_")
     assert read(name="hill", line=[{"length": 90.0, "radius": "radius"}]).name == "hill_left_300m"
@@ -149,10 +174,19 @@ def test_a_line_that_never_bends_is_a_straight_road() -> None:
     ("line", "sentence"),
     [
         ([{"length": 100.0, "radius": "radios"}], r"`radios`.*Did you mean `radius`\?"),
-        ([{"length": 100.0, "radius": "ego_speed"}], "`radius` in the file must be in m, got `ego_speed`"),
-        ([{"length": 100.0, "radious": 100.0}], r"line\[0\]\.radious` in the file\. Did you mean `radius`\?"),
+        (
+            [{"length": 100.0, "radius": "ego_speed"}],
+            "`radius` in the file must be in m, got `ego_speed`",
+        ),
+        (
+            [{"length": 100.0, "radious": 100.0}],
+            r"line\[0\]\.radious` in the file\. Did you mean `radius`\?",
+        ),
         ([{"length": 100.0, "radius": 0.0}], "must be a number other than 0 m"),
-        ([{"length": 100.0, "radius": 300.0, "end_radius": 100.0}], "either `radius` or `begin_radius`"),
+        (
+            [{"length": 100.0, "radius": 300.0, "end_radius": 100.0}],
+            "either `radius` or `begin_radius`",
+        ),
         (
             [{"length": 100.0}, {"length": 20.0, "radius": 6.0}],
             "piece 2 .*so that the ego can drive its innermost",
@@ -161,7 +195,9 @@ def test_a_line_that_never_bends_is_a_straight_road() -> None:
         ([{"length": -1.0}], "length"),
     ],
 )
-def test_a_road_that_nobody_can_drive_along_is_refused_in_one_sentence(line: list[Any], sentence: str) -> None:
+def test_a_road_that_nobody_can_drive_along_is_refused_in_one_sentence(
+    line: list[Any], sentence: str
+) -> None:
     with pytest.raises(InputError, match=sentence):
         read(line=line)
 

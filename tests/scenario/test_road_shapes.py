@@ -1,4 +1,5 @@
-"""Roads whose lanes open, end, are ramps or are crossed: where they are, what is refused, what SUMO is given."""
+"""Roads whose lanes open, end, are ramps or are crossed: where they are, what is refused, what SUMO
+is given."""
 
 from __future__ import annotations
 
@@ -38,12 +39,26 @@ def read(**changes: Any) -> LogicalScenario:
 
 def test_the_edge_moves_in_a_straight_line_over_the_taper() -> None:
     road = read().road
-    # lane 0 (y -1.75..1.75) is whole until 300 m and gone at 350 m; at 325 m half of its 3.5 m are left
-    assert road.right_edge_at([0.0, 300.0, 325.0, 350.0, 800.0]).tolist() == [-1.75, -1.75, 0.0, 1.75, 1.75]
+    # lane 0 (y -1.75..1.75) is whole until 300 m and gone at 350 m; at 325 m half of its 3.5 m are
+    # left
+    assert road.right_edge_at([0.0, 300.0, 325.0, 350.0, 800.0]).tolist() == [
+        -1.75,
+        -1.75,
+        0.0,
+        1.75,
+        1.75,
+    ]
     assert road.left_edge_at([0.0, 325.0]).tolist() == [8.75, 8.75]
     assert (road.lanes_at(100.0), road.lanes_at(310.0)) == ((0, 1, 2), (1, 2))
-    opens = read(road={"lanes": 2, "length": 900.0, "lane": [{"lane": 1, "begin": 200.0, "taper": 40.0}]}).road
-    assert opens.left_edge_at([100.0, 160.0, 190.0, 200.0]).tolist() == [1.75, 1.75, 1.75 + 3.5 * 0.75, 5.25]
+    opens = read(
+        road={"lanes": 2, "length": 900.0, "lane": [{"lane": 1, "begin": 200.0, "taper": 40.0}]}
+    ).road
+    assert opens.left_edge_at([100.0, 160.0, 190.0, 200.0]).tolist() == [
+        1.75,
+        1.75,
+        1.75 + 3.5 * 0.75,
+        5.25,
+    ]
 
 
 def test_the_seven_points_of_d_stay_on_the_road_where_a_lane_has_ended() -> None:
@@ -63,23 +78,37 @@ def test_sections_are_edges_and_a_ramp_is_one_of_its_own_beside_them() -> None:
     assert lanes["road0_0"] == "0.00,3.50 120.00,3.50"
     assert lanes["road1_0"] == "120.00,0.00 300.00,0.00"
     assert lanes["road2_0"] == "300.00,3.50 900.00,3.50"
-    links = {(it.get("from"), it.get("fromLane"), it.get("to"), it.get("toLane")) for it in net.iter("connection")}
+    links = {
+        (it.get("from"), it.get("fromLane"), it.get("to"), it.get("toLane"))
+        for it in net.iter("connection")
+    }
     assert ("ramp0", "0", "road1", "0") in links
     assert ("road1", "1", "road2", "0") in links
-    assert not any(one == "road1" and lane == "0" for one, lane, _, _ in links)  # it ends: who is there has to merge
+    # it ends: who is there has to merge
+    assert not any(one == "road1" and lane == "0" for one, lane, _, _ in links)
     assert vehicle_edges(road, 0.0, 3.5) == ("ramp0", "road1", "road2")
     assert vehicle_edges(road, 3.5) == ("road0", "road1", "road2")
 
 
 def test_lanes_that_open_and_end_follow_a_bend_and_meet_where_their_sections_do() -> None:
-    road = read(road={"lanes": 3, "length": 900.0, "lane": [RAMP], "line": [{"length": 800.0, "radius": 250.0}]}).road
+    road = read(
+        road={
+            "lanes": 3,
+            "length": 900.0,
+            "lane": [RAMP],
+            "line": [{"length": 800.0, "radius": 250.0}],
+        }
+    ).road
     net = etree.fromstring(network_xml(road).encode())
     lanes = {
         str(it.get("id")): np.array([p.split(",") for p in str(it.get("shape")).split()], float)
         for it in net.iter("lane")
     }
     for lane, d in (("ramp0_0", 0.0), ("road0_0", 3.5), ("road1_2", 7.0)):
-        assert np.abs(np.hypot(lanes[lane][:, 0], lanes[lane][:, 1] - 250.0) - (250.0 - d)).max() < 1e-4
+        assert (
+            np.abs(np.hypot(lanes[lane][:, 0], lanes[lane][:, 1] - 250.0) - (250.0 - d)).max()
+            < 1e-4
+        )
     assert lanes["ramp0_0"][-1].tolist() == lanes["road1_0"][0].tolist()
     assert lanes["road1_1"][-1].tolist() == lanes["road2_0"][0].tolist()
     lengths = {str(it.get("id")): float(str(it.get("length"))) for it in net.iter("lane")}
@@ -87,7 +116,9 @@ def test_lanes_that_open_and_end_follow_a_bend_and_meet_where_their_sections_do(
 
 
 @pytest.mark.parametrize("name", SHAPED)
-def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(name: str, tmp_path: Path) -> None:
+def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(
+    name: str, tmp_path: Path
+) -> None:
     logical = catalogue.SCENARIOS[name]
     concrete = logical.concretes(central_point(logical)[None])[0]
     (tmp_path / "n.xml").write_text(network_xml(logical.road), encoding="utf-8")
@@ -96,7 +127,8 @@ def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(name
     if not sumo.exists():
         pytest.skip("SUMO's program is not beside this Python")
     done = subprocess.run(
-        [str(sumo), "-n", "n.xml", "-r", "r.xml", "--end", "3", "--no-step-log", "--duration-log.disable", "true"],
+        [str(sumo), "-n", "n.xml", "-r", "r.xml", "--end", "3", "--no-step-log",
+            "--duration-log.disable", "true"],
         cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
@@ -128,7 +160,11 @@ def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(
     assert way.length(20.0) == 80.0  # 4 s
     assert way.length(200.0) == by - begin
     start = read(ego={"speed": "v", **ego}).concrete(v=20.0).ego
-    assert start.y_at([begin, begin + 40.0, begin + 80.0]).tolist() == [start.y, start.y + 1.75, start.y + 3.5]
+    assert start.y_at([begin, begin + 40.0, begin + 80.0]).tolist() == [
+        start.y,
+        start.y + 1.75,
+        start.y + 3.5,
+    ]
 
 
 ROAD = {"lanes": 3, "length": 900.0}
@@ -139,27 +175,36 @@ GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"road": {**ROAD, "lane": [{**RAMP, "lane": 1}]}}, "must be 0 or 2, of a road of at least 2 lanes"),
+        ({"road": {**ROAD, "lane": [{**RAMP, "lane": 1}]}}, "must be 0 or 2, of a road of at "
+                                                            "least 2 lanes"),
         ({"road": {**ROAD, "lane": [RAMP, RAMP]}}, "must have lane 0 once"),
         ({"road": {**ROAD, "lane": [{"lane": 0}]}}, "must have a `begin` or an `end`"),
         ({"road": {**ROAD, "lane": [{**RAMP, "end": 890.0}]}}, "must be in order within 0..900 m"),
-        ({"road": {**ROAD, "lane": [{**RAMP, "ramp_until": 310.0}]}}, "must be within 0..300 m, where the lane is"),
-        ({"road": {**ROAD, "lane": [{**RAMP, "ramp_from": 310.0}]}}, "has a `ramp_from`, so it must be one that"),
+        ({"road": {**ROAD, "lane": [{**RAMP, "ramp_until": 310.0}]}}, "must be within 0..300 m, "
+                                                                      "where the lane is"),
+        ({"road": {**ROAD, "lane": [{**RAMP, "ramp_from": 310.0}]}}, "has a `ramp_from`, so it "
+                                                                     "must be one that"),
         ({"road": {**ROAD, "lane": [{**RAMP, "rmp_until": 31.0}]}}, "ramp_until"),
         ({"road": {**ROAD, "crossing": [{"x": 2000.0}]}}, "must be within the road's 900 m"),
         (
             {"road": {**ROAD, "crossing": [{"x": 400.0, "reach": 280.0}], "line": [BEND]}},
-            "`reach` of [[road.crossing]] of t must be at most 270.0 m, 0.9 of the bend's radius there",
+            "`reach` of [[road.crossing]] of t must be at most 270.0 m, 0.9 of the bend's radius "
+            "there",
         ),
-        ({"vehicle": [{"name": "other", "speed": 20.0, "x": 52.0, "y": 0.5}]}, "must be clear of `ego` at the start"),
-        ({"road": {**ROAD, "line": [{**BEND, "radius": 9.0}]}}, "so that the ego can drive its innermost lane"),
-        ({"road": {"network": "a.net.xml", "lane": [RAMP]}}, "shapes a road that is written, and there is one already"),
+        ({"vehicle": [{"name": "other", "speed": 20.0, "x": 52.0, "y": 0.5}]}, "must be clear of "
+                                                                               "`ego` at the start"),
+        ({"road": {**ROAD, "line": [{**BEND, "radius": 9.0}]}}, "so that the ego can drive its "
+                                                                "innermost lane"),
+        ({"road": {"network": "a.net.xml", "lane": [RAMP]}}, "shapes a road that is written, and "
+                                                             "there is one already"),
         ({"ego": {"speed": "v", "change_from": 150.0}}, "so it must have a `goal_lane`"),
         ({"ego": {"speed": "v", "goal_lane": 1}}, "so it must have a `change_from`"),
         ({"ego": {**GOAL, "goal_lane": 7}}, "must be below 3"),
         ({"ego": {**GOAL, "goal_lane": 2}}, "must be a lane beside lane 0"),
-        ({"ego": {**GOAL, "change_from": 100.0}}, "must be within 120..300 m and 20 m apart, where both lanes are"),
-        ({"ego": {**GOAL, "y": 7.0}}, "must have a `change_by`: neither its lane nor the other one ends"),
+        ({"ego": {**GOAL, "change_from": 100.0}}, "must be within 120..300 m and 20 m apart, "
+                                                  "where both lanes are"),
+        ({"ego": {**GOAL, "y": 7.0}}, "must have a `change_by`: neither its lane nor the other "
+                                      "one ends"),
         ({"vehicle": [{"name": "other", "speed": 20.0, "x": 600.0}]}, "must be on a lane"),
     ],
 )  # fmt: skip

@@ -1,4 +1,5 @@
-"""Ways to choose points: each does what its name says, with a seed, and says what constraints took away."""
+"""Ways to choose points: each does what its name says, with a seed, and says what constraints took
+away."""
 
 import itertools
 import math
@@ -10,7 +11,15 @@ import pytest
 from scipy import stats
 
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter, Road, Start, catalogue
+from sumo_eval.scenario import (
+    Approach,
+    Constraint,
+    LogicalScenario,
+    Parameter,
+    Road,
+    Start,
+    catalogue,
+)
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.parts import Definitions, Exposure
 from sumo_eval.scenario.sampling.combinations import tuples_of
@@ -40,7 +49,7 @@ def draw(logical, method, count=64, seed=1, **more):
     return sample(logical, method, request=Request(count=count, seed=seed, danger=danger, **more))
 
 
-# --- every one of them ------------------------------------------------------------------------------------------------
+# --- every one of them ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", DRAWN)
@@ -49,7 +58,8 @@ def test_same_seed_same_points_another_seed_others(method):
     assert first.points.tobytes() == again.points.tobytes()
     assert first.exposure.tobytes() == again.exposure.tobytes()
     assert first.points.tobytes() != other.points.tobytes()
-    assert draw(CUT_IN, method, seed=0).points.tobytes() != first.points.tobytes()  # 0 is a seed like any other
+    # 0 is a seed like any other
+    assert draw(CUT_IN, method, seed=0).points.tobytes() != first.points.tobytes()
 
 
 # Written down once, so that a platform or a version with other digits is noticed.
@@ -80,12 +90,15 @@ def test_what_constraints_exclude_is_kept_apart_and_counted(method):
     assert len(chosen.exposure) == len(chosen.points)
 
 
-# --- combinations -----------------------------------------------------------------------------------------------------
+# --- combinations ---------------------------------------------------------------------------------
 
 
 def held(logical, points, strength, levels):
     """Every combination of `strength` values that points hold, by going through all of them."""
-    axes = [np.unique(np.round(np.linspace(p.low, p.high, levels), 9)).tolist() for p in logical.parameters]
+    axes = [
+        np.unique(np.round(np.linspace(p.low, p.high, levels), 9)).tolist()
+        for p in logical.parameters
+    ]
     return {
         (columns, tuple(round(row[column], 6) for column in columns))
         for row in points.tolist()
@@ -109,7 +122,8 @@ def test_every_possible_combination_of_t_values_is_held_counted_one_by_one(stren
 def test_strength_3_of_five_factors_of_five_holds_all_1250_triples_and_pairwise_is_far_smaller_than_the_grid():
     five = space(*(axis(name) for name in "abcde"))
     triples = sample(five, "combinations", request=Request(strength=3)).points
-    # 5 values each: C(5, 3) * 5^3 = 1250 triples, C(5, 2) * 5^2 = 250 pairs, 3125 points in the grid
+    # 5 values each: C(5, 3) * 5^3 = 1250 triples, C(5, 2) * 5^2 = 250 pairs, 3125 points in the
+    # grid
     assert len(held(five, triples, 3, 5)) == 1250
     pairs = sample(five, "pairwise").points
     assert len(held(five, pairs, 2, 5)) == 250
@@ -129,7 +143,7 @@ def test_impossible_pairs_are_said():
     assert any("pairs of values exist in no possible point" in note for note in chosen.notes)
 
 
-# --- even ones --------------------------------------------------------------------------------------------------------
+# --- even ones ------------------------------------------------------------------------------------
 
 
 def test_a_latin_hypercube_has_one_point_in_each_layer():
@@ -155,7 +169,7 @@ def test_listed_values_are_the_only_ones_drawn():
     assert set(sample(listed).points[:, 0].tolist()) == {0.0, 2.5, 10.0}
 
 
-# --- by exposure ------------------------------------------------------------------------------------------------------
+# --- by exposure ----------------------------------------------------------------------------------
 
 
 def test_drawn_by_exposure_a_parameter_has_its_distribution():
@@ -163,7 +177,9 @@ def test_drawn_by_exposure_a_parameter_has_its_distribution():
     axes = (axis("a", distribution=normal), axis("b"))
     exposure = Exposure(axes, None, Definitions(()))
     points = draw(space(*axes, exposure=exposure), "exposure", 1024).points
-    assert stats.kstest(points[:, 0], lambda x: stats.truncnorm.cdf(x, -3, 7, 0.3, 0.1)).pvalue > 0.05
+    assert (
+        stats.kstest(points[:, 0], lambda x: stats.truncnorm.cdf(x, -3, 7, 0.3, 0.1)).pvalue > 0.05
+    )
     assert stats.kstest(points[:, 1], "uniform").pvalue > 0.05
 
 
@@ -195,7 +211,7 @@ def test_an_exposure_of_nothing_is_refused():
         draw(space(axis("a"), exposure=lambda values: np.zeros(np.shape(values["a"]))), "exposure")
 
 
-# --- the user's own ---------------------------------------------------------------------------------------------------
+# --- the user's own -------------------------------------------------------------------------------
 
 
 def from_file(tmp_path, text, logical=CUT_OUT):
@@ -204,7 +220,9 @@ def from_file(tmp_path, text, logical=CUT_OUT):
 
 
 def test_points_from_a_csv_in_any_order_of_columns(tmp_path):
-    text = "gap,name,ego_speed,obstacle_speed,exposure\n60,x,20,5,0.25\n30,y,10,10,1\n100.5,z,30,0,2\n"
+    text = (
+        "gap,name,ego_speed,obstacle_speed,exposure\n60,x,20,5,0.25\n30,y,10,10,1\n100.5,z,30,0,2\n"
+    )
     chosen = from_file(tmp_path, text)
     assert chosen.points.tolist() == [[20.0, 5.0, 60.0], [30.0, 0.0, 100.5]]
     assert chosen.refused.tolist() == [[10.0, 10.0, 30.0]]  # the obstacle must be slower
@@ -215,7 +233,10 @@ def test_points_from_a_csv_in_any_order_of_columns(tmp_path):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("gap,ego_sped,obstacle_speed\n1,2,3\n", "must have a column `ego_speed`. Did you mean `ego_sped`?"),
+        (
+            "gap,ego_sped,obstacle_speed\n1,2,3\n",
+            "must have a column `ego_speed`. Did you mean `ego_sped`?",
+        ),
         ("gap,ego_speed,obstacle_speed\n", "must have at least one row"),
         ("gap,ego_speed,obstacle_speed\n60,20,\n", "`obstacle_speed` in line 2 of the points"),
         ("gap,ego_speed,obstacle_speed\n60,20,5\n60,nan,5\n", "`ego_speed` in line 3"),
@@ -240,7 +261,8 @@ def test_points_at_shares_exist_where_a_parameter_lists_its_values():
 
 def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_path):
     (tmp_path / "mine.py").write_text(
-        "def corners(space, n, rng):\n    return space.from_unit(rng.integers(0, 2, (n, len(space.names))))\n"
+        "def corners(space, n, rng):\n    return space.from_unit(rng.integers(0, 2, (n, "
+        "len(space.names))))\n"
         "def few(space, n, rng):\n    return space.from_unit(rng.random((n - 1, 3)))\n"
         "def broken(space, n, rng):\n    raise ValueError('no idea')\n"
         "def flat(space, n, rng):\n    return rng.random(n)\n"
@@ -248,20 +270,28 @@ def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_pat
     request = Request(count=20, folder=tmp_path)
     chosen = sample(CUT_OUT, "mine.py:corners", request=request)
     assert set(np.concatenate([chosen.points, chosen.refused])[:, 2].tolist()) == {20.0, 120.0}
-    assert "was asked for 20 points, returned 19" in sample(CUT_OUT, "mine.py:few", request=request).notes[0]
+    assert (
+        "was asked for 20 points, returned 19"
+        in sample(CUT_OUT, "mine.py:few", request=request).notes[0]
+    )
     with pytest.raises(InputError, match="ValueError: no idea"):
         sample(CUT_OUT, "mine.py:broken", request=request)
     with pytest.raises(InputError, match=r"an \(n, 3\) array"):
         sample(CUT_OUT, "mine.py:flat", request=request)
 
 
-# --- what is refused --------------------------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("method", "keys", "sentence"),
     [
-        ("sobol", {}, "`count` of the sampling of scenario `front_vehicle_cut_out` must be a whole number from 1"),
+        (
+            "sobol",
+            {},
+            "`count` of the sampling of scenario `front_vehicle_cut_out` must be a whole number "
+            "from 1",
+        ),
         ("sobol", {"count": 0}, "must be a whole number from 1"),
         (
             "sobol",
@@ -297,12 +327,19 @@ def test_constraints_that_exclude_everything_leave_no_point():
     ("text", "words"),
     [
         ("ego_speed,lead_speed\n20,10,5\n", "Line 2 of the points .* must have 2 values, got more"),
-        ("ego_speed,ego_speed,lead_speed\n20,20,10\n", "must have every column once, got 'ego_speed' twice"),
+        (
+            "ego_speed,ego_speed,lead_speed\n20,20,10\n",
+            "must have every column once, got 'ego_speed' twice",
+        ),
         (f"ego_speed,lead_speed\n{'1' * 5_000},10\n", "must be a number"),
         ("ego_speed,lead_speed\n20\n", "must be a number"),
     ],
 )
-def test_a_list_of_points_with_odd_rows_is_refused_in_a_sentence(tmp_path: Path, text: str, words: str) -> None:
+def test_a_list_of_points_with_odd_rows_is_refused_in_a_sentence(
+    tmp_path: Path, text: str, words: str
+) -> None:
     (tmp_path / "points.csv").write_text(text)
     with pytest.raises(InputError, match=words):
-        from_csv(catalogue.load("front_vehicle_low_speed"), Request(file="points.csv", folder=tmp_path))
+        from_csv(
+            catalogue.load("front_vehicle_low_speed"), Request(file="points.csv", folder=tmp_path)
+        )

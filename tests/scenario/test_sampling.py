@@ -20,9 +20,11 @@ def space(*ranges):
     """A space without constraints: (low, high, step) of a, b, c."""
     return LogicalScenario(
         name="test", about="", source="",
-        parameters=tuple(Parameter(name, *r, "m", "") for name, r in zip("abc", ranges, strict=False)),
+        parameters=tuple(Parameter(name, *r, "m", "") for name,
+            r in zip("abc", ranges, strict=False)),
         constraints=(), road=Road("r", 100.0, 1, 3.5, 0.0),
-        place=lambda v: (Start(10.0, 0.0, 5.0), ()), approach=lambda v: Approach(v["a"], v["a"], v["a"], 0.0),
+        place=lambda v: (Start(10.0, 0.0, 5.0), ()),
+        approach=lambda v: Approach(v["a"], v["a"], v["a"], 0.0),
     )  # fmt: skip
 
 
@@ -34,7 +36,14 @@ def test_the_spaces_own_steps_are_the_default():
 
 
 def test_the_first_parameter_is_the_slowest():
-    assert grid(space((0, 1, 1), (5, 7, 1))).tolist() == [[0, 5], [0, 6], [0, 7], [1, 5], [1, 6], [1, 7]]
+    assert grid(space((0, 1, 1), (5, 7, 1))).tolist() == [
+        [0, 5],
+        [0, 6],
+        [0, 7],
+        [1, 5],
+        [1, 6],
+        [1, 7],
+    ]
 
 
 def test_levels_are_evenly_spaced_and_include_both_ends():
@@ -52,7 +61,8 @@ def test_levels_and_steps_by_name_leave_the_others_their_own_steps():
 
 
 def test_a_tenth_ends_where_it_should_without_a_duplicate():
-    # scenarioxp's trap: adding 0.1 ten times gives 0.9999999999999999 and then 1.0 (or 1.0999999999999999) once more
+    # scenarioxp's trap: adding 0.1 ten times gives 0.9999999999999999 and then 1.0 (or
+    # 1.0999999999999999) once more
     values = grid(space((0.0, 1.0, 0.1))).ravel()
     assert values.tolist() == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
 
@@ -88,7 +98,9 @@ def test_law_levels_start_at_low_end_at_high_and_grow(low, high, levels):
 
 def test_a_step_that_does_not_divide_the_range_is_said():
     chosen = sample(CUT_OUT, steps={"gap": 30.0})
-    assert chosen.notes == ("`gap`: steps of 30 m from 20 do not end at 120; the last point is 110.",)
+    assert chosen.notes == (
+        "`gap`: steps of 30 m from 20 do not end at 120; the last point is 110.",
+    )
     assert np.unique(chosen.points[:, 2]).tolist() == [20.0, 50.0, 80.0, 110.0]
     assert np.unique(chosen.refused[:, 2]).tolist() == [20.0, 50.0, 80.0, 110.0]
 
@@ -106,7 +118,8 @@ def test_possible_and_refused_points_are_the_whole_grid():
     assert not CUT_OUT.feasible(chosen.refused).any()
     merged = np.concatenate([chosen.points, chosen.refused])
     assert {tuple(row) for row in merged} == {tuple(row) for row in grid(CUT_OUT)}
-    # low speed: lead slower than the ego; of 5 x 5 the pairs (10, >=10), (15, >=15), (20, 20): 3 + 2 + 1 are not
+    # low speed: lead slower than the ego; of 5 x 5 the pairs (10, >=10), (15, >=15), (20, 20): 3 +
+    # 2 + 1 are not
     assert (len(sample(LOW_SPEED).points), len(sample(LOW_SPEED).refused)) == (19, 6)
 
 
@@ -119,15 +132,22 @@ def test_points_keep_the_grids_order():
     ("arguments", "sentence"),
     [
         ({"method": "gird"}, "Unknown sampling method `gird`. Did you mean `grid`?"),
-        ({"levels": {"gpa": 3}}, "Unknown parameter `gpa` of scenario `front_vehicle_cut_out`. Did you mean `gap`?"),
+        (
+            {"levels": {"gpa": 3}},
+            "Unknown parameter `gpa` of scenario `front_vehicle_cut_out`. Did you mean `gap`?",
+        ),
         ({"steps": {"ego_sped": 3}}, "Did you mean `ego_speed`?"),
         ({"levels": 1}, "must be a whole number of levels, at least 2, got 1"),
-        ({"levels": {"gap": 1}}, "`gap` of the sampling of scenario `front_vehicle_cut_out` must be a whole number"),
+        (
+            {"levels": {"gap": 1}},
+            "`gap` of the sampling of scenario `front_vehicle_cut_out` must be a whole number",
+        ),
         ({"levels": 2.5}, "must be a whole number of levels, at least 2, got 2.5"),
         ({"levels": True}, "must be a whole number of levels, at least 2, got True"),
         (
             {"steps": {"gap": 0.0}},
-            "`gap` of the sampling of scenario `front_vehicle_cut_out` must be a step greater than 0, got 0.0",
+            "`gap` of the sampling of scenario `front_vehicle_cut_out` must be a step greater "
+            "than 0, got 0.0",
         ),
         ({"steps": {"gap": -5}}, "must be a step greater than 0, got -5"),
         ({"steps": {"gap": float("nan")}}, "must be a step greater than 0, got nan"),
@@ -148,7 +168,8 @@ def test_what_makes_no_grid_is_refused_in_a_sentence(arguments, sentence):
 def test_the_central_point_is_on_the_grid_possible_and_nearest_to_the_centre():
     assert central_point(CUT_OUT).tolist() == [20.0, 10.0, 70.0]
     assert central_point(LOW_SPEED).tolist() == [20.0, 10.0]
-    assert central_point(space((0.0, 3.0, 1.0))).tolist() == [1.0]  # 1 and 2 are as near to 1.5: the first
+    # 1 and 2 are as near to 1.5: the first
+    assert central_point(space((0.0, 3.0, 1.0))).tolist() == [1.0]
 
 
 def test_the_central_point_steps_aside_where_the_centre_is_impossible():
@@ -165,7 +186,8 @@ def test_two_callers_cannot_get_different_grids():
 
 
 def test_the_additive_recurrence_fills_the_box_evenly():
-    """1,000 points over 10 x 10 cells: 10 each on the mean, and nowhere fewer than 6 or more than 14."""
+    """1,000 points over 10 x 10 cells: 10 each on the mean, and nowhere fewer than 6 or more than
+    14."""
     cells = np.floor(steadily(2, 1000) * 10.0).astype(int)
     counts = np.bincount(10 * cells[:, 0] + cells[:, 1], minlength=100)
     assert (counts.min() >= 6, counts.max() <= 14, counts.sum()) == (True, True, 1000)

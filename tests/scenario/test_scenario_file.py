@@ -20,7 +20,9 @@ from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "scenario_file.md"
-EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[0]
+EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[
+    0
+]
 
 
 OPTION = """
@@ -80,11 +82,18 @@ obstacle = "lead"
 """
 
 
-@pytest.mark.parametrize(("speed", "words"), [("4.0", "after 57.5 s"), ("0.0", ""), ('"v"', "after 16.5 s at v=14")])
+@pytest.mark.parametrize(
+    ("speed", "words"), [("4.0", "after 57.5 s"), ("0.0", ""), ('"v"', "after 16.5 s at v=14")]
+)
 def test_check_says_when_a_script_leads_beyond_the_road(tmp_path, speed, words):
-    """(286.4 - 10 - 2.25 - 40 - 4.5) / 4 = 57.4 s, looked at every 0.25 s; an ego that follows is not done by then."""
+    """(286.4 - 10 - 2.25 - 40 - 4.5) / 4 = 57.4 s, looked at every 0.25 s; an ego that follows is
+    not done by then."""
     (tmp_path / "short.toml").write_text(SHORT.replace("SPEED", speed))
-    told = [line for line in check_file(tmp_path / "short.toml") if "comes to the end of the road" in line]
+    told = [
+        line
+        for line in check_file(tmp_path / "short.toml")
+        if "comes to the end of the road" in line
+    ]
     assert len(told) == (1 if words else 0)
     assert all(words in line for line in told)
 
@@ -92,14 +101,17 @@ def test_check_says_when_a_script_leads_beyond_the_road(tmp_path, speed, words):
 def test_the_documented_example_is_short_and_is_checked_sampled_and_driven(file):
     assert len([line for line in EXAMPLE.splitlines() if line.strip()]) <= 30
     # 5 speeds x 3 = 15, less (15, 15), (15, 22.2) and (20, 22.2)
-    assert check_file(file)[1] == "Its own sample has 12 possible points; constraints refuse 3 more."
+    assert (
+        check_file(file)[1] == "Its own sample has 12 possible points; constraints refuse 3 more."
+    )
     logical = catalogue.find("slow_truck.toml", file.parent)
     concrete = logical.concrete(ego_speed=25.0, truck_speed=10.0)
     # 2 s * 25 m/s = 50 m from bumper to bumper, both 4.5 m long
     assert concrete.actors[0].start.x - concrete.ego.x == pytest.approx(54.5)
     assert concrete.actors[0].speed(2.0) == pytest.approx(10.0 - 4.0)
     assert simulate(concrete, "careful_driver").end_reason in ("standstill", "contact")
-    # from 50 m behind a truck that stands after 1 + 2.5 s and 22.5 m, at constant 25 m/s: contact at 72.5 / 25 s
+    # from 50 m behind a truck that stands after 1 + 2.5 s and 22.5 m, at constant 25 m/s: contact
+    # at 72.5 / 25 s
     hit = simulate(concrete, "no_reaction").collision
     assert hit.time == pytest.approx((50 + 10 + 10 * 1.9 - 4 * 1.9**2 / 2) / 25, abs=0.05)
 
@@ -120,7 +132,9 @@ def test_two_readings_are_equal_and_can_be_sent_to_another_process(file):
 
 
 def test_a_value_that_is_not_listed_does_not_exist(file):
-    with pytest.raises(InputError, match=r"`truck_speed` of scenario `slow_truck` must be one of 10, 15, 22.2 m/s"):
+    with pytest.raises(
+        InputError, match=r"`truck_speed` of scenario `slow_truck` must be one of 10, 15, 22.2 m/s"
+    ):
         read_scenario(file).concrete(ego_speed=30.0, truck_speed=12.0)
 
 
@@ -140,7 +154,9 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
     (truck,) = concrete.actors
     assert [(move.begin, move.duration) for move in truck.lateral_moves] == [(1.0, 3.0), (5.0, 3.5)]
     assert (truck.y(4.0), truck.y(20.0)) == (3.5, 0.0)
-    with_exposure = read_scenario(tmp_path / "s.toml").concrete(ego_speed=20.0, truck_speed=15.0).exposure
+    with_exposure = (
+        read_scenario(tmp_path / "s.toml").concrete(ego_speed=20.0, truck_speed=15.0).exposure
+    )
     assert with_exposure / concrete.exposure == pytest.approx(2.5 / 2.0)
 
 
@@ -153,19 +169,23 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ("loc = 27.0", "lok = 27.0", "Did you mean `loc`?"),
         ("scale = 5.0", "scale = -5.0", "does not exist with"),
         ("loc = 27.0, scale = 5.0", "loc = 900.0, scale = 0.1", "possible within 15..35"),
-        ('name = "norm", loc = 27.0, scale = 5.0', 'name = "gamma", loc = 2.0', "must be given `a`"),
+        ('name = "norm", loc = 27.0, scale = '
+         '5.0', 'name = "gamma", loc = 2.0', "must be given `a`"),
         (", deceleration = 4.0", "", "`brake` of vehicle `truck` in scenario file"),
         ("deceleration = 4.0", "deceleration = 4.0, duration = 2.0", "has no `duration`"),
-        ('do = "brake"', 'do = "break"', "must be 'keep_speed', 'brake', 'change_lane', 'move_sideways', 'accelerate'"),
+        ('do = "brake"', 'do = "break"', "must be 'keep_speed', 'brake', 'change_lane', "
+                                         "'move_sideways', 'accelerate'"),
         ('obstacle = "truck"', 'obstacle = "trunk"', "Did you mean `truck`?"),
         ("step = 5.0", "stp = 5.0", "Did you mean `step`?"),
         ("step = 5.0", "", "`step` of parameter `ego_speed`"),
         ("low = 15.0", "low = 35.0", "finite, low < high"),
         ("[10.0, 15.0, 22.2]", "[10.0, 10.0]", "ascending"),
         ("values = [", "step = 1.0\nvalues = [", "must have either low, high and step, or values"),
-        ('gap = "2.0 * ego_speed"', 'gap = "2.0 * ego_speed"\nx = 3.0', "must have either gap, gap_behind or x"),
+        ('gap = "2.0 * ego_speed"', 'gap = "2.0 * ego_speed"\nx = 3.0', "must have either gap, "
+                                                                        "gap_behind or x"),
         ('gap = "2.0 * ego_speed"', 'gap = "open(1)"', "Unknown function"),
-        ('gap = "2.0 * ego_speed"', 'gap = "60 + 1 / (ego_speed - 20)"', "must be finite, got 'inf at ego_speed=20"),
+        ('gap = "2.0 * ego_speed"', 'gap = "60 + 1 / (ego_speed - 20)"', "must be finite, got "
+                                                                         "'inf at ego_speed=20"),
         ('gap = "2.0 * ego_speed"', "gap = 1e5", "on the road"),
         ('speed = "truck_speed"', 'speed = "truck_speed - 11.0"', "finite and at least 0"),
         ('name = "truck"', 'name = "ego"', "a name of its own, got `ego` twice"),
@@ -173,23 +193,32 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ("[ego]", "[end]\nx = 7000.0\n[ego]", "at most the road's length 6000"),
         ("[ego]", "[road]\nnetwork = 'no.net.xml'\n[ego]", "There is no network"),
         ("[zone]", "[zone", "is not valid TOML"),
-        ('name = "slow_truck"', 'name = "slow_truck"\ndefault_sample = "grd"', "Did you mean `grid`?"),
+        ('name = "slow_truck"', 'name = "slow_truck"\ndefault_sample = '
+                                '"grd"', "Did you mean `grid`?"),
         ("truck_speed < ego_speed", "truck_speed > ego_speed + 100", "must have possible points"),
         ("[ego]", OPTION.replace("above", "abov") + "[ego]", "Did you mean `above`?"),
         ("[ego]", OPTION.replace("suffix", "sufix") + "[ego]", "Did you mean `suffix`?"),
-        ("[ego]", OPTION.replace('"reaction"', '"ego_speed"') + "[ego]", "a name of its own, got `ego_speed` twice"),
-        ("[ego]", OPTION.replace('"reaction"', '"re action"') + "[ego]", "letters, digits and underscores"),
+        ("[ego]", OPTION.replace('"reaction"', '"ego_speed"') + "[ego]", "a name of its own, got "
+                                                                         "`ego_speed` twice"),
+        ("[ego]", OPTION.replace('"reaction"', '"re action"') + "[ego]", "letters, digits and "
+                                                                         "underscores"),
         ("[ego]", OPTION.replace("1.0", "inf") + "[ego]", "a finite number"),
         ("[ego]", SAMPLE.replace("each", "eech") + "[ego]", "Did you mean `each`?"),
-        ("[ego]", SAMPLE.replace("truck_speed =", "truck_sped =") + "[ego]", "Did you mean `truck_speed`?"),
+        ("[ego]", SAMPLE.replace("truck_speed =", "truck_sped =") + "[ego]",
+            "Did you mean `truck_speed`?"),
         ("[ego]", SAMPLE.replace("km/h", "km//h") + "[ego]", "Did you mean `km/h`?"),
-        ("[ego]", SAMPLE.replace("units = { ego_speed", "units = { ego_sped") + "[ego]", "Did you mean `ego_speed`?"),
-        ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "ego_sped" }') + "[ego]", "Did you mean `ego_speed`?"),
-        ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "1/(ego_speed-25)" }') + "[ego]", "must be finite, got"),
-        ("[ego]", OPTION.replace('"later"', '""') + "[ego]", "`option[0].given.suffix` in scenario file"),
+        ("[ego]", SAMPLE.replace("units = { ego_speed", "units = { ego_sped") + "[ego]",
+            "Did you mean `ego_speed`?"),
+        ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "ego_sped" }') + "[ego]",
+            "Did you mean `ego_speed`?"),
+        ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "1/(ego_speed-25)" }') + "[ego]",
+            "must be finite, got"),
+        ("[ego]", OPTION.replace('"later"', '""') + "[ego]", "`option[0].given.suffix` in "
+                                                             "scenario file"),
         ("[ego]", SAMPLE.replace("[[90]", "[[90, 3]") + "[ego]", "must be 1 numbers"),
         ("[ego]", SAMPLE + 'columns = ["truck_speed"]\n[ego]', "got `truck_speed` twice"),
-        ("[ego]", SAMPLE.replace(EACH, 'columns = ["ego_speed"]') + "[ego]", "Parameter `truck_speed` of sample `own`"),
+        ("[ego]", SAMPLE.replace(EACH, 'columns = ["ego_speed"]') + "[ego]",
+            "Parameter `truck_speed` of sample `own`"),
     ],
 )  # fmt: skip
 def test_every_mistake_is_a_sentence(file, old, new, sentence):
@@ -203,22 +232,36 @@ def test_every_mistake_is_a_sentence(file, old, new, sentence):
 def test_an_option_is_a_number_that_expressions_know_and_another_scenario_where_it_is_given(file):
     text = EXAMPLE.replace("begin = 1.0", 'begin = "reaction"').replace("[ego]", OPTION + "[ego]")
     file.write_text(text)
-    plain, given = (catalogue.find(f"slow_truck.toml{use}", file.parent) for use in ("", "?reaction=2.5"))
-    brakes = [logical.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].braking.begin for logical in (plain, given)]
+    plain, given = (
+        catalogue.find(f"slow_truck.toml{use}", file.parent) for use in ("", "?reaction=2.5")
+    )
+    brakes = [
+        logical.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].braking.begin
+        for logical in (plain, given)
+    ]
     assert brakes == [1.0, 2.5]
     assert (plain.name, given.name) == ("slow_truck", "slow_truck_later")
     assert (plain.road.lanes, given.road.lanes) == (2, 3)
     assert given.about == "A truck brakes when it is told to."
     assert [option.name for option in plain.options] == ["reaction"]
-    with pytest.raises(InputError, match=r"`reaction` of scenario `slow_truck` must be finite and above 0 s, got -1"):
+    with pytest.raises(
+        InputError,
+        match=r"`reaction` of scenario `slow_truck` must be finite and above 0 s, got -1",
+    ):
         catalogue.find("slow_truck.toml?reaction=-1", file.parent)
     with pytest.raises(InputError, match="Did you mean `reaction`"):
         catalogue.find("slow_truck.toml?reacton=1", file.parent)
 
 
 def test_options_without_a_table_of_their_own_are_named_one_after_the_other(file):
-    options = "".join(f'[[option]]\nname = "{name}"\nunit = "s"\ndefault = 1.0\n' for name in ("first", "second"))
-    file.write_text(EXAMPLE.replace("begin = 1.0", 'begin = "first + second"').replace("[ego]", options + "[ego]"))
+    options = "".join(
+        f'[[option]]\nname = "{name}"\nunit = "s"\ndefault = 1.0\n' for name in ("first", "second")
+    )
+    file.write_text(
+        EXAMPLE.replace("begin = 1.0", 'begin = "first + second"').replace(
+            "[ego]", options + "[ego]"
+        )
+    )
     both = catalogue.find("slow_truck.toml?second=3&first=-0.5", file.parent)
     assert both.name == "slow_truck_first_second"
     assert both.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].braking.begin == 2.5
@@ -228,7 +271,9 @@ def test_a_sample_is_rows_in_other_units_at_each_value_with_the_rest_worked_out(
     file.write_text(EXAMPLE.replace("[ego]", SAMPLE + "[ego]"))
     (own,) = read_scenario(file).samples
     # 90 km/h = 25 m/s, 108 km/h = 30 m/s; the values of `each` are the outer loop
-    assert np.array(own.points) == pytest.approx(np.array([[25, 10], [30, 10], [25, 15], [30, 15]]), rel=1e-15)
+    assert np.array(own.points) == pytest.approx(
+        np.array([[25, 10], [30, 10], [25, 15], [30, 15]]), rel=1e-15
+    )
     worked_out = SAMPLE.replace(EACH, 'set = { truck_speed = "ego_speed - 15.0" }')
     file.write_text(EXAMPLE.replace("[ego]", worked_out + "[ego]"))
     (own,) = read_scenario(file).samples
@@ -240,7 +285,11 @@ def test_a_file_that_declares_no_exposure_has_none(file):
     from sumo_eval.settings import DriverSettings, ExposureSettings
 
     plain = re.sub("distribution = .*", "", EXAMPLE)
-    for text, known in ((EXAMPLE, True), (plain, False), (f'exposure = "ego_speed"\n{plain}', True)):
+    for text, known in (
+        (EXAMPLE, True),
+        (plain, False),
+        (f'exposure = "ego_speed"\n{plain}', True),
+    ):
         file.write_text(text)
         found = exposure_of(read_scenario(file), ExposureSettings(), DriverSettings(), file.parent)
         assert found.known is known
@@ -252,12 +301,16 @@ def test_what_builds_up_may_be_there_at_once_and_nothing_else_is_endless(file):
     (truck,) = read_scenario(file).concrete(ego_speed=25.0, truck_speed=10.0).actors
     assert (truck.lateral_speed(0.0), truck.y(1.0)) == (1.0, 1.0)
     file.write_text(file.read_text().replace("speed = 1.0, offset", 'speed = "1.0 / 0.0", offset'))
-    with pytest.raises(InputError, match=r"speed of `move_sideways` of vehicle `truck` = `1.0 / 0.0` of scenario"):
+    with pytest.raises(
+        InputError, match=r"speed of `move_sideways` of vehicle `truck` = `1.0 / 0.0` of scenario"
+    ):
         read_scenario(file).concrete(ego_speed=25.0, truck_speed=10.0)
 
 
 def test_all_mistakes_of_a_kind_are_named_at_once(file):
-    file.write_text(EXAMPLE.replace("step = 5.0", "stp = 5.0").replace("[ego]", "[ego]\nspede = 3.0"))
+    file.write_text(
+        EXAMPLE.replace("step = 5.0", "stp = 5.0").replace("[ego]", "[ego]\nspede = 3.0")
+    )
     with pytest.raises(InputError) as caught:
         check_file(file)
     assert "`parameter[0].stp`" in str(caught.value)
@@ -265,7 +318,9 @@ def test_all_mistakes_of_a_kind_are_named_at_once(file):
 
 
 def test_what_may_be_a_table_or_a_word_is_refused_in_one_sentence(tmp_path):
-    (tmp_path / "s.toml").write_text('name = "s"\nparameter = []\nego = { speed = 20.0 }\nzone = "nobody"\n')
+    (tmp_path / "s.toml").write_text(
+        'name = "s"\nparameter = []\nego = { speed = 20.0 }\nzone = "nobody"\n'
+    )
     with pytest.raises(InputError) as caught:
         read_scenario(tmp_path / "s.toml")
     assert str(caught.value).endswith("must be a table or 'none', got 'nobody'.")
@@ -284,7 +339,9 @@ def test_schemas_name_every_key_with_its_meaning():
         keys = [entry for table in tables for entry in table["properties"].values()]
         assert all(table["additionalProperties"] is False for table in tables)
         assert sum("description" in entry for entry in keys) > 0.7 * len(keys)
-    assert "bumper" in scenario_schema()["$defs"]["VehicleTable"]["properties"]["gap"]["description"]
+    assert (
+        "bumper" in scenario_schema()["$defs"]["VehicleTable"]["properties"]["gap"]["description"]
+    )
 
 
 @pytest.mark.campaign
@@ -293,7 +350,8 @@ def test_the_zone_rule_of_a_file_trains_a_partition(file):
 
     logical = read_scenario(file)
     zones = partition(logical, points=sample(logical).points)
-    assert zones.hazardous(np.array([[35.0, 10.0]])).all()  # 70 m, closing with 25 m/s on a braking truck
+    # 70 m, closing with 25 m/s on a braking truck
+    assert zones.hazardous(np.array([[35.0, 10.0]])).all()
 
 
 UNITS = ["km/h", "kph", "mph", "kmh", "KM/H", "knots", "ft/s", "furlong", "m/s per s", "é", "kilo"]
@@ -304,7 +362,9 @@ def test_a_speed_in_other_units_is_never_driven_as_m_s(tmp_path, unit):
     """8 km/h = 2.22222 m/s; a fuzz of units, of which none may come to a scenario."""
     path = tmp_path / "short.toml"
     path.write_text(SHORT.replace("SPEED", "4.0").replace('unit = "m/s"', f'unit = "{unit}"'))
-    with pytest.raises(InputError, match=r"nit of parameter `v`|nit `.*` of parameter `v`") as refused:
+    with pytest.raises(
+        InputError, match=r"nit of parameter `v`|nit `.*` of parameter `v`"
+    ) as refused:
         read_scenario(path)
     assert unit != "km/h" or "low = 2.22222" in str(refused.value)
 
@@ -314,7 +374,11 @@ def test_a_speed_in_other_units_is_never_driven_as_m_s(tmp_path, unit):
     [
         ('speed = "v"', 'speed = "30 km/h"', "without a unit, got 30 km/h: as m/s write 8.33333"),
         ("gap = 40.0", 'gap = "12 ft"', "without a unit, got 12 ft: as m write 3.6576"),
-        ('unit = "m/s"', 'unit = "m"', "`speed` in scenario file short.toml must be in m/s, got `v`, which is in m"),
+        (
+            'unit = "m/s"',
+            'unit = "m"',
+            "`speed` in scenario file short.toml must be in m/s, got `v`, which is in m",
+        ),
         ("x = 280.0", "x = 5.0", "must be beyond the ego's start, x = 10 m, got 5.0"),
         ("[[vehicle]]", "[vehicle]", "write [[vehicle]], with two brackets"),
         ("[ego]", "[[ego]]", "write [ego], with one bracket"),
@@ -329,7 +393,8 @@ def test_what_is_often_written_gets_the_sentence_that_helps(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("header", "low"), [("v (km/h)", 10.0), ("v [kph]", 10.0), ("v (m/s)", 36.0), ("v", 36.0), ("v (s)", None)]
+    ("header", "low"),
+    [("v (km/h)", 10.0), ("v [kph]", 10.0), ("v (m/s)", 36.0), ("v", 36.0), ("v (s)", None)],
 )
 def test_points_of_a_table_come_in_the_unit_of_its_head(tmp_path, header, low):
     """36 km/h = 10 m/s, within 8..14; 36 m/s is not."""
@@ -352,5 +417,6 @@ def test_a_vehicle_that_left_is_told_in_row_and_report(tmp_path, monkeypatch):
     assert {case.status for case in done.cases} == {"ok"}
     assert all("actor_left_the_network x1" in case.clips for case in done.cases)
     told = [line for line in closing_lines(done) if "reached the end of the network" in line]
-    assert told == ["idm in short: In 2 cases an actor reached the end of the network and left it; the case "
+    assert told == ["idm in short: In 2 cases an actor reached the end of the network and left "
+                    "it; the case "
                     "continued without it (clip `actor_left_the_network`)."]  # fmt: skip

@@ -30,19 +30,24 @@ from sumo_eval.scenario.concrete import ConcreteScenario, smooth_step, smooth_st
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
-LOW_SPEED, CUT_OUT = catalogue.load("front_vehicle_low_speed"), catalogue.load("front_vehicle_cut_out")
+LOW_SPEED, CUT_OUT = (
+    catalogue.load("front_vehicle_low_speed"),
+    catalogue.load("front_vehicle_cut_out"),
+)
 ALL = sorted(catalogue.SCENARIOS.values(), key=lambda logical: logical.name)
 each = pytest.mark.parametrize("logical", ALL, ids=lambda logical: logical.name)
 
 
-# --- what ships -------------------------------------------------------------------------------------------------------
+# --- what ships -----------------------------------------------------------------------------------
 
 
 def test_the_papers_scenarios_ship_with_the_agreed_parameters():
     agreed = {
-        "front_vehicle_low_speed": [("ego_speed", 10, 30, 5, "m/s"), ("lead_speed", 0, 20, 5, "m/s")],
+        "front_vehicle_low_speed": [("ego_speed", 10, 30, 5, "m/s"),
+            ("lead_speed", 0, 20, 5, "m/s")],
         "front_vehicle_cut_out": [
-            ("ego_speed", 10, 30, 5, "m/s"), ("obstacle_speed", 0, 20, 5, "m/s"), ("gap", 20, 120, 10, "m"),
+            ("ego_speed", 10, 30, 5, "m/s"), ("obstacle_speed", 0, 20, 5, "m/s"),
+            ("gap", 20, 120, 10, "m"),
         ],
     }  # fmt: skip
     for name, parameters in agreed.items():
@@ -64,13 +69,16 @@ def test_the_default_steps_end_where_the_range_ends(logical):
 
 
 def test_an_unknown_scenario_is_answered_with_the_nearest_name():
-    with pytest.raises(InputError, match=r"Unknown logical scenario .* Did you mean `front_vehicle_cut_out`"):
+    with pytest.raises(
+        InputError, match=r"Unknown logical scenario .* Did you mean `front_vehicle_cut_out`"
+    ):
         catalogue.load("front_vehicle_cutout")
 
 
 def test_a_scenario_may_be_a_module_or_a_file_of_the_users(tmp_path):
     (tmp_path / "mine.py").write_text(
-        "from sumo_eval.scenario.catalogue import load\nMINE = load('front_vehicle_cut_out')\nOTHER = 3\n"
+        "from sumo_eval.scenario.catalogue import load\nMINE = "
+        "load('front_vehicle_cut_out')\nOTHER = 3\n"
     )
     assert catalogue.find("mine.py:MINE", tmp_path) is CUT_OUT
     assert catalogue.find("front_vehicle_cut_out") is CUT_OUT
@@ -78,7 +86,7 @@ def test_a_scenario_may_be_a_module_or_a_file_of_the_users(tmp_path):
         catalogue.find("mine.py:OTHER", tmp_path)
 
 
-# --- where everybody starts -------------------------------------------------------------------------------------------
+# --- where everybody starts -----------------------------------------------------------------------
 
 
 def test_low_speed_starts_3_5_s_of_ego_speed_behind_the_lead():
@@ -86,7 +94,12 @@ def test_low_speed_starts_3_5_s_of_ego_speed_behind_the_lead():
     (lead,) = concrete.actors
     # 3.5 * 20 = 70 m from bumper to bumper: centres 70 + 4.5 m apart
     assert lead.start.x - concrete.ego.x == pytest.approx(74.5)
-    assert (concrete.ego.speed, lead.start.speed, concrete.ego.y, lead.start.y) == (20.0, 5.0, 0.0, 0.0)
+    assert (concrete.ego.speed, lead.start.speed, concrete.ego.y, lead.start.y) == (
+        20.0,
+        5.0,
+        0.0,
+        0.0,
+    )
     assert lead.lateral_moves == ()
 
 
@@ -111,10 +124,13 @@ def test_cut_out_keeps_the_lead_nearer_where_there_is_less_room():
 def test_every_concrete_scenario_starts_within_the_road_and_apart(logical):
     for concrete in logical.concretes(sample(logical).points):
         bodies = sorted(
-            [Actor("ego", concrete.ego, length=ego_length(concrete)), *concrete.actors], key=lambda body: body.start.x
+            [Actor("ego", concrete.ego, length=ego_length(concrete)), *concrete.actors],
+            key=lambda body: body.start.x,
         )
         assert 0.0 < concrete.ego.x < logical.road.length
-        assert all(0.0 < body.start.x < logical.road.length + logical.road.run_out for body in bodies)
+        assert all(
+            0.0 < body.start.x < logical.road.length + logical.road.run_out for body in bodies
+        )
         for a, b in itertools.pairwise(bodies):
             if a.start.y == b.start.y:
                 assert b.start.x - a.start.x >= (a.length + b.length) / 2 - 1e-9
@@ -125,7 +141,9 @@ def ego_length(concrete):
     return concrete.ego_vehicle(VehicleSettings()).length
 
 
-@pytest.mark.parametrize("logical", [it for it in ALL if it.approach is not None], ids=lambda logical: logical.name)
+@pytest.mark.parametrize(
+    "logical", [it for it in ALL if it.approach is not None], ids=lambda logical: logical.name
+)
 def test_the_approach_describes_what_is_placed(logical):
     points = sample(logical).points
     approach = logical.approach(logical.columns(points))
@@ -157,9 +175,15 @@ def test_the_regulations_and_consumer_tests_scenarios_ship_with_the_agreed_param
 
 
 def test_a_cut_in_begins_1_6_m_beside_the_ego_and_ends_on_its_lane_centre():
-    concrete = catalogue.load("cut_in").concrete(ego_speed=60 / 3.6, cut_in_speed=20 / 3.6, gap=30.0, lateral_speed=0.8)
+    concrete = catalogue.load("cut_in").concrete(
+        ego_speed=60 / 3.6, cut_in_speed=20 / 3.6, gap=30.0, lateral_speed=0.8
+    )
     (other,) = concrete.actors
-    assert (concrete.ego_body.length, concrete.ego_body.width) == (other.length, other.width) == (4.3, 1.9)
+    assert (
+        (concrete.ego_body.length, concrete.ego_body.width)
+        == (other.length, other.width)
+        == (4.3, 1.9)
+    )
     assert other.start.x - concrete.ego.x - 4.3 == pytest.approx(30.0)
     assert other.y(0.0) - 1.9 == pytest.approx(1.6)
     assert other.y(2.0) == pytest.approx(1.9)  # 1.6 m later the bodies begin to overlap
@@ -167,9 +191,21 @@ def test_a_cut_in_begins_1_6_m_beside_the_ego_and_ends_on_its_lane_centre():
 
 
 def test_a_braking_lead_and_a_cut_out_by_hand():
-    (lead,) = catalogue.load("front_vehicle_braking").concrete(ego_speed=20, headway=2, lead_deceleration=5).actors
-    assert (lead.start.x, lead.start.speed, lead.braking) == (50.0 + 40.0 + 4.3, 20.0, brake_to_stop(0.0, 5.0))
-    first, obstacle = catalogue.load("r157_cut_out").concrete(ego_speed=20, obstacle_gap=30, lateral_speed=1).actors
+    (lead,) = (
+        catalogue.load("front_vehicle_braking")
+        .concrete(ego_speed=20, headway=2, lead_deceleration=5)
+        .actors
+    )
+    assert (lead.start.x, lead.start.speed, lead.braking) == (
+        50.0 + 40.0 + 4.3,
+        20.0,
+        brake_to_stop(0.0, 5.0),
+    )
+    first, obstacle = (
+        catalogue.load("r157_cut_out")
+        .concrete(ego_speed=20, obstacle_gap=30, lateral_speed=1)
+        .actors
+    )
     assert first.start.x == pytest.approx(50.0 + 40.0 + 4.3)  # 2 s of 20 m/s
     assert obstacle.start.x - first.start.x - 4.3 == pytest.approx(30.0)
     assert (first.y(1.0), obstacle.start.speed) == (1.0, 0.0)
@@ -177,16 +213,27 @@ def test_a_braking_lead_and_a_cut_out_by_hand():
 
 def test_the_targets_offset_by_hand():
     ccrs = catalogue.load("ncap_ccrs")
-    offset = {o: ccrs.concrete(ego_speed=10.0, overlap=o).actors[0].start.y for o in (-1.0, 1.0, 0.5, -0.5, 0.75)}
+    offset = {
+        o: ccrs.concrete(ego_speed=10.0, overlap=o).actors[0].start.y
+        for o in (-1.0, 1.0, 0.5, -0.5, 0.75)
+    }
     # half of the ego's 1.8 m faces the 1.712 m target when the centres are 1.756 - 0.9 m apart
     assert offset == pytest.approx({-1.0: 0.0, 1.0: 0.0, 0.5: 0.856, -0.5: -0.856, 0.75: 0.406})
 
 
 def test_a_prescribed_ego_body_and_time_limit_take_the_settings_place():
-    concrete = catalogue.load("cut_in").concrete(ego_speed=20, cut_in_speed=10, gap=30, lateral_speed=1)
-    given = SimulationSettings(time_limit=150.0, vehicle=VehicleSettings(length=4.5, width=1.8, wheelbase=2.5))
+    concrete = catalogue.load("cut_in").concrete(
+        ego_speed=20, cut_in_speed=10, gap=30, lateral_speed=1
+    )
+    given = SimulationSettings(
+        time_limit=150.0, vehicle=VehicleSettings(length=4.5, width=1.8, wheelbase=2.5)
+    )
     inside = concrete.simulation(given)
-    assert (inside.vehicle.length, inside.vehicle.width, inside.vehicle.wheelbase) == (4.3, 1.9, 2.5)
+    assert (inside.vehicle.length, inside.vehicle.width, inside.vehicle.wheelbase) == (
+        4.3,
+        1.9,
+        2.5,
+    )
     assert inside.time_limit == 35.0
     assert concrete.simulation(SimulationSettings(time_limit=5.0)).time_limit == 5.0
     assert concrete.simulation(inside) == inside
@@ -202,7 +249,8 @@ MATRIX = Path(__file__).parents[3] / "shared" / "data" / "r157" / "ncap_c2c_matr
 @pytest.mark.parametrize("name", ["ccrs", "ccrm", "ccrb"])
 def test_the_named_samples_are_the_euro_ncap_matrices(name, edition):
     logical = catalogue.load(f"ncap_{name}")
-    location = {"0": -0.5, "25": -0.75, "50": 1.0, "75": 0.75, "100": 0.5}  # of the impact, in the 2026 edition
+    # of the impact, in the 2026 edition
+    location = {"0": -0.5, "25": -0.75, "50": 1.0, "75": 0.75, "100": 0.5}
     wanted = set()
     with MATRIX.open() as file:
         for row in csv.DictReader(file):
@@ -214,7 +262,10 @@ def test_the_named_samples_are_the_euro_ncap_matrices(name, edition):
             if name == "ccrm":
                 point.append(float(row["gvt_speed_kmh"]) / 3.6)
             if name == "ccrb":
-                point += [float(row["headway_m"] or float(row["headway_s"]) * ego), float(row["gvt_decel_mps2"])]
+                point += [
+                    float(row["headway_m"] or float(row["headway_s"]) * ego),
+                    float(row["gvt_decel_mps2"]),
+                ]
             wanted.add(tuple(round(value, 9) for value in point))
     chosen = sample(logical, f"ncap_{edition}")
     assert {tuple(row) for row in chosen.points.round(9).tolist()} == wanted
@@ -228,13 +279,18 @@ def test_a_named_sample_has_no_levels_and_levels_mean_the_grid():
     logical = catalogue.load("ncap_ccrs")
     with pytest.raises(InputError, match="Sample `ncap_2023` of scenario `ncap_ccrs` is a list"):
         sample(logical, "ncap_2023", levels=2)
-    with pytest.raises(InputError, match=r"Unknown sampling method `ncap_2025`. Did you mean `ncap_202"):
+    with pytest.raises(
+        InputError, match=r"Unknown sampling method `ncap_2025`. Did you mean `ncap_202"
+    ):
         sample(logical, "ncap_2025")
-    assert sample(logical, levels=2).points.tolist() == sample(logical, "grid", levels=2).points.tolist()
+    assert (
+        sample(logical, levels=2).points.tolist()
+        == sample(logical, "grid", levels=2).points.tolist()
+    )
     assert len(sample(logical, "grid").points) == 9 * 6
 
 
-# --- refusals ---------------------------------------------------------------------------------------------------------
+# --- refusals -------------------------------------------------------------------------------------
 
 GOOD = {"ego_speed": 20.0, "obstacle_speed": 10.0, "gap": 70.0}
 
@@ -242,22 +298,36 @@ GOOD = {"ego_speed": 20.0, "obstacle_speed": 10.0, "gap": 70.0}
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"gap": 150}, "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150"),
+        (
+            {"gap": 150},
+            "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150",
+        ),
         ({"gap": np.float64(19.0)}, "must be within 20..120 m, got 19.0."),
-        ({"ego_speed": math.nan}, "`ego_speed` of scenario `front_vehicle_cut_out` must be within 10..30 m/s, got nan"),
-        ({"ego_speed": "20"}, "`ego_speed` of scenario `front_vehicle_cut_out` must be a number, got '20'"),
+        (
+            {"ego_speed": math.nan},
+            "`ego_speed` of scenario `front_vehicle_cut_out` must be within 10..30 m/s, got nan",
+        ),
+        (
+            {"ego_speed": "20"},
+            "`ego_speed` of scenario `front_vehicle_cut_out` must be a number, got '20'",
+        ),
         ({"ego_speed": True}, "must be a number, got True"),
-        ({"gpa": 70.0}, "Unknown parameter `gpa` of scenario `front_vehicle_cut_out`. Did you mean `gap`?"),
+        (
+            {"gpa": 70.0},
+            "Unknown parameter `gpa` of scenario `front_vehicle_cut_out`. Did you mean `gap`?",
+        ),
         ({"gap": None}, "must be a number, got None"),
         (
             {"ego_speed": 10.0, "obstacle_speed": 15.0},
-            "The point of scenario `front_vehicle_cut_out` must be one where the obstacle is slower than the ego "
+            "The point of scenario `front_vehicle_cut_out` must be one where the obstacle is "
+            "slower than the ego "
             "(obstacle_speed < ego_speed), got 'ego_speed=10, obstacle_speed=15, gap=70'",
         ),
         (
             {"ego_speed": 30.0, "obstacle_speed": 0.0, "gap": 40.0},
             "must be one where the lead can leave the lane before it reaches the obstacle "
-            "(gap >= 6.5 m + 1.3 s * (ego_speed - obstacle_speed)), got 'ego_speed=30, obstacle_speed=0, gap=40'",
+            "(gap >= 6.5 m + 1.3 s * (ego_speed - obstacle_speed)), got 'ego_speed=30, "
+            "obstacle_speed=0, gap=40'",
         ),
     ],
 )
@@ -268,7 +338,9 @@ def test_a_point_that_is_not_one_is_refused_with_its_sentence(change, sentence):
 
 
 def test_a_missing_parameter_is_named():
-    with pytest.raises(InputError, match="Parameter `gap` of scenario `front_vehicle_cut_out` is missing"):
+    with pytest.raises(
+        InputError, match="Parameter `gap` of scenario `front_vehicle_cut_out` is missing"
+    ):
         CUT_OUT.concrete(ego_speed=20.0, obstacle_speed=10.0)
 
 
@@ -290,11 +362,13 @@ def test_two_vehicles_of_one_name_are_refused():
     road = Road("r", 100.0, 1, 3.5, 0.0)
     for names in (("ego",), ("a", "a")):
         actors = tuple(Actor(name, Start(50.0 + 10 * i, 0.0, 1.0)) for i, name in enumerate(names))
-        with pytest.raises(InputError, match="The names of the vehicles of scenario `s` must be distinct"):
+        with pytest.raises(
+            InputError, match="The names of the vehicles of scenario `s` must be distinct"
+        ):
             ConcreteScenario("s", {}, 1.0, road, Start(10.0, 0.0, 1.0), actors)
 
 
-# --- the space --------------------------------------------------------------------------------------------------------
+# --- the space ------------------------------------------------------------------------------------
 
 
 @each
@@ -324,11 +398,17 @@ def test_feasible_and_columns_take_one_point_as_well_as_many():
     assert CUT_OUT.feasible(point[None]).shape == (1,)
     assert CUT_OUT.feasible(np.broadcast_to(point, (2, 4, 3))).shape == (2, 4)
     assert CUT_OUT.columns(point)["gap"] == 70.0
-    assert list(CUT_OUT.row({"gap": 70.0, "obstacle_speed": 10.0, "ego_speed": 20.0})) == [20.0, 10.0, 70.0]
+    assert list(CUT_OUT.row({"gap": 70.0, "obstacle_speed": 10.0, "ego_speed": 20.0})) == [
+        20.0,
+        10.0,
+        70.0,
+    ]
 
 
 def test_the_box_includes_its_edges():
-    inside = CUT_OUT.in_box([[10.0, 0.0, 20.0], [30.0, 20.0, 120.0], [30.0, 20.0, 120.1], [9.9, 0.0, 20.0]])
+    inside = CUT_OUT.in_box(
+        [[10.0, 0.0, 20.0], [30.0, 20.0, 120.0], [30.0, 20.0, 120.1], [9.9, 0.0, 20.0]]
+    )
     assert inside.tolist() == [True, True, False, False]
 
 
@@ -362,7 +442,7 @@ def test_a_concrete_scenario_travels_to_a_child_process():
     assert again.label == "ego_speed=20, obstacle_speed=10, gap=70"
 
 
-# --- roads and lateral moves ------------------------------------------------------------------------------------------
+# --- roads and lateral moves ----------------------------------------------------------------------
 
 
 def test_the_road_lies_to_the_left_of_its_right_lane():
@@ -373,40 +453,54 @@ def test_the_road_lies_to_the_left_of_its_right_lane():
 
 def test_a_lateral_move_starts_and_ends_at_rest_and_is_half_done_half_way():
     move = lane_change(begin=1.0, duration=4.0, offset=-3.5)
-    assert [motion.lateral(move, t) for t in (0.0, 1.0, 3.0, 5.0, 9.0)] == pytest.approx([0.0, 0.0, -1.75, -3.5, -3.5])
+    assert [motion.lateral(move, t) for t in (0.0, 1.0, 3.0, 5.0, 9.0)] == pytest.approx(
+        [0.0, 0.0, -1.75, -3.5, -3.5]
+    )
     assert [motion.lateral_speed(move, t) for t in (0.0, 1.0, 5.0, 9.0)] == [0.0, 0.0, 0.0, 0.0]
     assert motion.lateral_speed(move, 3.0) == pytest.approx(-3.5 / 4.0 * 1.875)
 
 
 def test_law_the_rate_is_the_derivative_of_the_smooth_step():
     share = np.linspace(0.0, 1.0, 10_001)
-    assert np.gradient(smooth_step(share), share) == pytest.approx(smooth_step_rate(share), abs=1e-3)
+    assert np.gradient(smooth_step(share), share) == pytest.approx(
+        smooth_step_rate(share), abs=1e-3
+    )
     assert np.all(np.diff(smooth_step(share)) >= 0)
 
 
 def test_moves_of_one_vehicle_add_up():
-    actor = Actor("a", Start(0.0, 0.0, 10.0), (lane_change(0.0, 2.0, 3.5), lane_change(3.0, 2.0, -3.5)))
+    actor = Actor(
+        "a", Start(0.0, 0.0, 10.0), (lane_change(0.0, 2.0, 3.5), lane_change(3.0, 2.0, -3.5))
+    )
     assert [actor.y(t) for t in (0.0, 2.0, 2.5, 5.0)] == pytest.approx([0.0, 3.5, 3.5, 0.0])
 
 
 def test_a_move_at_constant_lateral_speed_by_hand():
     move = constant_lateral(begin=1.0, speed=0.5, offset=-3.5)
     assert move.duration == 7.0
-    assert [motion.lateral(move, t) for t in (0.0, 1.0, 3.0, 8.0, 9.0)] == pytest.approx([0.0, 0.0, -1.0, -3.5, -3.5])
+    assert [motion.lateral(move, t) for t in (0.0, 1.0, 3.0, 8.0, 9.0)] == pytest.approx(
+        [0.0, 0.0, -1.0, -3.5, -3.5]
+    )
     assert [motion.lateral_speed(move, t) for t in (0.9, 1.0, 7.9, 8.0)] == [0.0, -0.5, -0.5, 0.0]
 
 
-# --- braking actors ---------------------------------------------------------------------------------------------------
+# --- braking actors -------------------------------------------------------------------------------
 
 
 def test_braking_without_a_ramp_by_hand():
     # 20 m/s, 4 m/s2 from 1 s on: stands after 1 + 5 s and 20 + 50 m
     brake = brake_to_stop(begin=1.0, deceleration=4.0)
     assert brake.begin + motion.time_to_stand(brake, 20.0) == 6.0
-    assert [motion.braked_speed_at(brake, 20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == [20.0, 20.0, 12.0, 0.0, 0.0]
-    assert [motion.braked_distance_at(brake, 20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == pytest.approx(
-        [10.0, 20.0, 52.0, 70.0, 70.0]
-    )
+    assert [motion.braked_speed_at(brake, 20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == [
+        20.0,
+        20.0,
+        12.0,
+        0.0,
+        0.0,
+    ]
+    assert [
+        motion.braked_distance_at(brake, 20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)
+    ] == pytest.approx([10.0, 20.0, 52.0, 70.0, 70.0])
 
 
 def test_braking_with_a_ramp_by_hand():
@@ -427,8 +521,15 @@ def test_braking_that_stands_before_the_ramp_ends_by_hand():
     assert motion.braked_speed_at(brake, 0.5, 9.0) == 0.0
 
 
-@given(st.floats(0.0, 40.0), st.floats(0.5, 10.0), st.floats(1.0, 100.0) | st.just(math.inf), st.floats(0.0, 3.0))
-def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_speed(speed, strength, jerk, begin):
+@given(
+    st.floats(0.0, 40.0),
+    st.floats(0.5, 10.0),
+    st.floats(1.0, 100.0) | st.just(math.inf),
+    st.floats(0.0, 3.0),
+)
+def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_speed(
+    speed, strength, jerk, begin
+):
     brake = brake_to_stop(begin, strength, jerk)
     times = np.linspace(0.0, brake.begin + motion.time_to_stand(brake, speed) + 1.0, 20_001)
     v = np.array([motion.braked_speed_at(brake, speed, time) for time in times.tolist()])
@@ -442,11 +543,22 @@ def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_spee
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: brake_to_stop(0.0, 0.0), "`deceleration` of a brake must be finite and greater than 0 m/s2, got 0.0"),
-        (lambda: brake_to_stop(0.0, 4.0, math.nan), "`jerk` of a brake must be greater than 0 m/s3, got nan"),
-        (lambda: constant_lateral(0.0, 0.0, 3.5), "`speed` of a lateral move must be finite and greater than 0 m/s"),
         (
-            lambda: Actor("a", Start(0.0, 0.0, 10.0), (lane_change(0.0, 3.0, 3.5), brake_to_stop(0.0, 5.0))),
+            lambda: brake_to_stop(0.0, 0.0),
+            "`deceleration` of a brake must be finite and greater than 0 m/s2, got 0.0",
+        ),
+        (
+            lambda: brake_to_stop(0.0, 4.0, math.nan),
+            "`jerk` of a brake must be greater than 0 m/s3, got nan",
+        ),
+        (
+            lambda: constant_lateral(0.0, 0.0, 3.5),
+            "`speed` of a lateral move must be finite and greater than 0 m/s",
+        ),
+        (
+            lambda: Actor(
+                "a", Start(0.0, 0.0, 10.0), (lane_change(0.0, 3.0, 3.5), brake_to_stop(0.0, 5.0))
+            ),
             "The lane changes of vehicle `a` must be over when it stands, at 2.00 s, got 3.0",
         ),
     ],

@@ -28,6 +28,8 @@ def test_a_lane_change_is_the_smooth_step_to_the_last_bit(time, begin, duration,
 def test_a_brake_is_the_braked_motion_to_the_last_bit(time, begin, speed, deceleration):
     brake, since = brake_to_stop(begin, deceleration), time - begin
     assert motion.time_to_stand(brake, speed) == speed / deceleration
-    assert motion.braked_speed_at(brake, speed, time) == float(braked_speed(speed, deceleration, since))
+    assert motion.braked_speed_at(brake, speed, time) == float(
+        braked_speed(speed, deceleration, since)
+    )
     distance = speed * begin + float(braked_distance(speed, deceleration, since))
     assert motion.braked_distance_at(brake, speed, time) == distance

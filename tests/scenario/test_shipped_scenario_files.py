@@ -1,4 +1,5 @@
-"""The shipped scenarios: which there are, and what each of their files comes to, to the last bit."""
+"""The shipped scenarios: which there are, and what each of their files comes to, to the last
+bit."""
 
 from __future__ import annotations
 
@@ -38,7 +39,11 @@ CONTENT = {
     "child_from_behind_parked_cars": ("b6adbea885e0668a", "02c512c9ffce69c9", "6e7de0cba0cbca16"),
     "lane_change_rear": ("df8955c844dd9cf0", "bdfe51a8635e39a7", "eb7ec39ca4e1aaac"),
     "lane_keeping_disturbed": ("0325beb5fa86f477", "e3b0c44298fc1c14", "f778d1e2594a9068"),
-    "lane_keeping_disturbed?radius=250": ("0325beb5fa86f477", "e3b0c44298fc1c14", "fa5d7d2bc422662f"),
+    "lane_keeping_disturbed?radius=250": (
+        "0325beb5fa86f477",
+        "e3b0c44298fc1c14",
+        "fa5d7d2bc422662f",
+    ),
     "oncoming_in_lane": ("10454619fb095d87", "e3b0c44298fc1c14", "126a9d1985585955"),
     "overtaken_and_cut_off": ("b2460f07397be0f4", "c78fa3fc99a0fbae", "35737b9e7c31b1be"),
     "partially_blocked_lane": ("fdb243e3312ddb0a", "8bf4f911e5c9732b", "c2fabe5fe0c0be94"),
@@ -53,7 +58,8 @@ CONTENT = {
     "cut_in?lateral_acceleration=1.5": ("6dc9b9bc63ed8248", "4f7569e89befa892", "f74d71e54d36a8b6"),
     "cut_in?lateral_acceleration=0.4": ("39aff4dd312b1a8a", "88c20fb489aa05b7", "f74d71e54d36a8b6"),
 }
-"""Of each scenario: everybody's starts and scripts, the approaches that zones are computed from, the rest of it.
+"""Of each scenario: everybody's starts and scripts, the approaches that zones are computed from,
+the rest of it.
 
 Every number is a sum, product or quotient of doubles, which IEEE 754 rounds alike everywhere.
 """
@@ -70,20 +76,30 @@ PLAYED = {
     "ramp_merge_cut": "8d56be13c6d3bad7",
     "turn_across_path": "55e5d6e31593a09d",
 }
-"""Of each scenario without a closed form: everything that is placed, and where zones are searched from."""
+"""Of each scenario without a closed form: everything that is placed, and where zones are searched
+from."""
 
 
 def _points(logical: LogicalScenario) -> np.ndarray:
     """500 drawn points of the box, those of the scenario's own samples, and two corners."""
     drawn = logical.from_unit(np.random.default_rng(7).random((500, len(logical.names))))
     listed = [point for own in logical.samples for point in own.points]
-    return np.concatenate([drawn, np.reshape(listed, (-1, len(logical.names))), [logical.low, logical.high]])
+    return np.concatenate(
+        [drawn, np.reshape(listed, (-1, len(logical.names))), [logical.low, logical.high]]
+    )
 
 
 def _numbers(concrete: ConcreteScenario) -> Iterator[float]:
     yield from (concrete.ego.x, concrete.ego.y, concrete.ego.speed, concrete.exposure)
     for actor in concrete.actors:
-        yield from (actor.start.x, actor.start.y, actor.start.speed, actor.length, actor.width, actor.slides)
+        yield from (
+            actor.start.x,
+            actor.start.y,
+            actor.start.speed,
+            actor.length,
+            actor.width,
+            actor.slides,
+        )
         if actor.braking is not None:
             yield from (actor.braking.begin, actor.braking.acceleration, actor.braking.jerk)
         for move in actor.lateral_moves:
@@ -93,7 +109,15 @@ def _numbers(concrete: ConcreteScenario) -> Iterator[float]:
         for act in actor.acts if actor.lively else ():
             if math.isinf(act.begin):
                 continue
-            yield from (act.kind, act.begin, act.duration, act.speed, act.offset, act.acceleration, act.jerk)
+            yield from (
+                act.kind,
+                act.begin,
+                act.duration,
+                act.speed,
+                act.offset,
+                act.acceleration,
+                act.jerk,
+            )
             yield from itertools.chain(*act.table, *act.program)
         if actor.model is not None:
             yield from (actor.model.desired, *(value for _, value in actor.model.numbers))
@@ -105,7 +129,9 @@ def _scripts(logical: LogicalScenario) -> str:
     found = hashlib.sha256(possible.tobytes())
     for concrete in logical.concretes(points[possible]):
         names = [actor.name for actor in concrete.actors]
-        found.update(" ".join([*names, *(float(number).hex() for number in _numbers(concrete))]).encode())
+        found.update(
+            " ".join([*names, *(float(number).hex() for number in _numbers(concrete))]).encode()
+        )
     return found.hexdigest()[:16]
 
 
@@ -113,13 +139,17 @@ def _approaches(logical: LogicalScenario) -> str:
     points = _points(logical)
     if logical.approach is None:
         zone = logical.margin(logical.columns(points)) if logical.margin else np.zeros(0)
-        delays = [logical.search.delay(dict(zip(logical.names, row, strict=True))) for row in points.tolist()] if (
+        delays = [logical.search.delay(dict(zip(logical.names, row,
+            strict=True))) for row in points.tolist()] if (
             logical.search) else []  # fmt: skip
-        return hashlib.sha256(np.asarray(zone).tobytes() + np.array(delays).tobytes()).hexdigest()[:16]
+        return hashlib.sha256(np.asarray(zone).tobytes() + np.array(delays).tobytes()).hexdigest()[
+            :16
+        ]
     approach = logical.approach(logical.columns(points))
     found = hashlib.sha256()
     for part in (
-        approach.ego_speed, approach.obstacle_speed, approach.gap, approach.delay, approach.obstacle_deceleration,
+        approach.ego_speed, approach.obstacle_speed, approach.gap, approach.delay,
+        approach.obstacle_deceleration,
         approach.conflict_begin, approach.passing_length,
     ):  # fmt: skip
         found.update(np.broadcast_to(np.asarray(part, dtype=np.float64), len(points)).tobytes())
@@ -149,7 +179,11 @@ def _rest(logical: LogicalScenario) -> str:
 
 
 def test_the_catalogue_is_the_folder_of_files() -> None:
-    assert set(catalogue.SCENARIOS) == set(scenario_files()) == {use for use in CONTENT if "?" not in use} | set(PLAYED)
+    assert (
+        set(catalogue.SCENARIOS)
+        == set(scenario_files())
+        == {use for use in CONTENT if "?" not in use} | set(PLAYED)
+    )
     assert "front_vehicle" not in catalogue.SCENARIOS
     with pytest.raises(KeyError):
         catalogue.SCENARIOS["front_vehicle"]
@@ -172,21 +206,43 @@ def test_law_a_shipped_scenario_that_is_played_is_what_runs_were_made_with(use: 
     found = hashlib.sha256(f"{search.obstacle} {search.conflict}".encode())
     for concrete in logical.concretes(points[logical.feasible(points)]):
         way = concrete.ego.way
-        numbers = [search.delay(concrete.values), concrete.ego.x, concrete.ego.y, concrete.ego.speed]
+        numbers = [
+            search.delay(concrete.values),
+            concrete.ego.x,
+            concrete.ego.y,
+            concrete.ego.speed,
+        ]
         numbers += [] if way is None else [way.offset, way.begin, way.by]
         for actor in concrete.actors:
-            numbers += [actor.start.x, actor.start.y, actor.start.speed, actor.heading, actor.length, actor.width]
+            numbers += [
+                actor.start.x,
+                actor.start.y,
+                actor.start.speed,
+                actor.heading,
+                actor.length,
+                actor.width,
+            ]
             for act in actor.acts:
-                numbers += [act.kind, act.begin, act.duration, act.speed, act.offset, act.acceleration, act.jerk]
+                numbers += [
+                    act.kind,
+                    act.begin,
+                    act.duration,
+                    act.speed,
+                    act.offset,
+                    act.acceleration,
+                    act.jerk,
+                ]
                 numbers += [value for knot in act.table for value in knot]
         found.update(" ".join(f"{number:.9g}" for number in numbers).encode())
     assert found.hexdigest()[:16] == PLAYED[use]
 
 
 def test_the_zones_of_a_cut_in_see_closing_speed_and_the_gap_left() -> None:
-    # 30 - 10 = 20 m/s; the bodies overlap across after (3.5 - 1.9) / 0.8 = 2 s, when 60 - 20 * 2 = 20 m are left
+    # 30 - 10 = 20 m/s; the bodies overlap across after (3.5 - 1.9) / 0.8 = 2 s, when 60 - 20 * 2 =
+    # 20 m are left
     point = {name: np.array([value]) for name, value in zip(
-        ("ego_speed", "cut_in_speed", "gap", "lateral_speed"), (30.0, 10.0, 60.0, 0.8), strict=True)}  # fmt: skip
+        ("ego_speed", "cut_in_speed", "gap", "lateral_speed"), (30.0, 10.0, 60.0, 0.8),
+        strict=True)}  # fmt: skip
     for use in ("cut_in", "cut_in?lateral_acceleration=1.5"):
         coordinates = catalogue.load(use).zone_coordinates
         assert coordinates is not None
@@ -201,31 +257,55 @@ def test_nobody_declared_an_exposure_for_a_shipped_scenario(name: str) -> None:
     from sumo_eval.settings import DriverSettings, ExposureSettings
 
     settings = ExposureSettings()
-    assert not exposure_of(catalogue.load(name), settings, DriverSettings(), scenario_files()[name].parent).known
+    assert not exposure_of(
+        catalogue.load(name), settings, DriverSettings(), scenario_files()[name].parent
+    ).known
 
 
 @pytest.mark.parametrize(
-    "name", [it if place % 5 == 0 else pytest.param(it, marks=pytest.mark.campaign) for place, it in enumerate(NAMES)]
+    "name",
+    [
+        it if place % 5 == 0 else pytest.param(it, marks=pytest.mark.campaign)
+        for place, it in enumerate(NAMES)
+    ],
 )
 def test_the_check_of_a_shipped_file_counts_its_points(name: str) -> None:
     chosen = sample(catalogue.load(name))
     sentences = check_file(scenario_files()[name])
-    assert f"{len(chosen.points)} possible points; constraints refuse {len(chosen.refused)} more." in sentences[1]
+    assert (
+        f"{len(chosen.points)} possible points; constraints refuse {len(chosen.refused)} more."
+        in sentences[1]
+    )
 
 
 @pytest.mark.parametrize(
     ("use", "sentence"),
     [
-        ("cut_in?lateral_acceleraton=1.5", "Unknown option `lateral_acceleraton` of scenario `cut_in`. Did you mean"),
-        ("cut_in?lateral_acceleration=fast", "of scenario `cut_in` must be a number of m/s2, got 'fast'."),
-        ("cut_in?lateral_acceleration=0", "of scenario `cut_in` must be finite and above 0 m/s2, got 0.0."),
+        (
+            "cut_in?lateral_acceleraton=1.5",
+            "Unknown option `lateral_acceleraton` of scenario `cut_in`. Did you mean",
+        ),
+        (
+            "cut_in?lateral_acceleration=fast",
+            "of scenario `cut_in` must be a number of m/s2, got 'fast'.",
+        ),
+        (
+            "cut_in?lateral_acceleration=0",
+            "of scenario `cut_in` must be finite and above 0 m/s2, got 0.0.",
+        ),
         ("cut_in?lateral_acceleration=inf", "must be finite and above 0 m/s2, got inf."),
         ("cut_in?lateral_acceleration=nan", "must be finite and above 0 m/s2, got nan."),
         ("cut_in?lateral_acceleration", "must be a number of m/s2, got ''."),
         ("cut_in?lateral_acceleration=1&lateral_acceleration=2", "must be given once"),
         ("cut_in?", "Unknown option `` of scenario `cut_in`."),
-        ("r157_cut_out?lateral_acceleration=1.5", "Unknown option `lateral_acceleration` of scenario `r157_cut_out`."),
-        ("cutin?lateral_acceleration=1.5", "Unknown logical scenario `cutin`. Did you mean `cut_in`?"),
+        (
+            "r157_cut_out?lateral_acceleration=1.5",
+            "Unknown option `lateral_acceleration` of scenario `r157_cut_out`.",
+        ),
+        (
+            "cutin?lateral_acceleration=1.5",
+            "Unknown logical scenario `cutin`. Did you mean `cut_in`?",
+        ),
     ],
 )
 def test_a_wrong_option_is_a_sentence(use: str, sentence: str) -> None:
@@ -237,12 +317,17 @@ def test_a_wrong_option_is_a_sentence(use: str, sentence: str) -> None:
 def test_a_scenario_is_read_when_it_is_asked_for_and_once() -> None:
     program = (
         "import sys; read = []\n"
-        "sys.addaudithook(lambda event, given: read.append(str(given[0])) if event == 'open' else None)\n"
+        "sys.addaudithook(lambda event, given: read.append(str(given[0])) if event == 'open' else "
+        "None)\n"
         "from sumo_eval.scenario import catalogue\n"
         "assert 'cut_in' in catalogue.SCENARIOS and len(sorted(catalogue.SCENARIOS)) > 12\n"
         "before = len([name for name in read if name.endswith('.toml')])\n"
-        "assert catalogue.load('ncap_ccrs') is catalogue.SCENARIOS['ncap_ccrs'] is catalogue.find('ncap_ccrs')\n"
-        "print(before, [name.replace(chr(92), '/').split('/')[-1] for name in read if name.endswith('.toml')])"
+        "assert catalogue.load('ncap_ccrs') is catalogue.SCENARIOS['ncap_ccrs'] is "
+        "catalogue.find('ncap_ccrs')\n"
+        "print(before, [name.replace(chr(92), '/').split('/')[-1] for name in read if "
+        "name.endswith('.toml')])"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     assert done.stdout == "0 ['ncap_ccrs.toml']\n"

@@ -28,7 +28,8 @@ PLAIN = Road("plain", 900.0, 2, 3.5, 100.0)
 
 
 def turned(path, *, angle=0.7, shift=(1234.5, -987.0), digits=2, bend=0.0, road=PLAIN):
-    """The package's own straight network, turned and moved, with the two decimals that netconvert writes."""
+    """The package's own straight network, turned and moved, with the two decimals that netconvert
+    writes."""
     root = etree.fromstring(network_xml(road).encode())
     cos, sin = math.cos(angle), math.sin(angle)
 
@@ -37,7 +38,12 @@ def turned(path, *, angle=0.7, shift=(1234.5, -987.0), digits=2, bend=0.0, road=
         for part in text.split():
             x, y = (float(number) for number in part.split(","))
             y += bend * x * (1000.0 - x) / 250_000.0
-            points.append((round(x * cos - y * sin + shift[0], digits), round(x * sin + y * cos + shift[1], digits)))
+            points.append(
+                (
+                    round(x * cos - y * sin + shift[0], digits),
+                    round(x * sin + y * cos + shift[1], digits),
+                )
+            )
         return " ".join(f"{x},{y}" for x, y in points)
 
     for element in root.iter():
@@ -47,8 +53,12 @@ def turned(path, *, angle=0.7, shift=(1234.5, -987.0), digits=2, bend=0.0, road=
                 begin, end = text.split()
                 text = f"{begin} 500.0,{begin.split(',')[1]} {end}"
             element.set("shape", move(text))
-    etree.SubElement(root, "edge", {"id": "side_road", "from": "end", "to": "begin", "priority": "1"}).append(
-        etree.fromstring('<lane id="side_road_0" index="0" speed="13.9" length="20" shape="0,0 20,0"/>')
+    etree.SubElement(
+        root, "edge", {"id": "side_road", "from": "end", "to": "begin", "priority": "1"}
+    ).append(
+        etree.fromstring(
+            '<lane id="side_road_0" index="0" speed="13.9" length="20" shape="0,0 20,0"/>'
+        )
     )
     path.write_bytes(etree.tostring(root))
     return path
@@ -76,7 +86,9 @@ def test_the_road_lies_along_x_with_its_own_lanes(network):
 
 
 def test_a_case_on_a_turned_network_is_the_same_case(network):
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=25.0, obstacle_speed=5.0, gap=60.0)
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(
+        ego_speed=25.0, obstacle_speed=5.0, gap=60.0
+    )
     there = replace(concrete, road=read_road(network, ["road"], 600.0))
     ours, theirs = simulate(concrete, "careful_driver"), simulate(there, "careful_driver")
     assert theirs.error is None
@@ -89,7 +101,9 @@ def test_a_scenario_file_names_the_network_beside_it(tmp_path, network):
     text = scenario_files()["front_vehicle_low_speed"].read_text()
     before, _, rest = text.partition("[road]")
     (tmp_path / "mine.toml").write_text(
-        before + '[road]\nnetwork = "town.net.xml"\nedges = ["road"]\n' + rest[rest.index("[end]") :]
+        before
+        + '[road]\nnetwork = "town.net.xml"\nedges = ["road"]\n'
+        + rest[rest.index("[end]") :]
     )
     concrete = read_scenario(tmp_path / "mine.toml").concrete(ego_speed=20.0, lead_speed=5.0)
     assert concrete.road.name.startswith("town_")
@@ -121,7 +135,10 @@ SIDEWALK = """<net version="1.20">
 <junction id="b" type="dead_end" x="286.40" y="0.00" incLanes="{ids}" intLanes="" shape="286.40,-9.90 286.40,0.00"/>
 </net>
 """  # as netconvert writes it
-LANE = '<lane id="m_{0}" index="{0}" {1} speed="30.00" length="286.40" width="{2}" shape="0.00,{3} 286.40,{3}"/>'
+LANE = (
+    '<lane id="m_{0}" index="{0}" {1} speed="30.00" length="286.40" width="{2}" shape="0.00,{3} '
+    '286.40,{3}"/>'
+)
 
 
 def edge_of(path, *lanes):
@@ -136,14 +153,17 @@ def edge_of(path, *lanes):
 
 
 CAR = ('disallow="pedestrian bicycle"', 3.2)
-NO_CARS = ['allow="pedestrian"', 'allow="bicycle pedestrian"', 'disallow="all"', 'disallow="bicycle passenger"',
+NO_CARS = ['allow="pedestrian"', 'allow="bicycle pedestrian"', 'disallow="all"',
+    'disallow="bicycle passenger"',
            'allow=""']  # fmt: skip
 
 
 @pytest.mark.parametrize("permissions", NO_CARS)
 def test_a_lane_without_cars_is_no_lane_of_the_road(tmp_path, permissions):
     road = read_road(
-        edge_of(tmp_path / "own.net.xml", (permissions, 2.0), CAR, ("", 3.2), (permissions, 1.5)), ["m"], 280.0
+        edge_of(tmp_path / "own.net.xml", (permissions, 2.0), CAR, ("", 3.2), (permissions, 1.5)),
+        ["m"],
+        280.0,
     )
     plain = read_road(edge_of(tmp_path / "bare.net.xml", CAR, CAR), ["m"], 280.0)
     assert (road.lanes, road.lane_width, road.run_out) == (2, 3.2, pytest.approx(6.4))
@@ -162,21 +182,40 @@ def test_a_lane_without_cars_is_no_lane_of_the_road(tmp_path, permissions):
 def test_any_permissions_of_lanes_make_a_road_or_a_sentence(tmp_path, seed):
     """A fuzz of the permissions and widths of lanes."""
     draw = random.Random(seed)
-    classes = [None, "", "all", "passenger", "pedestrian", "bus taxi", "passenger bus", "ignored", "é"]
+    classes = [
+        None,
+        "",
+        "all",
+        "passenger",
+        "pedestrian",
+        "bus taxi",
+        "passenger bus",
+        "ignored",
+        "é",
+    ]
     lanes = []
     for _ in range(draw.randint(1, 4)):
         told = {name: draw.choice(classes) for name in ("allow", "disallow")}
-        lanes.append((" ".join(f'{k}="{v}"' for k, v in told.items() if v is not None), draw.choice([3.2, 3.2, 2.0])))
+        lanes.append(
+            (
+                " ".join(f'{k}="{v}"' for k, v in told.items() if v is not None),
+                draw.choice([3.2, 3.2, 2.0]),
+            )
+        )
     path = edge_of(tmp_path / "own.net.xml", *lanes)
     with contextlib.suppress(InputError):
         assert 1 <= read_road(path, ["m"], 280.0).lanes <= len(lanes)
 
 
-@pytest.mark.parametrize("index", ["nan", "1e308", "-1", "", "9" * 5_000], ids=lambda index: index[:9])
+@pytest.mark.parametrize(
+    "index", ["nan", "1e308", "-1", "", "9" * 5_000], ids=lambda index: index[:9]
+)
 def test_lane_index_that_is_no_small_number_is_refused(tmp_path, index):
     path = edge_of(tmp_path / "own.net.xml", CAR, CAR)
     path.write_text(path.read_text().replace('index="1"', f'index="{index}"'))
-    with pytest.raises(InputError, match="The index of lane 'm_1' must be a whole number of at most 3 digits, got"):
+    with pytest.raises(
+        InputError, match="The index of lane 'm_1' must be a whole number of at most 3 digits, got"
+    ):
         read_road(path, ["m"], 280.0)
 
 
@@ -186,20 +225,33 @@ def test_lanes_of_different_widths_are_told_one_by_one(tmp_path):
         read_road(path, ["m"], 280.0)
 
 
-LED = ConcreteScenario("led", {}, 1.0, PLAIN, Start(210.0, 0.0, 10.0), (Actor("lead", Start(240.0, 0.0, 4.0)),))
+LED = ConcreteScenario(
+    "led", {}, 1.0, PLAIN, Start(210.0, 0.0, 10.0), (Actor("lead", Start(240.0, 0.0, 4.0)),)
+)
 
 
 def test_a_vehicle_at_the_end_of_the_network_leaves_it(tmp_path):
-    """Its front, 2.25 m before its centre, is 0.1 m before the end, where SUMO takes vehicles out, after
-    (286.4 - 0.1 - 242.25) / 4 = 11.0 s: whatever drives the ego, the case goes on to its end, and says it.
+    """Its front, 2.25 m before its centre, is 0.1 m before the end, where SUMO takes vehicles out,
+    after
+    (286.4 - 0.1 - 242.25) / 4 = 11.0 s: whatever drives the ego, the case goes on to its end, and
+    says it.
     """
     road = read_road(edge_of(tmp_path / "own.net.xml", CAR, CAR), ["m"], 280.0)
     case = replace(LED, road=road)
     brakes = replace(case, actors=(replace(LED.actors[0], acts=(brake_to_stop(5.0, 0.1),)),))
     played = replace(
-        case, actors=(replace(LED.actors[0], acts=(Act(played_kinds.SPEED, 2.0, speed=6.0, acceleration=1.0),)),)
+        case,
+        actors=(
+            replace(
+                LED.actors[0], acts=(Act(played_kinds.SPEED, 2.0, speed=6.0, acceleration=1.0),)
+            ),
+        ),
     )
-    for one, drivers in ((case, ("idm", policy, tracied, "sumo:IDM")), (brakes, ("idm", tracied)), (played, ("idm",))):
+    for one, drivers in (
+        (case, ("idm", policy, tracied, "sumo:IDM")),
+        (brakes, ("idm", tracied)),
+        (played, ("idm",)),
+    ):
         for driver in drivers:
             found = simulate(one, driver)
             assert found.error is None
@@ -211,20 +263,27 @@ def test_a_vehicle_at_the_end_of_the_network_leaves_it(tmp_path):
     together = replace(case, road=replace(PLAIN, length=280.0, run_out=6.4))
     bend = replace(together, road=replace(together.road, name="bend", line=(arc(290.0, 400.0),)))
     for one in (together, bend):
-        found = simulate_many([one, replace(one, ego=Start(190.0, 0.0, 10.0))], "idm", SimulationSettings())
+        found = simulate_many(
+            [one, replace(one, ego=Start(190.0, 0.0, 10.0))], "idm", SimulationSettings()
+        )
         assert [(it.end_reason, it.error) for it in found] == [("road_end", None)] * 2
         assert all("actor_left_the_network" in {clip.what for clip in it.clips} for it in found)
 
 
 def policy(seen):
-    return 0.3 if seen.lead is None else min(0.15 * (seen.lead.gap - 8.0) + 0.9 * seen.lead.relative_speed, 0.0)
+    return (
+        0.3
+        if seen.lead is None
+        else min(0.15 * (seen.lead.gap - 8.0) + 0.9 * seen.lead.relative_speed, 0.0)
+    )
 
 
 def tracied(traci, ego, time):
     traci.vehicle.setSpeed(ego, 4.0 if "lead" in traci.vehicle.getIDList() else 10.0)
 
 
-BENT = Road("bent", 900.0, 3, 3.5, 100.0, line=(Piece(100.0), Piece(80.0, 0.0, 1 / 250.0), arc(400.0, 250.0)),
+BENT = Road("bent", 900.0, 3, 3.5, 100.0,
+    line=(Piece(100.0), Piece(80.0, 0.0, 1 / 250.0), arc(400.0, 250.0)),
             spans=(LaneSpan(0, end=660.0), LaneSpan(2, begin=420.0)))  # fmt: skip
 
 
@@ -251,16 +310,27 @@ def test_law_a_network_that_bends_is_the_road_along_its_lanes(bent):
 
 
 def test_junction_without_right_of_way_is_refused(tmp_path):
-    """SUMO ends with a segmentation fault where a vehicle comes to one, whatever its type but `unregulated`."""
+    """SUMO ends with a segmentation fault where a vehicle comes to one, whatever its type but
+    `unregulated`."""
     root = etree.fromstring(network_xml(BENT).encode())
-    (junction,) = [it for it in root.iter("junction") if it.get("id") == root.find(".//edge[@id='road1']").get("from")]
+    (junction,) = [
+        it
+        for it in root.iter("junction")
+        if it.get("id") == root.find(".//edge[@id='road1']").get("from")
+    ]
     junction.set("type", "priority")
-    junction.set("incLanes", " ".join(lane.get("id") for lane in root.find(".//edge[@id='road0']").iter("lane")))
+    junction.set(
+        "incLanes",
+        " ".join(lane.get("id") for lane in root.find(".//edge[@id='road0']").iter("lane")),
+    )
     for request in junction.findall("request"):
         junction.remove(request)
     path = tmp_path / "hill.net.xml"
     path.write_bytes(etree.tostring(root))
-    sentence = "must have a <request> for each of its connections.*or be of type `unregulated`: it has none"
+    sentence = (
+        "must have a <request> for each of its connections.*or be of type `unregulated`: it has "
+        "none"
+    )
     with pytest.raises(InputError, match=sentence):
         read_road(path, ["road0", "road1"], 500.0)
     junction.set("type", "unregulated")
@@ -270,7 +340,10 @@ def test_junction_without_right_of_way_is_refused(tmp_path):
 
 def test_edges_that_bend_are_driven_in_their_order(bent):
     for edges, sentence in (
-        (["road0", "road2"], "Edge `road0` of network hill.net.xml must lead to edge `road2`: no lane of it does."),
+        (
+            ["road0", "road2"],
+            "Edge `road0` of network hill.net.xml must lead to edge `road2`: no lane of it does.",
+        ),
         (["road0", "road1", "road2"], "of its edges, got 1200"),
     ):
         with pytest.raises(InputError, match=sentence):
@@ -280,7 +353,9 @@ def test_edges_that_bend_are_driven_in_their_order(bent):
 @pytest.mark.campaign
 def test_corner_that_no_car_can_drive_is_refused(tmp_path):
     corner = turned(tmp_path / "corner.net.xml", bend=800.0)
-    with pytest.raises(InputError, match=r"must be at least 7.5 m, so that the ego can drive its innermost"):
+    with pytest.raises(
+        InputError, match=r"must be at least 7.5 m, so that the ego can drive its innermost"
+    ):
         read_road(corner, ["road"], 600.0)
 
 
@@ -289,7 +364,8 @@ def test_traffic_reacts_on_a_straight_network_too(network, tmp_path):
         'name = "chased"\nzone = "none"\n'
         'parameter = [{ name = "v", unit = "m/s", low = 20.0, high = 30.0, step = 5.0 }]\n'
         'road = { network = "town.net.xml", edges = ["road"] }\nego = { speed = "v", x = 120.0 }\n'
-        'end = { x = 600.0, time = 6.0 }\n[[vehicle]]\nname = "rear"\nspeed = 30.0\ngap_behind = 40.0\n'
+        'end = { x = 600.0, time = 6.0 }\n[[vehicle]]\nname = "rear"\nspeed = 30.0\ngap_behind = '
+        "40.0\n"
         'manoeuvre = [{ do = "follow", model = "IDM" }]\n'
     )
     chased = simulate(read_scenario(tmp_path / "chased.toml").concrete(v=20.0), "no_reaction")
@@ -303,7 +379,8 @@ def test_traffic_reacts_on_a_network_that_bends(bent, tmp_path):
         'parameter = [{ name = "v", unit = "m/s", low = 20.0, high = 30.0, step = 5.0 }]\n'
         f'road = {{ network = "{bent}", edges = ["road0", "road1", "road2"] }}\n'
         'ego = { speed = "v", y = 3.5 }\nend = { x = 600.0 }\n'
-        '[[stream]]\nname = "queue"\nlane = 1\nbegin = 30.0\nend = 160.0\ndensity = 20.0\nspeed = 12.0\n'
+        '[[stream]]\nname = "queue"\nlane = 1\nbegin = 30.0\nend = 160.0\ndensity = 20.0\nspeed = '
+        "12.0\n"
     )
     logical = read_scenario(tmp_path / "hill.toml")
     together = list(simulate_many([logical.concrete(v=v) for v in (20.0, 30.0)], "idm"))
@@ -328,7 +405,9 @@ def test_a_file_that_is_no_network_is_refused(tmp_path):
         read_road(tmp_path / "x.net.xml", ["road"], 600.0)
 
 
-SHAPED = replace(PLAIN, lanes=3, spans=(LaneSpan(0, end=660.0, parted_until=420.0), LaneSpan(2, begin=500.0)))
+SHAPED = replace(
+    PLAIN, lanes=3, spans=(LaneSpan(0, end=660.0, parted_until=420.0), LaneSpan(2, begin=500.0))
+)
 
 
 def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp_path):
@@ -336,18 +415,27 @@ def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp
     names = ["road0", "road1", "road2", "road3"]
     road = read_road(path, names, 900.0)
     assert (road.lanes, road.lane_width) == (3, 3.5)
-    assert [(span.lane, span.closing, span.opening) for span in road.spans] == [(0, 0.0, 0.0), (2, 0.0, 0.0)]
+    assert [(span.lane, span.closing, span.opening) for span in road.spans] == [
+        (0, 0.0, 0.0),
+        (2, 0.0, 0.0),
+    ]
     right, left = road.spans
-    assert (right.begin, right.end) == (pytest.approx(420.0, abs=0.02), pytest.approx(660.0, abs=0.02))
+    assert (right.begin, right.end) == (
+        pytest.approx(420.0, abs=0.02),
+        pytest.approx(660.0, abs=0.02),
+    )
     assert (left.begin, left.end) == (pytest.approx(500.0, abs=0.02), math.inf)
     assert road.right_edge_at([400.0, 430.0, 670.0]).tolist() == [1.75, -1.75, 1.75]
     assert road.left_edge_at([400.0, 510.0]).tolist() == [5.25, 8.75]
     shapes = {
-        lane.get("id"): lane.get("shape") for lane in etree.fromstring(laid_along_x(road.network).encode()).iter("lane")
+        lane.get("id"): lane.get("shape")
+        for lane in etree.fromstring(laid_along_x(road.network).encode()).iter("lane")
     }
     assert {float(part.split(",")[1]) for part in shapes["road0_0"].split()} == {3.5}
     assert {float(part.split(",")[1]) for part in shapes["road2_0"].split()} == {0.0}
-    with pytest.raises(InputError, match="must have the outermost lane that edges before and behind it have"):
+    with pytest.raises(
+        InputError, match="must have the outermost lane that edges before and behind it have"
+    ):
         read_road(path, ["road1", "road3", "road2"], 300.0)
 
 
@@ -356,6 +444,7 @@ def test_a_vehicle_starts_in_the_lane_of_its_edge_where_the_right_hand_one_is_no
     road = read_road(tmp_path / "town.net.xml", ["road0", "road1", "road2", "road3"], 900.0)
     concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=10.0)
     lifted = replace(concrete, road=road, ego=replace(concrete.ego, y=3.5),
-                     actors=tuple(replace(it, start=replace(it.start, y=3.5)) for it in concrete.actors))  # fmt: skip
+                     actors=tuple(replace(it,
+                         start=replace(it.start, y=3.5)) for it in concrete.actors))  # fmt: skip
     with session(lifted, SimulationSettings()) as traci:  # which checks where everybody stands
         assert traci.vehicle.getLaneID("ego") == "road0_0"

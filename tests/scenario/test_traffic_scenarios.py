@@ -20,11 +20,14 @@ def test_ranges_without_a_standard_are_labelled_as_research_ranges(name: str) ->
     assert "research range, not a standard limit" in catalogue.load(name).source.lower()
 
 
-@pytest.mark.parametrize(("ego", "faster"), [(100 / 3.6, 30 / 3.6), (80 / 3.6, 50 / 3.6), (80 / 3.6, 20 / 3.6)])
+@pytest.mark.parametrize(
+    ("ego", "faster"), [(100 / 3.6, 30 / 3.6), (80 / 3.6, 50 / 3.6), (80 / 3.6, 20 / 3.6)]
+)
 def test_oracle_who_brakes_as_un_r79_reckons_is_1_s_behind_exactly_if_the_gap_was_its_distance_s(
     ego: float, faster: float
 ) -> None:
-    # S = dv 0.4 s + dv^2 / (2 3 m/s2) + v 1 s: 130 behind 100 km/h 42.7 m, 130 behind 80 59.9, 100 behind 80 29.6
+    # S = dv 0.4 s + dv^2 / (2 3 m/s2) + v 1 s: 130 behind 100 km/h 42.7 m, 130 behind 80 59.9, 100
+    # behind 80 29.6
     s = faster * 0.4 + faster * faster / 6.0 + ego
     known = {(100, 30): 42.7, (80, 50): 59.9, (80, 20): 29.6}
     assert s == pytest.approx(known[round(ego * 3.6), round(faster * 3.6)], abs=0.06)
@@ -33,10 +36,12 @@ def test_oracle_who_brakes_as_un_r79_reckons_is_1_s_behind_exactly_if_the_gap_wa
     assert margin is not None
     assert float(margin(point)[0]) == pytest.approx(50.0 - s)
     content = {
-        "name": "t", "parameter": [{"name": "gap", "unit": "m", "low": 10.0, "high": 90.0, "step": 10.0}],
+        "name": "t",
+        "parameter": [{"name": "gap", "unit": "m", "low": 10.0, "high": 90.0, "step": 10.0}],
         "ego": {"speed": ego, "x": 150.0}, "end": {"x": 600.0, "time": 8.0}, "zone": "none",
         "vehicle": [{"name": "rear", "speed": ego + faster, "gap_behind": "gap", "manoeuvre": [
-            {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego, "acceleration": 3.0}]}],
+            {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego,
+                "acceleration": 3.0}]}],
     }  # fmt: skip
     logical = scenario_from(content, "t", Path())
     for gap in (s - 0.01, s + 0.01):
@@ -48,8 +53,11 @@ def test_oracle_who_brakes_as_un_r79_reckons_is_1_s_behind_exactly_if_the_gap_wa
 
 
 def test_who_watches_brakes_for_somebody_who_will_be_in_the_path() -> None:
-    # in the path 0.65 s after reaching the lane, 0.85 s and 13 m before an ego at 15 m/s: too late to brake only then
-    concrete = catalogue.load("pedestrian_crossing").concrete(ego_speed=15.0, walking_speed=1.3, time_to_place=1.5)
+    # in the path 0.65 s after reaching the lane, 0.85 s and 13 m before an ego at 15 m/s: too late
+    # to brake only then
+    concrete = catalogue.load("pedestrian_crossing").concrete(
+        ego_speed=15.0, walking_speed=1.3, time_to_place=1.5
+    )
     collisions = {who: simulate(concrete, who).collision for who in ("idm", "attentive")}
     assert collisions["idm"] is not None
     assert collisions["attentive"] is None
@@ -58,7 +66,11 @@ def test_who_watches_brakes_for_somebody_who_will_be_in_the_path() -> None:
 def test_an_ego_that_begins_sideways_comes_back_on_a_bend_as_on_a_straight_road() -> None:
     offsets = []
     for use in ("lane_keeping_disturbed", "lane_keeping_disturbed?radius=500"):
-        found = simulate(catalogue.load(use).concrete(ego_speed=20.0, lateral_speed=0.8), "idm", SimulationSettings())
+        found = simulate(
+            catalogue.load(use).concrete(ego_speed=20.0, lateral_speed=0.8),
+            "idm",
+            SimulationSettings(),
+        )
         assert found.collision is None
         assert found.end_reason == "road_end"
         offsets.append(found.ego.y)

@@ -1,4 +1,5 @@
-"""The driving task: no game of `tools/games.py`, which a safety engineer would not let on a road, is worth driving."""
+"""The driving task: no game of `tools/games.py`, which a safety engineer would not let on a road,
+is worth driving."""
 
 from __future__ import annotations
 
@@ -34,8 +35,11 @@ def test_law_no_game_scores_as_much_as_an_ads_that_ships(games: ModuleType, tmp_
 
 
 @pytest.mark.campaign
-def test_games_over_77_points_are_below_every_car_that_ships(games: ModuleType, tmp_path: Path) -> None:
-    """The bus, at its own braking among cars, collides in as many cases as the raising car gives up."""
+def test_games_over_77_points_are_below_every_car_that_ships(
+    games: ModuleType, tmp_path: Path
+) -> None:
+    """The bus, at its own braking among cars, collides in as many cases as the raising car gives
+    up."""
     done = sumo_eval.evaluate(games.evaluation(games.POINTS, games.entries()), tmp_path / "run")
     assert len(done.cases) == 77 * len(done.settings.ads)
     plus = games.table(done).set_index("ADS")["S+"]

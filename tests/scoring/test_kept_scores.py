@@ -1,4 +1,5 @@
-"""What was computed of a run is kept and taken over to the last digit, while all that it depends on is what it was."""
+"""What was computed of a run is kept and taken over to the last digit, while all that it depends on
+is what it was."""
 
 from __future__ import annotations
 
@@ -68,7 +69,9 @@ def same(one: Evaluation, other: Evaluation) -> bool:
     )
 
 
-def test_a_scored_run_answers_from_what_is_kept(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scored_run_answers_from_what_is_kept(
+    done: Evaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(steps.Scoring, "scores", never)
     again = sumo_eval.score(done.folder)
     assert same(again, done)
@@ -76,22 +79,32 @@ def test_a_scored_run_answers_from_what_is_kept(done: Evaluation, monkeypatch: p
     row = again.cases[-1]
     assert again.case(row.case) == row == list(again.cases_of(row.ads, row.scenario))[-1]
     assert again.case("no such case") is None
-    kept, held = (case_terms(cases, again.settings.method) for cases in (again.cases, list(again.cases)))
+    kept, held = (
+        case_terms(cases, again.settings.method) for cases in (again.cases, list(again.cases))
+    )
     for one in fields(kept):
         np.testing.assert_array_equal(getattr(kept, one.name), getattr(held, one.name))
 
 
-def test_zones_that_this_process_knows_are_those_a_child_computes(done: Evaluation, tmp_path: Path) -> None:
+def test_zones_that_this_process_knows_are_those_a_child_computes(
+    done: Evaluation, tmp_path: Path
+) -> None:
     settings, source = EVALUATION, Path(done.manifest["source_folder"])
     assert zones_are_known(settings, source)
-    again = sumo_eval.evaluate(replace(settings, run=RunSettings(engine="processes")), tmp_path / "known")
+    again = sumo_eval.evaluate(
+        replace(settings, run=RunSettings(engine="processes")), tmp_path / "known"
+    )
     points.ZONES.clear()
-    anew = sumo_eval.evaluate(replace(settings, run=RunSettings(engine="processes")), tmp_path / "anew")
+    anew = sumo_eval.evaluate(
+        replace(settings, run=RunSettings(engine="processes")), tmp_path / "anew"
+    )
     for one in (again, anew):
         assert (one.scores, one.zones, one.ranking) == (done.scores, done.zones, done.ranking)
 
 
-def test_changing_k5_computes_no_field_and_reads_no_drive(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changing_k5_computes_no_field_and_reads_no_drive(
+    done: Evaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compute_nothing(monkeypatch)
     doubled = sumo_eval.score(done.folder, ["method.score.k5=0.5"])
     for before, after in zip(done.scores, doubled.scores, strict=True):
@@ -133,7 +146,8 @@ def test_scoring_that_was_stopped_goes_on_where_it_was(
     monkeypatch.setattr(likeness, "collision_weight", never)
     again = sumo_eval.score(copy)
     assert same(again, done)
-    assert 0 < before < sum(computed) <= max(score.safe_cases for score in done.scores)  # no point twice
+    # no point twice
+    assert 0 < before < sum(computed) <= max(score.safe_cases for score in done.scores)
 
 
 def test_a_damaged_row_is_a_sentence(copy: Path) -> None:
@@ -143,11 +157,15 @@ def test_a_damaged_row_is_a_sentence(copy: Path) -> None:
         list(sumo_eval.score(copy).cases)
 
 
-def test_facts_that_changed_without_a_trace_are_found_by_whoever_reads_the_case(done: Evaluation, copy: Path) -> None:
+def test_facts_that_changed_without_a_trace_are_found_by_whoever_reads_the_case(
+    done: Evaluation, copy: Path
+) -> None:
     facts, case = copy / FACTS, done.cases[0].case
     state = facts.stat()
     with closing(sqlite3.connect(facts)) as connection, connection:
-        connection.execute('UPDATE facts SET simulated_time = simulated_time + 1.0 WHERE "case" = ?', (case,))
+        connection.execute(
+            'UPDATE facts SET simulated_time = simulated_time + 1.0 WHERE "case" = ?', (case,)
+        )
     os.utime(facts, ns=(state.st_atime_ns, state.st_mtime_ns))
     assert facts.stat().st_size == state.st_size
     with pytest.raises(InputError, match=f"`{case}` .* is not as it was recorded"):
@@ -182,11 +200,14 @@ def test_a_run_whose_trajectories_were_let_go_has_the_scores_that_it_had(
     assert (gone, stays) == (drives, set())
     assert same(sumo_eval.score(copy), done)
     lost = next(case for case in done.cases if case.case not in stays and case.index is not None)
-    for refused in (lambda: recorded(copy, lost.case), lambda: sumo_eval.score(copy, ["method.zones.restarts=1",
+    for refused in (lambda: recorded(copy, lost.case),
+        lambda: sumo_eval.score(copy, ["method.zones.restarts=1",
                     "method.anthropomorphic.slice_spacing=7.0"])):  # fmt: skip
         with pytest.raises(InputError, match="were let go after it was scored"):
             refused()
-    lines = explain_case(done_again := sumo_eval.score(copy), zone_partitions(done_again), lost.case)
+    lines = explain_case(
+        done_again := sumo_eval.score(copy), zone_partitions(done_again), lost.case
+    )
     assert any("its trajectories were let go" in line for line in lines)
     compute_nothing(monkeypatch)
     assert sumo_eval.score(copy, ["method.score.k5=0.5"]).scores[0].d == done.scores[0].d
@@ -198,10 +219,15 @@ def test_critical_points_are_collisions_flips_and_the_least_human(
     monkeypatch.setattr(critical, "LEAST_HUMAN", 1)
     logical = catalogue.load("front_vehicle_low_speed")
     row = next(iter(done.cases_of("idm", logical.name)))
-    # along one axis: a collision at 2, to which 1 is nearer than to 0; 6 is the least human-like of the rest
-    speeds, likeness = (10.0, 13.5, 14.0, 20.0, 20.4, 26.0, 26.3), (0.9, 0.9, None, 0.9, 0.9, 0.9, 0.1)
+    # along one axis: a collision at 2, to which 1 is nearer than to 0; 6 is the least human-like of
+    # the rest
+    speeds, likeness = (
+        (10.0, 13.5, 14.0, 20.0, 20.4, 26.0, 26.3),
+        (0.9, 0.9, None, 0.9, 0.9, 0.9, 0.1),
+    )
     cases = tuple(
-        replace(row, case=f"{n}", values={"ego_speed": speed, "lead_speed": 5.0}, collided=n == 2, human_likeness=like,
+        replace(row, case=f"{n}", values={"ego_speed": speed, "lead_speed": 5.0}, collided=n == 2,
+            human_likeness=like,
                 status="collision" if n == 2 else "ok")
         for n, (speed, like) in enumerate(zip(speeds, likeness, strict=True))
     )  # fmt: skip
@@ -212,7 +238,9 @@ def test_critical_points_are_collisions_flips_and_the_least_human(
     assert {number for _, number in found} == {1, 2, 6}
 
 
-def test_the_version_of_a_package_that_reads_scenarios_is_part_of_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_version_of_a_package_that_reads_scenarios_is_part_of_the_key(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     keys = []
     for number in ("1.0", "1.0", "1.1"):
         reader = SimpleNamespace(value="reader:read", dist=SimpleNamespace(version=number))
@@ -235,7 +263,9 @@ def test_a_scenario_file_and_what_it_names_are_part_of_the_key(tmp_path: Path) -
         keys.append(space_key(entry, tmp_path))
     assert len(set(keys)) == 4
     assert space_key(entry, tmp_path) == keys[-1]
-    assert space_key(EVALUATION.scenario[0], tmp_path) == space_key(EVALUATION.scenario[0], tmp_path / "elsewhere")
+    assert space_key(EVALUATION.scenario[0], tmp_path) == space_key(
+        EVALUATION.scenario[0], tmp_path / "elsewhere"
+    )
 
 
 def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done: Evaluation) -> None:
@@ -243,18 +273,24 @@ def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done: Ev
     looking = (
         "import sys\n"
         "from sumo_eval.cli import main\n"
-        "looks = ['report', run], ['explain', run, 'no_such_case'], ['replay', run, case, '--out', out]\n"
+        "looks = ['report', run], ['explain', run, 'no_such_case'], ['replay', run, case, "
+        "'--out', out]\n"
         "for words in (*looks, ['export', run, case, '--out', folder]):\n"
         "    try:\n"
         "        main(words)\n"
         "    except SystemExit:\n"
         "        pass\n"
-        "print(sorted({'libsumo', 'scipy', 'numba', 'pandas', 'sumo_eval.scoring.steps'} & set(sys.modules)))\n"
+        "print(sorted({'libsumo', 'scipy', 'numba', 'pandas', 'sumo_eval.scoring.steps'} & "
+        "set(sys.modules)))\n"
     )
     case = done.cases[0].case
-    names = f"run, case, out = {str(done.folder)!r}, {case!r}, {str(done.folder / 'looked.html')!r}\n"
+    names = (
+        f"run, case, out = {str(done.folder)!r}, {case!r}, {str(done.folder / 'looked.html')!r}\n"
+    )
     names += f"folder = {str(done.folder / 'exported')!r}\n"
-    told = subprocess.run([sys.executable, "-c", names + looking], capture_output=True, text=True, check=True)
+    told = subprocess.run(
+        [sys.executable, "-c", names + looking], capture_output=True, text=True, check=True
+    )
     assert told.stdout.splitlines()[-1] == "[]"
     assert "Unknown case `no_such_case`" in told.stderr
     assert (done.folder / "looked.html").is_file()
@@ -274,7 +310,8 @@ def test_what_was_let_go_is_in_no_digest_and_equal_rules_give_equal_digests(
         with open_store(folder / FACTS, whole=True) as store:
             digests.append(store.digest())
     assert digests[1] == digests[2] != digests[0]
-    compared, differences = verify(copy, 0.2, workers=1)  # by the rows alone: there is nothing else of them
+    # by the rows alone: there is nothing else of them
+    compared, differences = verify(copy, 0.2, workers=1)
     assert compared > 0
     assert differences == []
     case = done.cases[0].case

@@ -1,4 +1,5 @@
-"""A ladder of real ADSs of known order: whoever is no worse in any case and better in one has the higher A."""
+"""A ladder of real ADSs of known order: whoever is no worse in any case and better in one has the
+higher A."""
 
 from __future__ import annotations
 
@@ -41,14 +42,23 @@ def assert_a_orders(table: pd.DataFrame, least: int) -> None:
 def test_five_rungs_stand_in_their_order(ladder: ModuleType) -> None:
     # without the people and the pool of a whole evaluation, which the campaign below has
     Rung = ladder.Rung
-    rungs = (Rung(0.2, 8, 80, 0), Rung(0.6, 8, 80, 0), Rung(1.2, 8, 80, 0), Rung(2.0, 8, 25, 0), Rung(2.0, 4, 25, 0))
+    rungs = (
+        Rung(0.2, 8, 80, 0),
+        Rung(0.6, 8, 80, 0),
+        Rung(1.2, 8, 80, 0),
+        Rung(2.0, 8, 25, 0),
+        Rung(2.0, 4, 25, 0),
+    )
     assert set(rungs) <= set(ladder.RUNGS)
     logical = catalogue.load("front_vehicle_braking")
     corners = logical.from_unit(np.array(list(product((0.0, 1.0), repeat=len(logical.names)))))
     cases = list(logical.concretes(corners))
     ideal, unreacting = severities(cases, "ideal_braking"), severities(cases, "no_reaction")
     driven = [severities(cases, getattr(ladder, rung.identifier)) for rung in rungs]
-    shares = [float(avoided_share(one, ideal, unreacting, np.ones(len(cases)), once(len(cases)))[0]) for one in driven]
+    shares = [
+        float(avoided_share(one, ideal, unreacting, np.ones(len(cases)), once(len(cases)))[0])
+        for one in driven
+    ]
     pairs = 0
     for i, j in permutations(range(len(rungs)), 2):
         gains = driven[j] - driven[i]
@@ -64,7 +74,9 @@ def severities(cases: list[ConcreteScenario], ads: str | type) -> np.ndarray:
     hits = [recording.collision for recording in simulate_many(cases, ads, SETTINGS)]
     return np.array(
         [
-            0.0 if hit is None else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
+            0.0
+            if hit is None
+            else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
             for hit in hits
         ]
     )
@@ -72,7 +84,10 @@ def severities(cases: list[ConcreteScenario], ads: str | type) -> np.ndarray:
 
 def test_a_pair_counts_as_ordered_tied_wrong_or_without_a_score(ladder: ModuleType) -> None:
     better = {"C": 1, "S": 0, "A": 1, "A'": 1, "S+": None}
-    pairs = [ladder.Pair("here", "one", "other", better), ladder.Pair("there", "one", "other", {**better, "S": -1})]
+    pairs = [
+        ladder.Pair("here", "one", "other", better),
+        ladder.Pair("there", "one", "other", {**better, "S": -1}),
+    ]
     table = ladder.table(pairs).set_index(["scenario", "score"])
     assert table.loc[("all", "S")].tolist() == [2, 0, 1, 1, 0]
     assert table.loc[("here", "C")].tolist() == [1, 1, 0, 0, 0]

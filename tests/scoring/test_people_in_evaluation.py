@@ -45,7 +45,8 @@ slice_spacing = 2.0
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """A run in which a thin reference is filled, and one in which it is left out; what each said at the end."""
+    """A run in which a thin reference is filled, and one in which it is left out; what each said at
+    the end."""
     folder = tmp_path_factory.mktemp("people")
     speeds = np.concatenate([np.linspace(29.0, 31.0, 6), np.linspace(20.0, 26.0, 6)])
     write_people(folder / "people.csv", speeds.tolist(), lead_step=0.8)
@@ -53,7 +54,9 @@ def runs(tmp_path_factory):
     for too_thin in ("fill", "leave_out"):
         (folder / "evaluation.toml").write_text(EVALUATION.replace("TOO_THIN", too_thin))
         out = folder / too_thin
-        result = CliRunner().invoke(main, ["run", str(folder / "evaluation.toml"), "--out", str(out), "--workers", "1"])
+        result = CliRunner().invoke(
+            main, ["run", str(folder / "evaluation.toml"), "--out", str(out), "--workers", "1"]
+        )
         assert (out / "cases.csv").is_file(), result.output + repr(result.exception)
         with (out / "cases.csv").open() as file:
             found[too_thin] = out, result, list(csv.DictReader(file))
@@ -69,7 +72,8 @@ def test_recorded_people_are_the_reference_and_a_thin_one_is_filled_and_said(run
     thin = at["lane_changer", 10.0, 0.0]
     assert (thin["drivers"], thin["recorded_drivers"]) == ("4", "0")
     assert (
-        thin["reference_note"] == "Reference too thin: 0 of at least 4 recorded drivers; filled with 4 synthetic ones."
+        thin["reference_note"]
+        == "Reference too thin: 0 of at least 4 recorded drivers; filled with 4 synthetic ones."
     )
     assert "Reference too thin in" in result.output
     page = (out / "report.html").read_text()
@@ -80,13 +84,16 @@ def test_recorded_people_are_the_reference_and_a_thin_one_is_filled_and_said(run
 def test_how_many_recorded_people_stand_behind_the_scores_is_said_everywhere(runs):
     out, result, rows = runs["fill"]
     behind = {
-        (row["ego_speed"], row["lead_speed"]): int(row["recorded_drivers"]) for row in rows if row["zone"] == "safe"
+        (row["ego_speed"], row["lead_speed"]): int(row["recorded_drivers"])
+        for row in rows
+        if row["zone"] == "safe"
     }
     drives, points = sum(behind.values()), sum(number > 0 for number in behind.values())
     assert 0 < points < len(behind)
     (told,) = json.loads((out / "scores.json").read_text())["recorded_people"]
     assert told == {
-        "scenario": "front_vehicle_low_speed", "points": len(behind), "with_people": points, "drives": drives,
+        "scenario": "front_vehicle_low_speed", "points": len(behind), "with_people": points,
+        "drives": drives,
     }  # fmt: skip
     sentence = f"{points} of {len(behind)} safe concrete scenarios, {drives} recorded drives"
     assert sentence in " ".join(result.output.split())
@@ -96,7 +103,9 @@ def test_how_many_recorded_people_stand_behind_the_scores_is_said_everywhere(run
 def test_people_of_references_that_are_left_out_stand_behind_nothing(runs):
     out, _, rows = runs["leave_out"]
     behind = {(row["ego_speed"], row["lead_speed"]): row for row in rows if row["zone"] == "safe"}
-    compared = [int(row["recorded_drivers"]) for row in behind.values() if int(row["recorded_drivers"]) >= 4]
+    compared = [
+        int(row["recorded_drivers"]) for row in behind.values() if int(row["recorded_drivers"]) >= 4
+    ]
     assert any(0 < int(row["recorded_drivers"]) < 4 for row in behind.values())
     (told,) = json.loads((out / "scores.json").read_text())["recorded_people"]
     assert (told["with_people"], told["drives"]) == (len(compared), sum(compared))
@@ -143,8 +152,12 @@ def test_a_scenario_file_names_its_own_event_and_nobody_is_said_to_be_nobody(run
     assert "WARN  recorded people of slow: none match any of its 4 safe points" in result.output
     assert result.exit_code == 0
     # The same file at the speeds of the recording has its people.
-    fast = NOBODY.replace('"slow"', '"fast"').replace("low = 8.0\nhigh = 12.0", "low = 28.0\nhigh = 32.0")
-    (folder / "fast.toml").write_text(fast.replace("low = 2.0\nhigh = 6.0", "low = 13.0\nhigh = 17.0"))
+    fast = NOBODY.replace('"slow"', '"fast"').replace(
+        "low = 8.0\nhigh = 12.0", "low = 28.0\nhigh = 32.0"
+    )
+    (folder / "fast.toml").write_text(
+        fast.replace("low = 2.0\nhigh = 6.0", "low = 13.0\nhigh = 17.0")
+    )
     (folder / "fast_evaluation.toml").write_text(text.replace("SPACE", "fast"))
     result = CliRunner().invoke(main, ["check", str(folder / "fast_evaluation.toml")])
     assert "recorded people of fast: 12 events like it" in result.output
@@ -153,7 +166,9 @@ def test_a_scenario_file_names_its_own_event_and_nobody_is_said_to_be_nobody(run
 
 def test_an_event_s_column_that_does_not_exist_is_refused_in_a_sentence(runs):
     folder = runs["fill"][0].parent
-    (folder / "odd.toml").write_text(NOBODY.replace('"slow"', '"odd"') + 'columns = { lead_speed = "leed_speed" }\n')
+    (folder / "odd.toml").write_text(
+        NOBODY.replace('"slow"', '"odd"') + 'columns = { lead_speed = "leed_speed" }\n'
+    )
     text = EVALUATION.replace("TOO_THIN", "fill").replace("front_vehicle_low_speed", "odd.toml")
     text = text.replace("steps = { ego_speed = 10.0, lead_speed = 15.0 }", "levels = 2")
     (folder / "odd_evaluation.toml").write_text(text)
@@ -166,7 +181,13 @@ def test_an_event_s_column_that_does_not_exist_is_refused_in_a_sentence(runs):
 def test_the_band_of_the_drivers_and_the_manoeuvre_stand_beside_every_index(runs):
     _, _, rows = runs["fill"]
     for row in rows:
-        assert 0.0 <= float(row["human_low"]) <= float(row["human_mean"]) <= float(row["human_high"]) <= 1.0
+        assert (
+            0.0
+            <= float(row["human_low"])
+            <= float(row["human_mean"])
+            <= float(row["human_high"])
+            <= 1.0
+        )
         assert row["manoeuvre"]
         assert 0.0 <= float(row["manoeuvre_share"]) <= 1.0
 
@@ -175,7 +196,12 @@ def test_the_exposure_is_kept_with_the_run_and_unsupported_cases_say_so(runs):
     out, _, rows = runs["fill"]
     kept = json.loads((out / "scores.json").read_text())["exposure"]["front_vehicle_low_speed"]
     assert kept["events"] == 12
-    assert set(kept["held_out_log_likelihood"]) == {"scott", "cross_validated", "single_gaussian", "uniform"}
+    assert set(kept["held_out_log_likelihood"]) == {
+        "scott",
+        "cross_validated",
+        "single_gaussian",
+        "uniform",
+    }
     assert 0.0 < kept["unsupported_share"] <= 1.0
     at = {(float(row["ego_speed"]), float(row["lead_speed"])): row for row in rows}
     assert at[10.0, 0.0]["exposure_note"].startswith("Outside the data's support")
@@ -199,7 +225,9 @@ def test_a_run_is_scored_again_without_its_recordings(runs):
         again = score(out)
     finally:
         (out.parent / "gone.csv").rename(out.parent / "people.csv")
-    assert [case.index for case in again.cases] == pytest.approx([float(row["index"]) for row in rows])
+    assert [case.index for case in again.cases] == pytest.approx(
+        [float(row["index"]) for row in rows]
+    )
 
 
 def test_k6_gives_the_middle_ads_half_of_the_points(runs):
@@ -228,7 +256,9 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
     assert found.correlations["D"] is None  # two scores make no correlation
     assert found.concordance is not None
     assert found.concordance.value == pytest.approx(1.0)
-    result = CliRunner().invoke(main, ["humans", "opinion", str(out), str(path), "--out", str(tmp_path / "plot.html")])
+    result = CliRunner().invoke(
+        main, ["humans", "opinion", str(out), str(path), "--out", str(tmp_path / "plot.html")]
+    )
     assert result.exit_code == 0, result.output
     assert (tmp_path / "plot.html").stat().st_size > 1000
     path.write_text("rater,ads,scenario,score\nann,idm,front_vehicle_low_speed,11\n")
@@ -239,7 +269,9 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
 def test_a_table_of_the_runs_own_people_needs_twenty_of_them_and_the_scores_say_who_judged(runs):
     out, _, _ = runs["fill"]
     for one in score(out, ["method.plausibility.table=recorded"]).scores:
-        (note,) = [words for words in map(score_note, one.notes) if words.startswith("Plausibility")]
+        (note,) = [
+            words for words in map(score_note, one.notes) if words.startswith("Plausibility")
+        ]
         assert note.startswith("Plausibility compares with 213 people on a motorway: the run has ")
     assert not any(isinstance(note, PlausibleTo) for one in score(out).scores for note in one.notes)
 
@@ -248,7 +280,12 @@ def test_the_ranking_under_other_constants(runs):
     out, _, _ = runs["fill"]
     rows = sensitivity(out, lambda stage, done, total: None, constants=("k2", "a"))
     assert sensitivity_lines(rows, by_wheel=False) == [*sensitivity_lines(rows), NO_WHEEL]
-    assert {(row.constant, row.index) for row in rows} == {("k2", "D"), ("k2", "H"), ("a", "S"), ("a", "S+")}
+    assert {(row.constant, row.index) for row in rows} == {
+        ("k2", "D"),
+        ("k2", "H"),
+        ("a", "S"),
+        ("a", "S+"),
+    }
     k2 = [row for row in rows if (row.constant, row.index) == ("k2", "D")]
     assert [row.value for row in k2] == pytest.approx([0.0025, 0.005, 0.01])
     assert k2[1].tau == 1.0

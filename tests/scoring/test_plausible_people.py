@@ -19,7 +19,8 @@ RECORDED_TABLE = PlausibilitySettings(table="recorded")
 
 
 def people(path: Path, count: int, settings: PlausibilitySettings):
-    """Person i follows for 20 s, (1 + i / 10) s behind a lead of 10 m/s that started 3.5 * 20 = 70 m ahead."""
+    """Person i follows for 20 s, (1 + i / 10) s behind a lead of 10 m/s that started 3.5 * 20 = 70
+    m ahead."""
     concrete = LOGICAL.concrete(ego_speed=20.0, lead_speed=10.0)
     time = np.arange(201) / 10.0
     (lead,) = concrete.actors
@@ -29,7 +30,9 @@ def people(path: Path, count: int, settings: PlausibilitySettings):
             x = np.array([lead.x(t) for t in time]) - 0.5 * (lead.length + 4.5) - gap
             drive = Trajectory(time, x, np.zeros(201), speed=np.full(201, 10.0), length=4.5)
             case = Case(0, concrete, "human", f"recorded_{index:02d}", RECORDED)
-            store.add(Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=f"person {index}"))
+            store.add(
+                Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=f"person {index}")
+            )
         return plausible_people(LOGICAL, store, settings)
 
 
@@ -38,14 +41,17 @@ def test_the_default_is_the_people_of_the_motorway_and_says_nothing(tmp_path: Pa
     assert (found.people, found.notes) == (MOTORWAY_PEOPLE, ())
 
 
-def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(tmp_path: Path) -> None:
+def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(
+    tmp_path: Path,
+) -> None:
     found = people(tmp_path / "facts.sqlite", 40, RECORDED_TABLE)
     assert tuple(map(score_note, found.notes)) == (
         "Plausibility compares with 40 recorded drivers of the run (40 drives).",
     )
     assert (found.people.people, found.people.drives) == (40, 40)
     assert found.people.values["min_thw"][0] == pytest.approx(1.0, abs=0.01)
-    assert found.people.share("min_thw", 1.9) == pytest.approx(0.25, abs=0.01)  # ten of forty: 1.0 to 1.9 s
+    # ten of forty: 1.0 to 1.9 s
+    assert found.people.share("min_thw", 1.9) == pytest.approx(0.25, abs=0.01)
     assert found.people.share("min_thw", 0.5) == 0.0
 
 

@@ -34,7 +34,8 @@ SCENE = {
 def drive(y: float = 0.0) -> Trajectory:
     """At 10 m/s for 1 s, then braking with 2 m/s2 for 1 s: 10, 8 m/s at the ends."""
     time = np.array([0.0, 1.0, 2.0])
-    return Trajectory(time=time, x=np.array([0.0, 10.0, 19.0]), y=np.array([0.0, 0.1, y]), heading=np.zeros(3),
+    return Trajectory(time=time, x=np.array([0.0, 10.0, 19.0]), y=np.array([0.0, 0.1, y]),
+        heading=np.zeros(3),
                       speed=np.array([10.0, 10.0, 8.0]), acceleration=np.array([0.0, 0.0, -2.0]),
                       steering_wheel_angle=np.full(3, np.nan), length=4.0, width=1.8)  # fmt: skip
 
@@ -43,7 +44,8 @@ def ahead() -> Trajectory:
     """Its rear is 16, 10 and 5 m ahead of that one's front: 20 - 4 m, then 24 - 14, 28 - 23."""
     time = np.array([0.0, 1.0, 2.0])
     return Trajectory(time=time, x=np.array([20.0, 24.0, 28.0]), y=np.zeros(3), heading=np.zeros(3),
-                      speed=np.full(3, 4.0), acceleration=np.zeros(3), steering_wheel_angle=np.full(3, np.nan),
+                      speed=np.full(3, 4.0), acceleration=np.zeros(3),
+                      steering_wheel_angle=np.full(3, np.nan),
                       length=4.0, width=1.8)  # fmt: skip
 
 
@@ -51,8 +53,10 @@ def ahead() -> Trajectory:
     ("text", "holds"),
     [
         ("min(gap) >= 5 - 1e-9", True), ("min(gap) > 5.01", False), ("at_end(speed) == 8", True),
-        ("max(abs(offset)) < 0.15", True), ("min(acceleration) >= -2", True), ("min(jerk) >= -1.9", False),
-        ("min(ttc) >= 1.25 - 1e-9", True), ("min(ttc) > 1.26", False), ("min(thw) >= 0.625 - 1e-9", True),
+        ("max(abs(offset)) < "
+         "0.15", True), ("min(acceleration) >= -2", True), ("min(jerk) >= -1.9", False),
+        ("min(ttc) >= 1.25 - 1e-9", True), ("min(ttc) > 1.26", False), ("min(thw) >= 0.625 - "
+                                                                        "1e-9", True),
         ("at_end(time) <= limit", True), ("max(speed - 2 * time) <= 10 and collided == 0", True),
         ("min(3, limit) < 3 or max(x) > 18", True),
     ],
@@ -65,14 +69,17 @@ def test_a_requirement_by_hand(text: str, holds: bool) -> None:
 
 
 def test_nobody_ahead_is_infinitely_far() -> None:
-    one = requirement("r", "min(gap) > 1000 and min(ttc) > 1000 and min(thw) > 1000", "", "a test", [])
+    one = requirement(
+        "r", "min(gap) > 1000 and min(ttc) > 1000 and min(thw) > 1000", "", "a test", []
+    )
     assert one.holds(series_of(drive(), {}, None), {"collided": 0.0, "reached_end": 0.0})
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("min(gab) > 2", "Did you mean `gap`"), ("gap > 2", r"`gap` of requirement .* must be within min\(\), max\(\)"),
+        ("min(gab) > 2", "Did you mean `gap`"), ("gap > 2", r"`gap` of requirement .* must be "
+                                                            r"within min\(\), max\(\)"),
         ("min(gap)", "must be a condition"), ("max(gap0) < 2", "must be of time, x, offset"),
         ("min(gap) >", "cannot be read"),
         ("at_the_end(gap) > 2", "Unknown function"), ("min(gap.x) > 2", "language does not have"),
@@ -90,7 +97,8 @@ def test_names_of_requirements_differ() -> None:
 
 
 def test_requirements_stand_beside_the_scores_of_a_run(tmp_path: Path) -> None:
-    """A car that does nothing hits a lead 10 m/s slower within 300 m: 20 m after 2 s, 60 m after 6 s."""
+    """A car that does nothing hits a lead 10 m/s slower within 300 m: 20 m after 2 s, 60 m after 6
+    s."""
     (tmp_path / "approach.toml").write_text(
         '''name = "approach"
 [[parameter]]
@@ -116,22 +124,30 @@ check = "collided == 0 and min(gap) > 2"
 check = "at_end(time) > gap0 / 10 - 0.01"
 ''', encoding="utf-8")  # fmt: skip
     content = {
-        "name": "n", "drivers": {"count": 2}, "scenario": [{"use": str(tmp_path / "approach.toml")}],
+        "name": "n", "drivers": {"count": 2},
+        "scenario": [{"use": str(tmp_path / "approach.toml")}],
         "ads": [{"name": "nothing", "controller": "no_reaction"}],
     }  # fmt: skip
     result = evaluate(content, tmp_path / "run", workers=1)
     (score,) = result.scores
     assert score.requirements_missed == 2
     said = [score_note(note) for note in score.notes]
-    assert "2 of 2 cases miss the requirement keeps clear (`collided == 0 and min(gap) > 2`)." in said
+    assert (
+        "2 of 2 cases miss the requirement keeps clear (`collided == 0 and min(gap) > 2`)." in said
+    )
     assert not any("at_end(time)" in note for note in said)
     write_tables(result)
     with (result.folder / "cases.csv").open(encoding="utf-8") as file:
-        assert [row["requirements_missed"] for row in csv.DictReader(file)] == ["keeps clear", "keeps clear"]
+        assert [row["requirements_missed"] for row in csv.DictReader(file)] == [
+            "keeps clear",
+            "keeps clear",
+        ]
     written = json.loads((result.folder / "scores.json").read_text(encoding="utf-8"))
     assert written["scores"][0]["requirements_missed"] == 2
     tests = [test for suite in run_suites(result).values() for test in suite]
     assert [test.verdict for test in tests] == ["failure", "failure"]
     for most, passes in ((1.0, False), (2.0, True)):
-        (gate,) = judge(result, None, GateSettings(limit=(LimitSettings("requirements_missed", at_most=most),)))
+        (gate,) = judge(
+            result, None, GateSettings(limit=(LimitSettings("requirements_missed", at_most=most),))
+        )
         assert (gate.passed, gate.value) == (passes, 2.0)

@@ -1,4 +1,5 @@
-"""The scores that order ADSs, on real SUMO runs: A, regret, H and S+ follow from the case table, and are one ADS's."""
+"""The scores that order ADSs, on real SUMO runs: A, regret, H and S+ follow from the case table,
+and are one ADS's."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ CUT_OUT = "front_vehicle_cut_out"
 def both(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
     """`idm` beside one that strikes in the safe zone as well."""
     found = sumo_eval.evaluate(
-        small(("idm", "no_reaction", "ideal_braking"), (CUT_OUT,)), tmp_path_factory.mktemp("both") / "run"
+        small(("idm", "no_reaction", "ideal_braking"), (CUT_OUT,)),
+        tmp_path_factory.mktemp("both") / "run",
     )
     write_tables(found)
     return found
@@ -45,7 +47,9 @@ def rows(evaluation: Evaluation, ads: str) -> list[CaseResult]:
 def facts_of(run: Path, ads: str) -> list[str | None]:
     """A hash of each of an ADS's drives, trajectories and all."""
     with open_store(run / "facts.sqlite") as store:
-        return [store.drive(case) for case, _, who in sorted(store.names("ads", CUT_OUT)) if who == ads]
+        return [
+            store.drive(case) for case, _, who in sorted(store.names("ads", CUT_OUT)) if who == ads
+        ]
 
 
 def test_an_ads_that_has_not_changed_keeps_every_digit_whoever_is_evaluated_beside_it(
@@ -70,7 +74,12 @@ def test_the_references_are_driven_at_every_point(both: Evaluation) -> None:
 def test_doing_nothing_has_a_0_and_the_ideal_vehicle_a_1(both: Evaluation) -> None:
     nothing, ideal = both.score("no_reaction", CUT_OUT), both.score("ideal_braking", CUT_OUT)
     assert (nothing.avoided_share, nothing.avoided_share_exposure) == (0.0, 0.0)
-    assert (ideal.avoided_share, ideal.avoided_share_exposure, ideal.regret, ideal.c) == (1.0, 1.0, 0.0, 1.0)
+    assert (ideal.avoided_share, ideal.avoided_share_exposure, ideal.regret, ideal.c) == (
+        1.0,
+        1.0,
+        0.0,
+        1.0,
+    )
     assert nothing.regret > both.score("idm", CUT_OUT).regret > 0.0
 
 
@@ -79,7 +88,8 @@ def test_a_and_the_regret_are_those_of_the_case_table(both: Evaluation, ads: str
     cases, score = rows(both, ads), both.score(ads, CUT_OUT)
     u = np.array([case.severity or 0.0 for case in cases])
     ideal, nothing = (
-        np.array([getattr(case, name) for case in cases]) for name in ("ideal_severity", "no_reaction_severity")
+        np.array([getattr(case, name) for case in cases])
+        for name in ("ideal_severity", "no_reaction_severity")
     )
     for name, weights in (
         ("avoided_share", np.array([case.weight for case in cases])),
@@ -88,12 +98,15 @@ def test_a_and_the_regret_are_those_of_the_case_table(both: Evaluation, ads: str
         lost, at_stake = (weights * np.maximum(one - ideal, 0.0) for one in (u, nothing))
         assert getattr(score, name) == pytest.approx(1.0 - lost.sum() / at_stake.sum(), abs=1e-12)
     weights = np.array([case.weight for case in cases])
-    assert score.regret == pytest.approx((weights * np.maximum(u - ideal, 0.0)).sum() / weights.sum(), abs=1e-12)
+    assert score.regret == pytest.approx(
+        (weights * np.maximum(u - ideal, 0.0)).sum() / weights.sum(), abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("ads", ["idm", "no_reaction"])
 def test_h_and_s_plus_are_those_of_the_case_table(both: Evaluation, ads: str) -> None:
-    """A safe case with an avoidable collision counts 0, every other the product of its four terms."""
+    """A safe case with an avoidable collision counts 0, every other the product of its four
+    terms."""
     score = both.score(ads, CUT_OUT)
     safe = [case for case in rows(both, ads) if case.zone == "safe"]
     struck = [case for case in safe if case.collided]
@@ -117,14 +130,17 @@ def test_h_and_s_plus_are_those_of_the_case_table(both: Evaluation, ads: str) ->
     assert (score.a_points + score.h_points) == pytest.approx(score.s_plus, abs=1e-9)
 
 
-def test_after_a_collision_in_the_safe_zone_there_is_no_d_but_there_is_an_h(both: Evaluation) -> None:
+def test_after_a_collision_in_the_safe_zone_there_is_no_d_but_there_is_an_h(
+    both: Evaluation,
+) -> None:
     score = both.score("no_reaction", CUT_OUT)
     assert (score.d, score.h_reason) == (None, None)
     assert score.d_reason == NotComputed("collisions", score.safe_collisions)
     assert score.human_likeness is not None
     # by hand: likeness 0.6 of exposure 3, and an avoidable collision, 0, of exposure 1: H = 1.8 / 4
     made = combined(
-        replace(SAFE, human_likeness=0.6), replace(HIT, zone="safe", ideal_severity=0.0, human_likeness=0.0)
+        replace(SAFE, human_likeness=0.6),
+        replace(HIT, zone="safe", ideal_severity=0.0, human_likeness=0.0),
     )
     assert (made.d, made.d_reason) == (None, NotComputed("collisions", 1))
     assert made.human_likeness == pytest.approx(0.45)
@@ -141,7 +157,16 @@ def test_a_collision_in_the_safe_zone_that_the_ideal_vehicle_has_as_well_does_no
 
 def test_tables_hold_every_name(both: Evaluation) -> None:
     scores = json.loads((both.folder / "scores.json").read_text())["scores"]
-    names = ("c", "d", "s", "avoided_share", "avoided_share_exposure", "regret", "human_likeness", "s_plus")
+    names = (
+        "c",
+        "d",
+        "s",
+        "avoided_share",
+        "avoided_share_exposure",
+        "regret",
+        "human_likeness",
+        "s_plus",
+    )
     for score in scores:
         assert {*names, *(f"{name}_interval" for name in names)} <= set(score)
     with (both.folder / "cases.csv").open() as file:
@@ -165,7 +190,9 @@ def test_tables_hold_every_name(both: Evaluation) -> None:
 def test_the_zone_of_every_case_is_the_criterions_own(both: Evaluation) -> None:
     for case in rows(both, "idm"):
         values = case.values
-        worst = max_inverse_ttc(values["ego_speed"], values["obstacle_speed"], values["gap"], delay=1.0)
+        worst = max_inverse_ttc(
+            values["ego_speed"], values["obstacle_speed"], values["gap"], delay=1.0
+        )
         assert (case.zone == "hazardous") == bool(worst >= 0.7)
 
 

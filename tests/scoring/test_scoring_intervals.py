@@ -17,13 +17,24 @@ from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import AdsSettings, EvaluationSettings, MethodSettings, ScenarioSettings
 
 EMPTY = CaseResult(
-    case="", scenario="s", ads="a", values={}, zone="hazardous", exposure=1.0, status="ok", end_reason=None, error=None,
-    wall_time=None, simulated_time=None, latency_mean=None, latency_max=None, collided=False, impact_speed=None,
-    overlap=None, side=None, severity=None, loss=None, ideal_severity=0.0, no_reaction_severity=10.0, weight=None,
+    case="", scenario="s", ads="a", values={}, zone="hazardous", exposure=1.0, status="ok",
+    end_reason=None, error=None,
+    wall_time=None, simulated_time=None, latency_mean=None, latency_max=None, collided=False,
+    impact_speed=None,
+    overlap=None, side=None, severity=None, loss=None, ideal_severity=0.0,
+    no_reaction_severity=10.0, weight=None,
     beats_ideal=False, index=None,
     length_factor=None, operation_factor=None, similarity=None, index_note="", clips="",
 )  # fmt: skip
-HIT = replace(EMPTY, case="hit", status="collision", collided=True, severity=10.0, ideal_severity=4.0, weight=0.5)
+HIT = replace(
+    EMPTY,
+    case="hit",
+    status="collision",
+    collided=True,
+    severity=10.0,
+    ideal_severity=4.0,
+    weight=0.5,
+)
 SAFE = replace(EMPTY, case="safe", zone="safe", exposure=3.0, index=0.8, task_share=1.0)
 LOST = replace(EMPTY, case="lost", status="sim_error")
 LOST_SAFE = replace(LOST, case="lost_safe", zone="safe")
@@ -42,10 +53,15 @@ def test_a_missing_hazardous_case_widens_c_by_its_own_weight() -> None:
     result = combined(HIT, SAFE, replace(LOST, weight=1.5))
     assert result.c == pytest.approx(0.4), "the mean over what is there: 4 / 10"
     low, high = result.c_interval or (0.0, 0.0)
-    assert low == pytest.approx(0.5 * 0.4 / 2.0), "the ideal vehicle avoids it: (0.5 * 0.4 + 1.5 * 0) / (0.5 + 1.5)"
+    assert low == pytest.approx(0.5 * 0.4 / 2.0), (
+        "the ideal vehicle avoids it: (0.5 * 0.4 + 1.5 * 0) / (0.5 + 1.5)"
+    )
     assert high == pytest.approx((0.5 * 0.4 + 1.5) / 2.0), "as gentle as the ideal vehicle"
     assert result.d_interval is None
-    assert result.s_interval == (pytest.approx(50 * 0.1 + 50 * 0.8), pytest.approx(50 * 0.85 + 50 * 0.8))
+    assert result.s_interval == (
+        pytest.approx(50 * 0.1 + 50 * 0.8),
+        pytest.approx(50 * 0.85 + 50 * 0.8),
+    )
 
 
 def test_a_missing_safe_case_widens_d_by_its_exposure_and_may_leave_no_d() -> None:
@@ -61,7 +77,9 @@ def test_a_missing_safe_case_widens_d_by_its_exposure_and_may_leave_no_d() -> No
 def test_a_collision_without_the_ideal_vehicles_case_is_missing_from_c() -> None:
     result = combined(HIT, replace(HIT, case="other", ideal_severity=None), SAFE)
     assert result.not_evaluated == 1
-    assert result.c_interval == (pytest.approx(0.2), pytest.approx(0.7)), "(0.4 + 0) / 2 and (0.4 + 1) / 2"
+    assert result.c_interval == (pytest.approx(0.2), pytest.approx(0.7)), (
+        "(0.4 + 0) / 2 and (0.4 + 1) / 2"
+    )
 
 
 KNOWN = replace(HIT, case="known", severity=5.0, ideal_severity=0.0, weight=1.0)
@@ -74,23 +92,39 @@ NO_IDEAL = replace(KNOWN, case="no ideal", ideal_severity=None)
         (9.0, 1 - (5 + 9) / (10 + 10), 1 - 5 / (10 + 1)),
         (0.0, 0.5, 1 - 5 / (10 + 10)),
     ],
-    ids=["it hit: the ideal vehicle avoids, or hits as hard", "it avoided: the point has no part in A, or a whole one"],
+    ids=[
+        "it hit: the ideal vehicle avoids, or hits as hard",
+        "it avoided: the point has no part in A, or a whole one",
+    ],
 )
-def test_an_ideal_drive_that_is_missing_widens_a_and_s_plus(severity: float, lowest: float, highest: float) -> None:
+def test_an_ideal_drive_that_is_missing_widens_a_and_s_plus(
+    severity: float, lowest: float, highest: float
+) -> None:
     result = combined(KNOWN, replace(NO_IDEAL, severity=severity or None, collided=severity > 0.0))
     assert result.avoided_share == 0.5, "over the points whose ideal vehicle is known"
     assert result.not_evaluated == 1
     assert result.avoided_share_interval == (pytest.approx(lowest), pytest.approx(highest))
     assert score_note(result.notes[0]).startswith("1 case could not be evaluated")
-    alone = combine("a", "s", (KNOWN, NO_IDEAL, replace(SAFE, index=None)), MethodSettings(), people=False)
-    assert alone.s_plus_interval == pytest.approx([50 * end for end in alone.avoidance_grade_interval or ()])
+    alone = combine(
+        "a", "s", (KNOWN, NO_IDEAL, replace(SAFE, index=None)), MethodSettings(), people=False
+    )
+    assert alone.s_plus_interval == pytest.approx(
+        [50 * end for end in alone.avoidance_grade_interval or ()]
+    )
 
 
 def test_a_case_given_up_counts_as_doing_nothing_and_is_counted_apart() -> None:
-    """A = 1 - (0 + 10) / (10 + 10) = 0.5; T = (3 * 1 + 1 * 0) / 4; H = (3 * 0.8 + 1 * 0) / 4; C and D as without it."""
+    """A = 1 - (0 + 10) / (10 + 10) = 0.5; T = (3 * 1 + 1 * 0) / 4; H = (3 * 0.8 + 1 * 0) / 4; C and
+    D as without it."""
     safe = replace(SAFE, human_likeness=0.8, weight=1.0)
     given_up = replace(
-        EMPTY, case="raised", zone="safe", status="ads_error", weight=1.0, task_share=0.0, human_likeness=0.0
+        EMPTY,
+        case="raised",
+        zone="safe",
+        status="ads_error",
+        weight=1.0,
+        task_share=0.0,
+        human_likeness=0.0,
     )
     result, without = combined(safe, given_up), combined(safe)
     assert (result.avoided_share, result.task_share) == (pytest.approx(0.5), pytest.approx(0.75))
@@ -102,9 +136,11 @@ def test_a_case_given_up_counts_as_doing_nothing_and_is_counted_apart() -> None:
 
 
 def test_a_departure_is_avoidable_harm_and_no_collision() -> None:
-    """U = 12 of a contact with a standing car, where doing nothing has 10: A = 1 - 12/10 is below 0."""
+    """U = 12 of a contact with a standing car, where doing nothing has 10: A = 1 - 12/10 is below
+    0."""
     left = replace(
-        SAFE, case="left", departure_time=3.0, departure_speed=12.0, departure_severity=12.0, weight=1.0,
+        SAFE, case="left", departure_time=3.0, departure_speed=12.0, departure_severity=12.0,
+        weight=1.0,
         task_share=0.0, human_likeness=0.0,
     )  # fmt: skip
     result = combined(left)
@@ -122,7 +158,9 @@ def test_one_more_incident_never_raises_s_plus() -> None:
         {"status": "ads_timeout"},
         {"collided": True, "status": "collision", "severity": 0.5},
     ):
-        after = combined(replace(clean[0], task_share=0.0, human_likeness=0.0, **harm), *clean[1:]).s_plus
+        after = combined(
+            replace(clean[0], task_share=0.0, human_likeness=0.0, **harm), *clean[1:]
+        ).s_plus
         assert after < before
 
 
@@ -135,11 +173,18 @@ def test_a_drive_of_nobody_reacting_that_is_missing_widens_a() -> None:
 
 
 def test_of_points_that_are_not_sure_only_those_that_lower_a_have_a_part_in_its_lower_end() -> None:
-    cases = [replace(NO_IDEAL, case=str(severity), severity=severity) for severity in (1.0, 6.0, 9.0, 4.9)]
+    cases = [
+        replace(NO_IDEAL, case=str(severity), severity=severity)
+        for severity in (1.0, 6.0, 9.0, 4.9)
+    ]
     result = combined(KNOWN, *cases)
     low, _ = result.avoided_share_interval or (9.0, -9.0)
-    subsets = [part for size in range(5) for part in itertools.combinations((1.0, 6.0, 9.0, 4.9), size)]
-    assert low == pytest.approx(min(1 - (5 + sum(part)) / (10 + 10 * len(part)) for part in subsets))
+    subsets = [
+        part for size in range(5) for part in itertools.combinations((1.0, 6.0, 9.0, 4.9), size)
+    ]
+    assert low == pytest.approx(
+        min(1 - (5 + sum(part)) / (10 + 10 * len(part)) for part in subsets)
+    )
 
 
 def test_c_lies_within_its_interval_whatever_is_missing() -> None:
@@ -152,8 +197,12 @@ def test_c_lies_within_its_interval_whatever_is_missing() -> None:
 def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_interval() -> None:
     result = combined(HIT, SAFE, replace(LOST, weight=1.5), replace(LOST_SAFE, weight=1.0))
     counted, interval = map(score_note, result.notes)
-    assert counted.startswith("2 cases could not be evaluated (1 in the hazardous zone and 1 in the safe zone)")
-    assert interval.startswith("With the missing cases counted as worst and as best: C within 0.067..0.900, D within")
+    assert counted.startswith(
+        "2 cases could not be evaluated (1 in the hazardous zone and 1 in the safe zone)"
+    )
+    assert interval.startswith(
+        "With the missing cases counted as worst and as best: C within 0.067..0.900, D within"
+    )
     settings = EvaluationSettings("e", (ScenarioSettings("s"),), (AdsSettings("a", "idm"),))
     table = score_lines(Evaluation("e", Path(), settings, {}, (), (result,), ()), everything=True)
     assert "0.400 (0.067..0.900)" in "\n".join(table)

@@ -71,25 +71,39 @@ def test_a_severity_of_ones_own_stands_in_the_place_of_u_in_every_score(found: E
         ratios = np.array([min(1.0, case.ideal_severity / case.severity) for case in struck])
         assert score.c == pytest.approx(np.sum(weights * ratios) / np.sum(weights))
         weights, own, ideal, unreacting = np.array(
-            [(case.weight, case.severity or 0.0, case.ideal_severity, case.no_reaction_severity) for case in cases]
+            [
+                (case.weight, case.severity or 0.0, case.ideal_severity, case.no_reaction_severity)
+                for case in cases
+            ]
         ).T
-        lost, at_stake = (np.sum(weights * np.maximum(value - ideal, 0.0)) for value in (own, unreacting))
+        lost, at_stake = (
+            np.sum(weights * np.maximum(value - ideal, 0.0)) for value in (own, unreacting)
+        )
         assert score.avoided_share == pytest.approx(1.0 - lost / at_stake)
         assert score.regret == pytest.approx(lost / np.sum(weights))
 
 
 def test_the_scores_tell_which_severity_they_were_made_with(found: Evaluation) -> None:
     made_with = json.loads((found.folder / "scores.json").read_text())["severity"]
-    assert (made_with["name"], made_with["unit"], len(made_with["sha256"])) == ("own.py:by_speed", "loss", 64)
+    assert (made_with["name"], made_with["unit"], len(made_with["sha256"])) == (
+        "own.py:by_speed",
+        "loss",
+        64,
+    )
     edited = sumo_eval.results.Evaluation(
         found.name, found.folder, found.settings,
-        {**found.manifest, "severity": {**made_with, "sha256": "0" * 64}}, found.zones, found.scores, found.cases,
+        {**found.manifest, "severity": {**made_with, "sha256": "0" * 64}}, found.zones,
+        found.scores, found.cases,
         found.exposures,
     )  # fmt: skip
-    assert [item.what for item in differences(found, edited) if item.decides] == ["file of the severity"]
+    assert [item.what for item in differences(found, edited) if item.decides] == [
+        "file of the severity"
+    ]
 
 
-def test_another_severity_needs_no_simulation_and_says_where_its_range_ends(found: Evaluation) -> None:
+def test_another_severity_needs_no_simulation_and_says_where_its_range_ends(
+    found: Evaluation,
+) -> None:
     again = sumo_eval.score(found.folder, ["method.collision.severity=injury:cyclist"])
     for case in again.cases:
         if case.collided:
@@ -100,12 +114,16 @@ def test_another_severity_needs_no_simulation_and_says_where_its_range_ends(foun
     assert sum(number for note in said for _, number in note.reasons) == fast
     assert {note.severity for note in said} == {"injury:cyclist"}
     by_class = sumo_eval.score(found.folder, ["method.collision.severity=eq14"])
-    as_before = sumo_eval.score(found.folder, ["method.collision.severity=severity", "method.collision.loss=class"])
+    as_before = sumo_eval.score(
+        found.folder, ["method.collision.severity=severity", "method.collision.loss=class"]
+    )
     assert by_class.scores[0].c == as_before.scores[0].c
 
 
 def test_an_answer_that_is_no_loss_names_the_case_and_loses_nothing(found: Evaluation) -> None:
-    with pytest.raises(InputError, match=r"`own.py:example_only` must return .* got nan for front_vehicle_cut_out"):
+    with pytest.raises(
+        InputError, match=r"`own.py:example_only` must return .* got nan for front_vehicle_cut_out"
+    ):
         sumo_eval.score(found.folder, ["method.collision.severity=own.py:example_only"])
     assert sumo_eval.score(found.folder).scores[0].c == found.scores[0].c
 

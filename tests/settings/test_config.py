@@ -10,7 +10,13 @@ import pytest
 
 from sumo_eval.errors import InputError
 from sumo_eval.settings import EvaluationSettings, RunSettings
-from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation, settings_from, to_toml, with_changes
+from sumo_eval.settings.config import (
+    PAPER_EVALUATION,
+    read_evaluation,
+    settings_from,
+    to_toml,
+    with_changes,
+)
 
 SMALLEST = """
 name = "nightly"
@@ -58,7 +64,9 @@ def test_settings_survive_a_round_trip_through_toml() -> None:
 
 def test_every_mistake_in_a_file_is_named_at_once(tmp_path: Path) -> None:
     text = refusal(
-        tmp_path, SMALLEST.replace("levels = 4", "level = 4").replace("seed = 1", "sead = 1") + "worker = 3\n"
+        tmp_path,
+        SMALLEST.replace("levels = 4", "level = 4").replace("seed = 1", "sead = 1")
+        + "worker = 3\n",
     )
     assert "Unknown key `scenario[0].sampling.level`" in text
     assert "Did you mean `levels`?" in text
@@ -81,7 +89,9 @@ def test_every_mistake_in_a_file_is_named_at_once(tmp_path: Path) -> None:
         ('name = "nightly"', "name = ", "is not valid TOML"),
     ],
 )
-def test_a_wrong_value_is_refused_with_its_path(tmp_path: Path, before: str, after: str, sentence: str) -> None:
+def test_a_wrong_value_is_refused_with_its_path(
+    tmp_path: Path, before: str, after: str, sentence: str
+) -> None:
     assert sentence in refusal(tmp_path, SMALLEST.replace(before, after))
 
 
@@ -98,8 +108,12 @@ def test_two_ads_of_one_name_are_refused(tmp_path: Path) -> None:
     assert "must differ from each other, got 'mine' twice" in refusal(tmp_path, twice)
 
 
-def test_a_name_that_is_kept_for_the_ideal_vehicle_and_the_drivers_is_refused(tmp_path: Path) -> None:
-    assert "must not begin with `~`" in refusal(tmp_path, SMALLEST.replace('name = "mine"', 'name = "~ideal"'))
+def test_a_name_that_is_kept_for_the_ideal_vehicle_and_the_drivers_is_refused(
+    tmp_path: Path,
+) -> None:
+    assert "must not begin with `~`" in refusal(
+        tmp_path, SMALLEST.replace('name = "mine"', 'name = "~ideal"')
+    )
 
 
 def test_an_empty_name_is_refused(tmp_path: Path) -> None:
@@ -111,7 +125,10 @@ def test_a_change_reaches_the_setting_it_names_and_no_other() -> None:
     changed = with_changes(settings, ["method.score.a=60", "method.anthropomorphic.field.k2=0.05"])
     assert (changed.method.score.a, changed.method.score.b) == (60.0, 40.0)
     assert changed.method.anthropomorphic.field.k2 == 0.05
-    assert with_changes(changed, ["method.score.a=50", "method.anthropomorphic.field.k2=0.005"]) == settings
+    assert (
+        with_changes(changed, ["method.score.a=50", "method.anthropomorphic.field.k2=0.005"])
+        == settings
+    )
 
 
 @pytest.mark.parametrize(
@@ -129,11 +146,20 @@ def test_a_wrong_change_is_refused_with_a_sentence(change: str, sentence: str) -
         with_changes(read_evaluation(PAPER_EVALUATION), [change])
 
 
-def test_a_mistake_is_told_with_its_line_and_a_value_of_no_kind_in_one_sentence(tmp_path: Path) -> None:
-    text = 'name = "n"\nsead = 1\n[[scenario]]\nuse = "cut_in"\n[scenario.sampling]\nlevels = "three"\n'
-    text += '[[ads]]\nname = "a"\ncontroller = "idm"\n[[ads]]\nname = "b"\ncontroller = 3\n[run]\nmethod.a = 3\n'
+def test_a_mistake_is_told_with_its_line_and_a_value_of_no_kind_in_one_sentence(
+    tmp_path: Path,
+) -> None:
+    text = (
+        'name = "n"\nsead = 1\n[[scenario]]\nuse = "cut_in"\n[scenario.sampling]\nlevels = '
+        '"three"\n'
+    )
+    text += (
+        '[[ads]]\nname = "a"\ncontroller = "idm"\n[[ads]]\nname = "b"\ncontroller = '
+        "3\n[run]\nmethod.a = 3\n"
+    )
     assert refusal(tmp_path, text).splitlines() == [
-        f"`scenario[0].sampling.levels` in {tmp_path / 'evaluation.toml'} (line 6) must be a whole number or a table, "
+        f"`scenario[0].sampling.levels` in {tmp_path / 'evaluation.toml'} (line 6) must be a "
+        "whole number or a table, "
         "got 'three'.",
         f"`ads[1].controller` in {tmp_path / 'evaluation.toml'} (line 12) must be a text, got 3.",
         f"Unknown key `run.method` in {tmp_path / 'evaluation.toml'} (line 14). Known: "

@@ -1,4 +1,5 @@
-"""Settings: every default is within its bounds, every bound refuses, every setting explains itself."""
+"""Settings: every default is within its bounds, every bound refuses, every setting explains
+itself."""
 
 import dataclasses
 import math
@@ -24,7 +25,9 @@ from sumo_eval.settings import (
 )
 
 CLASSES = [
-    c for c in vars(settings_module).values() if isinstance(c, type) and issubclass(c, Checked) and c is not Checked
+    c
+    for c in vars(settings_module).values()
+    if isinstance(c, type) and issubclass(c, Checked) and c is not Checked
 ]
 each = pytest.mark.parametrize("cls", CLASSES, ids=lambda cls: cls.__name__)
 
@@ -41,43 +44,64 @@ def test_every_number_explains_itself_and_its_unit(cls):
     hints = get_type_hints(cls, include_extras=True)
     for item in dataclasses.fields(cls):
         base = hints[item.name]
-        base = get_args(base)[0] if get_origin(base) is not None and hasattr(base, "__metadata__") else base
+        base = (
+            get_args(base)[0]
+            if get_origin(base) is not None and hasattr(base, "__metadata__")
+            else base
+        )
         if base in (float, int, str):
             assert about(cls, item.name).text, f"{cls.__name__}.{item.name}"
 
 
 def test_about_knows_unit_symbol_and_equation():
-    assert about(ZoneSettings, "deceleration") == About("ideal braking deceleration of the zones", "m/s2", "a", "5")
+    assert about(ZoneSettings, "deceleration") == About(
+        "ideal braking deceleration of the zones", "m/s2", "a", "5"
+    )
     assert about(SimulationSettings, "vehicle") == About("")
 
 
 @pytest.mark.parametrize(
     ("cls", "values", "sentence"),
     [
-        (SimulationSettings, {"step": 0.0}, "`step` of `SimulationSettings` must be greater than 0, got 0.0"),
-        (SimulationSettings, {"step": 0.2}, "`step` of `SimulationSettings` must be at most 0.1, got 0.2"),
-        (SimulationSettings, {"step": math.nan}, "`step` of `SimulationSettings` must be a number, got nan"),
-        (SimulationSettings, {"step": "0.1"}, "`step` of `SimulationSettings` must be a number, got '0.1'"),
-        (SimulationSettings, {"step": None}, "`step` of `SimulationSettings` must be a number, got None"),
-        (SimulationSettings, {"time_limit": True}, "`time_limit` of `SimulationSettings` must be a number, got True"),
-        (SimulationSettings, {"time_limit": -1}, "`time_limit` of `SimulationSettings` must be greater than 0, got -1"),
-        (VehicleSettings, {"friction": 0}, "`friction` of `VehicleSettings` must be greater than 0, got 0"),
+        (SimulationSettings, {"step": 0.0}, "`step` of `SimulationSettings` must be greater than "
+                                            "0, got 0.0"),
+        (SimulationSettings, {"step": 0.2}, "`step` of `SimulationSettings` must be at most 0.1, "
+                                            "got 0.2"),
+        (SimulationSettings, {"step": math.nan}, "`step` of `SimulationSettings` must be a "
+                                                 "number, got nan"),
+        (SimulationSettings, {"step": "0.1"}, "`step` of `SimulationSettings` must be a number, "
+                                              "got '0.1'"),
+        (SimulationSettings, {"step": None}, "`step` of `SimulationSettings` must be a number, "
+                                             "got None"),
+        (SimulationSettings, {"time_limit": True}, "`time_limit` of `SimulationSettings` must be "
+                                                   "a number, got True"),
+        (SimulationSettings, {"time_limit": -1}, "`time_limit` of `SimulationSettings` must be "
+                                                 "greater than 0, got -1"),
+        (VehicleSettings, {"friction": 0}, "`friction` of `VehicleSettings` must be greater than "
+                                           "0, got 0"),
         (VehicleSettings, {"max_deceleration": -9.0}, "must be greater than 0, got -9.0"),
         (FieldSettings, {"k1": -0.1}, "`k1` of `FieldSettings` must be at least 0, got -0.1"),
-        (FieldSettings, {"k1": 1e12}, "`k1` of `FieldSettings` must be at most 20, got 1000000000000"),
-        (FieldSettings, {"k2": 1e12}, "`k2` of `FieldSettings` must be at most 1, got 1000000000000"),
-        (AnthropomorphicSettings, {"centre_deviation_floor": 1e-300}, "must be at least 1e-06, got 1e-300"),
-        (AnthropomorphicSettings, {"field_deviation_floor": 1e-300}, "must be at least 1e-06, got 1e-300"),
+        (FieldSettings, {"k1": 1e12}, "`k1` of `FieldSettings` must be at most 20, got "
+                                      "1000000000000"),
+        (FieldSettings, {"k2": 1e12}, "`k2` of `FieldSettings` must be at most 1, got "
+                                      "1000000000000"),
+        (AnthropomorphicSettings, {"centre_deviation_floor": 1e-300}, "must be at least 1e-06, "
+                                                                      "got 1e-300"),
+        (AnthropomorphicSettings, {"field_deviation_floor": 1e-300}, "must be at least 1e-06, got "
+                                                                     "1e-300"),
         (ZoneSettings, {"deceleration": 1e-300}, "must be at least 0.01, got 1e-300"),
         (ZoneSettings, {"critical_inverse_ttc": 1e-300}, "must be at least 0.001, got 1e-300"),
-        (FieldSettings, {"superposition": "sum"}, "must be one of 'magnitude', 'vector', got 'sum'"),
-        (AnthropomorphicSettings, {"points_per_side": 0}, "`AnthropomorphicSettings` must be at least 1, got 0"),
+        (FieldSettings, {"superposition": "sum"}, "must be one of 'magnitude', 'vector', got "
+                                                  "'sum'"),
+        (AnthropomorphicSettings, {"points_per_side": 0}, "`AnthropomorphicSettings` must be at "
+                                                          "least 1, got 0"),
         (AnthropomorphicSettings, {"points_per_side": 2.5}, "must be a whole number, got 2.5"),
         (ScoreSettings, {"a": 100.1}, "`a` of `ScoreSettings` must be at most 100, got 100.1"),
         (DriverSettings, {"count": 1}, "`count` of `DriverSettings` must be at least 2, got 1"),
         (DriverSettings, {"source": 3}, "`source` of `DriverSettings` must be a text, got 3"),
         (RunSettings, {"workers": 0}, "`workers` of `RunSettings` must be at least 1, got 0"),
-        (ZoneSettings, {"target": "labels"}, "`target` of `ZoneSettings` must be one of 'squared_time', 'label'"),
+        (ZoneSettings, {"target": "labels"}, "`target` of `ZoneSettings` must be one of "
+                                             "'squared_time', 'label'"),
     ],
 )  # fmt: skip
 def test_a_value_outside_its_bounds_is_refused_in_a_sentence(cls, values, sentence):
@@ -99,8 +123,14 @@ def test_law_every_numeric_bound_refuses_what_lies_outside(cls):
             ):
                 bound = getattr(extra, attribute, None)
                 if bound is not None:
-                    required = {f.name: "x" for f in dataclasses.fields(cls) if _has_no_default(f) and f is not item}
-                    with pytest.raises(InputError, match=f"`{item.name}` of `{cls.__name__}` must be"):
+                    required = {
+                        f.name: "x"
+                        for f in dataclasses.fields(cls)
+                        if _has_no_default(f) and f is not item
+                    }
+                    with pytest.raises(
+                        InputError, match=f"`{item.name}` of `{cls.__name__}` must be"
+                    ):
                         cls(**required, **{item.name: outside(bound)})
 
 
@@ -115,7 +145,9 @@ def test_any_real_number_is_a_number(value):
 
 def test_derived_values():
     assert VehicleSettings().brake_jerk == pytest.approx(60.0)  # 9 m/s2 in 0.15 s
-    assert VehicleSettings(max_deceleration=6.0, brake_build_up=0.5).brake_jerk == pytest.approx(12.0)
+    assert VehicleSettings(max_deceleration=6.0, brake_build_up=0.5).brake_jerk == pytest.approx(
+        12.0
+    )
     assert ScoreSettings(a=30.0).b == 70.0
 
 
@@ -123,12 +155,24 @@ def test_the_papers_constants():
     zones = ZoneSettings()
     assert (zones.deceleration, zones.critical_inverse_ttc) == (5.0, 0.7)
     field = FieldSettings()
-    assert (field.k1, field.k2, field.sample_interval, field.superposition) == (0.5, 0.005, 0.1, "magnitude")
+    assert (field.k1, field.k2, field.sample_interval, field.superposition) == (
+        0.5,
+        0.005,
+        0.1,
+        "magnitude",
+    )
     index = AnthropomorphicSettings()
     assert (index.slice_spacing, index.side_width, index.points_per_side) == (0.5, 1.5, 3)
-    assert (index.steering_threshold_deg, index.acceleration_threshold, index.neutral_time) == (10.0, 0.5, 0.5)
+    assert (index.steering_threshold_deg, index.acceleration_threshold, index.neutral_time) == (
+        10.0,
+        0.5,
+        0.5,
+    )
     assert (index.centre_deviation_floor, index.field_deviation_floor) == (0.15, 0.01)
-    assert (SimulationSettings().ideal_deceleration, SimulationSettings().ideal_build_up) == (9.0, 0.15)
+    assert (SimulationSettings().ideal_deceleration, SimulationSettings().ideal_build_up) == (
+        9.0,
+        0.15,
+    )
 
 
 def test_names_given_in_python_are_cleaned_as_those_of_a_file_are_refused():

@@ -53,5 +53,8 @@ def test_nothing_about_a_suite_can_be_changed(more: dict[str, Any], sentence: st
 
 
 def test_suites_are_frozen() -> None:
-    found = {path.stem: hashlib.sha256(path.read_bytes()).hexdigest()[:16] for path in SUITES.glob("*.toml")}
+    found = {
+        path.stem: hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+        for path in SUITES.glob("*.toml")
+    }
     assert found == FROZEN

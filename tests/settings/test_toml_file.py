@@ -15,12 +15,24 @@ from sumo_eval.settings.toml_file import DEEPEST, read_toml, toml_from
 DIGITS = "1" * 5_000
 WRONG = {
     "a number of 5,000 digits": (f"x = {DIGITS}", "is not valid TOML: Exceeds the limit"),
-    "an integer of 4,000 digits": (f"x = {DIGITS[:4_000]}", "must hold integers of at most 64 bits"),
+    "an integer of 4,000 digits": (
+        f"x = {DIGITS[:4_000]}",
+        "must hold integers of at most 64 bits",
+    ),
     "an integer of 65 bits": (f"x = {2**64}", "must hold integers of at most 64 bits"),
     "lists in lists": (f"x = {'[' * 5_000}{']' * 5_000}", "must not be nested more than 50 deep"),
-    "lists a little too deep": (f"x = {'[' * DEEPEST}{']' * DEEPEST}", "must not be nested more than 50 deep"),
-    "tables in tables": (f"[{'.'.join('a' * 3_000)}]\nx = 1", "must not be nested more than 50 deep"),
-    "inline tables": ("x = " + "{a = " * 900 + "1" + "}" * 900, "must not be nested more than 50 deep"),
+    "lists a little too deep": (
+        f"x = {'[' * DEEPEST}{']' * DEEPEST}",
+        "must not be nested more than 50 deep",
+    ),
+    "tables in tables": (
+        f"[{'.'.join('a' * 3_000)}]\nx = 1",
+        "must not be nested more than 50 deep",
+    ),
+    "inline tables": (
+        "x = " + "{a = " * 900 + "1" + "}" * 900,
+        "must not be nested more than 50 deep",
+    ),
     "NUL": (r'x = "a\u0000b"', r"must hold text without control characters, got 'a\x00b'"),
     "an escape sequence": (r'x = ["\u001b[2J"]', "must hold text without control characters"),
     "turned writing": ('x = "\u202e"', "must hold text without control characters"),
@@ -40,7 +52,10 @@ def test_what_cannot_be_used_is_one_sentence(name: str) -> None:
 
 
 def test_ordinary_content_is_read_as_it_is() -> None:
-    text = f'a = -9223372036854775808\nb = """two\nlines\tand a tab"""\nc = {"[" * 20}1.5{"]" * 20}\nd = "Fußgänger"'
+    text = (
+        'a = -9223372036854775808\nb = """two\nlines\tand a tab"""\nc = '
+        f'{"[" * 20}1.5{"]" * 20}\nd = "Fußgänger"'
+    )
     assert toml_from(text, "The file")["a"] == -(2**63)
     assert toml_from(text, "The file")["b"] == "two\nlines\tand a tab"
 

@@ -46,8 +46,8 @@ def test_a_slice_is_the_scenario_with_parameters_held():
 
 
 def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_path):
-    # a slower vehicle ahead that is seen from the start, through the one that hides it: braking at 9 m/s2 with 0.15 s
-    # of build-up needs `required_gap`
+    # a slower vehicle ahead that is seen from the start, through the one that hides it: braking at
+    # 9 m/s2 with 0.15 s of build-up needs `required_gap`
     sees_through = replace(SETUP, simulation=replace(SETUP.simulation, ideal_visible_share=0.0))
     logical = slice_of(catalogue.load("front_vehicle_cut_out"), {"ego_speed": 30.0})
     found = find_boundary(logical, "ideal_braking", sees_through, budget=80, seed=2)
@@ -58,9 +58,16 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     assert found.rounds[-1].simulations <= 80
     assert np.mean(found.search.classify(points) == (points[:, 1] < needed)) >= 0.98
     told = summary(found)
-    assert told["collision_share_of_space"] == pytest.approx(np.mean(points[:, 1] < needed), abs=0.02)
+    assert told["collision_share_of_space"] == pytest.approx(
+        np.mean(points[:, 1] < needed), abs=0.02
+    )
     paths = write_boundary(found, tmp_path)
-    assert [path.name for path in paths] == ["trials.csv", "boundary.json", "boundary.html", "chances.csv"]
+    assert [path.name for path in paths] == [
+        "trials.csv",
+        "boundary.json",
+        "boundary.html",
+        "chances.csv",
+    ]
     rows = paths[0].read_text().splitlines()
     assert rows[0] == "obstacle_speed,gap,collided"
     assert len(rows) == 1 + len(found.search.points)
@@ -70,14 +77,18 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
 
 def test_an_ads_that_never_answers_is_no_boundary():
     with pytest.raises(InputError, match="None of 16 cases"):
-        find_boundary(slice_of(CUT_OUT, {"ego_speed": 30.0}), "broken.py:drive", broken(), budget=16)
+        find_boundary(
+            slice_of(CUT_OUT, {"ego_speed": 30.0}), "broken.py:drive", broken(), budget=16
+        )
 
 
 def broken():
     import tempfile
 
     folder = Path(tempfile.mkdtemp())
-    (folder / "broken.py").write_text("def drive(traci, ego, time):\n    raise RuntimeError('no')\n")
+    (folder / "broken.py").write_text(
+        "def drive(traci, ego, time):\n    raise RuntimeError('no')\n"
+    )
     return Setup(SimulationSettings(), RunSettings(workers=1), folder)
 
 

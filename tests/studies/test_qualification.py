@@ -32,7 +32,8 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(
     assert [item["name"] for item in told["checks"] if not item["passed"]] == ["planted"]
     assert told["passed"] is False
     assert told.keys() == {
-        "format_version", "created", "purpose", "domain", "limits", "passed", "versions", "machine", "checks",
+        "format_version", "created", "purpose", "domain", "limits", "passed", "versions",
+        "machine", "checks",
     }  # fmt: skip
     assert told["checks"][0].keys() == {
         "kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error",
@@ -42,7 +43,9 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(
     assert "1 of 9 checks failed" in page
 
 
-def test_the_command_exits_with_0_when_all_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_exits_with_0_when_all_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(table, "all_checks", lambda: iter(FIRST[1:2]))
     done = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output

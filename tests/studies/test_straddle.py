@@ -1,4 +1,7 @@
-"""The search for a boundary, on sets that are known exactly: intervals, discs, islands. No simulation."""
+"""The search for a boundary, on sets that are known exactly: intervals, discs, islands.
+
+No simulation.
+"""
 
 from dataclasses import replace
 
@@ -14,7 +17,8 @@ def square(*names, **changes):
     logical = LogicalScenario(
         name="square", about="-", source="-",
         parameters=tuple(Parameter(name, 0.0, 10.0, 1.0, "m", "-") for name in names),
-        constraints=(), road=Road("r", 600.0, 2, 3.5, 0.0), place=lambda values: (Start(0.0, 0.0, 1.0), ()),
+        constraints=(), road=Road("r", 600.0, 2, 3.5, 0.0),
+        place=lambda values: (Start(0.0, 0.0, 1.0), ()),
         approach=lambda values: Approach(values["a"], values["a"], values["a"], 0.0),
     )  # fmt: skip
     return replace(logical, **changes)
@@ -48,7 +52,9 @@ def grid_of(logical, side=100):
     return points[logical.feasible(points)]
 
 
-@pytest.mark.parametrize("truth", [pytest.param(slanting_interval, marks=pytest.mark.campaign), two_pieces])
+@pytest.mark.parametrize(
+    "truth", [pytest.param(slanting_interval, marks=pytest.mark.campaign), two_pieces]
+)
 def test_160_trials_class_99_per_cent_of_10000_points_rightly_whatever_the_shape(truth):
     logical = square("a", "b")
     search, points = run(logical, truth, 160), grid_of(logical)
@@ -89,7 +95,9 @@ def test_skipped_points_are_not_asked_for_again():
     search = BoundarySearch(square("a", "b"))
     lost = search.ask(10)
     search.skip(lost)
-    assert not {tuple(row) for row in lost.tolist()} & {tuple(row) for row in search.ask(20).tolist()}
+    assert not {tuple(row) for row in lost.tolist()} & {
+        tuple(row) for row in search.ask(20).tolist()
+    }
     assert len(search.points) == 0
 
 
@@ -112,7 +120,10 @@ def test_three_parameters():
 
 
 def test_between_listed_values_there_is_no_boundary():
-    listed = (Parameter("a", 0.0, 1.0, 1.0, "m", "-", values=(0.0, 1.0)), Parameter("b", 0.0, 1.0, 0.5, "m", "-"))
+    listed = (
+        Parameter("a", 0.0, 1.0, 1.0, "m", "-", values=(0.0, 1.0)),
+        Parameter("b", 0.0, 1.0, 0.5, "m", "-"),
+    )
     with pytest.raises(InputError, match="hold it fixed"):
         BoundarySearch(square("a", "b", parameters=listed))
     with pytest.raises(InputError, match="no possible point"):

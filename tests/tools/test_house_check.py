@@ -1,4 +1,5 @@
-"""tools/house_check.py: this project is clean, and each kind of fault is found in a small package that has it."""
+"""tools/house_check.py: this project is clean, and each kind of fault is found in a small package
+that has it."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ def house(tmp_path: Path) -> Path:
     (tmp_path / "sumo_eval" / "__init__.py").write_text('"""A package."""\n')
     (tmp_path / "sumo_eval" / "room" / "__init__.py").write_text('"""A room."""\n')
     (tmp_path / "sumo_eval" / "door.py").write_text(
-        'from sumo_eval.room.inner import answer\n\n\ndef main() -> int:\n    """The way in."""\n    return answer()\n'
+        'from sumo_eval.room.inner import answer\n\n\ndef main() -> int:\n    """The way in."""\n '
+        "   return answer()\n"
     )
     (tmp_path / "sumo_eval" / "room" / "inner.py").write_text(
         'def answer() -> int:\n    """What is asked for."""\n    return 42\n'
@@ -51,7 +53,8 @@ def test_a_house_without_a_fault_is_clean_and_its_size_is_known(house: Path) -> 
 def test_a_circle_counts_inside_a_room_and_where_one_side_imports_late(house: Path) -> None:
     inner = house / "sumo_eval" / "room" / "inner.py"
     inner.write_text(
-        inner.read_text() + "\n\ndef late() -> int:\n    from sumo_eval.room import other\n\n    return other.n\n"
+        inner.read_text()
+        + "\n\ndef late() -> int:\n    from sumo_eval.room import other\n\n    return other.n\n"
     )
     (house / "sumo_eval" / "room" / "other.py").write_text(
         "from sumo_eval.room.inner import late\n\nn = 1 if late else 0\n"
@@ -61,14 +64,20 @@ def test_a_circle_counts_inside_a_room_and_where_one_side_imports_late(house: Pa
     assert done.returncode == 1
 
 
-def test_names_and_modules_that_nothing_uses_are_found_and_documentation_keeps_them(house: Path) -> None:
-    (house / "sumo_eval" / "room" / "forgotten.py").write_text("LEFT = 1\n\n\nclass Lost:\n    pass\n")
+def test_names_and_modules_that_nothing_uses_are_found_and_documentation_keeps_them(
+    house: Path,
+) -> None:
+    (house / "sumo_eval" / "room" / "forgotten.py").write_text(
+        "LEFT = 1\n\n\nclass Lost:\n    pass\n"
+    )
     assert check(house).stdout.splitlines() == [
         "dead module: sumo_eval.room.forgotten",
         "dead: sumo_eval.room.forgotten.LEFT",
         "dead: sumo_eval.room.forgotten.Lost",
     ]
-    (house / "docs" / "page.md").write_text("Prose about LEFT and Lost.\n\n`sumo_eval.room.forgotten.Lost`\n")
+    (house / "docs" / "page.md").write_text(
+        "Prose about LEFT and Lost.\n\n`sumo_eval.room.forgotten.Lost`\n"
+    )
     assert check(house).stdout == "dead: sumo_eval.room.forgotten.LEFT\n"
 
 
@@ -86,7 +95,11 @@ def test_an_allowance_needs_a_reason_and_a_finding(house: Path) -> None:
         "def answer():\n    return 42\n\n\ndef kept():\n    return 1\n"
     )
     allowances = house / "tools" / "house_allowances.toml"
-    lines = ["[allowed]\n", '"dead: sumo_eval.room.inner.kept" = ""\n', '"dead: sumo_eval.gone" = "A reason."\n']
+    lines = [
+        "[allowed]\n",
+        '"dead: sumo_eval.room.inner.kept" = ""\n',
+        '"dead: sumo_eval.gone" = "A reason."\n',
+    ]
     allowances.write_text("".join(lines))
     assert check(house).stdout.splitlines() == [
         "allowance that nothing needs: dead: sumo_eval.gone",
@@ -121,7 +134,9 @@ def worded(house: Path) -> Path:
     (house / "tools" / "house_words.toml").write_text(WORDS)
     (house / "mkdocs.yml").write_text("nav: [page.md, long.md]\n")
     (house / "tests").mkdir()
-    (house / "docs" / "page.md").write_text("There is nobody, nor nobody in particular, nor `nobody`.\n")
+    (house / "docs" / "page.md").write_text(
+        "There is nobody, nor nobody in particular, nor `nobody`.\n"
+    )
     (house / "docs" / "long.md").write_text("word " * 20)
     return house
 
@@ -136,7 +151,11 @@ def test_words_within_their_limits_are_clean_and_listed(worded: Path) -> None:
     [
         ("docs/page.md", "word " * 11, "words: docs/page.md must have at most 10, has 11"),
         ("docs/other.md", "A page.\n", "menu: docs/other.md is not in mkdocs.yml"),
-        ("docs/page.md", "nobody\nWho\n", "English of pages: must be at most 1, are 2 (--words lists them)"),
+        (
+            "docs/page.md",
+            "nobody\nWho\n",
+            "English of pages: must be at most 1, are 2 (--words lists them)",
+        ),
         ("docs/page.md", "x" * 161, "long lines: must be at most 0, are 1 (--words lists them)"),
         ("GLOSSARY.md", "word " * 10, "words: must be at most 35, are 40 (--words lists them)"),
         (
@@ -161,11 +180,18 @@ def test_words_beyond_a_limit_are_found(worded: Path, file: str, text: str, find
 
 
 @pytest.mark.parametrize(
-    ("day", "length", "found"), [("2025-12-31", 61, 0), ("2026-01-02", 60, 0), ("2026-01-02", 61, 1)]
+    ("day", "length", "found"),
+    [("2025-12-31", 61, 0), ("2026-01-02", 60, 0), ("2026-01-02", 61, 1)],
 )
-def test_long_subject_of_a_later_commit_is_found(worded: Path, day: str, length: int, found: int) -> None:
-    who = {f"GIT_{role}_{item}": "a" for role in ("AUTHOR", "COMMITTER") for item in ("NAME", "EMAIL")}
+def test_long_subject_of_a_later_commit_is_found(
+    worded: Path, day: str, length: int, found: int
+) -> None:
+    who = {
+        f"GIT_{role}_{item}": "a" for role in ("AUTHOR", "COMMITTER") for item in ("NAME", "EMAIL")
+    }
     for words in (["init"], ["commit", "--allow-empty", "--message", "x" * length]):
         environment = {**os.environ, **who, "GIT_COMMITTER_DATE": f"{day}T12:00:00Z"}
-        subprocess.run(["git", words[0], "--quiet", *words[1:]], cwd=worded, env=environment, check=True)
+        subprocess.run(
+            ["git", words[0], "--quiet", *words[1:]], cwd=worded, env=environment, check=True
+        )
     assert check(worded).stdout == f"subject over 60 characters: {'x' * length}\n" * found

@@ -1,4 +1,5 @@
-"""tools/nightly.sh: it passes arguments and the exit status on, keeps a log, and is silent after a good night."""
+"""tools/nightly.sh: it passes arguments and the exit status on, keeps a log, and is silent after a
+good night."""
 
 from __future__ import annotations
 
@@ -23,7 +24,9 @@ def night(tmp_path: Path, *arguments: str, status: int = 0) -> subprocess.Comple
 
 
 @pytest.mark.parametrize("status", [0, 1, 2, 3])
-def test_the_status_is_passed_on_and_only_a_good_night_is_silent(status: int, tmp_path: Path) -> None:
+def test_the_status_is_passed_on_and_only_a_good_night_is_silent(
+    status: int, tmp_path: Path
+) -> None:
     history = tmp_path / "my nights"
     done = night(tmp_path, "a b.toml", str(history), "--gate", "g.toml", status=status)
     assert done.returncode == status

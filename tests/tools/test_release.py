@@ -1,4 +1,5 @@
-"""tools/release.py in a small repository of its own: what it refuses, what it does, and that a dry run does nothing."""
+"""tools/release.py in a small repository of its own: what it refuses, what it does, and that a dry
+run does nothing."""
 
 from __future__ import annotations
 
@@ -14,7 +15,10 @@ import pytest
 from loaded import load
 
 ROOT = Path(__file__).parents[2]
-CHANGELOG = "# Changelog\n\n## [0.2.0] - 2026-02-01\n\n### Added\n- A thing.\n\n## [0.1.0] - 2026-01-01\n- The first.\n"
+CHANGELOG = (
+    "# Changelog\n\n## [0.2.0] - 2026-02-01\n\n### Added\n- A thing.\n\n## [0.1.0] - "
+    "2026-01-01\n- The first.\n"
+)
 PYPROJECT = """[build-system]
 requires = ["hatchling"]
 build-backend = "hatchling.build"
@@ -32,7 +36,9 @@ CONDA = '{% set version = "0.2.0" %}\n\npackage:\n  version: {{ version }}\n'
 
 
 def git(root: Path, *arguments: str) -> str:
-    return subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        ["git", *arguments], cwd=root, capture_output=True, text=True, check=True
+    ).stdout
 
 
 @pytest.fixture
@@ -75,12 +81,17 @@ def test_a_dry_run_says_what_it_would_do_and_does_nothing(project: Path) -> None
     before = state(project)
     done = release(project, "0.2.0", "--dry-run")
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "Would build the source archive and the wheel, and tag v0.2.0. Nothing was done.\n"
+    assert (
+        done.stdout
+        == "Would build the source archive and the wheel, and tag v0.2.0. Nothing was done.\n"
+    )
     assert state(project) == before
 
 
 @pytest.mark.campaign
-def test_a_release_builds_tags_and_leaves_a_clean_tree(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_release_builds_tags_and_leaves_a_clean_tree(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("hatchling")
     monkeypatch.setenv("PIP_NO_BUILD_ISOLATION", "0")  # pip's own way of saying that there is none
     done = release(project, "0.2.0")
@@ -97,8 +108,11 @@ def test_a_release_builds_tags_and_leaves_a_clean_tree(project: Path, monkeypatc
 
 
 @pytest.mark.campaign
-def test_a_wheel_that_cannot_be_built_leaves_no_tag(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PIP_NO_INDEX", "1")  # the build's own environment finds nothing to build with
+def test_a_wheel_that_cannot_be_built_leaves_no_tag(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # the build's own environment finds nothing to build with
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
     before = state(project)
     done = release(project, "0.2.0")
     assert done.returncode == 1
@@ -113,15 +127,29 @@ GOLDEN = {"tests/golden/golden.py": "print('scores: idm: s was 1, is 2.')\nraise
 @pytest.mark.parametrize(
     ("files", "words"),
     [
-        ({"pyproject.toml": PYPROJECT.replace("0.2.0", "0.0.7")}, "No release: pyproject.toml must have the line `"),
-        ({"CITATION.cff": "version: 0.0.7\n"}, "No release: CITATION.cff must have the line `version: 0.2.0`.\n"),
-        ({"packaging/conda/meta.yaml": ""}, "No release: packaging/conda/meta.yaml must have the line `"),
+        (
+            {"pyproject.toml": PYPROJECT.replace("0.2.0", "0.0.7")},
+            "No release: pyproject.toml must have the line `",
+        ),
+        (
+            {"CITATION.cff": "version: 0.0.7\n"},
+            "No release: CITATION.cff must have the line `version: 0.2.0`.\n",
+        ),
+        (
+            {"packaging/conda/meta.yaml": ""},
+            "No release: packaging/conda/meta.yaml must have the line `",
+        ),
         (GOLDEN, "scores: idm: s was 1, is 2.\n"),
-        ({"CHANGELOG.md": CHANGELOG.replace("- A thing.\n", "")}, "must have entries under `## [0.2.0] - YYYY-MM-DD`"),
+        (
+            {"CHANGELOG.md": CHANGELOG.replace("- A thing.\n", "")},
+            "must have entries under `## [0.2.0] - YYYY-MM-DD`",
+        ),
         ({"sumo_eval/lost.py": "LEFT = 1\n"}, "dead: sumo_eval.lost.LEFT"),
     ],
 )
-def test_state_without_a_release_is_refused(project: Path, files: dict[str, str], words: str) -> None:
+def test_state_without_a_release_is_refused(
+    project: Path, files: dict[str, str], words: str
+) -> None:
     for name, text in files.items():
         (project / name).write_text(text)
         commit(project)

@@ -66,12 +66,16 @@ def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings) 
     count = operations(time, pedals, settings.neutral_time)
     if settings.steering_rule == "manoeuvre":
         return count + manoeuvres(trajectory, settings)
-    steering = [abs(math.degrees(a)) > settings.steering_threshold_deg for a in trajectory.steering_wheel_angle]
+    steering = [
+        abs(math.degrees(a)) > settings.steering_threshold_deg
+        for a in trajectory.steering_wheel_angle
+    ]
     return count + operations(time, steering, settings.neutral_time)
 
 
 def manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
-    """Moves to one side at more than 0.12 m/s, a mean over a second, that shift the vehicle by at least 1 m."""
+    """Moves to one side at more than 0.12 m/s, a mean over a second, that shift the vehicle by at
+    least 1 m."""
     time, y = trajectory.time.tolist(), trajectory.y.tolist()
 
     def at(moment: float) -> float:
@@ -92,7 +96,11 @@ def manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int
         first = last = neutral_since = None
         for i, moving in enumerate([*active, False]):
             over = i == len(active)
-            rested = neutral_since is not None and not over and time[i] - neutral_since >= settings.neutral_time - 1e-6
+            rested = (
+                neutral_since is not None
+                and not over
+                and time[i] - neutral_since >= settings.neutral_time - 1e-6
+            )
             if first is not None and (over or (moving and rested)):
                 count += side * (y[last] - y[first]) >= 1.0
                 first = None
@@ -125,20 +133,29 @@ def anthropomorphic_index(
     if start + reach - slices[-1] > 1e-6:
         slices.append(start + reach)
 
-    sampled = [samples(trajectory, settings.field.sample_interval) for trajectory in (ads, *drivers)]
+    sampled = [
+        samples(trajectory, settings.field.sample_interval) for trajectory in (ads, *drivers)
+    ]
     terms = []
     for x in slices:
         centre = lateral_position(ads, x)
-        there = [d for d, reached in zip(drivers, driven, strict=True) if d.x[0] + reached >= x - 1e-6]
+        there = [
+            d for d, reached in zip(drivers, driven, strict=True) if d.x[0] + reached >= x - 1e-6
+        ]
         humans = [lateral_position(driver, x) for driver in (there if len(there) >= 2 else drivers)]
         deviation = max(statistics.stdev(humans), settings.centre_deviation_floor)
         centre_term = gaussian_similarity(centre, statistics.fmean(humans), deviation)
         right = max(0.0, min(settings.side_width, centre - road.right_edge))
         left = max(0.0, min(settings.side_width, road.left_edge - centre))
         n = settings.points_per_side
-        for y in [centre - right * i / n for i in range(n, 0, -1)] + [centre + left * i / n for i in range(n + 1)]:
+        for y in [centre - right * i / n for i in range(n, 0, -1)] + [
+            centre + left * i / n for i in range(n + 1)
+        ]:
             k1, k2 = settings.field.k1, settings.field.k2
-            values = [sum(instantaneous_field((x, y), sample, k1, k2) for sample in some) for some in sampled]
+            values = [
+                sum(instantaneous_field((x, y), sample, k1, k2) for sample in some)
+                for some in sampled
+            ]
             mean = statistics.fmean(values[1:])
             deviation = max(statistics.stdev(values[1:]), settings.field_deviation_floor * mean)
             terms.append(centre_term * gaussian_similarity(values[0], mean, deviation))

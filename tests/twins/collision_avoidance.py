@@ -1,4 +1,5 @@
-"""The weight r of Eq. 16 as a person would find it: walk from the most dangerous point in tiny steps until out."""
+"""The weight r of Eq. 16 as a person would find it: walk from the most dangerous point in tiny
+steps until out."""
 
 import numpy as np
 
@@ -15,5 +16,7 @@ def walked_weight(point, star, inside, step=2e-4, farthest=2.0):
     low, high = lengths[out] - step, lengths[out]
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if inside((star + middle * heading)[None, :])[0] else (low, middle)
+        low, high = (
+            (middle, high) if inside((star + middle * heading)[None, :])[0] else (low, middle)
+        )
     return distance / low

@@ -1,4 +1,5 @@
-"""Plain slow twin of `sumo_eval.cosim.contact`: polygons that overlap, looked for at many instants of a step."""
+"""Plain slow twin of `sumo_eval.cosim.contact`: polygons that overlap, looked for at many instants
+of a step."""
 
 import math
 
@@ -20,7 +21,8 @@ def corners(body: Body, grow: float = 0.0) -> list[complex]:
     turn = complex(math.cos(body.heading), math.sin(body.heading))
     length, width = body.length / 2 + grow, body.width / 2 + grow
     return [
-        complex(body.x, body.y) + turn * complex(i * length, j * width) for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+        complex(body.x, body.y) + turn * complex(i * length, j * width)
+        for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))
     ]
 
 
@@ -44,7 +46,9 @@ def overlap(a: Body, b: Body, grow: float = 0.0) -> bool:
     return any(_cross(one[i - 1], one[i], two[j - 1], two[j]) for i in range(4) for j in range(4))
 
 
-def first_overlap(a_before: Body, a_after: Body, b_before: Body, b_after: Body, samples: int = 200) -> float | None:
+def first_overlap(
+    a_before: Body, a_after: Body, b_before: Body, b_after: Body, samples: int = 200
+) -> float | None:
     """The first of many evenly spaced instants (share of the step) at which the bodies overlap."""
     for index in range(samples + 1):
         share = index / samples

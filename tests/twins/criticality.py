@@ -1,4 +1,5 @@
-"""Ideal braking as a person would simulate it: march through time, integrate, look where it touches. Slow and plain."""
+"""Ideal braking as a person would simulate it: march through time, integrate, look where it
+touches. Slow and plain."""
 
 import itertools
 import math
@@ -7,7 +8,8 @@ STEPS = 400  # to each phase: waiting, ramp, plateau
 
 
 def braked(ego_speed, lead_speed, gap, deceleration, delay=0.0, build_up=0.0):
-    """(largest ITTC, relative speed at contact) of one approach; ITTC is inf if it hits, the speed is 0 if not."""
+    """(largest ITTC, relative speed at contact) of one approach; ITTC is inf if it hits, the speed
+    is 0 if not."""
     closing = ego_speed - lead_speed
     if closing <= 0:
         return 0.0, 0.0

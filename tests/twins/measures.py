@@ -1,4 +1,5 @@
-"""The criticality measures as a person would read them off the samples, one vehicle, one sample at a time."""
+"""The criticality measures as a person would read them off the samples, one vehicle, one sample at
+a time."""
 
 import math
 
@@ -6,8 +7,8 @@ TOUCH = 1e-3
 
 
 def plain_measures(ego, actors, collision):
-    """min TTC, max ITTC, min THW, min gap, max DRAC, PET, strongest deceleration, largest jerk, delta-v, largest
-    lateral speed and acceleration.
+    """min TTC, max ITTC, min THW, min gap, max DRAC, PET, strongest deceleration, largest jerk,
+    delta-v, largest lateral speed and acceleration.
     """
     ttcs, ittcs, thws, gaps, dracs = [], [], [], [], []
     for i, t in enumerate(ego.time):
@@ -16,7 +17,11 @@ def plain_measures(ego, actors, collision):
             if not actor.time[0] <= t <= actor.time[-1]:
                 continue
             x, y = at(actor.time, actor.x, t), at(actor.time, actor.y, t)
-            v = at(actor.time, [s * math.cos(h) for s, h in zip(actor.speed, actor.heading, strict=True)], t)
+            v = at(
+                actor.time,
+                [s * math.cos(h) for s, h in zip(actor.speed, actor.heading, strict=True)],
+                t,
+            )
             struck = collision is not None and collision.other == name and collision.side == "front"
             if struck and t >= collision.time:
                 gap = 0.0
@@ -48,29 +53,35 @@ def plain_measures(ego, actors, collision):
     ]
     return (
         min(ttcs, default=math.nan), max(ittcs, default=math.nan), min(thws, default=math.nan),
-        min(gaps, default=math.nan), max(dracs, default=math.nan), plain_pet(ego, actors, collision),
+        min(gaps, default=math.nan), max(dracs, default=math.nan),
+        plain_pet(ego, actors, collision),
         deceleration, max(jerks, default=math.nan), plain_delta_v(collision), *plain_lateral(ego),
     )  # fmt: skip
 
 
 def plain_lateral(ego):
-    """Largest lateral speed and acceleration: slopes of lines through 11 samples, and of lines through such slopes."""
+    """Largest lateral speed and acceleration: slopes of lines through 11 samples, and of lines
+    through such slopes."""
     number = int((ego.time[-1] - ego.time[0]) / 0.1 + 1e-6) + 1
     times = [min(ego.time[0] + 0.1 * k, ego.time[-1]) for k in range(number)]
     speeds = slopes([at(ego.time, ego.y, t) for t in times])
-    return tuple(max((abs(v) for v in values), default=math.nan) for values in (speeds, slopes(speeds)))
+    return tuple(
+        max((abs(v) for v in values), default=math.nan) for values in (speeds, slopes(speeds))
+    )
 
 
 def slopes(values):
     """sum(t_j v_j) / sum(t_j^2) around the middle of every 11 neighbours 0.1 s apart."""
     return [
-        sum(0.1 * j * values[i + j] for j in range(-5, 6)) / sum((0.1 * j) ** 2 for j in range(-5, 6))
+        sum(0.1 * j * values[i + j] for j in range(-5, 6))
+        / sum((0.1 * j) ** 2 for j in range(-5, 6))
         for i in range(5, len(values) - 5)
     ]
 
 
 def plain_pet(ego, actors, collision):
-    """Walk each place that the ego's front reaches back to the moment when another's rear passed it."""
+    """Walk each place that the ego's front reaches back to the moment when another's rear passed
+    it."""
     if collision is not None and collision.side == "front":
         return 0.0
     times = []
@@ -95,7 +106,8 @@ def plain_delta_v(collision):
         return math.nan
     heading = collision.ego_pose[2]
     along = [
-        v[0] * math.cos(heading) + v[1] * math.sin(heading) for v in (collision.other_velocity, collision.ego_velocity)
+        v[0] * math.cos(heading) + v[1] * math.sin(heading)
+        for v in (collision.other_velocity, collision.ego_velocity)
     ]
     return (along[0] - along[1]) / 2
 

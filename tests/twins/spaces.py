@@ -6,7 +6,8 @@ from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter,
 
 
 def space(parameters, gap, ego_speed=20.0, delay=0.0, constraints=()):
-    """A scenario over (name, low, high, step) whose obstacle stands `gap(values)` m ahead; speeds may be functions."""
+    """A scenario over (name, low, high, step) whose obstacle stands `gap(values)` m ahead; speeds
+    may be functions."""
 
     def approach(values):
         shape = np.shape(next(iter(values.values())))
@@ -17,7 +18,9 @@ def space(parameters, gap, ego_speed=20.0, delay=0.0, constraints=()):
         name="toy",
         about="",
         source="",
-        parameters=tuple(Parameter(name, low, high, step, "m", "") for name, low, high, step in parameters),
+        parameters=tuple(
+            Parameter(name, low, high, step, "m", "") for name, low, high, step in parameters
+        ),
         constraints=tuple(Constraint("one that exists", holds) for holds in constraints),
         road=Road("none", 100.0, 1, 3.5, 0.0),
         place=lambda values: None,

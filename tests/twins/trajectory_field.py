@@ -20,7 +20,8 @@ def instantaneous_field(point: Sequence[float], sample: Sample, k1: float, k2: f
 
 
 def samples(trajectory: Trajectory, interval: float = 0.1) -> list[Sample]:
-    """The trajectory at first time, + interval, + 2 intervals, ..., linear between its own samples."""
+    """The trajectory at first time, + interval, + 2 intervals, ..., linear between its own
+    samples."""
     time = trajectory.time.tolist()
     heading = [float(trajectory.heading[0])]
     for angle in trajectory.heading[1:].tolist():
@@ -39,14 +40,24 @@ def samples(trajectory: Trajectory, interval: float = 0.1) -> list[Sample]:
 
 
 def trajectory_field(
-    point: Sequence[float], trajectory: Trajectory, k1: float = 0.5, k2: float = 0.005, interval: float = 0.1
+    point: Sequence[float],
+    trajectory: Trajectory,
+    k1: float = 0.5,
+    k2: float = 0.005,
+    interval: float = 0.1,
 ) -> float:
     """S = sum of s over the samples."""
-    return sum(instantaneous_field(point, sample, k1, k2) for sample in samples(trajectory, interval))
+    return sum(
+        instantaneous_field(point, sample, k1, k2) for sample in samples(trajectory, interval)
+    )
 
 
 def vector_field(
-    point: Sequence[float], trajectory: Trajectory, k1: float = 0.5, k2: float = 0.005, interval: float = 0.1
+    point: Sequence[float],
+    trajectory: Trajectory,
+    k1: float = 0.5,
+    k2: float = 0.005,
+    interval: float = 0.1,
 ) -> float:
     """|sum of s r/|r||; a sample on the point has no direction and adds nothing."""
     east = north = 0.0

@@ -1,24 +1,34 @@
-"""A Gaussian process's mean from the textbook, one point at a time; the nearest boundary by looking all around."""
+"""A Gaussian process's mean from the textbook, one point at a time; the nearest boundary by looking
+all around."""
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 
 def posterior_mean(point, points, targets, length_scales, signal_deviation, variances):
-    """k(x, X) (K + diag(variances))^-1 y with k = sf^2 exp(-sum(((a - b) / l)^2) / 2), at one point."""
+    """k(x, X) (K + diag(variances))^-1 y with k = sf^2 exp(-sum(((a - b) / l)^2) / 2), at one
+    point."""
 
     def covariance(a, b):
-        return signal_deviation**2 * np.exp(-0.5 * np.sum(((np.asarray(a) - np.asarray(b)) / length_scales) ** 2))
+        return signal_deviation**2 * np.exp(
+            -0.5 * np.sum(((np.asarray(a) - np.asarray(b)) / length_scales) ** 2)
+        )
 
     matrix = np.array([[covariance(a, b) for b in points] for a in points]) + np.diag(variances)
-    return float(np.array([covariance(point, b) for b in points]) @ np.linalg.solve(matrix, targets))
+    return float(
+        np.array([covariance(point, b) for b in points]) @ np.linalg.solve(matrix, targets)
+    )
 
 
 def distance_to_change(point, label, reach=1.5, directions=180, steps=300):
-    """Distance from a point of the unit square to the nearest change of a label, seen along rays."""
+    """Distance from a point of the unit square to the nearest change of a label, seen along
+    rays."""
     angles = np.linspace(0.0, 2 * np.pi, directions, endpoint=False)
     radii = np.linspace(0.0, reach, steps + 1)
-    rays = point + radii[None, :, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)[:, None, :]
+    rays = (
+        point
+        + radii[None, :, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)[:, None, :]
+    )
     within = np.all((rays >= 0.0) & (rays <= 1.0), axis=-1)
     seen = np.zeros(within.shape, dtype=bool)
     seen[within] = label(rays[within])
@@ -38,5 +48,7 @@ def distance_to_change(point, label, reach=1.5, directions=180, steps=300):
 
     best = min(angles[first <= nearest + 1], key=radius)
     turn = 2 * np.pi / directions
-    found = minimize_scalar(radius, bounds=(best - turn, best + turn), method="bounded", options={"xatol": 1e-9})
+    found = minimize_scalar(
+        radius, bounds=(best - turn, best + turn), method="bounded", options={"xatol": 1e-9}
+    )
     return float(found.fun)

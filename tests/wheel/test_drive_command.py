@@ -30,10 +30,14 @@ def test_what_it_cannot_use_gets_a_sentence(arguments: list[str], words: str) ->
     assert "Traceback" not in done.output
 
 
-def test_without_websockets_a_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_websockets_a_sentence_names_the_extra(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] == "websockets"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
-    done = CliRunner().invoke(main, ["drive", "cut_in", "--no-browser", "--port", "0", "--out", str(tmp_path)])
+    done = CliRunner().invoke(
+        main, ["drive", "cut_in", "--no-browser", "--port", "0", "--out", str(tmp_path)]
+    )
     assert done.exit_code == 2
     assert "needs the extra `drive`" in done.output

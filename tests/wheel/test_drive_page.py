@@ -1,4 +1,5 @@
-"""The page in a browser: a driver at its gamepad is the same driver at the harness's own door, to the bit."""
+"""The page in a browser: a driver at its gamepad is the same driver at the harness's own door, to
+the bit."""
 
 from __future__ import annotations
 
@@ -59,13 +60,22 @@ class AtTheDoor:
     def act(self, seen: Observation) -> Command:
         me = seen.ego
         value = -(0.1 * (3.5 - me.y) - 0.15 * me.speed * me.heading)
-        alive = 0.0 if abs(value) < 0.06 else (1.0 if value > 0.0 else -1.0) * (abs(value) - 0.06) / (1 - 0.06)
+        alive = (
+            0.0
+            if abs(value) < 0.06
+            else (1.0 if value > 0.0 else -1.0) * (abs(value) - 0.06) / (1 - 0.06)
+        )
         given = Given("stick", 0, min(max(-alive, -1.0), 1.0), 0.5 if me.speed < 21 else 0.0, 0.0)
         return self._hands.command(given, me.speed)
 
 
-def driven(path: Path, at_the_browser: Any, *, paced: bool, size: tuple[int, int] = (500, 400)) -> Recording:
-    """What comes of a drive while a browser shows it. at_the_browser: what is done there."""
+def driven(
+    path: Path, at_the_browser: Any, *, paced: bool, size: tuple[int, int] = (500, 400)
+) -> Recording:
+    """What comes of a drive while a browser shows it.
+
+    at_the_browser: what is done there.
+    """
     window: list[Window] = []
     ready = threading.Event()
 
@@ -73,9 +83,15 @@ def driven(path: Path, at_the_browser: Any, *, paced: bool, size: tuple[int, int
         async with Window(page("Drive"), countdown=0.0, paced=paced) as made:
             window.append(made)
             ready.set()
-            recording, _ = await one_drive(made, SHORT, SETTINGS, path, drive_view(SHORT, SETTINGS, "Drive", ("Go.",)))
-            seen = replay(SHORT, "you", {"ego": recording.ego, **recording.actors}, recording.collision)
-            await asyncio.wait_for(made.ask(sheet("Over", replay=seen, buttons=[["end", "That is all"]])), 120.0)
+            recording, _ = await one_drive(
+                made, SHORT, SETTINGS, path, drive_view(SHORT, SETTINGS, "Drive", ("Go.",))
+            )
+            seen = replay(
+                SHORT, "you", {"ego": recording.ego, **recording.actors}, recording.collision
+            )
+            await asyncio.wait_for(
+                made.ask(sheet("Over", replay=seen, buttons=[["end", "That is all"]])), 120.0
+            )
             return recording
 
     with ThreadPoolExecutor(1) as pool:
@@ -83,9 +99,13 @@ def driven(path: Path, at_the_browser: Any, *, paced: bool, size: tuple[int, int
         assert ready.wait(30.0)
         with Page(path.parent / "profile", *size) as browser:
             try:
-                browser.open(window[0].address, "typeof sumoDrive !== 'undefined' && sumoDrive.state")
+                browser.open(
+                    window[0].address, "typeof sumoDrive !== 'undefined' && sumoDrive.state"
+                )
                 at_the_browser(browser)
-                browser.wait("document.querySelector('.replay-reading')?.textContent.includes('m/s')")
+                browser.wait(
+                    "document.querySelector('.replay-reading')?.textContent.includes('m/s')"
+                )
                 assert browser.problems == []
                 browser.run("document.querySelector('.sheet button.main').click()")
                 return drive.result(60.0)
@@ -94,8 +114,11 @@ def driven(path: Path, at_the_browser: Any, *, paced: bool, size: tuple[int, int
 
 
 @needs_chromium
-def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(tmp_path: Path) -> None:
-    """Each step waits for an answer to its own state, so there is no input tick between the two at all."""
+def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(
+    tmp_path: Path,
+) -> None:
+    """Each step waits for an answer to its own state, so there is no input tick between the two at
+    all."""
 
     def pad(browser: Page) -> None:
         assert browser.run("location.hash") == ""  # the token is in no history
@@ -119,22 +142,28 @@ def chosen(browser: Page, kind: str) -> None:
 
 def device(browser: Page, axes: list[float]) -> None:
     """A steering wheel with two pedals that rest at 1."""
-    browser.run(f"window.device = {{ id: 'wheel', connected: true, axes: {axes}, buttons: [{{ value: 0 }}] }}")
+    browser.run(
+        f"window.device = {{ id: 'wheel', connected: true, axes: {axes}, buttons: [{{ value: 0 }}] }}"
+    )
 
 
 @needs_chromium
-def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_drive(tmp_path: Path) -> None:
-    """In real time: the mouse, 8 px to the left of the middle, of 200, its left button pressed; held by the
-    page's button; left is pressed on the keyboard and let go; the window loses the focus, nothing moves; then it goes
-    on with a steering wheel, calibrated: at 2 % of its way to the left, of 450 degrees, it is turned by 0.157 rad.
-    """
+def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_drive(
+    tmp_path: Path,
+) -> None:
+    """In real time: the mouse, 8 px to the left of the middle, of 200, its left button pressed;
+    held by the
+    page's button; left is pressed on the keyboard and let go; the window loses the focus, nothing
+    moves; then it goes on with a steering wheel, calibrated: at 2 % of its way to the left, of 450
+    degrees, it is turned by 0.157 rad."""
 
     def keys(browser: Page) -> None:
         browser.run("Navigator.prototype.getGamepads = () => [window.device]")
         chosen(browser, "wheel")
         assert browser.run("document.querySelector('.veil button.main').disabled")
         browser.run("document.querySelector('.veil button.calibrate').click()")
-        for axes in ([0, 1, 1], [-1, 1, 1], [1, 1, 1], [0, -1, 1], [0, 1, -1]):  # rest, left, right, throttle, brake
+        # rest, left, right, throttle, brake
+        for axes in ([0, 1, 1], [-1, 1, 1], [1, 1, 1], [0, -1, 1], [0, 1, -1]):
             device(browser, axes)
             browser.run("document.querySelector('.veil button.main').click()")
         browser.wait("document.querySelector('.veil h2').textContent === 'Drive'")
@@ -145,7 +174,13 @@ def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_dri
         half = browser.run("document.querySelector('.place').clientWidth / 2")
         for kind in ("mouseMoved", "mousePressed"):
             browser.call(
-                "Input.dispatchMouseEvent", type=kind, x=half - 8.0, y=300, button="left", buttons=1, clickCount=1
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=half - 8.0,
+                y=300,
+                button="left",
+                buttons=1,
+                clickCount=1,
             )
         time.sleep(0.2)
         browser.run("document.querySelector('.tools button').click()")
@@ -188,16 +223,25 @@ def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_dri
 
 @pytest.mark.campaign
 @needs_chromium
-def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_drawing(tmp_path: Path) -> None:
-    """On a phone's screen: a finger pulled by half its way to the right steers by half; half up, the pedal is pressed
-    by 0.5 / 0.85. The browser here has no graphics processor, so the road is drawn plainly, the page says so, and the
-    tape too; who wishes for 3-D gets it. A graphics processor that is named so and is as slow comes to the same. Where
-    the plain drawing is too slow as well, it gets few pixels, then is from above, and a camera that is chosen stays.
-    Where that happens while somebody drives, the tape has it, and a study leaves the drive out.
+def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_drawing(
+    tmp_path: Path,
+) -> None:
+    """On a phone's screen: a finger pulled by half its way to the right steers by half; half up,
+    the pedal is pressed by 0.5 / 0.85. The browser here has no graphics processor, so the road is
+    drawn plainly, the page says so, and the tape too; who wishes for 3-D gets it. A graphics
+    processor that is named so and is as slow comes to the same. Where the plain drawing is too slow
+    as well, it gets few pixels, then is from above, and a camera that is chosen stays. Where that
+    happens while somebody drives, the tape has it, and a study leaves the drive out.
     """
 
     def fingers(browser: Page) -> None:
-        browser.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=2, mobile=True)
+        browser.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=390,
+            height=844,
+            deviceScaleFactor=2,
+            mobile=True,
+        )
         browser.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=5)
         browser.call("Page.reload")
         browser.wait("typeof sumoDrive !== 'undefined' && sumoDrive.state")
@@ -206,22 +250,29 @@ def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_
             browser.run(f"""(() => {{ const it = document.querySelector('.veil .drawing');
                 it.value = {wish!r}; it.dispatchEvent(new Event('change')); }})()""")
             assert browser.run("sumoDrive.means") == means
-        assert "with its processor" in browser.run("document.querySelector('.veil .because').textContent")
+        assert "with its processor" in browser.run(
+            "document.querySelector('.veil .because').textContent"
+        )
         browser.run("""(() => { sumoScene.means = () => "graphics"; const it = document.querySelector('.veil .drawing');
             it.dispatchEvent(new Event('change')); })()""")
         assert browser.run("sumoDrive.means") == "WebGL"
-        browser.wait("sumoDrive.means === 'plain drawing'")  # it is slow all the same: fewer pixels first, then this
-        assert "even with few pixels" in browser.run("document.querySelector('.veil .because').textContent")
+        # it is slow all the same: fewer pixels first, then this
+        browser.wait("sumoDrive.means === 'plain drawing'")
+        assert "even with few pixels" in browser.run(
+            "document.querySelector('.veil .because').textContent"
+        )
         browser.run("window.soon = requestAnimationFrame; window.requestAnimationFrame = (then) =>"
                     " setTimeout(() => then(performance.now()), 40)")  # fmt: skip
-        browser.wait("sumoDrive.drawnAs === 'plain drawing from above'")  # pictures 40 ms apart: few pixels, then this
+        # pictures 40 ms apart: few pixels, then this
+        browser.wait("sumoDrive.drawnAs === 'plain drawing from above'")
         assert "ms apart: the road is drawn from above" in browser.run("sumoDrive.plainly")
         camera = "document.querySelector('.tools select')"
         assert browser.run(f"{camera}.value") == "above"
         browser.run(f"{camera}.value = 'behind'; {camera}.dispatchEvent(new Event('change'))")
         assert browser.run("sumoDrive.drawnAs") == "plain drawing with few pixels"
         browser.wait("sumoDrive.plainly.includes('nothing cheaper to draw is left')")
-        assert browser.run("sumoDrive.drawnAs") == "plain drawing with few pixels"  # a camera that was chosen stays
+        # a camera that was chosen stays
+        assert browser.run("sumoDrive.drawnAs") == "plain drawing with few pixels"
         browser.run("""(() => { window.clock = 0; // by which pictures come 200 ms apart while somebody drives
             window.requestAnimationFrame = (then) =>
                 setTimeout(() => then(window.clock += document.querySelector('.veil')?.hidden ? 200 : 16), 5);

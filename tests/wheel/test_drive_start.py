@@ -6,12 +6,16 @@ from commands import sumo_eval
 from sumo_eval.record import loops
 
 
-def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(
+    tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def stopped(scripts: list[str]) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(loops, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(loops, "warm", stopped)
-    done = sumo_eval("drive", "front_vehicle_cut_out", "--no-browser", "--port", 0, "--out", tmp_path / "drives")
+    done = sumo_eval(
+        "drive", "front_vehicle_cut_out", "--no-browser", "--port", 0, "--out", tmp_path / "drives"
+    )
     assert done.returncode == 130
     assert "Drive here" not in done.said

@@ -1,4 +1,5 @@
-"""From keys, wheel and stick to commands: the law's numbers by hand, a scripted driver who changes lanes."""
+"""From keys, wheel and stick to commands: the law's numbers by hand, a scripted driver who changes
+lanes."""
 
 from __future__ import annotations
 
@@ -63,15 +64,26 @@ def test_no_hand_is_faster_than_the_vehicle_lets_it() -> None:
 
 def test_pedals_and_keys_ask_for_what_they_say() -> None:
     hands = Hands(CAR, STEP)
-    for keys, wanted in ((0, 0.0), (DRIVE, DRIVES), (BRAKE, -BRAKES), (BRAKE | HARD | DRIVE, -BRAKES_HARD)):
+    for keys, wanted in (
+        (0, 0.0),
+        (DRIVE, DRIVES),
+        (BRAKE, -BRAKES),
+        (BRAKE | HARD | DRIVE, -BRAKES_HARD),
+    ):
         assert hands.command(Given(keys=keys), 20.0).acceleration == wanted
-    assert hands.command(Given("stick", 0, 0.0, 0.5, 0.0), 20.0).acceleration == 0.5 * CAR.max_acceleration
-    assert hands.command(Given("wheel", 0, 0.25, 0.0, 1.0), 20.0) == Command(-CAR.max_deceleration, 0.25)
+    assert (
+        hands.command(Given("stick", 0, 0.0, 0.5, 0.0), 20.0).acceleration
+        == 0.5 * CAR.max_acceleration
+    )
+    assert hands.command(Given("wheel", 0, 0.25, 0.0, 1.0), 20.0) == Command(
+        -CAR.max_deceleration, 0.25
+    )
 
 
 @pytest.mark.parametrize("speed", [10.0, 20.0, 30.0, 40.0])
 def test_a_driver_with_two_keys_changes_lanes_and_keeps_them(speed: float) -> None:
-    """Preview 1.2 s, deadband 0.35 m, reaction 0.26 s: over 3.5 m within 4 s, less than 1 m beyond, and kept."""
+    """Preview 1.2 s, deadband 0.35 m, reaction 0.26 s: over 3.5 m within 4 s, less than 1 m beyond,
+    and kept."""
     hands, state = Hands(CAR, STEP), EgoState(0.0, 0.0, 0.0, speed)
     seen: list[tuple[float, float]] = []
     ys = []

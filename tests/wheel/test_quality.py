@@ -1,4 +1,5 @@
-"""How good a drive by a person is as a measurement: reactions by hand, and each bound with the drive that breaks it."""
+"""How good a drive by a person is as a measurement: reactions by hand, and each bound with the
+drive that breaks it."""
 
 from __future__ import annotations
 
@@ -14,17 +15,22 @@ from sumo_eval.trajectory import Recording, Trajectory
 CAR = VehicleSettings()
 TIME = np.arange(0.0, 5.0, 0.1)
 GOOD = Quality(
-    end="road_end", dropped=0.0, latency_ms=40.0, stalls=0, pauses=0, paused=0.0, event=1.0, reaction=0.5,
+    end="road_end", dropped=0.0, latency_ms=40.0, stalls=0, pauses=0, paused=0.0, event=1.0,
+    reaction=0.5,
     unanswered=0.1, stepped_down=0, drawn="WebGL",
 )  # fmt: skip
 
 
 def drive(*, brakes: float = np.inf, steers: float = np.inf, bend: float = 0.0) -> Recording:
-    """At 20 m/s; from `brakes`, s, -0.6 m/s2; from `steers` the wheel at 0.04 rad; bend: the heading's rate, rad/s."""
+    """At 20 m/s; from `brakes`, s, -0.6 m/s2; from `steers` the wheel at 0.04 rad;
+
+    bend: the heading's rate, rad/s.
+    """
     acceleration = np.where(brakes - 1e-9 <= TIME, -0.6, 0.0)
     angle = np.where(steers - 1e-9 <= TIME, 0.04, 0.0)
     ego = Trajectory(
-        TIME, 20.0 * TIME, np.zeros(len(TIME)), heading=-bend * TIME, speed=np.full(len(TIME), 20.0),
+        TIME, 20.0 * TIME, np.zeros(len(TIME)), heading=-bend * TIME,
+        speed=np.full(len(TIME), 20.0),
         acceleration=acceleration, steering_wheel_angle=angle,
     )  # fmt: skip
     return Recording(ego, {}, None, "road_end")
@@ -41,7 +47,9 @@ def drive(*, brakes: float = np.inf, steers: float = np.inf, bend: float = 0.0) 
         (drive(bend=0.08), None),  # the road bends by 1.6 m/s2 across, and nobody moves the wheel
     ],
 )
-def test_a_reaction_is_what_hands_and_feet_did_after_the_event(recording: Recording, after: float | None) -> None:
+def test_a_reaction_is_what_hands_and_feet_did_after_the_event(
+    recording: Recording, after: float | None
+) -> None:
     assert reaction(recording, 1.0, CAR) == (None if after is None else pytest.approx(after))
 
 
@@ -54,7 +62,10 @@ def test_each_bound_marks_the_drive_that_breaks_it_and_no_other() -> None:
         ({"stalls": 3}, "halts of the loop 3, at most 2"),
         ({"pauses": 2}, "pauses 2, at most 1"),
         ({"unanswered": 1.1}, "no answer of the window, s 1.1, at most 1"),
-        ({"stepped_down": 1}, "times that the road was drawn more cheaply in mid-drive 1, at most 0"),
+        (
+            {"stepped_down": 1},
+            "times that the road was drawn more cheaply in mid-drive 1, at most 0",
+        ),
         ({"end": "off_road"}, "left the road"),
         ({"end": "quit"}, "ended before its end"),
         ({"end": "contact"}, "touched another vehicle"),

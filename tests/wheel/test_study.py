@@ -1,4 +1,5 @@
-"""A study from the first code to the scores: participants over the real window, without a browser, step by step."""
+"""A study from the first code to the scores: participants over the real window, without a browser,
+step by step."""
 
 from __future__ import annotations
 
@@ -65,8 +66,11 @@ class CrashError(Exception):
 async def participant(
     window: Window, code: str, *, leaves_at: int | None = None, quits: str = "", stops_at: str = ""
 ) -> list[str]:
-    """Answer every sheet and drive gently until the thanks. leaves_at: the step of the first real drive at which the
-    window is closed for good. quits: title of a drive that is ended. stops_at: title of a sheet where they stop.
+    """Answer every sheet and drive gently until the thanks.
+
+    leaves_at: the step of the first real drive at which the window is closed for good.
+    quits: title of a drive that is ended.
+    stops_at: title of a sheet where they stop.
     """
     titles: list[str] = []
     number, view = 0, {}
@@ -79,14 +83,22 @@ async def participant(
                     if quits and view["title"].startswith(quits) and state[0] > 5:
                         await peer.send('{"quit": true}')
                         continue
-                    if leaves_at is not None and view["title"].startswith("Drive") and state[0] >= leaves_at:
+                    if (
+                        leaves_at is not None
+                        and view["title"].startswith("Drive")
+                        and state[0] >= leaves_at
+                    ):
                         raise CrashError
                     x, speed = state[3][0], state[3][3]
-                    ahead = min((it[1] - x - 4.5 - 2.5 * (speed - it[3]) for it in state[4] if it[1] > x), default=1e3)
+                    ahead = min(
+                        (it[1] - x - 4.5 - 2.5 * (speed - it[3]) for it in state[4] if it[1] > x),
+                        default=1e3,
+                    )
                     pedal = -0.3 if ahead < 4.0 + 1.2 * speed else 0.05
                     number += 1
                     given = ["stick", 0, 0.0, max(pedal, 0.0), max(-pedal, 0.0)]
-                    await asyncio.sleep(1.0 / MOST_A_SECOND)  # a quick machine would be shut out for flooding
+                    # a quick machine would be shut out for flooding
+                    await asyncio.sleep(1.0 / MOST_A_SECOND)
                     await peer.send(json.dumps({"input": [number, state[0], *given]}))
                     continue
                 view = message
@@ -99,10 +111,18 @@ async def participant(
                         break
                     stops = bool(quits) and "ended" in view["title"]
                     names = [name for name, _ in view["buttons"]]
-                    given = {"button": "leave" if stops else "stop" if view["title"] == stops_at else names[0]}
+                    given = {
+                        "button": "leave"
+                        if stops
+                        else "stop"
+                        if view["title"] == stops_at
+                        else names[0]
+                    }
                     assert given["button"] in names
                     for it in view.get("questions", ()):
-                        mark = 3 if view.get("replay", {}).get("views", [{}])[0].get("contact") else 8
+                        mark = (
+                            3 if view.get("replay", {}).get("views", [{}])[0].get("contact") else 8
+                        )
                         given[it["key"]] = {"scale": mark, "yes": True, "code": code}[it["kind"]]
                     await peer.send(json.dumps({"answers": given}))
     assert not window.faults
@@ -142,19 +162,26 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.campaign
-def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan: Plan, tmp_path: Path) -> None:
-    """Three people, two cases: one by one to the end, one who comes back after a crash, one who ends a drive."""
+def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(
+    plan: Plan, tmp_path: Path
+) -> None:
+    """Three people, two cases: one by one to the end, one who comes back after a crash, one who
+    ends a drive."""
     titles = take_part(plan, "P01")
     assert titles[:2] == ["Welcome", "Before you begin"]
-    assert [it for it in titles if it.startswith("Drive ")].count("Drive 1 of 2") == 2  # the drive, and its question
+    # the drive, and its question
+    assert [it for it in titles if it.startswith("Drive ")].count("Drive 1 of 2") == 2
     take_part(plan, "P02", leaves_at=9)
     begun = participants(plan)[1]
     assert not [step for step in begun.done if step.startswith("drive:")]
     assert "Before you begin" not in take_part(plan, "P02")  # what was done is done
-    assert "Thank you" in take_part(plan, "P03", stops_at="Well done")  # of the practice; who comes back goes on there
+    # of the practice; who comes back goes on there
+    assert "Thank you" in take_part(plan, "P03", stops_at="Well done")
     assert list(participants(plan)[2].done)[-2:] == ["practice:1", "stopped"]
     take_part(plan, "P03", quits="Drive 2")
-    orders = [[step for step in person.done if step.startswith("drive:")] for person in participants(plan)]
+    orders = [
+        [step for step in person.done if step.startswith("drive:")] for person in participants(plan)
+    ]
     assert orders[0] == list(reversed(orders[1])) == orders[2]
 
     found = collect(plan)
@@ -180,7 +207,10 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan: Pl
     opinion = compare_opinion(evaluation, read_ratings(plan.folder / "ratings.csv"))
     assert {(row.ads, row.raters) for row in opinion.rows} == {("follower", 3), ("asleep", 3)}
     sentences = study_sentences(evaluation)
-    assert "3 people took part in the study afternoon; 5 drives by 3 of them count, 2 are left out" in sentences[0]
+    assert (
+        "3 people took part in the study afternoon; 5 drives by 3 of them count, 2 are left out"
+        in sentences[0]
+    )
     assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.left]
 
 
@@ -189,7 +219,10 @@ def test_a_study_file_with_a_mistake_gets_a_sentence(plan: Plan) -> None:
     for text, words in (
         (STUDY.replace("consent", "consnt"), "Did you mean `consent`"),
         (STUDY + '[[question]]\nkey = "x"\ntext = "?"\nafter = "lunch"\n', "'drive' or 'replay'"),
-        (STUDY.replace("count = 2", 'cases = ["front_vehicle_low_speed-9999"]'), "low_speed-9999` of the run"),
+        (
+            STUDY.replace("count = 2", 'cases = ["front_vehicle_low_speed-9999"]'),
+            "low_speed-9999` of the run",
+        ),
         (STUDY.replace("count = 2", 'ads = ["followr"]'), "Did you mean `follower`"),
         (STUDY.replace('run = "run"', 'run = "nowhere"'), "nowhere"),
     ):

@@ -1,4 +1,5 @@
-"""The server: who may talk to it, what it does with those who may not, and a drive through it, with nothing lost."""
+"""The server: who may talk to it, what it does with those who may not, and a drive through it, with
+nothing lost."""
 
 from __future__ import annotations
 
@@ -52,7 +53,9 @@ async def asked(window: Window, text: str) -> str:
 
 def opened(window: Window, **more: Any) -> Any:
     origin = f"http://127.0.0.1:{window.port}"
-    return connect(f"ws://127.0.0.1:{window.port}/wheel", **{"origin": origin, "proxy": None, **more})
+    return connect(
+        f"ws://127.0.0.1:{window.port}/wheel", **{"origin": origin, "proxy": None, **more}
+    )
 
 
 async def known(window: Window) -> Any:
@@ -86,7 +89,8 @@ async def test_only_its_own_page_at_its_own_address_may_talk() -> None:
             assert "HTTP/1.1 421" in await asked(window, f"GET / HTTP/1.1\nHost: {host}")
         assert "HTTP/1.1 421" in await asked(window, f"{good}\nHost: 127.0.0.1:{window.port}")
         own = f"127.0.0.1:{window.port}"
-        near = [f"http://127.0.0.1:{window.port + 1}", f"https://{own}", "http://127.0.0.1", f"http://{own}/",
+        near = [f"http://127.0.0.1:{window.port + 1}", f"https://{own}", "http://127.0.0.1",
+            f"http://{own}/",
                 f"http://localhost:{window.port}", f"http://[::1]:{window.port}"]  # fmt: skip
         for origin in ("http://evil.example", "null", None, *near):
             with pytest.raises(InvalidStatus, match="403"):
@@ -95,9 +99,12 @@ async def test_only_its_own_page_at_its_own_address_may_talk() -> None:
 
 
 @run
-async def test_no_path_is_served_but_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From within a study's folder: its own files, what a link in it leads to, what lies outside, by dots as they are,
-    encoded once and twice, with backslashes, as an address of its own: each is 404, and no byte of a file comes.
+async def test_no_path_is_served_but_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From within a study's folder: its own files, what a link in it leads to, what lies outside,
+    by dots as they are, encoded once and twice, with backslashes, as an address of its own: each is
+    404, and no byte of a file comes.
     """
     study = tmp_path / "study"
     study.mkdir()
@@ -107,10 +114,14 @@ async def test_no_path_is_served_but_the_page(tmp_path: Path, monkeypatch: pytes
     (study / "up").symlink_to(tmp_path)
     monkeypatch.chdir(study)
     paths = [
-        "/journal.jsonl", "/link.txt", "/up/outside.txt", "/../outside.txt", "/..", "/%2e%2e/outside.txt", "/.%2e/",
-        "/%2e%2e%2foutside.txt", "/%252e%252e%252foutside.txt", "/..%5coutside.txt", "/..\\outside.txt",
-        f"/{tmp_path}/outside.txt", f"/{study}", "//etc/passwd", "/./", "//", "/index.html", "/favicon.ico", "/?a=b",
-        "/wheel/..", "/wheel?a", "/wheel/", "/journal.jsonl%00", "/;/../outside.txt", "file:///etc/passwd",
+        "/journal.jsonl", "/link.txt", "/up/outside.txt", "/../outside.txt", "/..",
+        "/%2e%2e/outside.txt", "/.%2e/",
+        "/%2e%2e%2foutside.txt", "/%252e%252e%252foutside.txt", "/..%5coutside.txt",
+        "/..\\outside.txt",
+        f"/{tmp_path}/outside.txt", f"/{study}", "//etc/passwd", "/./", "//", "/index.html",
+        "/favicon.ico", "/?a=b",
+        "/wheel/..", "/wheel?a", "/wheel/", "/journal.jsonl%00", "/;/../outside.txt",
+        "file:///etc/passwd",
     ]  # fmt: skip
     async with Window(page("Drive")) as window:
         own = f"http://127.0.0.1:{window.port}/outside.txt"
@@ -142,9 +153,14 @@ async def test_the_token_opens_and_nothing_else() -> None:
 
 
 def answer_of(state: list[Any]) -> Given:
-    """A driver at the stick: keeps off the obstacle to the left, then straight; no function but + - * / in it."""
+    """A driver at the stick: keeps off the obstacle to the left, then straight; no function but + -
+    * / in it."""
     _, time, _, (x, y, heading, speed, _, _), others = state
-    wanted = 3.5 if any(0.0 < other[1] - x < 60.0 and other[0] == 2 for other in others) or time > 3.0 else 0.0
+    wanted = (
+        3.5
+        if any(0.0 < other[1] - x < 60.0 and other[0] == 2 for other in others) or time > 3.0
+        else 0.0
+    )
     steer = 0.12 * (wanted - y) - 1.6 * heading
     return Given("stick", 0, min(max(steer, -1.0), 1.0), 0.2 if speed < 20.0 else 0.0, 0.0)
 
@@ -158,7 +174,8 @@ class AtTheDoor:
     def act(self, seen: Observation) -> Command:
         me, others = seen.ego, sorted(seen.vehicles, key=lambda it: it.number)
         state = [
-            self._tick, round(seen.time, 6), 0, [me.x, me.y, me.heading, me.speed, me.acceleration, 0.0],
+            self._tick, round(seen.time, 6), 0,
+            [me.x, me.y, me.heading, me.speed, me.acceleration, 0.0],
             [[it.number, it.x, it.y, it.heading, it.speed, it.acceleration] for it in others],
         ]  # fmt: skip
         self._tick += 1
@@ -181,7 +198,10 @@ async def drive_in_window(path: Path) -> AsyncIterator[tuple[Window, asyncio.Tas
 async def steps(
     peer: Any, stop_at: int, until: asyncio.Task[Any] | None = None, *, closes: bool = True
 ) -> int:  # fmt: skip
-    """Drive until a step, or until the drive is over; then, if it `closes`, the window is shut. The last step seen."""
+    """Drive until a step, or until the drive is over; then, if it `closes`, the window is shut.
+
+    The last step seen.
+    """
     seen = -1
     while until is None or not until.done():
         try:
@@ -214,9 +234,12 @@ def finish(path: Path, stop_at: int = 10**6, says: str = '{"quit": true}') -> An
     return asyncio.run(body())
 
 
-def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(tmp_path: Path) -> None:
-    """Each step waits for the answer to its own state: no tick between them, and nothing differs. The tape driven again
-    comes to the same bytes as well; with one command less it does not.
+def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(
+    tmp_path: Path,
+) -> None:
+    """Each step waits for the answer to its own state: no tick between them, and nothing differs.
+
+    The tape driven again comes to the same bytes as well; with one command less it does not.
     """
     path = tmp_path / "drive.jsonl"
     recording, quality = finish(path)
@@ -233,7 +256,9 @@ def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(tm
     assert (quality.end, quality.event) == ("road_end", 0.0)
 
 
-def test_quitting_is_an_end_of_its_own_and_a_broken_message_ends_the_drive_with_a_sentence(tmp_path: Path) -> None:
+def test_quitting_is_an_end_of_its_own_and_a_broken_message_ends_the_drive_with_a_sentence(
+    tmp_path: Path,
+) -> None:
     for name, says in (("quit", '{"quit": true}'), ("wrong", '{"input": [NaN]}')):
         path = tmp_path / f"{name}.jsonl"
         recording, _ = finish(path, 12, says)
@@ -246,8 +271,11 @@ def test_quitting_is_an_end_of_its_own_and_a_broken_message_ends_the_drive_with_
 
 
 @run
-async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on(tmp_path: Path) -> None:
-    """Closed at step 20, opened again: that state is there, the drive goes on to its end, the tape has the pause."""
+async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on(
+    tmp_path: Path,
+) -> None:
+    """Closed at step 20, opened again: that state is there, the drive goes on to its end, the tape
+    has the pause."""
     path = tmp_path / "drive.jsonl"
     async with drive_in_window(path) as (window, drive):
         assert await steps(await known(window), stop_at=20) == 20
@@ -262,7 +290,8 @@ async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_g
 
 @run
 async def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(tmp_path: Path) -> None:
-    """`pause` and `ready` in one breath, while the seat waits for the answer to step 20: one pause, by the key."""
+    """`pause` and `ready` in one breath, while the seat waits for the answer to step 20: one pause,
+    by the key."""
     path = tmp_path / "drive.jsonl"
     async with drive_in_window(path) as (window, drive):
         peer = await known(window)
@@ -272,7 +301,9 @@ async def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(tmp_pat
         await peer.send(json.dumps({"input": [21, 20, *answer_of(window._latest)]}))
         await steps(peer, stop_at=10**6, until=drive, closes=False)
         assert (await drive)[1].pauses == 1
-    assert [(it["step"], it["why"]) for it in read_tape(path).notes if it["note"] == "pause"] == [(20, "key")]
+    assert [(it["step"], it["why"]) for it in read_tape(path).notes if it["note"] == "pause"] == [
+        (20, "key")
+    ]
 
 
 class Gone:
@@ -286,7 +317,9 @@ def test_no_ads_can_end_its_case_by_quitting() -> None:
     assert with_quit(found, "quit").end_reason == "quit"
 
 
-def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_cannot(tmp_path: Path) -> None:
+def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_cannot(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "drive.jsonl"
     finish(path, 8)
     lines = path.read_text().splitlines()
@@ -328,7 +361,8 @@ async def test_who_sends_too_much_is_shut_out() -> None:
 async def test_whatever_is_wrong_with_a_message_the_drive_ends_with_a_sentence(
     tmp_path: Path, text: str | bytes, code: int, words: str
 ) -> None:
-    """Also what is wrong before it can be read; what was driven until then is there, and comes to the same bytes."""
+    """Also what is wrong before it can be read; what was driven until then is there, and comes to
+    the same bytes."""
     path = tmp_path / "drive.jsonl"
     async with drive_in_window(path) as (window, drive):
         peer = await known(window)
@@ -357,12 +391,15 @@ async def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path
 
 
 @pytest.mark.campaign
-def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_nothing(tmp_path: Path) -> None:
-    """The program stands still for 2.5 s in mid-drive, as while a laptop sleeps; then the window answers nothing for
-    longer than 2 s; then it is gone without a word. Each holds the drive until somebody says that it goes on; the
-    tape has all three and comes to the same bytes.
+def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_nothing(
+    tmp_path: Path,
+) -> None:
+    """The program stands still for 2.5 s in mid-drive, as while a laptop sleeps; then the window
+    answers nothing for longer than 2 s; then it is gone without a word. Each holds the drive until
+    somebody says that it goes on; the tape has all three and comes to the same bytes.
     """
-    command = [sys.executable, "-m", "sumo_eval", "drive", LOGICAL.name, "--rate", "20", "--no-browser", "--port", "0",
+    command = [sys.executable, "-m", "sumo_eval", "drive", LOGICAL.name, "--rate", "20",
+        "--no-browser", "--port", "0",
                "--out", str(tmp_path)]  # fmt: skip
     for name in ("ego_speed", "obstacle_speed", "gap"):
         command += ["--set", f"{name}={CONCRETE.values[name]}"]
@@ -372,11 +409,15 @@ def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_no
         address, token = server.stdout.readline().split(": ", 1)[1].strip().split("/#")
 
         async def window() -> Any:
-            peer = await connect(f"{address.replace('http', 'ws')}/wheel", origin=address, proxy=None)  # type: ignore[arg-type]
+            peer = await connect(
+                f"{address.replace('http', 'ws')}/wheel", origin=address, proxy=None
+            )  # type: ignore[arg-type]
             await peer.send(json.dumps({"token": token}))
             return peer
 
-        async def until(peer: Any, *wanted: str, answers: bool = True, most: int = 1000) -> dict[str, Any]:
+        async def until(
+            peer: Any, *wanted: str, answers: bool = True, most: int = 1000
+        ) -> dict[str, Any]:
             """The first message of a wanted kind; states before it are answered, `most` of them."""
             number = 0
             while True:
@@ -386,7 +427,9 @@ def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_no
                 if "state" in message and answers:
                     number += 1
                     seen = message["state"][0]
-                    await peer.send(json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]}))
+                    await peer.send(
+                        json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]})
+                    )
 
         async def body() -> None:
             peer = await window()
@@ -422,6 +465,8 @@ def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_no
     assert [it["why"] for it in tape.notes if it["note"] == "pause"] == ["asleep", "silent"]
     assert tape.came_of_it is not None
     assert tape.came_of_it["quality"]["unanswered"] > 2.0
-    assert "no answer of the window, s" in str(Quality(**tape.came_of_it["quality"]).against(QualitySettings()))
+    assert "no answer of the window, s" in str(
+        Quality(**tape.came_of_it["quality"]).against(QualitySettings())
+    )
     assert len(tape.rows) > 40
     assert again(path).same is True

@@ -21,7 +21,8 @@ _NAME = "carla_agent.py:CarlaAgent"
 
 
 class Actor:
-    """A vehicle as `carla.Vehicle` shows it: `get_transform()`, `get_velocity()`, `bounding_box.extent` and others."""
+    """A vehicle as `carla.Vehicle` shows it: `get_transform()`, `get_velocity()`,
+    `bounding_box.extent` and others."""
 
     def __init__(self, number: int, kind: str = "car") -> None:
         walks = kind in ("pedestrian", "child")
@@ -30,7 +31,14 @@ class Actor:
         self.show(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
 
     def show(
-        self, x: float, y: float, heading: float, speed: float, acceleration: float, length: float, width: float
+        self,
+        x: float,
+        y: float,
+        heading: float,
+        speed: float,
+        acceleration: float,
+        length: float,
+        width: float,
     ) -> None:
         """Where it is, in road coordinates."""
         c, s = math.cos(heading), -math.sin(heading)
@@ -38,7 +46,9 @@ class Actor:
         self._rotation = SimpleNamespace(pitch=0.0, yaw=-math.degrees(heading), roll=0.0)
         self._velocity = vector(speed * c, speed * s)
         self._acceleration = vector(acceleration * c, acceleration * s)
-        self.bounding_box = SimpleNamespace(extent=SimpleNamespace(x=length / 2.0, y=width / 2.0, z=0.75))
+        self.bounding_box = SimpleNamespace(
+            extent=SimpleNamespace(x=length / 2.0, y=width / 2.0, z=0.75)
+        )
 
     def get_location(self) -> Any:
         """Its centre, m."""
@@ -58,7 +68,8 @@ class Actor:
 
 
 class Ego(Actor):
-    """The agent's own vehicle: an actor that also knows its world, the speed limit and its last control."""
+    """The agent's own vehicle: an actor that also knows its world, the speed limit and its last
+    control."""
 
     def __init__(self) -> None:
         super().__init__(0)
@@ -108,26 +119,32 @@ class Actors(list[Actor]):
 
     def filter(self, pattern: str) -> Actors:
         """The actors whose type a pattern names: `*vehicle*`, `walker.*`, or a part of it."""
-        return Actors(it for it in self if pattern in it.type_id or fnmatchcase(it.type_id, pattern))
+        return Actors(
+            it for it in self if pattern in it.type_id or fnmatchcase(it.type_id, pattern)
+        )
 
 
 class CarlaAgent:
     """Drives an agent that has `run_step()` or `run_step(input_data, timestamp)`.
 
-    agent: a class, an object or the name of one. Its constructor is given the options, and `vehicle` if it takes one.
-    """
+    agent: a class, an object or the name of one. Its constructor is given the options, and
+        `vehicle` if it takes one."""
 
     def __init__(self, agent: Any = None, **options: Any) -> None:
         kind = found_agent(agent, "run_step", _NAME)
         self._ego = Ego()
-        own = {"vehicle": self._ego, **options} if isinstance(kind, type) and takes(kind, "vehicle") else options
+        own = (
+            {"vehicle": self._ego, **options}
+            if isinstance(kind, type) and takes(kind, "vehicle")
+            else options
+        )
         self.agent = made_agent(kind, own, _NAME)
         self._arguments = positional(self.agent.run_step)
         self._frame = 0
 
     def reset(self, scenario: Briefing) -> None:
-        """Pass on where the case leads, where the agent wants to know, as CARLA's `set_destination` and
-        `set_target_speed` (km/h) do.
+        """Pass on where the case leads, where the agent wants to know, as CARLA's `set_destination`
+        and `set_target_speed` (km/h) do.
         """
         self._frame = 0
         if callable(tell := getattr(self.agent, "set_target_speed", None)):
@@ -136,18 +153,24 @@ class CarlaAgent:
             tell(vector(scenario.goal[0], -scenario.goal[1]))
 
     def act(self, seen: Observation) -> Pedals:
-        """Show the world, read the pedals. Raises ControllerError for what the vehicle does not have."""
+        """Show the world, read the pedals.
+
+        Raises ControllerError for what the vehicle does not have.
+        """
         self._ego.look(seen)
         control = self.agent.run_step(*self._told(seen)[: self._arguments])
         self._frame += 1
         missing = [name for name in ("throttle", "brake", "steer") if not hasattr(control, name)]
         if missing:
             raise ControllerError(
-                f"`run_step` of the ADS must return throttle, brake and steer, got {type(control).__name__} "
+                "`run_step` of the ADS must return throttle, brake and steer, got "
+                f"{type(control).__name__} "
                 f"without {', '.join(missing)}"
             )
         if getattr(control, "reverse", False):
-            raise ControllerError("`run_step` of the ADS must not ask for `reverse`: the vehicle drives forwards")
+            raise ControllerError(
+                "`run_step` of the ADS must not ask for `reverse`: the vehicle drives forwards"
+            )
         self._ego.obey(control)
         brake = 1.0 if getattr(control, "hand_brake", False) else control.brake
         return Command.pedals(control.throttle, brake, -control.steer)

@@ -1,7 +1,8 @@
-"""nuPlan planners: `AbstractPlanner.compute_planner_trajectory(current_input)` returns a trajectory, driven as a Plan.
+"""nuPlan planners: `AbstractPlanner.compute_planner_trajectory(current_input)` returns a
+trajectory, driven as a Plan.
 
-Frames agree: x, y m, heading rad counterclockwise. nuPlan's states are about the rear axle, and know the centre too.
-"""
+Frames agree: x, y m, heading rad counterclockwise. nuPlan's states are about the rear axle, and
+know the centre too."""
 
 from __future__ import annotations
 
@@ -23,10 +24,15 @@ _HISTORY = 2.0  # s, nuPlan's own buffer
 
 
 class NuPlanPlanner:
-    """Drives a planner with nuPlan's interface. agent: a class, an object or the name of one, made with the options."""
+    """Drives a planner with nuPlan's interface.
+
+    agent: a class, an object or the name of one, made with the options.
+    """
 
     def __init__(self, agent: Any = None, **options: Any) -> None:
-        self.agent = made_agent(found_agent(agent, "compute_planner_trajectory", _NAME), options, _NAME)
+        self.agent = made_agent(
+            found_agent(agent, "compute_planner_trajectory", _NAME), options, _NAME
+        )
 
     def reset(self, scenario: Briefing) -> None:
         """`initialize(PlannerInitialization)`: the goal, and no map: `map_api` is None."""
@@ -53,19 +59,23 @@ class NuPlanPlanner:
             sample_interval=self._interval,
         )  # fmt: skip
         time = SimpleNamespace(time_us=round(seen.time * _MICRO), time_s=seen.time)
-        iteration = SimpleNamespace(time_point=time, index=self._iteration, time_us=time.time_us, time_s=seen.time)
+        iteration = SimpleNamespace(
+            time_point=time, index=self._iteration, time_us=time.time_us, time_s=seen.time
+        )
         self._iteration += 1
         answer = self.agent.compute_planner_trajectory(
             SimpleNamespace(iteration=iteration, history=history, traffic_light_data=[])
         )
         if not callable(getattr(answer, "get_sampled_trajectory", None)):
             raise ControllerError(
-                "`compute_planner_trajectory` of the ADS must return a trajectory with `get_sampled_trajectory()`, "
+                "`compute_planner_trajectory` of the ADS must return a trajectory with "
+                "`get_sampled_trajectory()`, "
                 f"got {type(answer).__name__}"
             )
         states = answer.get_sampled_trajectory()
         return Plan(
-            [state.time_point.time_us / _MICRO for state in states], [state.center.x for state in states],
+            [state.time_point.time_us / _MICRO for state in states],
+            [state.center.x for state in states],
             [state.center.y for state in states], [state.center.heading for state in states],
             [state.dynamic_car_state.speed for state in states],
         )  # fmt: skip
@@ -76,16 +86,22 @@ class NuPlanPlanner:
         centre = SimpleNamespace(x=me.x, y=me.y, heading=me.heading)
         rear = SimpleNamespace(x=me.x - self._rear * c, y=me.y - self._rear * s, heading=me.heading)
         box = SimpleNamespace(center=centre, length=me.length, width=me.width, height=1.5)
-        velocity, acceleration = SimpleNamespace(x=me.speed, y=0.0), SimpleNamespace(x=me.acceleration, y=0.0)
+        velocity, acceleration = (
+            SimpleNamespace(x=me.speed, y=0.0),
+            SimpleNamespace(x=me.acceleration, y=0.0),
+        )
         moving = SimpleNamespace(
-            rear_axle_velocity_2d=velocity, rear_axle_acceleration_2d=acceleration, center_velocity_2d=velocity,
+            rear_axle_velocity_2d=velocity, rear_axle_acceleration_2d=acceleration,
+            center_velocity_2d=velocity,
             center_acceleration_2d=acceleration, speed=me.speed, acceleration=me.acceleration,
         )  # fmt: skip
         micro = round(seen.time * _MICRO)
         return SimpleNamespace(
-            center=centre, rear_axle=rear, dynamic_car_state=moving, time_us=micro, time_seconds=seen.time,
+            center=centre, rear_axle=rear, dynamic_car_state=moving, time_us=micro,
+            time_seconds=seen.time,
             time_point=SimpleNamespace(time_us=micro, time_s=seen.time),
-            car_footprint=SimpleNamespace(center=centre, rear_axle=rear, oriented_box=box, length=me.length,
+            car_footprint=SimpleNamespace(center=centre, rear_axle=rear, oriented_box=box,
+                length=me.length,
                                           width=me.width),
         )  # fmt: skip
 
@@ -107,8 +123,15 @@ class _Tracked:
         return len(self.tracked_objects)
 
 
-_VEHICLE, _PERSON = SimpleNamespace(name="VEHICLE", value=0), SimpleNamespace(name="PEDESTRIAN", value=1)
-_TYPES = {"bicycle": SimpleNamespace(name="BICYCLE", value=2), "pedestrian": _PERSON, "child": _PERSON}
+_VEHICLE, _PERSON = (
+    SimpleNamespace(name="VEHICLE", value=0),
+    SimpleNamespace(name="PEDESTRIAN", value=1),
+)
+_TYPES = {
+    "bicycle": SimpleNamespace(name="BICYCLE", value=2),
+    "pedestrian": _PERSON,
+    "child": _PERSON,
+}
 """nuPlan's `TrackedObjectType` of a kind; motorcycles and lorries are vehicles there."""
 
 

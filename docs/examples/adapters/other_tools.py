@@ -15,15 +15,27 @@ from sumo_eval.settings.locators import load_object
 
 
 def found_agent(agent: Any, method: str, owner: str) -> Any:
-    """The class or object that `agent` names, which must have `method`. Raises InputError for anything else.
+    """The class or object that `agent` names, which must have `method`.
 
-    A `file.py:Name` lies where the process runs, or where Python looks for modules: an evaluation file's folder is one.
+    Raises InputError for anything else.
+
+    A `file.py:Name` lies where the process runs, or where Python looks for modules: an evaluation
+    file's folder is one.
     """
     if agent is None:
-        raise InputError(f"{owner} needs the ADS that it drives: `{owner}?options.agent=my_agent.py:Agent`.")
+        raise InputError(
+            f"{owner} needs the ADS that it drives: `{owner}?options.agent=my_agent.py:Agent`."
+        )
     if isinstance(agent, str):
         place = agent.rpartition(":")[0]
-        folder = next((Path(p) for p in ("", *sys.path) if place.endswith(".py") and Path(p, place).is_file()), None)
+        folder = next(
+            (
+                Path(p)
+                for p in ("", *sys.path)
+                if place.endswith(".py") and Path(p, place).is_file()
+            ),
+            None,
+        )
         agent = load_object(agent, folder, f"{owner}'s agent")
     if not callable(getattr(agent, method, None)):
         kind = agent if inspect.isclass(agent) else type(agent)
@@ -38,7 +50,9 @@ def made_agent(agent: Any, options: Mapping[str, Any], owner: str) -> Any:
     """An object of the agent's class, made with the options; an object is taken as it is."""
     if not inspect.isclass(agent):
         if options:
-            raise InputError(f"{owner} takes no more options where `agent` is an object: {', '.join(options)}.")
+            raise InputError(
+                f"{owner} takes no more options where `agent` is an object: {', '.join(options)}."
+            )
         return agent
     try:
         return agent(**options)

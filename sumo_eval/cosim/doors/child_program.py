@@ -1,4 +1,6 @@
-"""A program of the user's as a child process: started for a case, its words kept, its process group killed after."""
+"""A program of the user's as a child process: started for a case, its words kept, its process group
+killed after.
+"""
 
 from __future__ import annotations
 
@@ -22,40 +24,63 @@ _PR_SET_PDEATHSIG = 1
 
 
 def split_command(command: str, folder: Path | None, scheme: str) -> tuple[str, ...]:
-    """The words of a command line. Raises InputError when there is none, or no such program."""
+    """The words of a command line.
+
+    Raises InputError when there is none, or no such program.
+    """
     owner = f"ADS `{scheme}:{command}`"
     try:
         words = tuple(shlex.split(command))
     except ValueError as error:
-        raise must_be("The command", owner, f"one that a shell could split ({error})", command) from None
+        raise must_be(
+            "The command", owner, f"one that a shell could split ({error})", command
+        ) from None
     if not words:
         raise must_be("The command", owner, "a program and its arguments", command)
     if not hasattr(os, "killpg"):
         raise InputError(f"{owner} needs a system with process groups (Linux, macOS).")
     program = words[0]
-    found = (folder or Path.cwd()) / program if os.sep in program else shutil.which(program, path=search_path())
+    found = (
+        (folder or Path.cwd()) / program
+        if os.sep in program
+        else shutil.which(program, path=search_path())
+    )
     if found is None or not os.access(found, os.X_OK) or Path(found).is_dir():
         raise InputError(f"{owner}: there is no program `{program}` that can be run.")
     return words
 
 
 def search_path() -> str:
-    """Where programs are looked for: as usual, and before that in the environment that this one runs in, unless another
-    is activated.
+    """Where programs are looked for: as usual, and before that in the environment that this one
+    runs in, unless another is activated.
     """
     usual = os.environ.get("PATH", os.defpath)
-    if sys.prefix == sys.base_prefix or os.environ.get("VIRTUAL_ENV") or os.environ.get("CONDA_PREFIX"):
+    if (
+        sys.prefix == sys.base_prefix
+        or os.environ.get("VIRTUAL_ENV")
+        or os.environ.get("CONDA_PREFIX")
+    ):
         return usual
     return os.pathsep.join([str(Path(sys.executable).parent), usual])
 
 
 class ChildProgram:
-    """A running program. With `talks` its stdin and stdout are pipes; else what it prints is kept beside its stderr."""
+    """A running program.
+
+    With `talks` its stdin and stdout are pipes; else what it prints is kept beside its stderr.
+    """
 
     def __init__(
-        self, command: Sequence[str], folder: Path | None, *, talks: bool, variables: Mapping[str, str] | None = None
+        self,
+        command: Sequence[str],
+        folder: Path | None,
+        *,
+        talks: bool,
+        variables: Mapping[str, str] | None = None,
     ) -> None:
-        environment = {name: value for name, value in os.environ.items() if name != "LIBSUMO_AS_TRACI"}
+        environment = {
+            name: value for name, value in os.environ.items() if name != "LIBSUMO_AS_TRACI"
+        }
         environment["PATH"] = search_path()
         self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
         pipe = subprocess.PIPE if talks else subprocess.DEVNULL
@@ -78,7 +103,8 @@ class ChildProgram:
                 process.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(_PATIENCE)
-        with contextlib.suppress(ProcessLookupError, PermissionError):  # nobody of the group is left
+        # nobody of the group is left
+        with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         if process.stdout is not None:
@@ -87,11 +113,15 @@ class ChildProgram:
         text = self._said.read().decode("utf-8", errors="replace")
         self._said.close()
         return (
-            text if len(text) <= _KEPT else f"[the first {len(text) - _KEPT} characters are left out]\n{text[-_KEPT:]}"
+            text
+            if len(text) <= _KEPT
+            else f"[the first {len(text) - _KEPT} characters are left out]\n{text[-_KEPT:]}"
         )
 
     def ended(self) -> str:
-        """How the program ended: `with status 1`; of one that has only closed its output, that it did."""
+        """How the program ended: `with status 1`; of one that has only closed its output, that it
+        did.
+        """
         try:
             return f"with status {self.process.wait(_PATIENCE)}"
         except subprocess.TimeoutExpired:

@@ -1,6 +1,8 @@
-"""The contract of the ADS door as a function: drive cases again and again and say what an ADS should mend.
+"""The contract of the ADS door as a function: drive cases again and again and say what an ADS
+should mend.
 
-In the manner of Gymnasium's `check_env`: what holds of every controller that ships is checked of yours.
+In the manner of Gymnasium's `check_env`: what holds of every controller that ships is checked of
+yours.
 """
 
 from __future__ import annotations
@@ -22,25 +24,32 @@ from sumo_eval.trajectory import CHANNELS, Clip, Recording
 
 _WORDS = {
     "acceleration": "asks for {requested:.3g} m/s2, the vehicle gives {applied:.3g}",
-    "steering_angle": "asks for a steering wheel angle of {requested:.3g} rad, the vehicle gives {applied:.3g}",
-    "speed_mode": "sets SUMO's speed mode to {requested:.0f}; the harness sets it back to {applied:.0f}",
+    "steering_angle": "asks for a steering wheel angle of {requested:.3g} rad, the vehicle gives "
+    "{applied:.3g}",
+    "speed_mode": "sets SUMO's speed mode to {requested:.0f}; the harness sets it back to "
+    "{applied:.0f}",
     "touched_vehicle": "writes to other vehicles",
-    "dropped_traci_call": "moves the ego through TraCI in a step for which it also gives a Command: the Command counts",
+    "dropped_traci_call": "moves the ego through TraCI in a step for which it also gives a "
+    "Command: the Command counts",
     "ignored_traci_call": "makes TraCI calls that SUMO ignores, {requested:.0f} in a case",
     "stepped_the_clock": "steps SUMO's clock, which is left out",
     "trigger_never_fired": "a condition of a script never held ({requested:.0f} in all)",
     "departed": "the ego was up to {requested:.2f} m from where the recorded one was at the time, "
     "{applied:.2f} m at the end",
-    "handed_over": "the ego departed from the recorded one: others reacted to it from {requested:.2f} s on, "
+    "handed_over": "the ego departed from the recorded one: others reacted to it from "
+    "{requested:.2f} s on, "
     "the last from {applied:.2f} s",
     "goal_missed": "the lane change that the ego had to make was not made by x = {requested:.0f} m",
-    "struck_from_behind": "a vehicle that reacts ran into the ego from behind at {requested:.2f} m/s, "
+    "struck_from_behind": "a vehicle that reacts ran into the ego from behind at {requested:.2f} "
+    "m/s, "
     "{applied:.2f} s after the ego had come into that lane",
     "actor_off_its_script": "another vehicle was {applied:.2f} m off its script",
     "plan_error": "the vehicle was {applied:.2f} m from its plan",
-    "plan_ended": "a plan ended at {requested:.2f} s, and was driven on straight until {applied:.2f} s",
+    "plan_ended": "a plan ended at {requested:.2f} s, and was driven on straight until "
+    "{applied:.2f} s",
 }
-_OUT_OF_RANGE = ("acceleration", "steering_angle", "speed_mode", "touched_vehicle", "stepped_the_clock",
+_OUT_OF_RANGE = ("acceleration", "steering_angle", "speed_mode", "touched_vehicle",
+    "stepped_the_clock",
                  "actor_off_its_script", "dropped_traci_call", "ignored_traci_call")  # fmt: skip
 _OF_A_PLAN = ("plan_error", "plan_ended")
 _FAR_FROM_A_PLAN = 1.0  # m
@@ -48,12 +57,15 @@ _NO_ACCELERATION = 20.0  # m/s2: nobody means more
 _LINES = 12  # of a log that a finding shows
 _COMMANDS = ("acceleration", "steering_angle")
 RUN = RunSettings()
-_PATIENCE = 60.0  # s of wall time: an ADS that is slower than this in a few cases need not drive all of them
+# s of wall time: an ADS that is slower than this in a few cases need not drive all of them
+_PATIENCE = 60.0
 _MARGIN = 0.5  # of a limit: a busier machine can take twice as long
 _HINTS = {
-    r"[Tt]ype '.*' is not known": "a type of the ego's own is the class attribute `vehicle_type`, e.g. "
+    r"[Tt]ype '.*' is not known": "a type of the ego's own is the class attribute `vehicle_type`, "
+    "e.g. "
     'vehicle_type = {"carFollowModel": "IDM"}',
-    r"[Vv]ehicle '.*' is not known": 'the ego\'s id is the argument `ego`, which is "ego"; other vehicles come '
+    r"[Vv]ehicle '.*' is not known": 'the ego\'s id is the argument `ego`, which is "ego"; other '
+    "vehicles come "
     "and go, see traci.vehicle.getIDList()",
 }
 """What to do about an error of TraCI's, by its words."""
@@ -62,7 +74,11 @@ _WALL_CLOCK = ("late_command",)  # clips that differ from run to run by their na
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One point of the contract. kind: `ok`, `note`, `warn` (works, but look at it) or `FAIL`. mend: what to do."""
+    """One point of the contract.
+
+    kind: `ok`, `note`, `warn` (works, but look at it) or `FAIL`.
+    mend: what to do.
+    """
 
     kind: str
     text: str
@@ -78,10 +94,12 @@ def check_controller(
     step_timeout: float = RUN.step_timeout,
     case_timeout: float = RUN.case_timeout,
 ) -> list[Finding]:
-    """Every point of the contract for an ADS, from two drives of each case. InputError if it cannot be loaded.
+    """Every point of the contract for an ADS, from two drives of each case.
 
-    step_timeout, case_timeout: wall time that a step and a case may take in the run that is to be, s; what a run would
-    lose to them is worked out from the time that the drives took here.
+    InputError if it cannot be loaded.
+
+    step_timeout, case_timeout: wall time that a step and a case may take in the run that is to be,
+        s; what a run would lose to them is worked out from the time that the drives took here.
     """
     asked = settings or SimulationSettings()
     settings = replace(asked, record_interval=asked.step)
@@ -89,7 +107,9 @@ def check_controller(
     findings = [Finding("ok", "can be loaded")]
 
     def drive(case: ConcreteScenario) -> Recording:
-        return simulate(case, controller, settings, folder=folder, step_timeout=step_timeout, seed=1)
+        return simulate(
+            case, controller, settings, folder=folder, step_timeout=step_timeout, seed=1
+        )
 
     first: list[Recording] = []
     for case in cases:
@@ -108,15 +128,21 @@ def check_controller(
     for case in driven:
         if sum(recording.wall_time for recording in again) <= _PATIENCE:
             again.append(drive(case))
-    findings += _counted([_same(case, one, two) for case, one, two in zip(driven, first, again, strict=False)])
+    findings += _counted(
+        [_same(case, one, two) for case, one, two in zip(driven, first, again, strict=False)]
+    )
     if len(again) < len(driven):
-        findings.append(Finding("note", f"{len(again)} of the {len(driven)} cases were driven a second time"))
+        findings.append(
+            Finding("note", f"{len(again)} of the {len(driven)} cases were driven a second time")
+        )
     findings.append(_latency((*first, *again), settings.step))
     return [*findings, *left_out, *clock]
 
 
 def _left_out(driven: int, cases: int) -> Finding:
-    return Finding("note", f"{driven} of {cases} cases were driven: they took more than {_PATIENCE:g} s")
+    return Finding(
+        "note", f"{driven} of {cases} cases were driven: they took more than {_PATIENCE:g} s"
+    )
 
 
 def _projected(
@@ -126,34 +152,53 @@ def _projected(
     step_timeout: float,
     case_timeout: float,
 ) -> list[Finding]:
-    """What a run would lose to its two limits on wall time, by the time that the drives took here."""
+    """What a run would lose to its two limits on wall time, by the time that the drives took
+    here.
+    """
     count = len(recordings)
     late = sum(recording.end_reason == "ads_timeout" for recording in recordings)
     if late:
-        text = f"`run` would lose {late} of these {count} cases to step_timeout = {step_timeout:g} s"
+        text = (
+            f"`run` would lose {late} of these {count} cases to step_timeout = {step_timeout:g} s"
+        )
         return [Finding("FAIL", text, "answer sooner, or allow more: [run] step_timeout")]
     if any(recording.end_reason == "ads_error" for recording in recordings):
         return []  # what a drive that broke off took says nothing of a whole one
     worst = max(recording.controller_latency[1] for recording in recordings)
     found = []
     if worst > _MARGIN * step_timeout:
-        text = f"a step took {_time(worst)} of the step_timeout = {step_timeout:g} s: a busier machine may lose cases"
+        text = (
+            f"a step took {_time(worst)} of the step_timeout = {step_timeout:g} s: a busier "
+            "machine may lose cases"
+        )
         found.append(Finding("note", text, "answer sooner, or allow more: [run] step_timeout"))
     longest = max(recording.wall_time for recording in recordings)
-    lost = [case for case, one in zip(cases, recordings, strict=True) if one.wall_time > case_timeout]
+    lost = [
+        case for case, one in zip(cases, recordings, strict=True) if one.wall_time > case_timeout
+    ]
     driven = sum(max(recording.simulated_time, settings.step) for recording in recordings)
     pace = sum(recording.wall_time for recording in recordings) / driven
     at_limit = pace * settings.time_limit
-    reach = f"a case may simulate {case_timeout / pace:.0f} s at {pace:.2g} s of wall time a simulated second"
+    reach = (
+        f"a case may simulate {case_timeout / pace:.0f} s at {pace:.2g} s of wall time a "
+        "simulated second"
+    )
     mend = "answer sooner, ask the ADS less often, or allow more: [run] case_timeout"
     if lost:
         where = f"{lost[0].scenario} ({lost[0].label})"
-        text = f"`run` would lose {len(lost)} of these {count} cases to case_timeout = {case_timeout:g} s, e.g. {where}"
+        text = (
+            f"`run` would lose {len(lost)} of these {count} cases to case_timeout = "
+            f"{case_timeout:g} s, e.g. {where}"
+        )
         found.append(Finding("FAIL", f"{text}; {reach}", mend))
     elif longest > _MARGIN * case_timeout or at_limit > case_timeout:
-        text = f"`run` would lose a case that lasts until the time limit of {settings.time_limit:g} s"
+        text = (
+            f"`run` would lose a case that lasts until the time limit of {settings.time_limit:g} s"
+        )
         text += f": {at_limit:.0f} s of wall time, and case_timeout is {case_timeout:g} s"
-        near = f"the slowest case here took {longest:.0f} s of the case_timeout = {case_timeout:g} s"
+        near = (
+            f"the slowest case here took {longest:.0f} s of the case_timeout = {case_timeout:g} s"
+        )
         found.append(Finding("note", f"{text if at_limit > case_timeout else near}; {reach}", mend))
     if not found:
         limits = f"step_timeout = {step_timeout:g} s or case_timeout = {case_timeout:g} s"
@@ -163,14 +208,18 @@ def _projected(
 
 
 def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> list[Finding]:
-    """How the cases end: those that do well one by one, each cause of a fault once, with its count."""
+    """How the cases end: those that do well one by one, each cause of a fault once, with its
+    count.
+    """
     alike: dict[str, list[tuple[ConcreteScenario, Recording]]] = {}
     for case, one in zip(cases, recordings, strict=True):
         cause = "" if one.error is None else without_numbers(one.error) + one.error_place
         alike.setdefault(cause, []).append((case, one))
     found = [
         Finding(
-            "ok", f"drives {case.scenario} ({case.label}) to its end: {one.end_reason} at {one.simulated_time:.2f} s"
+            "ok",
+            f"drives {case.scenario} ({case.label}) to its end: {one.end_reason} at "
+            f"{one.simulated_time:.2f} s",
         )
         for case, one in alike.pop("", [])
     ]
@@ -178,7 +227,10 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) ->
 
 
 def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int) -> Finding:
-    """One cause. count: how many of the cases it ended; the first of them is told."""
+    """One cause.
+
+    count: how many of the cases it ended; the first of them is told.
+    """
     where = f"{case.scenario} ({case.label})"
     if count > 1:
         where = f"{count} of {cases} cases, e.g. {where}"
@@ -186,7 +238,9 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
         "ads_timeout": "answer sooner, or allow more: [run] step_timeout",
         "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
     }.get(recording.end_reason, "fix what the message names")
-    mend = next((hint for told, hint in _HINTS.items() if re.search(told, recording.error or "")), mend)
+    mend = next(
+        (hint for told, hint in _HINTS.items() if re.search(told, recording.error or "")), mend
+    )
     if recording.error_place:
         return Finding("FAIL", f"{where}: {recording.error} At {recording.error_place}.", mend)
     log = f"\n{last_lines(recording.log, _LINES)}" if recording.log.strip() else ""
@@ -194,38 +248,57 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
 
 
 def _in_range(recordings: Sequence[Recording]) -> Finding:
-    worst = [clip for recording in recordings for clip in recording.clips if clip.what in _OUT_OF_RANGE]
+    worst = [
+        clip for recording in recordings for clip in recording.clips if clip.what in _OUT_OF_RANGE
+    ]
     if not worst:
         return Finding("ok", "commands are within what the vehicle can do")
-    said = {clip.what: _WORDS[clip.what].format(requested=clip.requested, applied=clip.applied) for clip in worst}
-    logs = {line for recording in recordings for line in recording.log.splitlines() if line.startswith("SUMO ignored ")}
+    said = {
+        clip.what: _WORDS[clip.what].format(requested=clip.requested, applied=clip.applied)
+        for clip in worst
+    }
+    logs = {
+        line
+        for recording in recordings
+        for line in recording.log.splitlines()
+        if line.startswith("SUMO ignored ")
+    }
     text = "; ".join([*said.values(), *sorted(line.rstrip(".") for line in logs)])
     if any(clip.what in _COMMANDS for clip in worst):
         mend = (
-            "the vehicle does what it can, and every case counts that as clips; if that was not intended: "
+            "the vehicle does what it can, and every case counts that as clips; if that was not "
+            "intended: "
             "acceleration is in m/s2, steering is the steering WHEEL's angle in rad"
         )
-        if any(clip.what == "acceleration" and abs(clip.requested) > _NO_ACCELERATION for clip in worst):
+        if any(
+            clip.what == "acceleration" and abs(clip.requested) > _NO_ACCELERATION for clip in worst
+        ):
             mend += "; for a speed at once return Command(speed=wanted) instead of (wanted - v)/dt"
         return Finding("warn", text, mend)
     return Finding(
-        "note", text, "allowed, and counted in every case as clips; limit it yourself if that was not intended"
+        "note",
+        text,
+        "allowed, and counted in every case as clips; limit it yourself if that was not intended",
     )
 
 
 def _planned(recordings: Sequence[Recording]) -> list[Finding]:
     """How far the vehicle was from what its ADS planned at worst, where it plans."""
     worst: dict[str, Clip] = {}
-    for clip in (clip for recording in recordings for clip in recording.clips if clip.what in _OF_A_PLAN):
+    for clip in (
+        clip for recording in recordings for clip in recording.clips if clip.what in _OF_A_PLAN
+    ):
         if clip.what not in worst or abs(clip.applied) > abs(worst[clip.what].applied):
             worst[clip.what] = clip
     if not worst:
         return []
     text = "; ".join(
-        _WORDS[what].format(requested=clip.requested, applied=clip.applied) for what, clip in worst.items()
+        _WORDS[what].format(requested=clip.requested, applied=clip.applied)
+        for what, clip in worst.items()
     )
     if worst["plan_error"].applied > _FAR_FROM_A_PLAN or "plan_ended" in worst:
-        return [Finding("warn", text, "a Plan is in road coordinates and in s since the start of the case, from where "
+        return [Finding("warn", text, "a Plan is in road coordinates and in s since the start of "
+                                      "the case, from where "
                         "the ego is, and reaches until the next one is given")]  # fmt: skip
     return [Finding("ok", text)]
 
@@ -243,9 +316,16 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
     where = f"{case.scenario} ({case.label})"
     n = min(len(one.ego), len(two.ego))
     rows = [np.column_stack([getattr(r.ego, name)[:n] for name in CHANNELS]) for r in (one, two)]
-    differ = np.flatnonzero(np.any((rows[0] != rows[1]) & ~(np.isnan(rows[0]) & np.isnan(rows[1])), axis=1))
+    differ = np.flatnonzero(
+        np.any((rows[0] != rows[1]) & ~(np.isnan(rows[0]) & np.isnan(rows[1])), axis=1)
+    )
     clips = [tuple(clip for clip in r.clips if clip.what not in _WALL_CLOCK) for r in (one, two)]
-    if not differ.size and len(one.ego) == len(two.ego) and one.collision == two.collision and clips[0] == clips[1]:
+    if (
+        not differ.size
+        and len(one.ego) == len(two.ego)
+        and one.collision == two.collision
+        and clips[0] == clips[1]
+    ):
         return Finding("ok", f"drives {where} the same a second time, with another case in between")
     when = float(one.ego.time[differ[0]]) if differ.size else one.simulated_time
     i = int(differ[0]) if differ.size else n - 1
@@ -253,7 +333,8 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
         "FAIL",
         f"{where}: the second drive differs from {when:.2f} s on: {one.ego.speed[i]:.4f} m/s, "
         f"then {two.ego.speed[i]:.4f} m/s",
-        "forget everything in reset (variables of the class and of the module too), draw random numbers from a seed, "
+        "forget everything in reset (variables of the class and of the module too), draw random "
+        "numbers from a seed, "
         "do not read the wall clock",
     )  # fmt: skip
 
@@ -264,7 +345,10 @@ def _latency(recordings: Sequence[Recording], step: float) -> Finding:
     text = f"{_time(mean)} a step, {_time(worst)} at most; SUMO's step is {_time(step)}"
     if worst > step and math.isfinite(worst):
         return Finding(
-            "note", text, "slower than real time at least once; [simulation.conditions] step_budget makes that count"
+            "note",
+            text,
+            "slower than real time at least once; [simulation.conditions] step_budget makes that "
+            "count",
         )
     return Finding("ok", text)
 

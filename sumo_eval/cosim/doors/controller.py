@@ -1,11 +1,13 @@
-"""The ADS door: what a controller is, and how a locator such as `idm`, `module:name` or `exec:./my_ads` becomes one.
+"""The ADS door: what a controller is, and how a locator such as `idm`, `module:name` or
+`exec:./my_ads` becomes one.
 
-A controller is a function `(traci, ego, time)` or an object with `step(traci, ego, time)` and, if it likes,
-`reset(scenario, traci, ego)` and `close()`. `traci` is the running simulation, so TraCI code works as it is; `ego`
-is the ego's vehicle id; `time` is seconds since the start of the case (SUMO's own clock is one step ahead of it, the
-step that inserted the vehicles). A step returns a `Command` for the harness's vehicle model, or None when it has
-commanded SUMO itself. Who prefers no TraCI takes an `Observation`: a function `(observation)`, or an object with
-`act(observation)`. A `traci.StepListener` is a controller too.
+A controller is a function `(traci, ego, time)` or an object with `step(traci, ego, time)` and, if
+it likes, `reset(scenario, traci, ego)` and `close()`. `traci` is the running simulation, so TraCI
+code works as it is; `ego` is the ego's vehicle id; `time` is seconds since the start of the case
+(SUMO's own clock is one step ahead of it, the step that inserted the vehicles). A step returns a
+`Command` for the harness's vehicle model, or None when it has commanded SUMO itself. Who prefers no
+TraCI takes an `Observation`: a function `(observation)`, or an object with `act(observation)`. A
+`traci.StepListener` is a controller too.
 """
 
 from __future__ import annotations
@@ -33,12 +35,16 @@ from sumo_eval.settings.locators import load_object
 
 @dataclass(frozen=True, slots=True)
 class Briefing:
-    """What a controller is told before a case: the road, its own vehicle, the step, s, and the wall time of one, s.
+    """What a controller is told before a case: the road, its own vehicle, the step, s, and the wall
+    time of one, s.
 
-    period: s from one call to the next. desired_speed: the speed that the ego wants, m/s: the one that it starts with.
-    goal: the end of the road in the lane that it starts in or has to change to, x, y m. change: from which x on and by
-    which it has to change lanes, m; None: it may stay. way: that lane change, for what ships.
-    scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set, else "" and None.
+    period: s from one call to the next.
+    desired_speed: the speed that the ego wants, m/s: the one that it starts with.
+    goal: the end of the road in the lane that it starts in or has to change to, x, y m.
+    change: from which x on and by which it has to change lanes, m; None: it may stay.
+    way: that lane change, for what ships.
+    scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set,
+        else "" and None.
     """
 
     scenario: str
@@ -66,14 +72,19 @@ class Controller(Protocol):
         """Called once, before the first step."""
 
     def step(self, traci: Any, ego: str, time: float) -> Wanted | None:
-        """Called every step; returns what is asked of the vehicle, or None after commanding SUMO itself."""
+        """Called every step; returns what is asked of the vehicle, or None after commanding SUMO
+        itself.
+        """
 
     def close(self) -> None:
         """Called once, after the last step, whatever happened."""
 
 
 class Adapter:
-    """Base of what makes a controller of something else: does nothing. target: the user's own object."""
+    """Base of what makes a controller of something else: does nothing.
+
+    target: the user's own object.
+    """
 
     target: Any = None
     is_policy: ClassVar[bool] = False  # whether it looks through observations and nothing else
@@ -92,7 +103,9 @@ class Adapter:
 
 @dataclass(slots=True)
 class ObjectController(Adapter):
-    """A function (traci, ego, time), or an object with such a `step`; its `reset` and `close` are optional."""
+    """A function (traci, ego, time), or an object with such a `step`; its `reset` and `close` are
+    optional.
+    """
 
     target: Any
 
@@ -108,7 +121,9 @@ class ObjectController(Adapter):
 
 @dataclass(slots=True)
 class ListenerController(Adapter):
-    """A `traci.StepListener` as a controller: the harness calls its `step` after every step, and removes it."""
+    """A `traci.StepListener` as a controller: the harness calls its `step` after every step, and
+    removes it.
+    """
 
     target: Any
 
@@ -121,7 +136,9 @@ class ListenerController(Adapter):
 
 
 class ObservingController(Adapter):
-    """Base of the adapters that are shown Observations; the harness lends the senses before `reset`."""
+    """Base of the adapters that are shown Observations; the harness lends the senses before
+    `reset`.
+    """
 
     senses: Senses
 
@@ -141,14 +158,16 @@ class PolicyController(Adapter):
 
 
 def takes_arrays(policy: Any) -> bool:
-    """Whether an object or a class with `act` says that it wants arrays of observations: `batch = True`."""
+    """Whether an object or a class with `act` says that it wants arrays of observations: `batch =
+    True`.
+    """
     own = policy.target if isinstance(policy, PolicyController) else policy
     return getattr(own, "batch", False) is True and callable(getattr(own, "act", None))
 
 
 def as_command(action: Any) -> Wanted:
-    """What an action asks for: a Command, pedals or a Plan as it is; else an acceleration in m/s2, or a pair with the
-    steering wheel angle in rad.
+    """What an action asks for: a Command, pedals or a Plan as it is; else an acceleration in m/s2,
+    or a pair with the steering wheel angle in rad.
     """
     if type(action) is float:
         return Command(action)
@@ -160,54 +179,83 @@ def as_command(action: Any) -> Wanted:
     found = [finite_number(value) for value in values] if len(values) <= 2 else []
     if not found or None in found:
         raise ControllerError(
-            "The action of the ADS must be a Command, an acceleration or (acceleration, steering), of finite numbers, "
+            "The action of the ADS must be a Command, an acceleration or (acceleration, "
+            "steering), of finite numbers, "
             "or a Plan, "
             f"got {shown(action)}"
         )
     return Command(*cast(list[float], found))
 
 
-_WHERE_THE_ROUTE_ASKS = 513  # lane change mode: strategic changes alone, with gaps that are safe for the others
+# lane change mode: strategic changes alone, with gaps that are safe for the others
+_WHERE_THE_ROUTE_ASKS = 513
 SUMO_ATTRIBUTES = (
-    "accel", "decel", "apparentDecel", "emergencyDecel", "minGap", "tau", "sigma", "sigmaStep", "startupDelay",
-    "speedFactor", "speedDev", "desiredMaxSpeed", "maxSpeed", "actionStepLength", "delta", "stepping", "adaptFactor",
-    "adaptTime", "tpreview", "tPersDrive", "tPersEstimate", "tReaction", "treaction", "ccoolness", "sigmaleader",
-    "sigmagap", "sigmaerror", "jerkmax", "epsilonacc", "taccmax", "Mflatness", "Mbegin", "speedControlGain",
-    "gapClosingControlGainSpeed", "gapClosingControlGainSpace", "gapControlGainSpeed", "gapControlGainSpace",
-    "collisionAvoidanceGainSpeed", "collisionAvoidanceGainSpace", "speedControlMinGap", "applyDriverState",
-    "tauLastStep", "k", "phi", "security", "estimation", "tmp1", "tmp2", "tmp3", "tmp4", "tmp5", "cc1", "cc2", "cc3",
-    "cc4", "cc5", "cc6", "cc7", "cc8", "cc9", "lanesCount", "ccAccel", "ccDecel", "tauEngine", "c1", "xi", "omegaN",
-    "constSpacing", "kp", "lambda", "ploegKp", "ploegKd", "ploegH", "flatbedKa", "flatbedKv", "flatbedKp", "flatbedD",
-    "flatbedH", "speedControlGainCACC", "gapClosingControlGainGap", "gapClosingControlGainGapDot", "gapControlGainGap",
-    "gapControlGainGapDot", "collisionAvoidanceGainGap", "collisionAvoidanceGainGapDot", "collisionAvoidanceOverride",
+    "accel", "decel", "apparentDecel", "emergencyDecel", "minGap", "tau", "sigma", "sigmaStep",
+    "startupDelay",
+    "speedFactor", "speedDev", "desiredMaxSpeed", "maxSpeed", "actionStepLength", "delta",
+    "stepping", "adaptFactor",
+    "adaptTime", "tpreview", "tPersDrive", "tPersEstimate", "tReaction", "treaction", "ccoolness",
+    "sigmaleader",
+    "sigmagap", "sigmaerror", "jerkmax", "epsilonacc", "taccmax", "Mflatness", "Mbegin",
+    "speedControlGain",
+    "gapClosingControlGainSpeed", "gapClosingControlGainSpace", "gapControlGainSpeed",
+    "gapControlGainSpace",
+    "collisionAvoidanceGainSpeed", "collisionAvoidanceGainSpace", "speedControlMinGap",
+    "applyDriverState",
+    "tauLastStep", "k", "phi", "security", "estimation", "tmp1", "tmp2", "tmp3", "tmp4", "tmp5",
+    "cc1", "cc2", "cc3",
+    "cc4", "cc5", "cc6", "cc7", "cc8", "cc9", "lanesCount", "ccAccel", "ccDecel", "tauEngine",
+    "c1", "xi", "omegaN",
+    "constSpacing", "kp", "lambda", "ploegKp", "ploegKd", "ploegH", "flatbedKa", "flatbedKv",
+    "flatbedKp", "flatbedD",
+    "flatbedH", "speedControlGainCACC", "gapClosingControlGainGap", "gapClosingControlGainGapDot",
+    "gapControlGainGap",
+    "gapControlGainGapDot", "collisionAvoidanceGainGap", "collisionAvoidanceGainGapDot",
+    "collisionAvoidanceOverride",
 )  # fmt: skip
 """Attributes of a vType that describe how it follows; the body is the vehicle settings'."""
 PARAMETER = "carFollowModel."
-"""What a parameter of the model begins with that it is told at the start: Plexe's `carFollowModel.ccac=1`."""
+"""What a parameter of the model begins with that it is told at the start: Plexe's
+`carFollowModel.ccac=1`."""
 
 
 @dataclass(frozen=True, slots=True)
 class NativeModel(Adapter):
-    """The ego driven by one of SUMO's own car-following models: `sumo:MODEL?tau=1.2&minGap=2`. It keeps its lane, or
-    changes as SUMO's lane-changing model does where its route asks for it.
+    """The ego driven by one of SUMO's own car-following models: `sumo:MODEL?tau=1.2&minGap=2`.
+
+    It keeps its lane, or changes as SUMO's lane-changing model does where its route asks for it.
     """
 
     model: str
     attributes: Mapping[str, str] = field(default_factory=dict)
 
     def vtype_on(self, road: Road) -> dict[str, str]:
-        """Attributes of the ego's vehicle type: SUMO's own defaults of a passenger car, within what the vehicle can.
+        """Attributes of the ego's vehicle type: SUMO's own defaults of a passenger car, within what
+        the vehicle can.
 
         Plexe's `CC` wants to know how many lanes there are.
         """
-        own = {name: value for name, value in self.attributes.items() if not name.startswith(PARAMETER)}
+        own = {
+            name: value for name, value in self.attributes.items() if not name.startswith(PARAMETER)
+        }
         lanes = {"lanesCount": str(road.lanes)} if self.model == "CC" else {}
-        return {**lanes, "carFollowModel": self.model, "minGap": "2.5", "accel": "2.6", "decel": "4.5", **own}
+        return {
+            **lanes,
+            "carFollowModel": self.model,
+            "minGap": "2.5",
+            "accel": "2.6",
+            "decel": "4.5",
+            **own,
+        }
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Give SUMO the wheel: all its safety checks on, no lane changes but those that the route asks for."""
+        """Give SUMO the wheel: all its safety checks on, no lane changes but those that the route
+        asks for.
+        """
         traci.vehicle.setSpeedMode(ego, 31)
-        traci.vehicle.setLaneChangeMode(ego, 0 if scenario.change is None else _WHERE_THE_ROUTE_ASKS)
+        traci.vehicle.setLaneChangeMode(
+            ego, 0 if scenario.change is None else _WHERE_THE_ROUTE_ASKS
+        )
         for name, value in self.attributes.items():
             if name.startswith(PARAMETER):
                 traci.vehicle.setParameter(ego, name, value)
@@ -236,21 +284,26 @@ DOORS = {
     "given": "sumo_eval.cosim.doors.given:load_given",
     "onnx": "sumo_eval.cosim.doors.onnx:from_locator",
 }
-"""What makes a controller of the rest of a locator and the folder where its paths start, by the locator's scheme.
+"""What makes a controller of the rest of a locator and the folder where its paths start, by the
+locator's scheme.
 
-Texts, because these modules build on this one, and because an evaluation loads only those that it uses.
+Texts, because these modules build on this one, and because an evaluation loads only those that it
+uses.
 """
 
 
 def has_scheme(locator: str) -> bool:
-    """Whether a locator begins with a scheme that has a door of its own: `exec:python my_ads.py`."""
+    """Whether a locator begins with a scheme that has a door of its own: `exec:python
+    my_ads.py`.
+    """
     return locator.partition(":")[0] in ("sumo", *DOORS)
 
 
 _IN_THEIR_OWN_TIME = ("sumo", "traci")
 
 SUMO_MODELS = (
-    "Krauss", "KraussOrig1", "KraussPS", "PWagner2009", "BKerner", "IDM", "IDMM", "EIDM", "SmartSK", "Wiedemann", "W99",
+    "Krauss", "KraussOrig1", "KraussPS", "PWagner2009", "BKerner", "IDM", "IDMM", "EIDM",
+    "SmartSK", "Wiedemann", "W99",
     "Daniel1", "ACC", "CACC", "CC",
 )  # fmt: skip
 """Car-following models of SUMO that can drive the ego by themselves."""
@@ -259,13 +312,17 @@ ControllerLike = str | Callable[..., Any] | Any
 
 
 def load_controller(controller: ControllerLike, folder: Path | None = None) -> Adapter:
-    """A fresh controller from a locator, a class, a function or an object. Paths are relative to `folder`.
+    """A fresh controller from a locator, a class, a function or an object.
+
+    Paths are relative to `folder`.
 
     Raises InputError with one sentence when it cannot be found or is no controller.
     """
     with seen_as_traci():
         if isinstance(controller, str):
-            return adapted(find_controller(controller, folder), controller, split_entry(controller)[1].options)
+            return adapted(
+                find_controller(controller, folder), controller, split_entry(controller)[1].options
+            )
         return adapted(controller, repr(controller))
 
 
@@ -282,11 +339,13 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
     target = SHIPPED.get(locator, locator)
     if (way := _other_way(target)) is not None:
         raise InputError(
-            f"ADS `{locator}` must be one that ships, or of the form `module:name` or `file.py:name`: {way}."
+            f"ADS `{locator}` must be one that ships, or of the form `module:name` or "
+            f"`file.py:name`: {way}."
         )
     if ":" not in target:
         raise InputError(
-            f"Unknown ADS `{locator}`: not one that ships, and not of the form `module:name` or `file.py:name`."
+            f"Unknown ADS `{locator}`: not one that ships, and not of the form `module:name` or "
+            "`file.py:name`."
             f"{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
         )
     with seen_as_traci():
@@ -306,7 +365,9 @@ _BY_SCHEME = {
 
 
 def _other_way(locator: str) -> str | None:
-    """How something is named that is meant by a locator, and is none; None: nothing is known of it."""
+    """How something is named that is meant by a locator, and is none; None: nothing is known of
+    it.
+    """
     scheme, colon, rest = locator.partition(":")
     plain, suffix = locator.partition("?")[0], Path(locator.partition("?")[0]).suffix
     if scheme.lower() in _BY_SCHEME and ":" in rest:
@@ -314,7 +375,10 @@ def _other_way(locator: str) -> str | None:
     if colon and scheme.lower() in ("ros2", "ros"):
         return "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"
     if colon and scheme.lower() in ("grpc", "http", "https", "tcp", "zmq"):
-        return "a class with `act(observation)` that asks the server drives it (docs/ads/observation.md)"
+        return (
+            "a class with `act(observation)` that asks the server drives it "
+            "(docs/ads/observation.md)"
+        )
     if colon:
         return None
     if suffix in (".onnx", ".fmu"):
@@ -323,7 +387,8 @@ def _other_way(locator: str) -> str | None:
         return f"`{locator}:NAME` names what it holds, `sumo-eval check {locator}` lists it"
     if suffix in _WEIGHTS:
         return (
-            "weights alone do not drive; as ONNX they do (docs/ads/onnx.md), or in a class with `act(observation)` "
+            "weights alone do not drive; as ONNX they do (docs/ads/onnx.md), or in a class with "
+            "`act(observation)` "
             "that loads them"
         )
     if " " in locator or "/" in locator:
@@ -336,8 +401,8 @@ def _adapter(name: str, agent: str) -> str:
 
 
 def knows_the_scripts(driver: Any) -> bool:
-    """Whether it is the ideal vehicle of Eq. 17 itself, which alone is told what the others will do: no ADS ever is,
-    nor a subclass.
+    """Whether it is the ideal vehicle of Eq. 17 itself, which alone is told what the others will
+    do: no ADS ever is, nor a subclass.
     """
     return type(driver) is _ideal_vehicle()
 
@@ -355,13 +420,16 @@ def _native_model(locator: str, text: str) -> NativeModel:
     try:
         attributes = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
     except ValueError:
-        raise must_be("The parameters", f"ADS `{locator}`", "of the form name=value&name=value", query) from None
+        raise must_be(
+            "The parameters", f"ADS `{locator}`", "of the form name=value&name=value", query
+        ) from None
     _check_attributes(attributes, f"ADS `{locator}`")
     return NativeModel(by_lower_case[model.lower()], attributes)
 
 
 def own_vehicle_type(target: Any, road: Road) -> dict[str, str] | None:
-    """The vType that TraCI code names for its ego, `vehicle_type = {"carFollowModel": "CC", ...}`; None: it names none.
+    """The vType that TraCI code names for its ego, `vehicle_type = {"carFollowModel": "CC", ...}`;
+    None: it names none.
 
     Raises InputError where it is more than how the vehicle follows.
     """
@@ -382,7 +450,9 @@ def _named_type(target: Any) -> NativeModel | None:
         raise unknown(f"SUMO car-following model in {owner}", model, SUMO_MODELS)
     for name in attributes:
         if name.startswith(PARAMETER):
-            raise InputError(f"`{name}` is no attribute of {owner}: set it with traci.vehicle.setParameter.")
+            raise InputError(
+                f"`{name}` is no attribute of {owner}: set it with traci.vehicle.setParameter."
+            )
     _check_attributes(attributes, owner)
     return NativeModel(model, attributes)
 
@@ -403,7 +473,10 @@ def _is_finite(text: str) -> bool:
 
 
 def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None) -> Adapter:
-    """A fresh controller from what a locator names, or from what was given in its place. options: of its entry."""
+    """A fresh controller from what a locator names, or from what was given in its place.
+
+    options: of its entry.
+    """
     if (refusal := _foreign(found, described)) is not None:
         raise InputError(refusal)
     if inspect.isclass(found):
@@ -412,7 +485,9 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
         found.options = dict(options)
         _named_type(found)  # refused before the first case
     elif options:
-        raise InputError(f"ADS `{described}` takes no `options`: they are for a class or a program of `exec:`.")
+        raise InputError(
+            f"ADS `{described}` takes no `options`: they are for a class or a program of `exec:`."
+        )
     if isinstance(found, Adapter):
         return found
     if isinstance(found, TRACI.StepListener):
@@ -422,10 +497,14 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
     if callable(getattr(found, "step", None)):
         return ObjectController(found)
     if callable(found):
-        return PolicyController(found, None) if _takes_one_argument(found) else ObjectController(found)
+        return (
+            PolicyController(found, None) if _takes_one_argument(found) else ObjectController(found)
+        )
     raise InputError(
-        f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a `step` method, "
-        f"got {type(found).__name__}. Or, without TraCI, a function (observation) or one with `act`."
+        f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a "
+        "`step` method, "
+        f"got {type(found).__name__}. Or, without TraCI, a function (observation) or one with "
+        "`act`."
     )
 
 
@@ -436,7 +515,8 @@ FOREIGN = {
     "predict": ("the models of stable-baselines3 have it", ""),
     "plan": ("CommonRoad's planners have it", "commonroad"),
 }
-"""Methods by which the ADSs of other tools are called: whose, and the tool with an adapter and a page of its own."""
+"""Methods by which the ADSs of other tools are called: whose, and the tool with an adapter and a
+page of its own."""
 _SMARTS = ("SMARTS's agents have it", "smarts")
 
 
@@ -447,21 +527,38 @@ def adapter_for(found: Any) -> str:
 
 
 def _foreign(found: Any, described: str) -> str | None:
-    """Why the ADS of another tool is refused, in a sentence that names its adapter; None: it is none."""
+    """Why the ADS of another tool is refused, in a sentence that names its adapter; None: it is
+    none.
+    """
     kind = found if inspect.isclass(found) else type(found)
     smarts = any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__)
     own = ("act", "step")
-    if not smarts and (isinstance(found, Adapter) or any(callable(getattr(found, name, None)) for name in own)):
+    if not smarts and (
+        isinstance(found, Adapter) or any(callable(getattr(found, name, None)) for name in own)
+    ):
         return None
-    name = "act" if smarts else next((name for name in FOREIGN if callable(getattr(found, name, None))), None)
-    call = getattr(kind, "__call__", None)  # noqa: B004  of the class itself: CARLA's agents have one without arguments
-    if name is None or (not smarts and inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1):
+    name = (
+        "act"
+        if smarts
+        else next((name for name in FOREIGN if callable(getattr(found, name, None))), None)
+    )
+    # of the class itself: CARLA's agents have one without arguments
+    call = getattr(kind, "__call__", None)  # noqa: B004
+    if name is None or (
+        not smarts and inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1
+    ):
         return None
     whose, tool = _SMARTS if smarts else FOREIGN[name]
-    way = f"{_adapter(_BY_SCHEME[tool], described)} drives it (docs/ads/other_simulators.md). Or " if tool else ""
+    way = (
+        f"{_adapter(_BY_SCHEME[tool], described)} drives it (docs/ads/other_simulators.md). Or "
+        if tool
+        else ""
+    )
     return (
-        f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a `step` method, "
-        f"got {kind.__name__}. It has `{name}`, as {whose}: {way}put it in a class with `act(observation)` that calls "
+        f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a "
+        "`step` method, "
+        f"got {kind.__name__}. It has `{name}`, as {whose}: {way}put it in a class with "
+        "`act(observation)` that calls "
         "it (docs/ads/observation.md)."
     )
 
@@ -473,6 +570,8 @@ def _takes_one_argument(function: Callable[..., Any]) -> bool:
     except (TypeError, ValueError):
         return False
     required = [
-        p for p in parameters if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
+        p
+        for p in parameters
+        if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
     ]
     return len(required) == 1 and not any(p.kind == p.VAR_POSITIONAL for p in parameters)

@@ -1,7 +1,8 @@
-"""What stands beside a controller in an `[[ads]]` entry: how often it is asked, and what its constructor is given.
+"""What stands beside a controller in an `[[ads]]` entry: how often it is asked, and what its
+constructor is given.
 
-In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. Loading that a class asks for once a
-process happens here too, and its time is told apart from driving.
+In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. Loading that a class
+asks for once a process happens here too, and its time is told apart from driving.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from urllib.parse import unquote_plus
 from sumo_eval.errors import InputError, must_be, said, unknown
 
 _PERIOD, _OPTION = "period", "options."
-_ENTRY = re.compile(rf"\?(?=([^?]*&)?({_PERIOD}=|{re.escape(_OPTION)}))")  # a command or a value may hold others
+# a command or a value may hold others
+_ENTRY = re.compile(rf"\?(?=([^?]*&)?({_PERIOD}=|{re.escape(_OPTION)}))")
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
 
@@ -30,7 +32,9 @@ _told: set[type] = set()
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """period: s between two calls; 0: every step. options: keyword arguments of the constructor."""
+    """period: s between two calls; 0: every step.
+    options: keyword arguments of the constructor.
+    """
 
     period: float = 0.0
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -40,7 +44,10 @@ PLAIN = Entry()
 
 
 def split_entry(locator: str) -> tuple[str, Entry]:
-    """The locator without its entry, and the entry. Raises InputError for a period that is none."""
+    """The locator without its entry, and the entry.
+
+    Raises InputError for a period that is none.
+    """
     begin = _ENTRY.search(locator)
     if begin is None:
         return locator, PLAIN
@@ -52,7 +59,11 @@ def split_entry(locator: str) -> tuple[str, Entry]:
         name, _, text = pair.partition("=")
         value = _value(unquote_plus(text))
         if name == _PERIOD:
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < float("inf"):
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, int | float)
+                or not 0.0 < value < float("inf")
+            ):
                 raise must_be("`period`", f"ADS `{locator}`", "a number greater than 0 s", value)
             period = float(value)
         else:
@@ -61,7 +72,8 @@ def split_entry(locator: str) -> tuple[str, Entry]:
 
 
 def made_absolute(locator: str, folder: Path) -> str:
-    """The locator with a path relative to `folder` made absolute, so that it holds wherever the evaluation file lies.
+    """The locator with a path relative to `folder` made absolute, so that it holds wherever the
+    evaluation file lies.
 
     A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
     """
@@ -74,9 +86,11 @@ def made_absolute(locator: str, folder: Path) -> str:
     if scheme == "fmu":
         return f"fmu:{folder / rest}"
     if scheme == "onnx":
-        return f"onnx:{folder / re.sub(r'(?<=features=)[^&]+', lambda file: str(folder / file[0]), rest)}"
+        absolute = re.sub(r"(?<=features=)[^&]+", lambda file: str(folder / file[0]), rest)
+        return f"onnx:{folder / absolute}"
     place, _, name = locator.rpartition(":")
-    if place.isidentifier() and (folder / f"{place}.py").is_file():  # a module of the folder, not an installed one
+    # a module of the folder, not an installed one
+    if place.isidentifier() and (folder / f"{place}.py").is_file():
         place = f"{place}.py"
     return f"{folder / place}:{name}" if place.endswith(".py") else locator
 
@@ -97,7 +111,11 @@ def check_options(kind: Any, options: Mapping[str, Any], described: str) -> None
         signature = inspect.signature(kind)
     except (TypeError, ValueError):
         return
-    known = [p.name for p in signature.parameters.values() if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    known = [
+        p.name
+        for p in signature.parameters.values()
+        if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)
+    ]
     if not any(p.kind == p.VAR_KEYWORD for p in signature.parameters.values()):
         for name in options:
             if name not in known:
@@ -105,7 +123,10 @@ def check_options(kind: Any, options: Mapping[str, Any], described: str) -> None
 
 
 def steps_between(period: float, step: float, owner: str) -> int:
-    """Steps from one call to the next. Raises InputError for a period that is no multiple of the step."""
+    """Steps from one call to the next.
+
+    Raises InputError for a period that is no multiple of the step.
+    """
     ratio = period / step
     if period and (round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6):
         raise must_be("`period`", owner, f"a multiple of `simulation.step` ({step:g} s)", period)
@@ -113,7 +134,10 @@ def steps_between(period: float, step: float, owner: str) -> int:
 
 
 def made(kind: type, options: Mapping[str, Any], described: str) -> Any:
-    """An object of a user's class, made with its options. What its class loads once a process is there before."""
+    """An object of a user's class, made with its options.
+
+    What its class loads once a process is there before.
+    """
     _load_once(kind, options, described)
     try:
         return kind(**options)
@@ -140,7 +164,12 @@ def _load_once(kind: type, options: Mapping[str, Any], described: str) -> None:
 
 
 def loading() -> str:
-    """A sentence on what has been loaded in this process since this was asked last; "" where nothing was."""
+    """A sentence on what has been loaded in this process since this was asked last; "" where
+    nothing was.
+    """
     new = [kind for kind in _loaded if kind not in _told]
     _told.update(new)
-    return "".join(f"Loading {kind.__name__} took {_loaded[kind]:.2f} s, once in this process.\n" for kind in new)
+    return "".join(
+        f"Loading {kind.__name__} took {_loaded[kind]:.2f} s, once in this process.\n"
+        for kind in new
+    )

@@ -1,4 +1,6 @@
-"""Where in the user's code an exception came from: data of a recording, beside the sentence that says what happened."""
+"""Where in the user's code an exception came from: data of a recording, beside the sentence that
+says what happened.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +14,20 @@ from typing import Any
 from sumo_eval.text import clean
 
 _OURS = f"{Path(__file__).resolve().parents[2]}/"
-_INSTALLED = tuple(f"{sysconfig.get_path(name)}/" for name in ("stdlib", "platstdlib", "purelib", "platlib"))
+_INSTALLED = tuple(
+    f"{sysconfig.get_path(name)}/" for name in ("stdlib", "platstdlib", "purelib", "platlib")
+)
 
 
 def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -> str:
-    """`my_ads.py:42 in act`: file, line and function of the user's code that an exception came through last.
+    """`my_ads.py:42 in act`: file, line and function of the user's code that an exception came
+    through last.
 
-    That is the innermost frame in the file of the user's object `driver`, else the innermost in a file that is neither
-    this package's nor an installed library's, else the innermost outside this package, else nothing. The frames are the
-    exception's own, or those of the one that it was raised from. Paths within `folder` are relative to it. Of an
-    exception that came through none, because what the user's code returned is refused, it is where that function is.
+    That is the innermost frame in the file of the user's object `driver`, else the innermost in a
+    file that is neither this package's nor an installed library's, else the innermost outside this
+    package, else nothing. The frames are the exception's own, or those of the one that it was
+    raised from. Paths within `folder` are relative to it. Of an exception that came through none,
+    because what the user's code returned is refused, it is where that function is.
     """
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
@@ -39,7 +45,9 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
 
 
 def _asked_at(driver: Any, folder: Path | None) -> str:
-    """Where the user's function or method begins that gave what cannot be used; "" where it is no code of Python's."""
+    """Where the user's function or method begins that gave what cannot be used; "" where it is no
+    code of Python's.
+    """
     methods = (getattr(type(driver), name, None) for name in ("act", "step"))
     code = next((one.__code__ for one in (driver, *methods) if isinstance(one, FunctionType)), None)
     if code is None or code.co_filename.startswith(_OURS):
@@ -63,7 +71,11 @@ def _file_of(driver: Any) -> str | None:
         if code is not None:
             return str(code.co_filename)
         module = sys.modules.get(type(driver).__module__)
-        return None if module is None or module.__file__ is None else str(Path(module.__file__).resolve())
+        return (
+            None
+            if module is None or module.__file__ is None
+            else str(Path(module.__file__).resolve())
+        )
     except Exception:  # noqa: BLE001 - attributes of a user's object are the user's code
         return None
 

@@ -1,6 +1,7 @@
-"""What a learned policy is shown and what its answer means, as a table: `policy.toml` beside `policy.onnx`.
+"""What a learned policy is shown and what its answer means, as a table: `policy.toml` beside
+`policy.onnx`.
 
-    frame = "road"                      # or "ego": x ahead of the ego and y to its left, wherever it points
+    frame = "road"                      # or "ego": x ahead of the ego and y to its left
 
     [[feature]]
     name = "lead.gap"
@@ -12,8 +13,9 @@
     low = -8.0                          # the policy's -1..1 is mapped onto low..high
     high = 3.0
 
-A feature may have `mean` and `deviation` in place of the range: (value - mean) / deviation. With neither it is shown as
-it is, and so is an action without a range. `absent` is shown where there is no such vehicle.
+A feature may have `mean` and `deviation` in place of the range: (value - mean) / deviation. With
+neither it is shown as it is, and so is an action without a range. `absent` is shown where there is
+no such vehicle.
 """
 
 from __future__ import annotations
@@ -37,7 +39,8 @@ ACTIONS = ("acceleration", "steering")
 
 _EGO = ("x", "y", "heading", "speed", "acceleration", "lane", "length", "width")
 _LEAD = ("present", "gap", "relative_speed", "speed", "offset")
-_VEHICLE = ("present", "gap", "relative_speed", "offset", "overlaps", "ahead", "speed", "lateral_speed", "lane",
+_VEHICLE = ("present", "gap", "relative_speed", "offset", "overlaps", "ahead", "speed",
+    "lateral_speed", "lane",
             "length", "width", "x", "y", "vx", "vy", "kind")  # fmt: skip
 NAMES = (
     "time", "left_edge", "right_edge", "lane_offset", *(f"ego.{name}" for name in _EGO),
@@ -45,15 +48,17 @@ NAMES = (
 )  # fmt: skip
 """Names of features; `vehicles.1` is the nearest along the road, `vehicles.2` the next."""
 
-_IN_PLACE = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}  # m, of a vehicle that is not there; everything else is 0
+# m, of a vehicle that is not there; everything else is 0
+_IN_PLACE = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}
 
 
 @dataclass(frozen=True, slots=True)
 class Feature(Checked):
     """A number that a policy is shown, and how it is scaled.
 
-    low, high: kept within and mapped onto -1..1. mean, deviation: (value - mean) / deviation. absent: the value where
-    there is no such vehicle.
+    low, high: kept within and mapped onto -1..1.
+    mean, deviation: (value - mean) / deviation.
+    absent: the value where there is no such vehicle.
     """
 
     name: str
@@ -65,17 +70,25 @@ class Feature(Checked):
 
     def __post_init__(self) -> None:
         _check_range(self.name, self.low, self.high)
-        if (self.mean is None) != (self.deviation is None) or not (self.deviation is None or self.deviation > 0.0):
-            raise must_be("`mean` and `deviation`", f"feature `{self.name}`", "both given, the deviation above 0",
+        if (self.mean is None) != (self.deviation is None) or not (
+            self.deviation is None or self.deviation > 0.0
+        ):
+            raise must_be("`mean` and `deviation`", f"feature `{self.name}`",
+                "both given, the deviation above 0",
                           (self.mean, self.deviation))  # fmt: skip
         if self.mean is not None and self.low is not None:
-            raise InputError(f"Feature `{self.name}` must have a range or a mean and a deviation, got both.")
+            raise InputError(
+                f"Feature `{self.name}` must have a range or a mean and a deviation, got both."
+            )
         _reader(self.name)
 
 
 @dataclass(frozen=True, slots=True)
 class Action(Checked):
-    """A number of a policy's answer. low, high: what its -1 and 1 mean, m/s2 or rad; without: it is meant as it is."""
+    """A number of a policy's answer.
+
+    low, high: what its -1 and 1 mean, m/s2 or rad; without: it is meant as it is.
+    """
 
     name: str
     low: float | None = None
@@ -89,7 +102,9 @@ class Action(Checked):
 
 @dataclass(frozen=True)
 class Interface(Checked):
-    """Features in, actions out. frame: axes of `vehicles.K.x`, `y`, `vx`, `vy`, the road's or the ego's.
+    """Features in, actions out.
+
+    frame: axes of `vehicles.K.x`, `y`, `vx`, `vy`, the road's or the ego's.
 
     period: s between two answers, of which the last holds; None: it answers at every step.
     """
@@ -105,7 +120,8 @@ class Interface(Checked):
             raise must_be("The features", "an interface of a policy", "at least one", "none")
         names = tuple(action.name for action in self.actions)
         if names not in (ACTIONS[:1], ACTIONS):
-            raise must_be("The actions", "an interface of a policy", "acceleration, or acceleration and steering",
+            raise must_be("The actions", "an interface of a policy", "acceleration, or "
+                                                                     "acceleration and steering",
                           ", ".join(names) or "none")  # fmt: skip
 
     @cached_property
@@ -116,7 +132,9 @@ class Interface(Checked):
         """The features of n cases, (n, number of features)."""
         n = len(seen.number)
         raw = np.empty((n, len(self.features)))
-        for column, (feature, (read, otherwise)) in enumerate(zip(self.features, self._readers, strict=True)):
+        for column, (feature, (read, otherwise)) in enumerate(
+            zip(self.features, self._readers, strict=True)
+        ):
             value = read(seen, self.frame)
             absent = otherwise if feature.absent is None else feature.absent
             raw[:, column] = np.where(np.isfinite(value), value, absent)
@@ -142,7 +160,9 @@ class Interface(Checked):
         return -high, high
 
     def commands(self, answers: Floats) -> Floats:
-        """Answers (n, number of actions) as accelerations, m/s2, and steering wheel angles, rad: (n, 2)."""
+        """Answers (n, number of actions) as accelerations, m/s2, and steering wheel angles, rad:
+        (n, 2).
+        """
         found = np.zeros((len(answers), 2))
         for column, action in enumerate(self.actions):
             value = np.asarray(answers[:, column], dtype=np.float64)
@@ -154,7 +174,8 @@ class Interface(Checked):
 
     def to_toml(self) -> str:
         """The table as a file has it."""
-        return to_toml(_File(self.features, self.actions, self.frame, self.period))  # type: ignore[arg-type]
+        file = _File(self.features, self.actions, self.frame, self.period)
+        return to_toml(file)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,17 +189,27 @@ class _File(Checked):
 
 
 def read_interface(path: Path) -> Interface:
-    """The table in a file. Raises InputError with one sentence."""
+    """The table in a file.
+
+    Raises InputError with one sentence.
+    """
     found = read_checked(path, _File, "Features table")
-    return Interface(found.feature, found.action or (Action("acceleration"),), found.frame, found.period)
+    return Interface(
+        found.feature, found.action or (Action("acceleration"),), found.frame, found.period
+    )
 
 
 def usual(*, steering: bool = False, vehicles: int = 2) -> Interface:
-    """What a policy is shown if nobody says otherwise: itself, its lane, its lead, and the nearest vehicles."""
+    """What a policy is shown if nobody says otherwise: itself, its lane, its lead, and the nearest
+    vehicles.
+    """
     features = [
-        Feature("ego.speed", 0.0, 60.0), Feature("ego.acceleration", -10.0, 10.0), Feature("ego.heading", -0.5, 0.5),
-        Feature("lane_offset", -2.0, 2.0), Feature("left_edge", 0.0, 15.0), Feature("right_edge", 0.0, 15.0),
-        Feature("lead.present", 0.0, 1.0), Feature("lead.gap", 0.0, 150.0), Feature("lead.relative_speed", -40.0, 40.0),
+        Feature("ego.speed", 0.0, 60.0), Feature("ego.acceleration", -10.0, 10.0),
+        Feature("ego.heading", -0.5, 0.5),
+        Feature("lane_offset", -2.0, 2.0), Feature("left_edge", 0.0, 15.0),
+        Feature("right_edge", 0.0, 15.0),
+        Feature("lead.present", 0.0, 1.0), Feature("lead.gap", 0.0, 150.0),
+        Feature("lead.relative_speed", -40.0, 40.0),
         Feature("lead.offset", -4.0, 4.0),
     ]  # fmt: skip
     for k in range(1, vehicles + 1):
@@ -218,7 +249,9 @@ _ALONE: Mapping[str, Callable[[Observations, str], Floats]] = {
 
 
 def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats:
-    """A value of the vehicle in this place by its distance along the road, nan where there is none."""
+    """A value of the vehicle in this place by its distance along the road, nan where there is
+    none.
+    """
     nearest = seen.nearest
     if place >= nearest.shape[1]:
         return np.full(len(nearest), 0.0 if what == "present" else np.nan)

@@ -1,10 +1,13 @@
-"""`fmu:FILE`: an FMU (FMI 2.0 or 3.0, co-simulation) as the ADS, or as the ego's vehicle model. Needs the extra `fmu`.
+"""`fmu:FILE`: an FMU (FMI 2.0 or 3.0, co-simulation) as the ADS, or as the ego's vehicle model.
 
-An input of the FMU is given the signal of the same name, or the one that the mapping names (signals:
-`Observation.signals`; of a vehicle model: acceleration and steering of the command), a constant, or its own start
-value. An array is given a value of each vehicle that is seen (`OBJECTS`). An ADS's outputs are `acceleration` and, if
-it steers, `steering`; or a plan (`PLAN`). A vehicle model's are `x`, `y`, `heading`, `speed` and, if it has them,
-`acceleration` and `steering_wheel_angle`.
+Needs the extra `fmu`.
+
+An input of the FMU is given the signal of the same name, or the one that the mapping names
+(signals: `Observation.signals`; of a vehicle model: acceleration and steering of the command), a
+constant, or its own start value. An array is given a value of each vehicle that is seen
+(`OBJECTS`). An ADS's outputs are `acceleration` and, if it steers, `steering`; or a plan (`PLAN`).
+A vehicle model's are `x`, `y`, `heading`, `speed` and, if it has them, `acceleration` and
+`steering_wheel_angle`.
 """
 
 from __future__ import annotations
@@ -20,7 +23,14 @@ from typing import Any
 from urllib.parse import parse_qsl
 
 from sumo_eval.cosim.doors.controller import Briefing, ObservingController
-from sumo_eval.cosim.doors.observation import KINDS, NO_LEAD_GAP, Observation, SeenVehicle, Senses, signal_names
+from sumo_eval.cosim.doors.observation import (
+    KINDS,
+    NO_LEAD_GAP,
+    Observation,
+    SeenVehicle,
+    Senses,
+    signal_names,
+)
 from sumo_eval.cosim.plans import HOLD, Plan
 from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState
 from sumo_eval.errors import (
@@ -42,7 +52,8 @@ SIGNALS = signal_names()
 _SPEED_TOLERANCE = 0.01  # m/s, what a vehicle model may be off the speed of the start
 _NUMBERS = ("Real", "Float32", "Float64")
 _WHOLE = {
-    "Integer": 32, "Int8": 8, "Int16": 16, "Int32": 32, "Int64": 64, "UInt8": -8, "UInt16": -16, "UInt32": -32,
+    "Integer": 32, "Int8": 8, "Int16": 16, "Int32": 32, "Int64": 64, "UInt8": -8, "UInt16": -16,
+    "UInt32": -32,
     "UInt64": -64, "Enumeration": 32,
 }  # fmt: skip
 """Types of whole numbers and their bits, negative without a sign."""
@@ -50,13 +61,22 @@ _TEXTS = ("String", "Binary")
 _TYPES = (*_NUMBERS, *_WHOLE, "Boolean", *_TEXTS)
 _FATAL = 4  # fmi2Fatal, fmi3Fatal
 AS_IT_STARTS = "start"
-"""In the place of a signal: the input keeps the start value of the FMU. `inputs.*=start`: so do all that are left."""
-OBJECTS = ("objects_present", *(f"objects_{name}" for name in SeenVehicle._fields if name != "number"))
-"""What inputs that are arrays can be given: a value of each vehicle that is seen, the nearest first."""
+"""In the place of a signal: the input keeps the start value of the FMU.
+
+`inputs.*=start`: so do all that are left.
+"""
+OBJECTS = (
+    "objects_present",
+    *(f"objects_{name}" for name in SeenVehicle._fields if name != "number"),
+)
+"""What inputs that are arrays can be given: a value of each vehicle that is seen, the nearest
+first."""
 PLAN = ("plan_time", "plan_x", "plan_y", "plan_heading", "plan_speed")
-"""Outputs of an FMU that plans: arrays, or in FMI 2.0 scalars `NAME[1]`, `NAME[2]`, ...; the last two may miss."""
+"""Outputs of an FMU that plans: arrays, or in FMI 2.0 scalars `NAME[1]`, `NAME[2]`, ...; the last
+two may miss."""
 _OF_A_PLAN = ("plan_count", "plan_number")
-"""Outputs that it may have beside them: how many of the places are used, and a number that says which plan it is."""
+"""Outputs that it may have beside them: how many of the places are used, and a number that says
+which plan it is."""
 
 Wired = tuple[Any, str | float]
 Signals = Mapping[str, float | Sequence[float]]
@@ -66,7 +86,8 @@ class _Fmu:
     """One FMU file and how it is wired; `begin` makes a fresh instance of it."""
 
     def __init__(
-        self, path: Path, wiring: FmuSettings, signals: Sequence[str], needed: Sequence[str], optional: Sequence[str],
+        self, path: Path, wiring: FmuSettings, signals: Sequence[str], needed: Sequence[str],
+        optional: Sequence[str],
         lists: Sequence[str] = (),
     ) -> None:  # fmt: skip
         self.path = path
@@ -77,12 +98,19 @@ class _Fmu:
         except Exception as error:
             raise InputError(f"FMU {path} cannot be read: {said(error)}.") from error
         if self.description.fmiVersion not in _SLAVES:
-            raise must_be("The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", self.description.fmiVersion)
+            raise must_be(
+                "The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", self.description.fmiVersion
+            )
         if self.description.coSimulation is None:
             kinds = {"model exchange": "modelExchange", "scheduled execution": "scheduledExecution"}
-            other = [kind for kind, name in kinds.items() if getattr(self.description, name, None) is not None]
+            other = [
+                kind
+                for kind, name in kinds.items()
+                if getattr(self.description, name, None) is not None
+            ]
             raise InputError(
-                f"FMU `{path.name}` must be one for co-simulation, got one for {' and '.join(other) or 'nothing'}."
+                f"FMU `{path.name}` must be one for co-simulation, got one for "
+                f"{' and '.join(other) or 'nothing'}."
             )
         self._variables = {variable.name: variable for variable in self.description.modelVariables}
         self._inputs = self._wire_inputs(wiring, signals)
@@ -94,10 +122,14 @@ class _Fmu:
 
     def _variable(self, name: str, key: str) -> Any:
         if name not in self._variables:
-            raise unknown(f"variable of FMU `{self.path.name}` in `{key}`", name, list(self._variables))
+            raise unknown(
+                f"variable of FMU `{self.path.name}` in `{key}`", name, list(self._variables)
+            )
         variable = self._variables[name]
         if variable.type not in _TYPES:
-            raise must_be(f"`{name}`", f"FMU `{self.path.name}`", f"one of {', '.join(_TYPES)}", variable.type)
+            raise must_be(
+                f"`{name}`", f"FMU `{self.path.name}`", f"one of {', '.join(_TYPES)}", variable.type
+            )
         return variable
 
     def _wire_inputs(self, wiring: FmuSettings, signals: Sequence[str]) -> list[Wired]:
@@ -114,8 +146,10 @@ class _Fmu:
                     wired.append((self._variable(name, "inputs"), name))
                 elif rest is None:
                     raise InputError(
-                        f"Input `{name}` of FMU `{self.path.name}` is no signal; `inputs` must map it. A number is a "
-                        f"constant, `{AS_IT_STARTS}` its start value (`inputs.*={AS_IT_STARTS}`: of all that are left)."
+                        f"Input `{name}` of FMU `{self.path.name}` is no signal; `inputs` must "
+                        "map it. A number is a "
+                        f"constant, `{AS_IT_STARTS}` its start value (`inputs.*={AS_IT_STARTS}`: "
+                        "of all that are left)."
                         f"{did_you_mean(name, signals)}"
                     )
         return wired
@@ -136,27 +170,39 @@ class _Fmu:
         if _count(variable) is None and constant in OBJECTS:
             raise must_be(f"`{name}`", owner, f"an array to be given `{constant}`", "one number")
         if _count(variable) is not None and constant not in OBJECTS:
-            raise must_be(f"`{name}`", owner, f"given one of {', '.join(OBJECTS)}, as it is an array", constant)
+            raise must_be(
+                f"`{name}`",
+                owner,
+                f"given one of {', '.join(OBJECTS)}, as it is an array",
+                constant,
+            )
         if constant not in (*signals, *OBJECTS):
             raise unknown(f"signal for {owner}", constant, signals)
         return variable, constant
 
     def _wire_outputs(
-        self, wiring: FmuSettings, needed: Sequence[str], optional: Sequence[str], lists: Sequence[str]
+        self,
+        wiring: FmuSettings,
+        needed: Sequence[str],
+        optional: Sequence[str],
+        lists: Sequence[str],
     ) -> dict[str, tuple[Any, int]]:
         known = (*needed, *optional)
         for what in wiring.outputs:
             if what not in (*known, *lists):
-                raise unknown(f"output in the mapping of FMU `{self.path.name}`", what, (*known, *lists))
+                raise unknown(
+                    f"output in the mapping of FMU `{self.path.name}`", what, (*known, *lists)
+                )
         wired = {what: self._output(name) for what, name in wiring.outputs.items() if what in known}
         for what in known:
             found = self._variables.get(what)
             if what not in wired and found is not None and found.causality == "output":
                 wired[what] = self._output(what)
             if what in needed and what not in wired:
+                outputs = [n for n, v in self._variables.items() if v.causality == "output"]
                 raise InputError(
                     f"FMU `{self.path.name}` has no output `{what}`; `outputs` must map it."
-                    f"{did_you_mean(what, [n for n, v in self._variables.items() if v.causality == 'output'])}"
+                    f"{did_you_mean(what, outputs)}"
                 )
         return wired
 
@@ -176,7 +222,8 @@ class _Fmu:
                 wired[what] = [variable for _, variable in places]
             elif what in wiring.outputs or what in PLAN[:3]:
                 raise InputError(
-                    f"FMU `{self.path.name}` has no output `{name}`, nor `{name}[1]`, for `{what}`; `outputs` must map "
+                    f"FMU `{self.path.name}` has no output `{name}`, nor `{name}[1]`, for "
+                    f"`{what}`; `outputs` must map "
                     f"it.{did_you_mean(name, list(self._variables))}"
                 )
         return wired
@@ -186,18 +233,29 @@ class _Fmu:
         plain, bracket, place = name.partition("[")
         variable = self._variable(name if name in self._variables else plain, "outputs")
         if variable.type in _TEXTS:
-            raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", "a number", variable.type)
+            raise must_be(
+                f"The output `{name}`", f"FMU `{self.path.name}`", "a number", variable.type
+            )
         if not bracket or name in self._variables:
             if _count(variable) is not None:
-                raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", f"one value, `{name}[0]`", "an array")
+                raise must_be(
+                    f"The output `{name}`",
+                    f"FMU `{self.path.name}`",
+                    f"one value, `{name}[0]`",
+                    "an array",
+                )
             return variable, 0
         if not place.rstrip("]").isdigit() or int(place.rstrip("]")) >= (_count(variable) or 1):
             within = f"within its {_count(variable) or 1} values"
-            raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", within, place.rstrip("]"))
+            raise must_be(
+                f"The output `{name}`", f"FMU `{self.path.name}`", within, place.rstrip("]")
+            )
         return variable, int(place.rstrip("]"))
 
     def _wire_parameters(self, wiring: FmuSettings) -> list[tuple[Any, float | int | bool | str]]:
-        return [(self._variable(name, "parameters"), value) for name, value in wiring.parameters.items()]
+        return [
+            (self._variable(name, "parameters"), value) for name, value in wiring.parameters.items()
+        ]
 
     def begin(self, signals: Signals) -> None:
         """Instantiate, set parameters and inputs, initialize at time 0."""
@@ -239,7 +297,11 @@ class _Fmu:
         fmu, found = self._instance, {}
         for what, (variable, place) in self._outputs.items():
             get, count = getattr(fmu, f"get{self._kind(variable)}"), _count(variable)
-            values = get([variable.valueReference]) if count is None else get([variable.valueReference], count)
+            values = (
+                get([variable.valueReference])
+                if count is None
+                else get([variable.valueReference], count)
+            )
             found[what] = float(values[place])
         return found
 
@@ -249,7 +311,9 @@ class _Fmu:
         for what, variables in self._lists.items():
             get, (first, *_) = getattr(self._instance, f"get{self._kind(variables[0])}"), variables
             count, numbers = _count(first), [variable.valueReference for variable in variables]
-            found[what] = [float(value) for value in (get(numbers) if count is None else get(numbers, count))]
+            found[what] = [
+                float(value) for value in (get(numbers) if count is None else get(numbers, count))
+            ]
         return found
 
     @property
@@ -289,7 +353,9 @@ class _Fmu:
 
     @contextmanager
     def _unless_fatal(self) -> Iterator[None]:
-        """After a call that an FMU answers with `fatal` nothing may be asked of its instance, not even its end."""
+        """After a call that an FMU answers with `fatal` nothing may be asked of its instance, not
+        even its end.
+        """
         try:
             yield
         except Exception as error:
@@ -308,10 +374,13 @@ class _Fmu:
         if kind in _NUMBERS:
             return float(value)
         whole, bits = round(value), _WHOLE[kind]
-        low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if bits > 0 else (0, (1 << -bits) - 1)
+        low, high = (
+            (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if bits > 0 else (0, (1 << -bits) - 1)
+        )
         if not low <= whole <= high:
             raise ControllerError(
-                f"`{variable.name}` of FMU `{self.path.name}` is of type {kind}, which cannot hold {whole}"
+                f"`{variable.name}` of FMU `{self.path.name}` is of type {kind}, which cannot "
+                f"hold {whole}"
             )
         return whole
 
@@ -329,7 +398,10 @@ def _objects(seen: Observation) -> dict[str, list[float]]:
         if field_name == "kind":
             values = [float(KINDS[it.kind]) for it in seen.vehicles]
         else:
-            values = [1.0 if field_name == "present" else float(getattr(it, field_name)) for it in seen.vehicles]
+            values = [
+                1.0 if field_name == "present" else float(getattr(it, field_name))
+                for it in seen.vehicles
+            ]
         found[name] = [*values, {"gap": NO_LEAD_GAP, "kind": -1.0}.get(field_name, 0.0)]
     return found
 
@@ -348,7 +420,9 @@ class FmuController(ObservingController):
     _plan: float | None = None  # the number of the one in force
 
     def __post_init__(self) -> None:
-        asks = next((name for name in ("speed", "throttle", *PLAN) if self._gives(name)), "acceleration")
+        asks = next(
+            (name for name in ("speed", "throttle", *PLAN) if self._gives(name)), "acceleration"
+        )
         self._plans = asks in PLAN
         if self._plans:
             self._fmu = _Fmu(self.path, self.wiring, SIGNALS, (), _OF_A_PLAN, PLAN)
@@ -359,13 +433,20 @@ class FmuController(ObservingController):
 
     @classmethod
     def from_locator(cls, text: str, folder: Path | None) -> FmuController:
-        """`acc.fmu`, or `acc.fmu?inputs.v=ego_speed&outputs.acceleration=a&parameters.headway=1.5`."""
+        """`acc.fmu`, or
+        `acc.fmu?inputs.v=ego_speed&outputs.acceleration=a&parameters.headway=1.5`.
+        """
         file, _, query = text.partition("?")
         wiring: dict[str, dict[str, Any]] = {"inputs": {}, "outputs": {}, "parameters": {}}
         for key, value in parse_qsl(query, keep_blank_values=True):
             group, _, name = key.partition(".")
             if group not in wiring or not name:
-                raise must_be("A mapping", f"ADS `fmu:{text}`", "inputs.NAME, outputs.NAME or parameters.NAME", key)
+                raise must_be(
+                    "A mapping",
+                    f"ADS `fmu:{text}`",
+                    "inputs.NAME, outputs.NAME or parameters.NAME",
+                    key,
+                )
             wiring[group][name] = _number(value) if group == "parameters" else value.strip("\"'")
         return cls((folder or Path.cwd()) / file, FmuSettings(**wiring))
 
@@ -388,7 +469,10 @@ class FmuController(ObservingController):
         return Command.pedals(**answer) if "throttle" in answer else Command(**answer)
 
     def _planned(self, answer: Mapping[str, float]) -> Any:
-        """The plan that the outputs hold; it goes on while its number stays. Without a number each one is new."""
+        """The plan that the outputs hold; it goes on while its number stays.
+
+        Without a number each one is new.
+        """
         number = answer.get("plan_number")
         if number is not None and number == self._plan:
             return HOLD
@@ -398,7 +482,8 @@ class FmuController(ObservingController):
         count = answer.get("plan_count", float(most))
         if not 1.0 <= count <= most:
             raise ControllerError(
-                f"`plan_count` of FMU `{self.path.name}` must be within 1 and {most}, the places that it has, "
+                f"`plan_count` of FMU `{self.path.name}` must be within 1 and {most}, the places "
+                "that it has, "
                 f"got {count:g}"
             )
         return Plan(*(lists[name][: round(count)] if name in lists else None for name in PLAN))
@@ -415,7 +500,8 @@ class FmuController(ObservingController):
 class FmuPlant:
     """An FMU as the ego's vehicle model: commands in, pose and speed of the vehicle's centre out.
 
-    Positions and heading count from where the FMU starts, so it may start at its own origin; its speed is the case's.
+    Positions and heading count from where the FMU starts, so it may start at its own origin; its
+    speed is the case's.
     """
 
     def __init__(self, wiring: FmuSettings, file: str, folder: Path | None) -> None:
@@ -426,7 +512,9 @@ class FmuPlant:
         self._offset: dict[str, float] | None = None
         self._time = 0.0
 
-    def advance(self, state: EgoState, command: Command, step: float) -> tuple[EgoState, tuple[Clipped, ...]]:
+    def advance(
+        self, state: EgoState, command: Command, step: float
+    ) -> tuple[EgoState, tuple[Clipped, ...]]:
         """The state one step later."""
         signals = {
             "acceleration": command.acceleration, "steering": command.steering, "time": self._time,
@@ -438,22 +526,31 @@ class FmuPlant:
                 first = self._fmu.read()
                 if abs(first["speed"] - state.speed) > _SPEED_TOLERANCE:
                     raise SimulationError(
-                        f"The vehicle model {self._fmu.path.name} must start at {state.speed:g} m/s, got "
+                        f"The vehicle model {self._fmu.path.name} must start at {state.speed:g} "
+                        "m/s, got "
                         f"{first['speed']:g}; map a parameter of it to `speed`."
                     )
-                self._offset = {name: getattr(state, name) - first[name] for name in ("x", "y", "heading")}
+                self._offset = {
+                    name: getattr(state, name) - first[name] for name in ("x", "y", "heading")
+                }
             found = self._fmu.step(signals, self._time, step)
         except SimulationError:
             raise
         except Exception as error:
-            raise SimulationError(f"The vehicle model {self._fmu.path.name} failed: {said(error)}.") from error
+            raise SimulationError(
+                f"The vehicle model {self._fmu.path.name} failed: {said(error)}."
+            ) from error
         self._time += step
         if not all(math.isfinite(value) for value in found.values()):
-            raise SimulationError(f"The vehicle model {self._fmu.path.name} must give finite numbers, got {found}.")
+            raise SimulationError(
+                f"The vehicle model {self._fmu.path.name} must give finite numbers, got {found}."
+            )
         pose = {name: found[name] + self._offset[name] for name in ("x", "y", "heading")}
         gained = found.get("acceleration", (found["speed"] - state.speed) / step)
         wheel = found.get("steering_wheel_angle", command.steering)
-        return EgoState(**pose, speed=found["speed"], acceleration=gained, steering_wheel_angle=wheel), ()
+        return EgoState(
+            **pose, speed=found["speed"], acceleration=gained, steering_wheel_angle=wheel
+        ), ()
 
     def close(self) -> None:
         """Free the instance."""

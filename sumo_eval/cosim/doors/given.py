@@ -1,4 +1,6 @@
-"""`given:FILE`: an ADS that its owner wrote by value into the run folder, a class or a function of a notebook cell."""
+"""`given:FILE`: an ADS that its owner wrote by value into the run folder, a class or a function of
+a notebook cell.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,10 @@ from sumo_eval.input_file import read_input
 
 
 def load_given(file: str, folder: Path | None) -> Any:
-    """The class, function or object. Reading one runs code, as importing a file of the user's does."""
+    """The class, function or object.
+
+    Reading one runs code, as importing a file of the user's does.
+    """
     import cloudpickle
 
     path = Path(folder or Path.cwd(), file)

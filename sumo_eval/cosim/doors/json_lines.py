@@ -1,10 +1,12 @@
-"""`exec:COMMAND`: an ADS in any language, a program that reads observations and writes commands, one JSON text a line.
+"""`exec:COMMAND`: an ADS in any language, a program that reads observations and writes commands,
+one JSON text a line.
 
-The protocol, version 1 (docs/ads/exec.md): for every line that the harness writes to the program's stdin, the program
-writes one line to its stdout. First {"type": "reset", "protocol": 1, "step": s, "vehicle": {...}, "road": {...}}, which
-any JSON object answers; then {"type": "step", "time": s, "ego": {...}, "lead": ..., ...}, which
-{"acceleration": m/s2, "steering": rad} answers, or a speed, pedals or a plan. The end of the input ends the case. One
-program serves one case.
+The protocol, version 1 (docs/ads/exec.md): for every line that the harness writes to the program's
+stdin, the program writes one line to its stdout. First {"type": "reset", "protocol": 1, "step": s,
+"vehicle": {...}, "road": {...}}, which any JSON object answers; then {"type": "step", "time": s,
+"ego": {...}, "lead": ..., ...}, which
+{"acceleration": m/s2, "steering": rad} answers, or a speed, pedals or a plan. The end of the input
+ends the case. One program serves one case.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, ControllerTimeoutError
 
 PROTOCOL = 1
-START_TIMEOUT = 10.0  # s of wall time that a program has to start and to answer the reset, or a step's, if longer
+# s of wall time that a program has to start and to answer the reset, or a step's, if longer
+START_TIMEOUT = 10.0
 _ANSWERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "acceleration": (("acceleration", "steering"), Command),
     "speed": (("speed", "steering"), Command),
@@ -63,13 +66,15 @@ class JsonLinesProgram(ObservingController):
         self._program = ChildProgram(self.command, self.folder, talks=True)
         road = scenario.road
         described: dict[str, Any] = {
-            "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length, "speed_limit": road.speed_limit,
+            "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
+            "speed_limit": road.speed_limit,
             "line": [asdict(piece) for piece in road.line],
             "lane_borders": [line._asdict() for line in lane_borders(road)],
         }  # fmt: skip
         briefing = {
             "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "period": scenario.period,
-            "vehicle": asdict(scenario.vehicle), "road": described, "desired_speed": scenario.desired_speed,
+            "vehicle": asdict(scenario.vehicle), "road": described,
+            "desired_speed": scenario.desired_speed,
             "goal": scenario.goal, "change": scenario.change,
         }  # fmt: skip
         if self.options:
@@ -104,9 +109,13 @@ class JsonLinesProgram(ObservingController):
         except ValueError:
             answer = None
         if not isinstance(answer, dict):
-            raise ControllerError(f"The ADS must answer with a JSON object on one line, got {line[:200]!r}")
+            raise ControllerError(
+                f"The ADS must answer with a JSON object on one line, got {line[:200]!r}"
+            )
         if self._unread:
-            raise ControllerError(f"The ADS must answer with one line, got more: {self._unread[:200]!r}")
+            raise ControllerError(
+                f"The ADS must answer with one line, got more: {self._unread[:200]!r}"
+            )
         return answer
 
     def _line(self, program: ChildProgram, deadline: float) -> str:
@@ -114,9 +123,14 @@ class JsonLinesProgram(ObservingController):
         handle, until = program.process.stdout.fileno(), clock.monotonic() + deadline
         while b"\n" not in self._unread:
             left = until - clock.monotonic()
-            if left <= 0.0 or not select.select([handle], [], [], None if left == float("inf") else left)[0]:
+            if (
+                left <= 0.0
+                or not select.select([handle], [], [], None if left == float("inf") else left)[0]
+            ):
                 program.kill()
-                raise ControllerTimeoutError(f"The ADS's program must answer within {deadline:g} s, and was ended")
+                raise ControllerTimeoutError(
+                    f"The ADS's program must answer within {deadline:g} s, and was ended"
+                )
             chunk = os.read(handle, 65536)
             if not chunk:
                 raise self._ended()
@@ -126,7 +140,9 @@ class JsonLinesProgram(ObservingController):
 
     def _ended(self) -> ControllerError:
         assert self._program is not None
-        return ControllerError(f"The ADS's program ended before its case did, {self._program.ended()}")
+        return ControllerError(
+            f"The ADS's program ended before its case did, {self._program.ended()}"
+        )
 
 
 def _asked(answer: dict[str, Any]) -> Any:
@@ -136,7 +152,8 @@ def _asked(answer: dict[str, Any]) -> Any:
     _refuse_other_names(answer, names, "answer")
     if kind not in answer:
         raise ControllerError(
-            "Without a `speed`, a `throttle`, a `brake` or a `plan` the ADS's answer must have an `acceleration`, "
+            "Without a `speed`, a `throttle`, a `brake` or a `plan` the ADS's answer must have an "
+            "`acceleration`, "
             f"got {json.dumps(answer)}"
         )
     return make(**answer)
@@ -147,7 +164,9 @@ def _plan(plan: Any) -> Any:
     if plan is None:
         return HOLD
     if not isinstance(plan, dict):
-        raise ControllerError(f"The ADS's `plan` must be an object of lists, or null, got {shown(plan)}")
+        raise ControllerError(
+            f"The ADS's `plan` must be an object of lists, or null, got {shown(plan)}"
+        )
     _refuse_other_names(plan, _OF_A_PLAN, "plan")
     return Plan(*(plan.get(name) for name in _OF_A_PLAN))
 

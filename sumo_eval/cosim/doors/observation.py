@@ -1,7 +1,9 @@
-"""What an ADS sees that does not ask TraCI: the ego, the other vehicles relative to it, lanes and road edges.
+"""What an ADS sees that does not ask TraCI: the ego, the other vehicles relative to it, lanes and
+road edges.
 
-Road coordinates: x along the road, y to the left, y = 0 on the centre line of the right-hand lane. `Senses` keeps what
-`ConditionSettings` put between the world and the ADS: delay, range, field of view, misses, noise.
+Road coordinates: x along the road, y to the left, y = 0 on the centre line of the right-hand lane.
+`Senses` keeps what `ConditionSettings` put between the world and the ADS: delay, range, field of
+view, misses, noise.
 """
 
 from __future__ import annotations
@@ -32,8 +34,9 @@ KINDS = {kind: number for number, kind in enumerate(BODIES)}
 
 
 class Task(NamedTuple):
-    """What the ego is to do: the speed that it wants, m/s, at which it starts; where its road ends, x, y m; from which
-    x on and by which it has to change to the goal's lane, m, None where it may stay.
+    """What the ego is to do: the speed that it wants, m/s, at which it starts; where its road ends,
+    x, y m; from which x on and by which it has to change to the goal's lane, m, None where it may
+    stay.
     """
 
     desired_speed: float
@@ -50,7 +53,9 @@ def kinds_of(concrete: ConcreteScenario) -> dict[str, str]:
 
 
 def task_of(concrete: ConcreteScenario) -> Task:
-    """The task of the ego in a concrete scenario; its goal lies in the lane that it starts in, or has to change to."""
+    """The task of the ego in a concrete scenario; its goal lies in the lane that it starts in, or
+    has to change to.
+    """
     road, ego, way = concrete.road, concrete.ego, concrete.ego.way
     offset = 0.0 if way is None else way.offset
     goal = road.length, road.lane_centre(_lane(ego.y + offset, road))
@@ -58,7 +63,9 @@ def task_of(concrete: ConcreteScenario) -> Task:
 
 
 class LaneLine(NamedTuple):
-    """A lane as lines of points (x, y), m, in the direction of travel: its centre, its left and its right border."""
+    """A lane as lines of points (x, y), m, in the direction of travel: its centre, its left and its
+    right border.
+    """
 
     centre: tuple[tuple[float, float], ...]
     left: tuple[tuple[float, float], ...]
@@ -67,17 +74,23 @@ class LaneLine(NamedTuple):
 
 @lru_cache(maxsize=16)
 def lane_borders(road: Road) -> tuple[LaneLine, ...]:
-    """The lanes of a road as lines, the right-hand lane first; one that opens or ends where it has its full width."""
+    """The lanes of a road as lines, the right-hand lane first; one that opens or ends where it has
+    its full width.
+    """
     half, found = 0.5 * road.lane_width, []
     for lane in range(road.lanes):
         span, y = road.span(lane), road.lane_centre(lane)
         begin, end = max(span.begin, 0.0), min(span.end, road.length + road.run_out)
-        found.append(LaneLine(*(((begin, y + beside), (end, y + beside)) for beside in (0.0, half, -half))))
+        found.append(
+            LaneLine(*(((begin, y + beside), (end, y + beside)) for beside in (0.0, half, -half)))
+        )
     return tuple(found)
 
 
 class SeenEgo(NamedTuple):
-    """The ego's own state: centre x, y m, heading rad, speed m/s, acceleration m/s2, lane (0: right), body m."""
+    """The ego's own state: centre x, y m, heading rad, speed m/s, acceleration m/s2, lane (0:
+    right), body m.
+    """
 
     x: float
     y: float
@@ -92,13 +105,18 @@ class SeenEgo(NamedTuple):
 class SeenVehicle(NamedTuple):
     """Another vehicle, relative to the ego at the instant it was seen.
 
-    number: 1, 2, ..., the same vehicle throughout a case. gap: free road along the road, m (ahead: from the ego's front
-    to its rear; behind: from its front to the ego's rear; negative beside the ego). ahead: whether its centre is.
-    relative_speed: its speed along the road less the ego's, m/s (a lead that comes nearer: negative). offset: its
-    centre to the left of the ego's, m. overlaps: whether its body reaches into the strip that the ego's body sweeps.
-    x, y, heading: its centre, m, and where it points, rad, in the coordinates of the ego's own. acceleration: the rate
-    at which its seen speed has changed since it was last seen, m/s2; 0 until it has been seen twice. kind: what it is,
-    `car`, `van`, `truck`, `motorcycle`, `bicycle`, `pedestrian` or `child`.
+    number: 1, 2, ..., the same vehicle throughout a case.
+    gap: free road along the road, m (ahead: from the ego's front to its rear; behind: from its
+        front to the ego's rear; negative beside the ego).
+    ahead: whether its centre is.
+    relative_speed: its speed along the road less the ego's, m/s (a lead that comes nearer:
+        negative).
+    offset: its centre to the left of the ego's, m.
+    overlaps: whether its body reaches into the strip that the ego's body sweeps.
+    x, y, heading: its centre, m, and where it points, rad, in the coordinates of the ego's own.
+    acceleration: the rate at which its seen speed has changed since it was last seen, m/s2; 0 until
+        it has been seen twice.
+    kind: what it is, `car`, `van`, `truck`, `motorcycle`, `bicycle`, `pedestrian` or `child`.
     """
 
     number: int
@@ -120,7 +138,9 @@ class SeenVehicle(NamedTuple):
 
 
 class _Worked:
-    """An attribute that is worked out when it is first asked for; `functools.cached_property` takes a lock for it."""
+    """An attribute that is worked out when it is first asked for; `functools.cached_property` takes
+    a lock for it.
+    """
 
     def __init__(self, work: Callable[[Any], Any]) -> None:
         self._work, self.__doc__ = work, work.__doc__
@@ -137,7 +157,11 @@ class _Worked:
 
 @dataclass(frozen=True, eq=False, init=False)
 class Observation:
-    """One instant, worked out when it is asked for. time: s since the start of the case. road: lanes and edges."""
+    """One instant, worked out when it is asked for.
+
+    time: s since the start of the case.
+    road: lanes and edges.
+    """
 
     time: float
     road: Road
@@ -148,30 +172,43 @@ class Observation:
     _kinds: Mapping[int, str]
 
     def __init__(
-        self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look, task: Task | None,
+        self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look,
+        task: Task | None,
         kinds: Mapping[int, str],
     ) -> None:  # fmt: skip
         own = self.__dict__  # a frozen dataclass's own constructor takes three times as long
         own["_task"], own["_kinds"] = task or _NO_TASK, kinds
-        own["time"], own["road"], own["_ego"], own["_acceleration"], own["_look"] = time, road, ego, acceleration, look
+        own["time"], own["road"], own["_ego"], own["_acceleration"], own["_look"] = (
+            time,
+            road,
+            ego,
+            acceleration,
+            look,
+        )
 
     @_Worked
     def ego(self) -> SeenEgo:
         """The ego's own state, now."""
         x, y, heading, speed, length, width, _ = self._ego
-        return _tuple(SeenEgo, (x, y, heading, speed, self._acceleration, _lane(y, self.road), length, width))
+        return _tuple(
+            SeenEgo, (x, y, heading, speed, self._acceleration, _lane(y, self.road), length, width)
+        )
 
     @_Worked
     def vehicles(self) -> tuple[SeenVehicle, ...]:
         """The other vehicles that are seen, the nearest along the road first."""
         me, others = self._look
         kinds = self._kinds
-        seen = [_seen(number, me, other, self.road, kinds.get(number, CAR)) for number, other in others]
+        seen = [
+            _seen(number, me, other, self.road, kinds.get(number, CAR)) for number, other in others
+        ]
         return tuple(sorted(seen, key=lambda vehicle: (abs(vehicle.gap), vehicle.number)))
 
     @_Worked
     def lead(self) -> SeenVehicle | None:
-        """The nearest vehicle ahead that reaches into the strip of road that the ego's body sweeps straight ahead."""
+        """The nearest vehicle ahead that reaches into the strip of road that the ego's body sweeps
+        straight ahead.
+        """
         me, others = self._look
         my_x, my_y = me[0], me[1]
         half_length, half_width = _extent(me)
@@ -190,7 +227,9 @@ class Observation:
 
     @_Worked
     def neighbours(self) -> Mapping[str, SeenVehicle | None]:
-        """Nearest vehicles by lane: `left_ahead`, `left_behind`, `right_ahead`, `right_behind`, `behind`."""
+        """Nearest vehicles by lane: `left_ahead`, `left_behind`, `right_ahead`, `right_behind`,
+        `behind`.
+        """
         places = {"left": self.ego.lane + 1, "right": self.ego.lane - 1, "": self.ego.lane}
         found: dict[str, SeenVehicle | None] = {}
         for side, lane in places.items():
@@ -208,7 +247,9 @@ class Observation:
 
     @property
     def desired_speed(self) -> float:
-        """The speed that the ego wants, m/s: the one that it starts with; nan where nobody has said."""
+        """The speed that the ego wants, m/s: the one that it starts with; nan where nobody has
+        said.
+        """
         return self._task.desired_speed
 
     @property
@@ -218,14 +259,16 @@ class Observation:
 
     @property
     def goal(self) -> tuple[float, float]:
-        """The end of the road in the lane that the ego started in or has to change to, x, y m; nan where nobody has
-        said.
+        """The end of the road in the lane that the ego started in or has to change to, x, y m; nan
+        where nobody has said.
         """
         return self._task.goal
 
     @property
     def change(self) -> tuple[float, float] | None:
-        """From which x on and by which the ego has to change to the goal's lane, m; None: it may stay in its lane."""
+        """From which x on and by which the ego has to change to the goal's lane, m; None: it may
+        stay in its lane.
+        """
         return self._task.change
 
     @property
@@ -235,7 +278,9 @@ class Observation:
 
     @_Worked
     def second_lead(self) -> SeenVehicle | None:
-        """The nearest vehicle ahead of the lead that reaches into the strip that the ego's body sweeps."""
+        """The nearest vehicle ahead of the lead that reaches into the strip that the ego's body
+        sweeps.
+        """
         first = None if self.lead is None else self.lead.number
         further = (v for v in self.vehicles if v.ahead and v.overlaps and v.number != first)
         return min(further, key=lambda v: v.gap, default=None)
@@ -243,23 +288,34 @@ class Observation:
     @property
     def left_edge(self) -> float:
         """From the ego's centre to the left edge of the road beside it, m."""
-        edge = float(self.road.left_edge_at(self._ego[0])) if self.road.spans else self.road.left_edge
+        edge = (
+            float(self.road.left_edge_at(self._ego[0])) if self.road.spans else self.road.left_edge
+        )
         return edge - self._ego[1]
 
     @property
     def right_edge(self) -> float:
         """From the ego's centre to the right edge of the road beside it, m."""
-        edge = float(self.road.right_edge_at(self._ego[0])) if self.road.spans else self.road.right_edge
+        edge = (
+            float(self.road.right_edge_at(self._ego[0]))
+            if self.road.spans
+            else self.road.right_edge
+        )
         return self._ego[1] - edge
 
     @property
     def curvature(self) -> float:
-        """The curvature of the road's line (the right lane's centre) beside the ego, 1/m, positive to the left."""
+        """The curvature of the road's line (the right lane's centre) beside the ego, 1/m, positive
+        to the left.
+        """
         return float(curvatures(self.road.line, self._ego[0])) if self.road.bent else 0.0
 
-    def lane_lines(self, ahead: float = 100.0, every: float = 2.0) -> tuple[NDArray[np.float64], ...]:
-        """The lanes' centre lines from beside the ego to `ahead` m along the road: points (n, 2) `every` m, ahead and
-        to the left of the ego's centre in the ego's own axes; the right-hand lane first.
+    def lane_lines(
+        self, ahead: float = 100.0, every: float = 2.0
+    ) -> tuple[NDArray[np.float64], ...]:
+        """The lanes' centre lines from beside the ego to `ahead` m along the road: points (n, 2)
+        `every` m, ahead and to the left of the ego's centre in the ego's own axes; the right-hand
+        lane first.
         """
         x, y, heading = self._ego[:3]
         me_x, me_y, turned = (float(it) for it in map_places(self.road.line, x, y, heading))
@@ -268,16 +324,26 @@ class Observation:
         for lane in range(self.road.lanes):
             east, north, _ = map_places(self.road.line, s, self.road.lane_centre(lane))
             c, n = math.cos(turned), math.sin(turned)
-            found.append(np.stack([(east - me_x) * c + (north - me_y) * n, (north - me_y) * c - (east - me_x) * n], 1))
+            found.append(
+                np.stack(
+                    [
+                        (east - me_x) * c + (north - me_y) * n,
+                        (north - me_y) * c - (east - me_x) * n,
+                    ],
+                    1,
+                )
+            )
         return tuple(found)
 
     def plain(self) -> dict[str, Any]:
         """Everything as plain values, ready for JSON."""
         lead = self.lead
         return {
-            "time": round(self.time, 6), "ego": self.ego._asdict(), "lead": None if lead is None else lead._asdict(),
+            "time": round(self.time, 6), "ego": self.ego._asdict(),
+            "lead": None if lead is None else lead._asdict(),
             "second_lead": None if self.second_lead is None else self.second_lead._asdict(),
-            "neighbours": {place: None if it is None else it._asdict() for place, it in self.neighbours.items()},
+            "neighbours": {place: None if it is None else it._asdict() for place,
+                it in self.neighbours.items()},
             "vehicles": [vehicle._asdict() for vehicle in self.vehicles], "lanes": list(self.lanes),
             "left_edge": self.left_edge, "right_edge": self.right_edge, "curvature": self.curvature,
         }  # fmt: skip
@@ -285,16 +351,21 @@ class Observation:
     def signals(self) -> dict[str, float]:
         """Everything that is one number, by name.
 
-        In a place where no vehicle is: present 0, gap 1000 m, its speed the ego's, at the ego's own place and heading,
-        kind -1. A kind is its number in `KINDS`: 0 is a car.
+        In a place where no vehicle is: present 0, gap 1000 m, its speed the ego's, at the ego's own
+        place and heading, kind -1. A kind is its number in `KINDS`: 0 is a car.
         """
         me, road = self.ego, self.road
         found = {
-            "time": self.time, "ego_x": me.x, "ego_y": me.y, "ego_heading": me.heading, "ego_speed": me.speed,
-            "ego_acceleration": me.acceleration, "ego_lane": float(me.lane), "left_edge": self.left_edge,
-            "right_edge": self.right_edge, "lane_offset": -self.lanes[me.lane], "curvature": self.curvature,
-            "ego_length": me.length, "ego_width": me.width, "lanes": float(road.lanes), "lane_width": road.lane_width,
-            "speed_limit": road.speed_limit, "road_length": road.length, "desired_speed": self.desired_speed,
+            "time": self.time, "ego_x": me.x, "ego_y": me.y, "ego_heading": me.heading,
+            "ego_speed": me.speed,
+            "ego_acceleration": me.acceleration, "ego_lane": float(me.lane),
+            "left_edge": self.left_edge,
+            "right_edge": self.right_edge, "lane_offset": -self.lanes[me.lane],
+            "curvature": self.curvature,
+            "ego_length": me.length, "ego_width": me.width, "lanes": float(road.lanes),
+            "lane_width": road.lane_width,
+            "speed_limit": road.speed_limit, "road_length": road.length,
+            "desired_speed": self.desired_speed,
             "goal_x": self.goal[0], "goal_y": self.goal[1],
         }  # fmt: skip
         if self.change is not None:
@@ -307,11 +378,12 @@ class Observation:
 
 @dataclass(frozen=True)
 class Observations:
-    """One instant of n cases for a policy that takes arrays: what an `Observation` has, under the same names.
+    """One instant of n cases for a policy that takes arrays: what an `Observation` has, under the
+    same names.
 
-    number: of each case among those that are driven together, (n,): a policy that remembers something of its cases
-    knows them by it. desired_speed: m/s, (n,). ego, lead: arrays (n,). vehicles: arrays (n, m), in the order of the
-    scenario's vehicles.
+    number: of each case among those that are driven together, (n,): a policy that remembers
+        something of its cases knows them by it. desired_speed: m/s, (n,). ego, lead: arrays (n,).
+        vehicles: arrays (n, m), in the order of the scenario's vehicles.
     """
 
     time: float
@@ -330,23 +402,31 @@ class Observations:
     @cached_property
     def kinds(self) -> NDArray[np.intp]:
         """What the vehicles are, by their numbers in `KINDS`, (n, m): 0 is a car."""
-        shown = [[KINDS[actor.body] for actor in self._cases[number].actors] for number in self.number.tolist()]
+        shown = [
+            [KINDS[actor.body] for actor in self._cases[number].actors]
+            for number in self.number.tolist()
+        ]
         return np.array(shown, dtype=np.intp).reshape(self._seen.shape)
 
     @cached_property
     def ego(self) -> SimpleNamespace:
         """x, y, heading, speed, acceleration, lane, length, width."""
         names = ("x", "y", "heading", "speed", "acceleration", "length", "width")
-        return SimpleNamespace(**{name: self._egos[name] for name in names}, lane=self._lanes(self._egos["y"]))
+        return SimpleNamespace(
+            **{name: self._egos[name] for name in names}, lane=self._lanes(self._egos["y"])
+        )
 
     @cached_property
     def vehicles(self) -> SimpleNamespace:
-        """ahead, gap, relative_speed, offset, overlaps, speed, lateral_speed, lane, length, width, x, y, heading,
-        acceleration.
+        """ahead, gap, relative_speed, offset, overlaps, speed, lateral_speed, lane, length, width,
+        x, y, heading, acceleration.
         """
         me, seen, others = self._egos["seen"][:, None], self._seen, self._others
         c, s = np.cos(others["heading"]), np.sin(others["heading"])
-        half_length, half_width = seen["half_length"] + me["half_length"], seen["half_width"] + me["half_width"]
+        half_length, half_width = (
+            seen["half_length"] + me["half_length"],
+            seen["half_width"] + me["half_width"],
+        )
         return SimpleNamespace(
             ahead=seen["x"] > me["x"],
             gap=np.abs(seen["x"] - me["x"]) - half_length,
@@ -362,8 +442,8 @@ class Observations:
 
     @cached_property
     def lead(self) -> SimpleNamespace:
-        """The nearest vehicle ahead in the ego's strip of road: present, gap (inf without one), relative_speed (0),
-        speed (the ego's), offset (0).
+        """The nearest vehicle ahead in the ego's strip of road: present, gap (inf without one),
+        relative_speed (0), speed (the ego's), offset (0).
         """
         it = self.vehicles
         gap = np.where(it.ahead & it.overlaps, it.gap, np.inf)
@@ -374,7 +454,11 @@ class Observations:
         present = gap[rows, nearest] < np.inf
 
         def of_lead(values: NDArray[Any], otherwise: Any) -> NDArray[Any]:
-            return np.where(present, values[rows, nearest], otherwise) if values.shape[1] else 0.0 * gap[:, 0]
+            return (
+                np.where(present, values[rows, nearest], otherwise)
+                if values.shape[1]
+                else 0.0 * gap[:, 0]
+            )
 
         return SimpleNamespace(
             present=present,
@@ -386,12 +470,16 @@ class Observations:
 
     @cached_property
     def distances(self) -> NDArray[Any]:
-        """Along the road from each ego's centre to those of the vehicles, (n, m), m; nan where there is none."""
+        """Along the road from each ego's centre to those of the vehicles, (n, m), m; nan where
+        there is none.
+        """
         return np.asarray(self._seen["x"] - self._egos["seen"]["x"][:, None])
 
     @cached_property
     def nearest(self) -> NDArray[np.intp]:
-        """Places of the vehicles of each case in `vehicles`, (n, m), the nearest along the road first."""
+        """Places of the vehicles of each case in `vehicles`, (n, m), the nearest along the road
+        first.
+        """
         return np.argsort(np.abs(self.vehicles.gap), axis=1, kind="stable")
 
     @property
@@ -401,7 +489,9 @@ class Observations:
 
     @property
     def lanes(self) -> NDArray[Any]:
-        """The lanes' centre lines to the left of each ego's centre, m, (n, lanes), the right-hand lane first."""
+        """The lanes' centre lines to the left of each ego's centre, m, (n, lanes), the right-hand
+        lane first.
+        """
         centres = np.array([self.road.lane_centre(lane) for lane in range(self.road.lanes)])
         return np.asarray(centres - self._egos["y"][:, None])
 
@@ -410,8 +500,8 @@ class Observations:
 
 
 class Look(NamedTuple):
-    """The ego and the numbered others as they were perceived at one instant, in the numbers of a `Body`; behind those
-    of the others stands their acceleration, m/s2.
+    """The ego and the numbered others as they were perceived at one instant, in the numbers of a
+    `Body`; behind those of the others stands their acceleration, m/s2.
     """
 
     me: Sequence[float]
@@ -419,7 +509,9 @@ class Look(NamedTuple):
 
 
 class Senses:
-    """The ADS's eyes in one case. `stream` names the random numbers: the same name, the same misses and noise.
+    """The ADS's eyes in one case.
+
+    `stream` names the random numbers: the same name, the same misses and noise.
 
     kinds: what the others are, by name; who is not in it is a car.
     """
@@ -432,15 +524,24 @@ class Senses:
         self._by_name, self._kinds = kinds or {}, dict[int, str]()
         self._conditions = conditions
         self._sees_all = not (
-            conditions.dropout or conditions.position_noise or conditions.speed_noise or conditions.occlusion
+            conditions.dropout
+            or conditions.position_noise
+            or conditions.speed_noise
+            or conditions.occlusion
         ) and (conditions.sensor_range, conditions.field_of_view_deg) == (None, None)
         self._numbers: dict[str, int] = {}
-        self._random = {name: random.Random(f"{stream}/{name}") for name in ("dropout", "position", "speed")}  # noqa: S311
+        self._random = {
+            name: random.Random(f"{stream}/{name}")  # noqa: S311
+            for name in ("dropout", "position", "speed")
+        }
         self._memory: deque[tuple[float, Look]] = deque()
-        self._last: dict[int, tuple[float, float]] = {}  # when each was last seen, s, and how fast, m/s
+        # when each was last seen, s, and how fast, m/s
+        self._last: dict[int, tuple[float, float]] = {}
         self._now: tuple[float, Body, float] = (0.0, Body(0.0, 0.0, 0.0, 0.0, 1.0, 1.0), 0.0)
 
-    def take_in(self, time: float, ego: Body, acceleration: float, others: Mapping[str, Body]) -> None:
+    def take_in(
+        self, time: float, ego: Body, acceleration: float, others: Mapping[str, Body]
+    ) -> None:
         """The world at a step; call once a step, before `observe`."""
         for name in others:
             if name not in self._numbers:
@@ -454,11 +555,17 @@ class Senses:
             self._memory.popleft()
 
     def observe(self) -> Observation:
-        """The present step, as old as the perception delay makes it (at the start: as old as there is)."""
+        """The present step, as old as the perception delay makes it (at the start: as old as there
+        is).
+        """
         time, ego, acceleration = self._now
-        return Observation(time, self._road, ego, acceleration, self._memory[0][1], self._task, self._kinds)
+        return Observation(
+            time, self._road, ego, acceleration, self._memory[0][1], self._task, self._kinds
+        )
 
-    def _with_acceleration(self, time: float, seen: list[tuple[int, Body]]) -> Iterator[tuple[int, tuple[float, ...]]]:
+    def _with_acceleration(
+        self, time: float, seen: list[tuple[int, Body]]
+    ) -> Iterator[tuple[int, tuple[float, ...]]]:
         for number, body in seen:
             when, speed = self._last.get(number, (time, body.speed))
             self._last[number] = time, body.speed
@@ -472,10 +579,16 @@ class Senses:
             missed = to.dropout > 0.0 and self._random["dropout"].random() < to.dropout
             place, pace = self._random["position"], self._random["speed"]
             errors = (
-                (place.gauss(0.0, to.position_noise), place.gauss(0.0, to.position_noise)) if to.position_noise else ()
+                (place.gauss(0.0, to.position_noise), place.gauss(0.0, to.position_noise))
+                if to.position_noise
+                else ()
             )
             faster = pace.gauss(0.0, to.speed_noise) if to.speed_noise else 0.0
-            if missed or not self._within_reach(ego, other) or (to.occlusion and _hidden(ego, name, others)):
+            if (
+                missed
+                or not self._within_reach(ego, other)
+                or (to.occlusion and _hidden(ego, name, others))
+            ):
                 continue
             if errors:
                 other = other._replace(x=other.x + errors[0], y=other.y + errors[1])
@@ -486,7 +599,10 @@ class Senses:
 
     def _within_reach(self, ego: Body, other: Body) -> bool:
         to = self._conditions
-        if to.sensor_range is not None and math.hypot(other.x - ego.x, other.y - ego.y) > to.sensor_range:
+        if (
+            to.sensor_range is not None
+            and math.hypot(other.x - ego.x, other.y - ego.y) > to.sensor_range
+        ):
             return False
         if to.field_of_view_deg is None:
             return True
@@ -494,16 +610,23 @@ class Senses:
         y = ego.y + 0.5 * ego.length * math.sin(ego.heading)
         half = math.radians(to.field_of_view_deg) / 2.0
         points = ((other.x, other.y), *other.corners())
-        return any(abs(within_a_turn(math.atan2(py - y, px - x) - ego.heading)) <= half for px, py in points)
+        return any(
+            abs(within_a_turn(math.atan2(py - y, px - x) - ego.heading)) <= half
+            for px, py in points
+        )
 
 
 def _hidden(ego: Body, name: str, others: Mapping[str, Body]) -> bool:
-    """Whether one nearer vehicle ahead covers more than 80 % of the width; lines of sight run along the road."""
+    """Whether one nearer vehicle ahead covers more than 80 % of the width; lines of sight run along
+    the road.
+    """
     other = others[name]
     left, right = other.y + other.width / 2.0, other.y - other.width / 2.0
     for nearer in others.values():
         if ego.x < nearer.x < other.x:
-            shared = min(left, nearer.y + nearer.width / 2.0) - max(right, nearer.y - nearer.width / 2.0)
+            shared = min(left, nearer.y + nearer.width / 2.0) - max(
+                right, nearer.y - nearer.width / 2.0
+            )
             if shared > _COVERED * other.width:
                 return True
     return False
@@ -531,14 +654,17 @@ def _velocity(body: Sequence[float]) -> tuple[float, float]:
     return speed * c - across * s, speed * s + across * c
 
 
-def _seen(number: int, me: Sequence[float], other: Sequence[float], road: Road, kind: str) -> SeenVehicle:
+def _seen(
+    number: int, me: Sequence[float], other: Sequence[float], road: Road, kind: str
+) -> SeenVehicle:
     half, half_width = _extent(other)
     my_half, my_half_width = _extent(me)
     along, across = _velocity(other)
     ahead, offset = other[0] - me[0], other[1] - me[1]
     return _tuple(SeenVehicle, (
         number, ahead > 0.0, abs(ahead) - half - my_half, along - _velocity(me)[0], offset,
-        abs(offset) < half_width + my_half_width, other[3], across, _lane(other[1], road), other[4], other[5],
+        abs(offset) < half_width + my_half_width, other[3], across, _lane(other[1], road),
+        other[4], other[5],
         other[0], other[1], other[2], other[7], kind,
     ))  # fmt: skip
 
@@ -548,16 +674,20 @@ def _place_signals(place: str, it: SeenVehicle | None, me: SeenEgo) -> dict[str,
     if it is None:
         values = (0.0, NO_LEAD_GAP, me.speed, 0.0, 0.0, me.x, me.y, me.heading, 0.0, 0.0, 0.0, -1.0)
     else:
-        values = (1.0, it.gap, it.speed, it.relative_speed, it.offset, it.x, it.y, it.heading, it.acceleration,
+        values = (1.0, it.gap, it.speed, it.relative_speed, it.offset, it.x, it.y, it.heading,
+            it.acceleration,
                   it.length, it.width, float(KINDS[it.kind]))  # fmt: skip
     return {f"{place}_{name}": value for name, value in zip(_OF_A_PLACE, values, strict=True)}
 
 
-_OF_A_PLACE = ("present", "gap", "speed", "relative_speed", "offset", "x", "y", "heading", "acceleration", "length",
+_OF_A_PLACE = ("present", "gap", "speed", "relative_speed", "offset", "x", "y", "heading",
+    "acceleration", "length",
                "width", "kind")  # fmt: skip
 
 
 def signal_names() -> tuple[str, ...]:
     """The names of all `signals`."""
     alone = Look(Body(0.0, 0.0, 0.0, 0.0, 1.0, 1.0), ())
-    return tuple(Observation(0.0, Road("", 1.0, 1, 1.0, 0.0), alone.me, 0.0, alone, None, {}).signals())
+    return tuple(
+        Observation(0.0, Road("", 1.0, 1, 1.0, 0.0), alone.me, 0.0, alone, None, {}).signals()
+    )

@@ -1,11 +1,14 @@
-"""`onnx:policy.onnx`: a learned policy as the ADS; what it is shown and what its answer means stands in `policy.toml`.
+"""`onnx:policy.onnx`: a learned policy as the ADS; what it is shown and what its answer means
+stands in `policy.toml`.
 
-The table beside the model is `cosim.doors.features`'; another one is named by `onnx:policy.onnx?features=table.toml`,
-an output other than the first by `output=NAME`. Needs the extra `onnx`.
+The table beside the model is `cosim.doors.features`'; another one is named by
+`onnx:policy.onnx?features=table.toml`, an output other than the first by `output=NAME`. Needs the
+extra `onnx`.
 
-A network's last bits may depend on how many rows it is given at once. So every model is given blocks of `BLOCK` rows,
-filled up with zeros, on one thread, and a case's answer does not depend on its company as far as the runtime treats the
-rows of a block alike; tests hold it for dense networks.
+A network's last bits may depend on how many rows it is given at once. So every model is given
+blocks of `BLOCK` rows, filled up with zeros, on one thread, and a case's answer does not depend on
+its company as far as the runtime treats the rows of a block alike; tests hold it for dense
+networks.
 """
 
 from __future__ import annotations
@@ -72,9 +75,14 @@ class OnnxPolicy:
         """How many steps an answer holds."""
         period = self.interface.period
         self._every = 1 if period is None else round(period / briefing.step)
-        if period is not None and (self._every < 1 or abs(self._every * briefing.step - period) > 1e-9):
+        if period is not None and (
+            self._every < 1 or abs(self._every * briefing.step - period) > 1e-9
+        ):
             raise must_be(
-                "`period`", f"the features table of {self._name}", f"a multiple of {briefing.step:g} s", period
+                "`period`",
+                f"the features table of {self._name}",
+                f"a multiple of {briefing.step:g} s",
+                period,
             )
         self._step, self._held = briefing.step, np.zeros((0, 2))
 
@@ -102,7 +110,8 @@ class OnnxPolicy:
             answer = np.asarray(answer)
             if answer.shape not in ((rows, wanted), (rows,) if wanted == 1 else (rows, wanted)):
                 raise ControllerError(
-                    f"The output `{self._output}` of {self._name} must have the shape ({rows}, {wanted}) for {rows} "
+                    f"The output `{self._output}` of {self._name} must have the shape ({rows}, "
+                    f"{wanted}) for {rows} "
                     f"rows, as its table has {wanted} actions, got {answer.shape}"
                 )
             found[begin : begin + rows] = answer.reshape(rows, wanted)[: len(part)]
@@ -115,14 +124,21 @@ def from_locator(text: str, folder: Path | None) -> PolicyController:
     try:
         options = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(asks)))
     except ValueError:
-        raise must_be("The options", f"ADS `onnx:{text}`", "of the form features=FILE&output=NAME", query) from None
+        raise must_be(
+            "The options", f"ADS `onnx:{text}`", "of the form features=FILE&output=NAME", query
+        ) from None
     for key in options:
         if key not in ("features", "output"):
             raise unknown(f"option of ADS `onnx:{text}`", key, ("features", "output"))
     model = (folder or Path.cwd()) / file
-    table = (folder or Path.cwd()) / options["features"] if "features" in options else model.with_suffix(".toml")
+    table = (
+        (folder or Path.cwd()) / options["features"]
+        if "features" in options
+        else model.with_suffix(".toml")
+    )
     policy = OnnxPolicy(model, table, options.get("output"))
-    return PolicyController(policy.act, policy)  # type: ignore[arg-type]  # over arrays, as `batch` says
+    # over arrays, as `batch` says
+    return PolicyController(policy.act, policy)  # type: ignore[arg-type]
 
 
 def _session(model: Path) -> Any:

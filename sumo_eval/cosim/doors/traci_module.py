@@ -1,10 +1,12 @@
-"""The `traci` that an ADS sees: the running libsumo, with every call that belongs to somebody else guarded.
+"""The `traci` that an ADS sees: the running libsumo, with every call that belongs to somebody else
+guarded.
 
-`import traci` in an ADS's code gives this module while the code is loaded and while it drives (`seen_as_traci`).
-Reading is libsumo's own function, untouched. A call that writes goes through a thin wrapper: the ego may be written to;
-other vehicles, the road and SUMO's clock are the harness's. What happens then is `ConditionSettings.interference`: the
-call is refused and the case ends, or it is put on record (and stepping, starting and closing are left out). A number
-that nobody can mean (see `traci_numbers`) is refused in either case.
+`import traci` in an ADS's code gives this module while the code is loaded and while it drives
+(`seen_as_traci`). Reading is libsumo's own function, untouched. A call that writes goes through a
+thin wrapper: the ego may be written to; other vehicles, the road and SUMO's clock are the
+harness's. What happens then is `ConditionSettings.interference`: the call is refused and the case
+ends, or it is put on record (and stepping, starting and closing are left out). A number that nobody
+can mean (see `traci_numbers`) is refused in either case.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ from sumo_eval.errors import ControllerError
 from sumo_eval.scenario.concrete import ConcreteScenario
 
 _READS = (
-    "_", "get", "is", "subscribe", "unsubscribe", "addSubscriptionFilter", "could", "wants", "find", "convert", "has",
+    "_", "get", "is", "subscribe", "unsubscribe", "addSubscriptionFilter", "could", "wants",
+    "find", "convert", "has",
     "DOMAIN", "domain", "this", "updateBestLanes", "highlight", "saveState", "writeMessage",
 )  # fmt: skip
 _HARMLESS = ("gui", "poi", "polygon", "route")  # domains in which writing changes nobody's driving
@@ -57,7 +60,9 @@ class Guard:
         interference: Literal["refuse", "record"],
         heeding: Iterable[str] = (),
     ) -> None:
-        """A new case: no listeners, nothing touched. others: names of the other vehicles, which are their types'.
+        """A new case: no listeners, nothing touched.
+
+        others: names of the other vehicles, which are their types'.
 
         heeding: which of `HEEDED_BY` there is.
         """
@@ -72,7 +77,10 @@ class Guard:
         self.refusal: tuple[str, str] | None = None
 
     def meddles(self, what: str, deed: str, why: str) -> None:
-        """An ADS does what is not its own. deed, why: the sentence's two halves, a time comes between them."""
+        """An ADS does what is not its own.
+
+        deed, why: the sentence's two halves, a time comes between them.
+        """
         if self.interference == "refuse":
             self.refuse(deed, why)
         self.count(what)
@@ -82,12 +90,15 @@ class Guard:
         self.refusal = self.refusal or (deed, why)
         raise RefusedCallError(f"{deed}; {why}")
 
-    def check(self, domain: str, call: str, name: object, args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
+    def check(
+        self, domain: str, call: str, name: object, args: Sequence[Any], kwargs: Mapping[str, Any]
+    ) -> None:
         """No number that an ADS writes may be one that SUMO takes and nobody can mean."""
         found = breach(domain, call, name, args, kwargs)
         if found is not None:
             self.refuse(
-                f"The ADS called traci.{domain}.{call} with `{found.argument}` = {shown(found.given)}",
+                f"The ADS called traci.{domain}.{call} with `{found.argument}` = "
+                f"{shown(found.given)}",
                 f"it must be {found.must_be}",
             )
 
@@ -110,7 +121,11 @@ class Guard:
     @property
     def ignored(self) -> dict[str, str]:
         """Why SUMO ignored calls of this case, by call."""
-        return {call: HEEDED_BY[IGNORED[call]] for call in self.asked if IGNORED[call] not in self.heeding}
+        return {
+            call: HEEDED_BY[IGNORED[call]]
+            for call in self.asked
+            if IGNORED[call] not in self.heeding
+        }
 
     def heard(self) -> None:
         """Call every step listener, as TraCI does after each step."""
@@ -128,7 +143,11 @@ class Guard:
 def heeding(concrete: ConcreteScenario) -> set[str]:
     """Which of `HEEDED_BY` a case has from its start."""
     drives = any(actor.model is not None for actor in concrete.actors)
-    return {by for by, there in (("traffic", drives), ("network", concrete.road.network is not None)) if there}
+    return {
+        by
+        for by, there in (("traffic", drives), ("network", concrete.road.network is not None))
+        if there
+    }
 
 
 def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
@@ -145,14 +164,22 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
             guard.moved = True
         if one_number and len(args) == 1 and not kwargs:
             number = args[0]
-            if type(number) is float and number - number == 0.0 and not (hands_over and number < 0.0):
+            if (
+                type(number) is float
+                and number - number == 0.0
+                and not (hands_over and number < 0.0)
+            ):
                 # as nearly always: a float, and finite
                 return direct(vehID, number)
         guard.check("vehicle", call, vehID, args, kwargs)
         if ignored and vehID == EGO:
             guard.asks(call)
         answer = write(vehID, *args, **kwargs)
-        if hands_over and vehID == EGO and (call != "setSpeed" or min(*args, *kwargs.values(), 0.0) < 0.0):
+        if (
+            hands_over
+            and vehID == EGO
+            and (call != "setSpeed" or min(*args, *kwargs.values(), 0.0) < 0.0)
+        ):
             guard.heeding.add("model")
         return answer
 
@@ -171,7 +198,9 @@ def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable
     return guarded
 
 
-def _world_writer(guard: Guard, domain: str, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
+def _world_writer(
+    guard: Guard, domain: str, call: str, write: Callable[..., Any]
+) -> Callable[..., Any]:
     def guarded(*args: Any, **kwargs: Any) -> Any:
         guard.touches(domain, call, args[0] if args else "")
         guard.check(domain, call, "", args, kwargs)
@@ -194,10 +223,14 @@ def _clock_call(guard: Guard, call: str) -> Callable[..., Any]:
 
 
 def _running_call(guard: Guard, call: str) -> Callable[..., Any]:
-    doing = {"close": "closed", "start": "started", "load": "loaded", "loadState": "loaded"}.get(call, f"{call} for")
+    doing = {"close": "closed", "start": "started", "load": "loaded", "loadState": "loaded"}.get(
+        call, f"{call} for"
+    )
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
-        guard.meddles("started_or_closed", f"The ADS {doing} the simulation", "that is the harness's")
+        guard.meddles(
+            "started_or_closed", f"The ADS {doing} the simulation", "that is the harness's"
+        )
 
     return guarded
 
@@ -226,29 +259,39 @@ def _guarded_domain(guard: Guard, name: str, domain: type) -> type:
 def _build() -> tuple[ModuleType, Guard]:
     guard, real = Guard(), sys.modules["traci"]
     module = ModuleType("traci", "The running simulation, as an ADS may use it.")
-    module.__dict__.update({name: value for name, value in vars(libsumo).items() if not name.startswith("__")})
+    module.__dict__.update(
+        {name: value for name, value in vars(libsumo).items() if not name.startswith("__")}
+    )
     module.__path__, module.__spec__ = list(real.__path__), real.__spec__
     for domain in libsumo.DOMAINS:
         name = domain.__name__
         if name not in _HARMLESS:
             setattr(module, name, _guarded_domain(guard, name, domain))
-    module.DOMAINS = [getattr(module, domain.__name__) for domain in libsumo.DOMAINS]  # type: ignore[attr-defined]
+    domains = [getattr(module, domain.__name__) for domain in libsumo.DOMAINS]
+    module.DOMAINS = domains  # type: ignore[attr-defined]
     for call in ("simulationStep", "executeMove"):
         setattr(module, call, _clock_call(guard, call))
     for call in ("close", "start", "load", "init"):
         setattr(module, call, _running_call(guard, call))
-    module.addStepListener = lambda listener: guard.listeners.addStepListener(listener)  # type: ignore[attr-defined]
-    module.removeStepListener = lambda number: guard.listeners.removeStepListener(number)  # type: ignore[attr-defined]
+    module.addStepListener = (  # type: ignore[attr-defined]
+        lambda listener: guard.listeners.addStepListener(listener)
+    )
+    module.removeStepListener = (  # type: ignore[attr-defined]
+        lambda number: guard.listeners.removeStepListener(number)
+    )
     return module, guard
 
 
 TRACI, GUARD = _build()
-"""One for the process, as libsumo is: code that imported `traci` in one case finds the next one's under it."""
+"""One for the process, as libsumo is: code that imported `traci` in one case finds the next one's
+under it."""
 
 
 @contextmanager
 def seen_as_traci(module: ModuleType = TRACI) -> Iterator[None]:
-    """`import traci` gives a module within this block, by default the running simulation; afterwards what was there."""
+    """`import traci` gives a module within this block, by default the running simulation;
+    afterwards what was there.
+    """
     before = sys.modules.get("traci")
     sys.modules["traci"] = module
     try:

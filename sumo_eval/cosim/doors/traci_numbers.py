@@ -1,8 +1,10 @@
-"""What an ADS may write through TraCI: numbers that are finite, lanes that are there, times that somebody can mean.
+"""What an ADS may write through TraCI: numbers that are finite, lanes that are there, times that
+somebody can mean.
 
-SUMO takes `setMaxSpeed(nan)`, `changeLane(10**6)` and `slowDown(v, -3)` without a word, and what it makes of them is
-nobody's intention. `ARGUMENTS` names the arguments of every call that writes to a vehicle or a vehicle type; a test
-holds it against libsumo, so that a call that a newer libsumo has is noticed.
+SUMO takes `setMaxSpeed(nan)`, `changeLane(10**6)` and `slowDown(v, -3)` without a word, and what it
+makes of them is nobody's intention. `ARGUMENTS` names the arguments of every call that writes to a
+vehicle or a vehicle type; a test holds it against libsumo, so that a call that a newer libsumo has
+is noticed.
 """
 
 from __future__ import annotations
@@ -16,15 +18,19 @@ from typing import Any, NamedTuple
 from sumo_eval.cosim.sumo.insides import libsumo
 
 LONGEST = 2.0**31
-"""s, the longest duration that an ADS can mean: as far as a signed count of 32 bits goes, and TraCI's old default."""
-_UNSAID = -1073741824  # TraCI's INVALID_DOUBLE and INVALID_INT: an optional argument that was left out
+"""s, the longest duration that an ADS can mean: as far as a signed count of 32 bits goes, and
+TraCI's old default."""
+# TraCI's INVALID_DOUBLE and INVALID_INT: an optional argument that was left out
+_UNSAID = -1073741824
 _SHOWN = 80  # characters of a value in a sentence
 _NO_NUMBER = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)  # as C++ reads them
 _WORDS = re.compile(r"[\s,;]+")
 
 _SHARED = {
-    "setAccel": "accel", "setActionStepLength": "actionStepLength resetActionOffset", "setApparentDecel": "decel",
-    "setBoardingDuration": "boardingDuration", "setColor": "color", "setDecel": "decel", "setEmergencyDecel": "decel",
+    "setAccel": "accel", "setActionStepLength": "actionStepLength "
+                                                "resetActionOffset", "setApparentDecel": "decel",
+    "setBoardingDuration": "boardingDuration", "setColor": "color", "setDecel": "decel",
+    "setEmergencyDecel": "decel",
     "setEmissionClass": "clazz", "setHeight": "height", "setImpatience": "impatience",
     "setImperfection": "imperfection", "setLateralAlignment": "latAlignment", "setLength": "length",
     "setMass": "mass", "setMaxSpeed": "speed", "setMaxSpeedLat": "speed", "setMinGap": "minGap",
@@ -32,27 +38,33 @@ _SHARED = {
     "setSpeedFactor": "factor", "setTau": "tau", "setVehicleClass": "clazz", "setWidth": "width",
 }  # fmt: skip
 _ADD = (
-    "routeID typeID depart departLane departPos departSpeed arrivalLane arrivalPos arrivalSpeed fromTaz toTaz line "
+    "routeID typeID depart departLane departPos departSpeed arrivalLane arrivalPos arrivalSpeed "
+    "fromTaz toTaz line "
     "personCapacity personNumber"
 )
 _STOP = "edgeID pos laneIndex duration flags startPos until"
 _STOP_AT = "stopID duration until flags"
 _VEHICLE = _SHARED | {
     "add": _ADD, "addFull": _ADD, "addLegacy": "routeID depart pos speed lane typeID",
-    "changeLane": "laneIndex duration", "changeLaneRelative": "indexOffset duration", "changeSublane": "latDist",
+    "changeLane": "laneIndex duration", "changeLaneRelative": "indexOffset duration",
+    "changeSublane": "latDist",
     "changeTarget": "edgeID", "deactivateGapControl": "", "dispatchTaxi": "reservations",
     "insertStop": f"nextStopIndex {_STOP} teleport", "moveTo": "laneID pos reason",
     "moveToXY": "edgeID laneIndex x y angle keepRoute matchThreshold",
-    "openGap": "newTimeHeadway newSpaceHeadway duration changeRate maxDecel referenceVehID", "remove": "reason",
+    "openGap": "newTimeHeadway newSpaceHeadway duration changeRate maxDecel "
+               "referenceVehID", "remove": "reason",
     "replaceStop": f"nextStopIndex {_STOP} teleport", "requestToC": "leadTime", "rerouteEffort": "",
     "rerouteParkingArea": "parkingAreaID", "rerouteTraveltime": "currentTravelTimes", "resume": "",
-    "setAcceleration": "acceleration duration", "setAdaptedTraveltime": "edgeID time begTime endTime",
+    "setAcceleration": "acceleration duration", "setAdaptedTraveltime": "edgeID time begTime "
+                                                                        "endTime",
     "setBusStop": _STOP_AT, "setChargingStationStop": _STOP_AT, "setContainerStop": _STOP_AT,
     "setEffort": "edgeID effort begTime endTime", "setLaneChangeMode": "laneChangeMode",
     "setLateralLanePosition": "posLat", "setLine": "line", "setParkingAreaStop": _STOP_AT,
     "setPreviousSpeed": "speed acceleration", "setRoute": "edgeList", "setRouteID": "routeID",
-    "setRoutingMode": "routingMode", "setSignals": "signals", "setSpeed": "speed", "setSpeedMode": "speedMode",
-    "setStop": _STOP, "setStopParameter": "nextStopIndex param value customParam", "setType": "typeID",
+    "setRoutingMode": "routingMode", "setSignals": "signals", "setSpeed": "speed",
+    "setSpeedMode": "speedMode",
+    "setStop": _STOP, "setStopParameter": "nextStopIndex param value "
+                                          "customParam", "setType": "typeID",
     "setVia": "edgeList", "slowDown": "speed duration",
 }  # fmt: skip
 _TYPE = _SHARED | {"copy": "newTypeID", "setScale": "value", "setSpeedDeviation": "deviation"}
@@ -64,43 +76,62 @@ ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 """By domain and call: the arguments after the name of whom it is written to, in their order."""
 
 MOTION = frozenset(
-    {"setSpeed", "slowDown", "setAcceleration", "setPreviousSpeed", "changeLane", "changeLaneRelative", "moveTo",
+    {"setSpeed", "slowDown", "setAcceleration", "setPreviousSpeed", "changeLane",
+        "changeLaneRelative", "moveTo",
      "moveToXY", "setLateralLanePosition", "openGap"}
 )  # fmt: skip
 """Calls that move a vehicle: for an ego that has a `Command` for the same step they do nothing."""
 
 HEEDED_BY = {
     "nothing": "no case has a lateral resolution, and none draws speeds anew",
-    "model": "only SUMO's own model heeds it, which never drove the ego: setSpeed(ego, -1) hands it over",
+    "model": "only SUMO's own model heeds it, which never drove the ego: setSpeed(ego, -1) hands "
+    "it over",
     "traffic": "only vehicles that SUMO drives heed it, and there are none",
     "network": "this road has one way, no junction and no limit that the ego could heed",
 }
-"""Why SUMO ignores a call, by what heeds it. network: a user's own, of which nothing is known here."""
+"""Why SUMO ignores a call, by what heeds it.
+
+network: a user's own, of which nothing is known here.
+"""
 IGNORED = {
     call: by
     for by, calls in (
         ("nothing", "changeSublane setLateralAlignment setMinGapLat setSpeedDeviation"),
         (
             "model",
-            "openGap deactivateGapControl setActionStepLength setImperfection setTau setMinGap setStop insertStop",
+            "openGap deactivateGapControl setActionStepLength setImperfection setTau setMinGap "
+            "setStop insertStop",
         ),
         ("traffic", "setApparentDecel"),
-        ("network", "setImpatience setSpeedFactor setRoutingMode rerouteTraveltime rerouteEffort setVia"),
+        (
+            "network",
+            "setImpatience setSpeedFactor setRoutingMode rerouteTraveltime rerouteEffort setVia",
+        ),
         ("network", "setAdaptedTraveltime setEffort"),
     )
     for call in calls.split()
 }
 """Calls that SUMO takes and ignores under the settings of a case, by what would heed them."""
 HANDS_OVER = frozenset({"setSpeed", "slowDown", "setAcceleration"})
-"""Calls after which SUMO's own model drives: at once by a negative speed, or when their time has passed."""
+"""Calls after which SUMO's own model drives: at once by a negative speed, or when their time has
+passed."""
 
-DURATIONS = frozenset({"duration", "leadTime", "actionStepLength", "boardingDuration", "time", "begTime", "endTime"})
+DURATIONS = frozenset(
+    {"duration", "leadTime", "actionStepLength", "boardingDuration", "time", "begTime", "endTime"}
+)
 """Names of arguments that are durations or times, s."""
 _OPTIONAL = frozenset(
-    {"insertStop", "replaceStop", "setStop", *(call for call, names in _VEHICLE.items() if names is _STOP_AT)}
+    {
+        "insertStop",
+        "replaceStop",
+        "setStop",
+        *(call for call, names in _VEHICLE.items() if names is _STOP_AT),
+    }
     | {"setAdaptedTraveltime", "setEffort"}
 )  # calls that may leave their durations out
-_NUMBERS_IN_TEXT = frozenset({"value", "depart", "departPos", "departSpeed", "arrivalPos", "arrivalSpeed"})
+_NUMBERS_IN_TEXT = frozenset(
+    {"value", "depart", "departPos", "departSpeed", "arrivalPos", "arrivalSpeed"}
+)
 
 
 class Breach(NamedTuple):
@@ -111,10 +142,15 @@ class Breach(NamedTuple):
     must_be: str
 
 
-def breach(domain: str, call: str, name: object, args: Sequence[object], kwargs: Mapping[str, object]) -> Breach | None:
+def breach(
+    domain: str, call: str, name: object, args: Sequence[object], kwargs: Mapping[str, object]
+) -> Breach | None:
     """What of a call that writes to `name` no ADS can mean; None: nothing."""
     names = ARGUMENTS.get(domain, {}).get(call, ())
-    given = {names[place] if place < len(names) else f"argument {place + 2}": each for place, each in enumerate(args)}
+    given = {
+        names[place] if place < len(names) else f"argument {place + 2}": each
+        for place, each in enumerate(args)
+    }
     given |= kwargs
     for argument, value in given.items():
         if not _is_finite(value, in_text=argument in _NUMBERS_IN_TEXT):
@@ -154,13 +190,21 @@ def _can_last(call: str, value: object) -> bool:
 
 
 def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach | None:
-    """SUMO ignores a lane that is not there, and takes a vehicle away that is put beyond the end of one."""
+    """SUMO ignores a lane that is not there, and takes a vehicle away that is put beyond the end of
+    one.
+    """
     try:
         if call in ("changeLane", "moveToXY"):
-            return _no_such_index("laneIndex", given, -1 if call == "moveToXY" else 0, _lanes(name) - 1)
+            return _no_such_index(
+                "laneIndex", given, -1 if call == "moveToXY" else 0, _lanes(name) - 1
+            )
         if call == "changeLaneRelative":
             here = libsumo.vehicle.getLaneIndex(name)
-            return None if here < 0 else _no_such_index("indexOffset", given, -here, _lanes(name) - 1 - here)
+            return (
+                None
+                if here < 0
+                else _no_such_index("indexOffset", given, -here, _lanes(name) - 1 - here)
+            )
         if call == "moveTo" and isinstance(given.get("laneID"), str):
             lane, place = str(given["laneID"]), finite_number(given.get("pos"), truth=True)
             if lane not in libsumo.lane.getIDList():
@@ -173,7 +217,9 @@ def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach |
     return None
 
 
-def _no_such_index(argument: str, given: Mapping[str, object], low: int, high: int) -> Breach | None:
+def _no_such_index(
+    argument: str, given: Mapping[str, object], low: int, high: int
+) -> Breach | None:
     index = finite_number(given.get(argument), truth=True)
     if index is None or low <= index <= high:
         return None
@@ -186,7 +232,9 @@ def _lanes(name: str) -> int:
 
 
 def finite_number(value: Any, *, truth: bool = False) -> float | None:
-    """A real number as a finite float; None where it is none, or a truth value, which only `truth` lets pass."""
+    """A real number as a finite float; None where it is none, or a truth value, which only `truth`
+    lets pass.
+    """
     if not isinstance(value, numbers.Real) or (isinstance(value, bool) and not truth):
         return None
     try:
@@ -197,9 +245,12 @@ def finite_number(value: Any, *, truth: bool = False) -> float | None:
 
 
 def shown(value: object) -> str:
-    """A value as a sentence shows it: cut, and by its type's name where it cannot be written out."""
+    """A value as a sentence shows it: cut, and by its type's name where it cannot be written
+    out.
+    """
     try:
         text = repr(value)
-    except Exception:  # noqa: BLE001 - 10**5000 has too many digits for Python, a user's own type may raise anything
+    # 10**5000 has too many digits for Python, a user's own type may raise anything
+    except Exception:  # noqa: BLE001
         text = f"<{type(value).__name__}>"
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."

@@ -1,9 +1,11 @@
-"""`traci:COMMAND`: the user's own program drives the ego as a TraCI client of a real sumo process on a loopback port.
+"""`traci:COMMAND`: the user's own program drives the ego as a TraCI client of a real sumo process
+on a loopback port.
 
-The harness is the first client and the program, through a relay, the second; SUMO takes a step when both have asked
-for one. A Python script's `traci.start` and `traci.init` connect to it as they are (`stand_in/traci.py`). Any other
-program finds the port in its environment (SUMO_EVAL_PORT) or in its command (`{port}`), and sets its order to 2 after
-it has connected. Needs the sumo program: extra `gui`.
+The harness is the first client and the program, through a relay, the second; SUMO takes a step when
+both have asked for one. A Python script's `traci.start` and `traci.init` connect to it as they are
+(`stand_in/traci.py`). Any other program finds the port in its environment (SUMO_EVAL_PORT) or in
+its command (`{port}`), and sets its order to 2 after it has connected. Needs the sumo program:
+extra `gui`.
 """
 
 from __future__ import annotations
@@ -28,7 +30,14 @@ from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.private_server import CLIENTS, LOOPBACK, PrivateServer, Relay
 from sumo_eval.cosim.sumo.session import check_start, command_line, quoted
 from sumo_eval.cosim.sumo.sumo_files import EGO
-from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, needs_extra, said, unknown
+from sumo_eval.errors import (
+    ControllerError,
+    ControllerTimeoutError,
+    SimulationError,
+    needs_extra,
+    said,
+    unknown,
+)
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 
@@ -39,18 +48,23 @@ _STAND_IN = Path(__file__).parent / "stand_in"
 _SETTINGS = {
     name: getattr(libsumo.constants, f"VAR_{variable}")
     for name, variable in (
-        ("maxSpeed", "MAXSPEED"), ("accel", "ACCEL"), ("decel", "DECEL"), ("apparentDecel", "APPARENT_DECEL"),
-        ("emergencyDecel", "EMERGENCY_DECEL"), ("tau", "TAU"), ("minGap", "MINGAP"), ("speedFactor", "SPEED_FACTOR"),
-        ("sigma", "IMPERFECTION"), ("maxSpeedLat", "MAXSPEED_LAT"), ("minGapLat", "MINGAP_LAT"), ("length", "LENGTH"),
+        ("maxSpeed", "MAXSPEED"), ("accel", "ACCEL"), ("decel", "DECEL"),
+        ("apparentDecel", "APPARENT_DECEL"),
+        ("emergencyDecel", "EMERGENCY_DECEL"), ("tau", "TAU"), ("minGap", "MINGAP"),
+        ("speedFactor", "SPEED_FACTOR"),
+        ("sigma", "IMPERFECTION"), ("maxSpeedLat", "MAXSPEED_LAT"), ("minGapLat", "MINGAP_LAT"),
+        ("length", "LENGTH"),
         ("width", "WIDTH"),
     )
 }  # fmt: skip
-"""Settings of the ego that SUMO takes in silence when they are no number, and shows: TraCI's numbers of them."""
+"""Settings of the ego that SUMO takes in silence when they are no number, and shows: TraCI's
+numbers of them."""
 
 
 @dataclass(slots=True)
 class TraciProgram(Adapter):
-    """A program that is a TraCI client of its own; nobody calls it, it acts while SUMO waits for it.
+    """A program that is a TraCI client of its own; nobody calls it, it acts while SUMO waits for
+    it.
 
     options: of its entry; `vehicle_type`, the ego's vType as a table, is all that there is.
     """
@@ -95,7 +109,12 @@ class ServedSimulation:
     """The harness's connection, in the shape of the libsumo module."""
 
     def __init__(
-        self, connection: Any, program: ChildProgram, ads: TraciProgram, step_timeout: float, relay: Relay
+        self,
+        connection: Any,
+        program: ChildProgram,
+        ads: TraciProgram,
+        step_timeout: float,
+        relay: Relay,
     ) -> None:
         from traci.connection import FatalTraCIError, TraCIException
 
@@ -110,7 +129,9 @@ class ServedSimulation:
         self.FatalTraCIError = FatalTraCIError
 
     def begin(self) -> None:
-        """Be the first of two clients and insert the vehicles, which moves nothing; SUMO waits until both are there."""
+        """Be the first of two clients and insert the vehicles, which moves nothing; SUMO waits
+        until both are there.
+        """
         self._wait(lambda: self._connection.setOrder(1), START_TIMEOUT)
         self._wait(self._connection.simulationStep, START_TIMEOUT)
         self.vehicle.subscribe(EGO, list(_SETTINGS.values()))
@@ -122,18 +143,25 @@ class ServedSimulation:
         self._check_settings()
 
     def _check_settings(self) -> None:
-        """What the program writes goes past the harness, which sees what has become of the ego's settings."""
+        """What the program writes goes past the harness, which sees what has become of the ego's
+        settings.
+        """
         shown = self.vehicle.getSubscriptionResults(EGO)  # has come with the answer to the step
         for name, variable in _SETTINGS.items():
             if not math.isfinite(shown.get(variable, 0.0)):
-                now = self.simulation.getTime() - self.simulation.getDeltaT()  # SUMO's clock is one step ahead
+                # SUMO's clock is one step ahead
+                now = self.simulation.getTime() - self.simulation.getDeltaT()
                 raise ControllerError(
-                    f"The ADS's program gave `{EGO}` the {name} {shown[variable]}, seen at {now:.2f} s; it must be a "
+                    f"The ADS's program gave `{EGO}` the {name} {shown[variable]}, seen at "
+                    f"{now:.2f} s; it must be a "
                     "finite number."
                 )
 
     def _wait(self, call: Callable[[], object], limit: float) -> None:
-        """The program's turn: SUMO answers when it is over. A connection that waited too long reports itself closed."""
+        """The program's turn: SUMO answers when it is over.
+
+        A connection that waited too long reports itself closed.
+        """
         self._connection._socket.settimeout(None if limit == float("inf") else limit)
         asked = clock.perf_counter()
         try:
@@ -141,36 +169,53 @@ class ServedSimulation:
         except (self.FatalTraCIError, OSError) as error:
             if self._relay.has_asked and not self._relay.has_order:
                 raise ControllerError(
-                    "The ADS's program must set its order to 2 after it has connected, before anything else "
+                    "The ADS's program must set its order to 2 after it has connected, before "
+                    "anything else "
                     "(`setOrder(2)`): it shares the simulation with the harness"
                 ) from error
             self._check_program()
             if clock.perf_counter() - asked >= limit:
                 raise ControllerTimeoutError(
-                    f"The ADS's program must connect to the port in {_PORT}, set its order to 2 and ask for its steps, "
+                    f"The ADS's program must connect to the port in {_PORT}, set its order to 2 "
+                    "and ask for its steps, "
                     f"each within {limit:g} s; it was ended."
                 ) from None
-            raise ControllerError(f"SUMO ended while the ADS's program had its turn: {said(error)}.") from error
+            raise ControllerError(
+                f"SUMO ended while the ADS's program had its turn: {said(error)}."
+            ) from error
         self._ads.took = clock.perf_counter() - asked
         self._check_program()
 
     def _check_program(self) -> None:
         if self._program.process.poll() is not None:
-            raise ControllerError(f"The ADS's program ended before its case did, {self._program.ended()}.")
+            raise ControllerError(
+                f"The ADS's program ended before its case did, {self._program.ended()}."
+            )
 
 
 @contextmanager
 def served(
     concrete: ConcreteScenario, settings: SimulationSettings, ads: TraciProgram, step_timeout: float
 ) -> Iterator[ServedSimulation]:
-    """A sumo process with every vehicle of the case at its start (time 0) and the user's program connected to it."""
+    """A sumo process with every vehicle of the case at its start (time 0) and the user's program
+    connected to it.
+    """
     settings = concrete.simulation(settings)
     with tempfile.TemporaryDirectory(prefix="sumo_eval_") as name:
         folder = Path(name)
         log, console = folder / "sumo.log", folder / "console.txt"
         port = _free_port()
-        command = command_line(concrete, settings, folder, log, own_vehicle_type(ads, concrete.road))
-        words = [sumo_binary(), *command[1:], "--remote-port", str(port), "--num-clients", str(CLIENTS)]
+        command = command_line(
+            concrete, settings, folder, log, own_vehicle_type(ads, concrete.road)
+        )
+        words = [
+            sumo_binary(),
+            *command[1:],
+            "--remote-port",
+            str(port),
+            "--num-clients",
+            str(CLIENTS),
+        ]
         with console.open("wb") as output:
             server = PrivateServer(words, port, output)
         program: ChildProgram | None = None
@@ -194,7 +239,9 @@ def served(
 
 
 def _variables(port: int) -> dict[str, str]:
-    """What the program's environment says: the port, and where Python finds the `traci` that connects to it."""
+    """What the program's environment says: the port, and where Python finds the `traci` that
+    connects to it.
+    """
     path = os.pathsep.join([str(_STAND_IN), *filter(None, [os.environ.get("PYTHONPATH", "")])])
     return {_PORT: str(port), "PYTHONPATH": path}
 
@@ -226,13 +273,17 @@ def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
             return _over(server.sockets[0], traci.connection.Connection)
         except OSError as error:
             if sumo.poll() is not None or clock.monotonic() > until:
-                raise SimulationError(f"SUMO could not start the case: {quoted(error, *logs)}.") from error
+                raise SimulationError(
+                    f"SUMO could not start the case: {quoted(error, *logs)}."
+                ) from error
             with suppress(subprocess.TimeoutExpired):
                 sumo.wait(_BETWEEN_TRIES)
 
 
 def _over(connected: socket.socket, kind: Any) -> Any:
-    """A TraCI connection over a socket that is connected already; its class makes and connects one of its own."""
+    """A TraCI connection over a socket that is connected already; its class makes and connects one
+    of its own.
+    """
     with socket.create_server((LOOPBACK, 0)) as nobody:
         connection = kind(*nobody.getsockname(), None, None, False, None)
     connection._socket.close()

@@ -1,4 +1,7 @@
-"""A recorded case in sumo-gui: SUMO draws, the recording says where every vehicle is. No controller runs."""
+"""A recorded case in sumo-gui: SUMO draws, the recording says where every vehicle is.
+
+No controller runs.
+"""
 
 from __future__ import annotations
 
@@ -38,13 +41,16 @@ def sumo_gui() -> str:
 
 
 def replay_in_gui(
-    road: Road, vehicles: Mapping[str, Trajectory], collision: Collision | None, program: str | None = None,
+    road: Road, vehicles: Mapping[str, Trajectory], collision: Collision | None,
+    program: str | None = None,
     *, bodies: Mapping[str, str] | None = None,
 ) -> None:  # fmt: skip
-    """Play a recording in sumo-gui in real time, and leave its window open at the end until the person closes it.
+    """Play a recording in sumo-gui in real time, and leave its window open at the end until the
+    person closes it.
 
-    vehicles: by name, the ego's under `ego`. program: sumo-gui, or another SUMO program that understands TraCI. bodies:
-    by the vehicle's name, those of `scenario.bodies`; a car where there is none.
+    vehicles: by name, the ego's under `ego`.
+    program: sumo-gui, or another SUMO program that understands TraCI.
+    bodies: by the vehicle's name, those of `scenario.bodies`; a car where there is none.
     """
     program = program or sumo_gui()
     from traci import main as traci  # the package itself is libsumo here, which has no window
@@ -55,14 +61,23 @@ def replay_in_gui(
         (folder / "road.view.xml").write_text(view_xml(road), encoding="utf-8")
         (folder / "case.rou.xml").write_text(_types(vehicles, bodies or {}), encoding="utf-8")
         command = [
-            program, "-n", str(folder / "road.net.xml"), "-r", str(folder / "case.rou.xml"), "--step-length", str(STEP),
+            program, "-n", str(folder / "road.net.xml"), "-r", str(folder / "case.rou.xml"),
+            "--step-length", str(STEP),
             "--collision.action", "none", "--no-step-log", "true", "--no-warnings", "true",
         ]  # fmt: skip
         shows = Path(program).name.startswith("sumo-gui")
         if shows:
-            command += ["-g", str(folder / "road.view.xml"), "--start", "true", "--window-size", "1400,600"]
+            command += [
+                "-g",
+                str(folder / "road.view.xml"),
+                "--start",
+                "true",
+                "--window-size",
+                "1400,600",
+            ]
         try:
-            with contextlib.redirect_stdout(io.StringIO()):  # it says there how often it tried to connect
+            # it says there how often it tried to connect
+            with contextlib.redirect_stdout(io.StringIO()):
                 traci.start(command)
         except (OSError, traci.TraCIException, traci.FatalTraCIError) as error:
             raise InputError(f"{program} could not be started: {error}.") from error
@@ -82,19 +97,27 @@ def _on_map(road: Road, trajectory: Trajectory) -> Trajectory:
         return trajectory
     x, y, heading = map_places(road.line, trajectory.x, trajectory.y, trajectory.heading)
     return Trajectory(
-        trajectory.time, x, y, heading, trajectory.speed, trajectory.acceleration, trajectory.steering_wheel_angle,
+        trajectory.time, x, y, heading, trajectory.speed, trajectory.acceleration,
+        trajectory.steering_wheel_angle,
         length=trajectory.length, width=trajectory.width,
     )  # fmt: skip
 
 
 def _play(
-    traci: Any, vehicles: Mapping[str, Trajectory], collision: Collision | None, edges: Sequence[str], *, shows: bool
+    traci: Any,
+    vehicles: Mapping[str, Trajectory],
+    collision: Collision | None,
+    edges: Sequence[str],
+    *,
+    shows: bool,
 ) -> None:
     traci.route.add("road", list(edges))
     start = min(float(trajectory.time[0]) for trajectory in vehicles.values())
     end = float(vehicles[EGO].time[-1])
     for name in vehicles:
-        traci.vehicle.add(name, "road", typeID=name, depart="now", departPos="0", departLane="0", departSpeed="0")
+        traci.vehicle.add(
+            name, "road", typeID=name, depart="now", departPos="0", departLane="0", departSpeed="0"
+        )
         traci.vehicle.setSpeedMode(name, 0)
         traci.vehicle.setLaneChangeMode(name, 0)
     if shows:
@@ -103,7 +126,13 @@ def _play(
     clock = time.monotonic()
     for moment in np.arange(start, end + STEP, STEP):
         for name, trajectory in vehicles.items():
-            _place(traci, name, trajectory, min(float(moment), end), edges[0] if len(edges) == 1 else "")
+            _place(
+                traci,
+                name,
+                trajectory,
+                min(float(moment), end),
+                edges[0] if len(edges) == 1 else "",
+            )
         if collision is not None and moment + STEP > collision.time:
             traci.vehicle.setColor(EGO, (198, 40, 40, 255))
         traci.simulationStep()
@@ -115,7 +144,9 @@ def _play(
 
 
 def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: str) -> None:
-    """Put a vehicle where it was. SUMO's point is the middle of the front bumper, its angle clockwise from north.
+    """Put a vehicle where it was.
+
+    SUMO's point is the middle of the front bumper, its angle clockwise from north.
 
     edge: the road's only one; "": SUMO looks for the nearest.
     """
@@ -123,8 +154,13 @@ def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: s
         float(np.interp(moment, trajectory.time, channel))
         for channel in (trajectory.x, trajectory.y, np.unwrap(trajectory.heading))
     )
-    front = x + math.cos(heading) * trajectory.length / 2.0, y + math.sin(heading) * trajectory.length / 2.0
-    traci.vehicle.moveToXY(name, edge, 0 if edge else -1, *front, angle=90.0 - math.degrees(heading), keepRoute=2)
+    front = (
+        x + math.cos(heading) * trajectory.length / 2.0,
+        y + math.sin(heading) * trajectory.length / 2.0,
+    )
+    traci.vehicle.moveToXY(
+        name, edge, 0 if edge else -1, *front, angle=90.0 - math.degrees(heading), keepRoute=2
+    )
 
 
 def _types(vehicles: Mapping[str, Trajectory], bodies: Mapping[str, str]) -> str:
@@ -133,6 +169,7 @@ def _types(vehicles: Mapping[str, Trajectory], bodies: Mapping[str, str]) -> str
         body = BODIES[bodies.get(name, CAR)]
         etree.SubElement(
             routes, "vType", id=name, length=repr(trajectory.length), width=repr(trajectory.width),
-            color=COLOURS.get(name, COLOURS[""]), minGap="0", vClass=body.sumo_class, guiShape=body.shape,
+            color=COLOURS.get(name, COLOURS[""]), minGap="0", vClass=body.sumo_class,
+            guiShape=body.shape,
         )  # fmt: skip
     return etree.tostring(routes, encoding="unicode")

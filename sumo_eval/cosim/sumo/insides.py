@@ -1,8 +1,10 @@
 """libsumo, and the insides of it and of Xerces that this package borrows. Tried with SUMO 1.28.
 
-- `vehicles`, `direct`, `simulation_step`, `simulation_time`: the functions that libsumo's Python ones wrap. 40 cut-ins
+- `vehicles`, `direct`, `simulation_step`, `simulation_time`: the functions that libsumo's Python
+  ones wrap. 40 cut-ins
   one by one take 1.2 s of processor time in place of 1.5 s.
-- `keep_xml_parser`: Xerces is set up once in a process. The same cases take 1.2 s in place of 1.6 s.
+- `keep_xml_parser`: Xerces is set up once in a process. The same cases take 1.2 s in place of 1.6
+  s.
 
 SUMO_EVAL_PLAIN=1 leaves all of them out.
 """
@@ -28,25 +30,33 @@ try:
     import libsumo as libsumo  # for those who must not import it before the line above
 except ImportError as missing:
     raise NotInstalledError(
-        f"SUMO's library cannot be loaded: {missing.msg}. It needs system libraries that a machine without a desktop "
-        f"may lack; on Debian and Ubuntu: apt-get install --no-install-recommends {' '.join(SYSTEM_LIBRARIES)}"
+        f"SUMO's library cannot be loaded: {missing.msg}. It needs system libraries that a "
+        "machine without a desktop "
+        "may lack; on Debian and Ubuntu: apt-get install --no-install-recommends "
+        f"{' '.join(SYSTEM_LIBRARIES)}"
     ) from missing
 
-_XERCES_SET_UP = "_ZN11xercesc_3_216XMLPlatformUtils10InitializeEPKcS2_PNS_12PanicHandlerEPNS_13MemoryManagerE"
-"""Xerces 3.2: `XMLPlatformUtils::Initialize(locale, messages, panic_handler, memory_manager)`, as a linker knows it."""
+_XERCES_SET_UP = (
+    "_ZN11xercesc_3_216XMLPlatformUtils10InitializeEPKcS2_PNS_12PanicHandlerEPNS_13MemoryManagerE"
+)
+"""Xerces 3.2: `XMLPlatformUtils::Initialize(locale, messages, panic_handler, memory_manager)`, as a
+linker knows it."""
 
 
 @functools.cache
 def keep_xml_parser() -> bool:
     """Set up Xerces, which SUMO reads its files with, once for the process; whether it was found.
 
-    SUMO sets it up in every start and takes it down in every close, and that is half of what both cost. Xerces counts:
-    who sets it up once more than he takes it down keeps its tables (character classes, codings), which nothing writes
-    to. Where the library has another name or place, SUMO goes on doing it by itself.
+    SUMO sets it up in every start and takes it down in every close, and that is half of what both
+    cost. Xerces counts: who sets it up once more than he takes it down keeps its tables (character
+    classes, codings), which nothing writes to. Where the library has another name or place, SUMO
+    goes on doing it by itself.
     """
     if kernels.PLAIN:
         return False
-    for library in (Path(libsumo.__file__).parent.parent / "libsumo.libs").glob("libxerces-c-3*.so*"):
+    for library in (Path(libsumo.__file__).parent.parent / "libsumo.libs").glob(
+        "libxerces-c-3*.so*"
+    ):
         set_up = getattr(ctypes.CDLL(str(library)), _XERCES_SET_UP, None)
         if set_up is not None:
             set_up(b"en_US", None, None, None)
@@ -55,8 +65,10 @@ def keep_xml_parser() -> bool:
 
 
 _CALLS = (
-    "getAngle", "getLaneIndex", "getLanePosition", "getLateralLanePosition", "getLateralSpeed", "getPosition",
-    "getSpeed", "getSpeedMode", "moveTo", "moveToXY", "setLaneChangeMode", "setLateralLanePosition", "setPreviousSpeed",
+    "getAngle", "getLaneIndex", "getLanePosition", "getLateralLanePosition", "getLateralSpeed",
+    "getPosition",
+    "getSpeed", "getSpeedMode", "moveTo", "moveToXY", "setLaneChangeMode",
+    "setLateralLanePosition", "setPreviousSpeed",
     "setSpeed", "setSpeedMode",
 )  # fmt: skip
 _LIBSUMO = libsumo.libsumo._libsumo
@@ -68,19 +80,27 @@ def _borrows(traci: Any) -> bool:
 
 
 def vehicles(traci: Any) -> Any:
-    """The calls of a simulation's vehicle domain that every step makes; of libsumo the functions themselves: the Python
-    ones that it wraps them in cost as much again.
+    """The calls of a simulation's vehicle domain that every step makes; of libsumo the functions
+    themselves: the Python ones that it wraps them in cost as much again.
     """
     return _DIRECT if _borrows(traci) else traci.vehicle
 
 
 def direct(call: str, write: Callable[..., Any]) -> Callable[..., Any]:
-    """What a call of libsumo's vehicle domain wraps, at half the cost. write: the call itself."""
-    return cast("Callable[..., Any]", write if kernels.PLAIN else getattr(_LIBSUMO, f"vehicle_{call}", write))
+    """What a call of libsumo's vehicle domain wraps, at half the cost.
+
+    write: the call itself.
+    """
+    return cast(
+        "Callable[..., Any]",
+        write if kernels.PLAIN else getattr(_LIBSUMO, f"vehicle_{call}", write),
+    )
 
 
 def simulation_step(traci: Any) -> Callable[[], None]:
-    """What makes one step of a simulation; of libsumo the function itself, and step listeners where there are any."""
+    """What makes one step of a simulation; of libsumo the function itself, and step listeners where
+    there are any.
+    """
     if not _borrows(traci):
         return cast("Callable[[], None]", traci.simulationStep)
     listeners, step = libsumo._stepManager, _LIBSUMO.simulation_step
@@ -95,4 +115,7 @@ def simulation_step(traci: Any) -> Callable[[], None]:
 
 def simulation_time(traci: Any) -> Callable[[], float]:
     """What tells the time of a simulation, s; of libsumo the function itself."""
-    return cast("Callable[[], float]", _LIBSUMO.simulation_getTime if _borrows(traci) else traci.simulation.getTime)
+    return cast(
+        "Callable[[], float]",
+        _LIBSUMO.simulation_getTime if _borrows(traci) else traci.simulation.getTime,
+    )

@@ -1,13 +1,15 @@
 """A sumo process that is a TraCI server, out of reach of every network.
 
-SUMO listens for its clients on all interfaces and has no option for anything else. So, on Linux, it is started in a
-network namespace of its own, where there is nothing but a loopback interface: whatever it listens on, nobody outside
-reaches it. The harness's sockets come from that namespace, made in the child before it becomes sumo. The user's program
-connects to a relay, which listens on this machine's loopback interface and takes one connection.
+SUMO listens for its clients on all interfaces and has no option for anything else. So, on Linux, it
+is started in a network namespace of its own, where there is nothing but a loopback interface:
+whatever it listens on, nobody outside reaches it. The harness's sockets come from that namespace,
+made in the child before it becomes sumo. The user's program connects to a relay, which listens on
+this machine's loopback interface and takes one connection.
 
-Where a namespace may not be had (other systems, containers that forbid it) SUMO's port is open to the network. Both of
-its clients are connected as soon as it listens; it takes no third one, so a stranger who connects later is never
-served, and one who was quicker takes a client's place, which ends the case.
+Where a namespace may not be had (other systems, containers that forbid it) SUMO's port is open to
+the network. Both of its clients are connected as soon as it listens; it takes no third one, so a
+stranger who connects later is never served, and one who was quicker takes a client's place, which
+ends the case.
 """
 
 from __future__ import annotations
@@ -29,18 +31,26 @@ CLIENTS = 2
 _NEW_USERS, _NEW_NETWORK = 0x10000000, 0x40000000  # CLONE_NEWUSER, CLONE_NEWNET
 _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_RUNNING
 _WORD = b"made"
-_COMMAND, _SET_ORDER, _STEP = slice(5, 6), b"\x03", b"\x02"  # of a TraCI message: length, command's length, command
+# of a TraCI message: length, command's length, command
+_COMMAND, _SET_ORDER, _STEP = slice(5, 6), b"\x03", b"\x02"
 
 
 class PrivateServer:
-    """A server's process, and its two clients' sockets. `isolated`: whether it has a network namespace of its own."""
+    """A server's process, and its two clients' sockets.
 
-    def __init__(self, command: Sequence[str], port: int, output: IO[bytes], *, isolated: bool = True) -> None:
+    `isolated`: whether it has a network namespace of its own.
+    """
+
+    def __init__(
+        self, command: Sequence[str], port: int, output: IO[bytes], *, isolated: bool = True
+    ) -> None:
         ours, theirs = socket.socketpair()
         with ours, theirs:
             self.process = subprocess.Popen(
                 list(command), stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-                preexec_fn=_into_own_network(theirs) if isolated and sys.platform == "linux" else None,
+                preexec_fn=(
+                    _into_own_network(theirs) if isolated and sys.platform == "linux" else None
+                ),
             )  # fmt: skip
             theirs.close()
             word = b""
@@ -48,12 +58,17 @@ class PrivateServer:
             if isolated and sys.platform == "linux":
                 word, handles, _, _ = socket.recv_fds(ours, len(_WORD), CLIENTS)
         self.isolated = word == _WORD and len(handles) == CLIENTS
-        self.sockets = [socket.socket(fileno=handle) for handle in handles] or [socket.socket() for _ in range(CLIENTS)]
+        self.sockets = [socket.socket(fileno=handle) for handle in handles] or [
+            socket.socket() for _ in range(CLIENTS)
+        ]
         self._to_connect = list(self.sockets)
         self._port = port
 
     def connect(self) -> None:
-        """Connect both clients, the one right after the other. Raises OSError while the server does not listen yet."""
+        """Connect both clients, the one right after the other.
+
+        Raises OSError while the server does not listen yet.
+        """
         while self._to_connect:
             self._to_connect[0].connect((LOOPBACK, self._port))
             self._to_connect.pop(0).setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -69,7 +84,8 @@ class PrivateServer:
 
 
 class Relay:
-    """Listens on the loopback interface for one client and passes on what it and the server say to each other.
+    """Listens on the loopback interface for one client and passes on what it and the server say to
+    each other.
 
     has_asked, has_order: whether the client has asked for a step, and whether it has set its order.
     """
@@ -107,16 +123,23 @@ class Relay:
 
 
 def _into_own_network(report: socket.socket) -> Callable[[], None]:
-    """What a child does before it becomes the server: take a network of its own and hand out sockets of that."""
+    """What a child does before it becomes the server: take a network of its own and hand out
+    sockets of that.
+    """
 
     def prepare() -> None:
         import fcntl
 
-        with suppress(OSError):  # not allowed here: whoever waits for the sockets reads the end of the file
+        # not allowed here: whoever waits for the sockets reads the end of the file
+        with suppress(OSError):
             users, group = os.geteuid(), os.getegid()
             if ctypes.CDLL(None, use_errno=True).unshare(_NEW_USERS | _NEW_NETWORK) != 0:
                 return
-            maps = {"uid_map": f"{users} {users} 1", "setgroups": "deny", "gid_map": f"{group} {group} 1"}
+            maps = {
+                "uid_map": f"{users} {users} 1",
+                "setgroups": "deny",
+                "gid_map": f"{group} {group} 1",
+            }
             for name, text in maps.items():  # the child stays who it is
                 with suppress(OSError), open(f"/proc/self/{name}", "w") as file:
                     file.write(text)

@@ -1,7 +1,9 @@
-"""The libsumo session: one simulation in this process, started from a concrete scenario, with the traps closed.
+"""The libsumo session: one simulation in this process, started from a concrete scenario, with the
+traps closed.
 
-libsumo accepts a second `start` silently, delays insertions, and reports a bad file only as "Process Error": a session
-refuses to nest, checks that the initial state is the requested one, and quotes SUMO's own log.
+libsumo accepts a second `start` silently, delays insertions, and reports a bad file only as
+"Process Error": a session refuses to nest, checks that the initial state is the requested one, and
+quotes SUMO's own log.
 """
 
 from __future__ import annotations
@@ -17,14 +19,21 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_eval.cosim.sumo.insides import keep_xml_parser, libsumo, vehicles
-from sumo_eval.cosim.sumo.sumo_files import EGO, SEGMENT, SIMULATION_OPTIONS, network_xml, routes_xml
+from sumo_eval.cosim.sumo.sumo_files import (
+    EGO,
+    SEGMENT,
+    SIMULATION_OPTIONS,
+    network_xml,
+    routes_xml,
+)
 from sumo_eval.errors import SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import frame_places, map_places, tightest
 from sumo_eval.settings import SimulationSettings
 
 POSITION_TOLERANCE = 1e-3  # m
-CHORD_TOLERANCE = 0.05  # m, on a bend, which SUMO has as a polyline: twice the sagitta of 1 m on the tightest road
+# m, on a bend, which SUMO has as a polyline: twice the sagitta of 1 m on the tightest road
+CHORD_TOLERANCE = 0.05
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 SPEED_TOLERANCE = 1e-3  # m/s
 NOWHERE = -1e6  # m; of a vehicle that has no place SUMO shows one far beyond
@@ -32,14 +41,22 @@ NOWHERE = -1e6  # m; of a vehicle that has no place SUMO shows one far beyond
 
 def simulator_version() -> str:
     """SUMO's version, as it reports itself."""
-    return str(libsumo.simulation.getVersion()[1]) if libsumo.simulation.isLoaded() else f"SUMO {libsumo.__version__}"
+    return (
+        str(libsumo.simulation.getVersion()[1])
+        if libsumo.simulation.isLoaded()
+        else f"SUMO {libsumo.__version__}"
+    )
 
 
 @contextmanager
 def session(
-    concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None = None
+    concrete: ConcreteScenario,
+    settings: SimulationSettings,
+    ego_type: Mapping[str, str] | None = None,
 ) -> Iterator[Any]:
-    """The running libsumo module with every vehicle of the case standing at its start (time 0), closed at the end."""
+    """The running libsumo module with every vehicle of the case standing at its start (time 0),
+    closed at the end.
+    """
     settings = concrete.simulation(settings)
     texts = network_xml(concrete.road), _told_routes(concrete, settings, ego_type)
     with running(*texts, settings, concrete.road) as traci:
@@ -49,16 +66,26 @@ def session(
 
 @contextmanager
 def running(
-    network: str, routes: str, settings: SimulationSettings, road: Road | None = None, *, collisions: str = "warn"
+    network: str,
+    routes: str,
+    settings: SimulationSettings,
+    road: Road | None = None,
+    *,
+    collisions: str = "warn",
 ) -> Iterator[Any]:
-    """The running libsumo module with the vehicles of these files standing at their starts, closed at the end.
+    """The running libsumo module with the vehicles of these files standing at their starts, closed
+    at the end.
 
-    network, routes: the files' texts. road: where there is only one. collisions: what SUMO does about its own, which
-    are nobody's business where roads lie on each other. Whether the vehicles stand where they should is the caller's to
-    check (`check_start`).
+    network, routes: the files' texts.
+    road: where there is only one.
+    collisions: what SUMO does about its own, which are nobody's business where roads lie on each
+        other. Whether the vehicles stand where they should is the caller's to check
+        (`check_start`).
     """
     if libsumo.simulation.isLoaded():
-        raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
+        raise SimulationError(
+            "A SUMO simulation is already running in this process; libsumo holds one at a time."
+        )
     with _files(network, routes) as files:
         network_path, routes_path, log, console = files
         keep_xml_parser()
@@ -70,7 +97,9 @@ def running(
                 libsumo.simulationStep()  # inserts the vehicles, moves nothing
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             _close()
-            sentence = _by_name(f"SUMO could not start the case: {quoted(error, log, console)}.", files)
+            sentence = _by_name(
+                f"SUMO could not start the case: {quoted(error, log, console)}.", files
+            )
             raise SimulationError(sentence) from error
         except BaseException:
             _close()
@@ -88,15 +117,22 @@ def command_line(
     log: Path,
     ego_type: Mapping[str, str] | None,
 ) -> list[str]:
-    """SUMO's command line for a case, its files written into `folder`. They do not tell an ADS the future."""
+    """SUMO's command line for a case, its files written into `folder`.
+
+    They do not tell an ADS the future.
+    """
     network, routes = folder / "net.xml", folder / "rou.xml"
     network.write_text(network_xml(concrete.road), encoding="utf-8")
     routes.write_text(_told_routes(concrete, settings, ego_type), encoding="utf-8")
     return _arguments(network, routes, log, settings, concrete.road)
 
 
-def _told_routes(concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None) -> str:
-    """The vehicles of a case as a route file, without the comments that say which case it is, unless that is told."""
+def _told_routes(
+    concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None
+) -> str:
+    """The vehicles of a case as a route file, without the comments that say which case it is,
+    unless that is told.
+    """
     text = routes_xml(concrete, settings.vehicle, ego_type)
     return text if settings.conditions.reveal_scenario else _COMMENT.sub("", text)
 
@@ -137,7 +173,9 @@ def _files(network: str, routes: str) -> Iterator[_Files]:
 
 
 def _by_name(sentence: str, files: _Files) -> str:
-    """The sentence with the files' names in place of their paths, which are gone when it is read."""
+    """The sentence with the files' names in place of their paths, which are gone when it is
+    read.
+    """
     for path, name in zip(files, _NAMES, strict=True):
         sentence = sentence.replace(f"'{path}'", f"'{name}'")
     return sentence
@@ -162,27 +200,36 @@ def _arguments(
         "seed": "0",
         **SIMULATION_OPTIONS,
     }
-    if road is not None and road.network is None:  # a generator for each lane; SUMO's 64 take longer to seed
+    # a generator for each lane; SUMO's 64 take longer to seed
+    if road is not None and road.network is None:
         options["thread-rngs"] = str(road.lanes)
     return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
 
 
 def bend_tolerance(road: Road, y: float) -> float:
-    """How far from its place on the map SUMO may show a vehicle y m beside the line of a road that bends, m. Beside the
-    lanes it is put on the normal of a chord, which is off the bend's by half a segment over the radius at most.
+    """How far from its place on the map SUMO may show a vehicle y m beside the line of a road that
+    bends, m. Beside the lanes it is put on the normal of a chord, which is off the bend's by half a
+    segment over the radius at most.
     """
     beside = max(road.right_edge - y, y - road.left_edge, 0.0)
     return CHORD_TOLERANCE + beside * 0.5 * SEGMENT / tightest(road.line)
 
 
 def check_start(
-    traci: Any, concrete: ConcreteScenario, settings: SimulationSettings, names: Sequence[str] | None = None
+    traci: Any,
+    concrete: ConcreteScenario,
+    settings: SimulationSettings,
+    names: Sequence[str] | None = None,
 ) -> None:
-    """The initial state must be the requested one: SUMO moves or delays vehicles that it does not like.
+    """The initial state must be the requested one: SUMO moves or delays vehicles that it does not
+    like.
 
     names: the vehicles' in SUMO, the ego's first, where they are others.
     """
-    starts = [(EGO, concrete.ego, settings.vehicle.length), *((a.name, a.start, a.length) for a in concrete.actors)]
+    starts = [
+        (EGO, concrete.ego, settings.vehicle.length),
+        *((a.name, a.start, a.length) for a in concrete.actors),
+    ]
     calls = vehicles(traci)
     on_map = {actor.name for actor in concrete.actors if actor.on_map is not None}
     for number, (name, start, length) in enumerate(starts):
@@ -191,7 +238,9 @@ def check_start(
             x, y = calls.getPosition(known)
             speed = calls.getSpeed(known)
         except traci.TraCIException as error:
-            raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.") from error
+            raise SimulationError(
+                f"SUMO did not insert vehicle `{name}` at the start of the case."
+            ) from error
         if x < NOWHERE:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
         if name in on_map:  # no lane leads there: it is told its place before the first step
@@ -199,14 +248,20 @@ def check_start(
         tolerance = POSITION_TOLERANCE
         if concrete.road.bent and concrete.reacts:  # its drivers know places along their lanes
             x = calls.getLanePosition(known)
-            y = concrete.road.lane_width * calls.getLaneIndex(known) + calls.getLateralLanePosition(known)
+            y = concrete.road.lane_width * calls.getLaneIndex(known) + calls.getLateralLanePosition(
+                known
+            )
         elif concrete.road.bent:
             meant = map_places(concrete.road.line, start.x + length / 2, start.y)
             off = math.hypot(x - float(meant[0]), y - float(meant[1]))
-            x, y = (float(it) for it in frame_places(concrete.road.line, x, y, near=start.x + length / 2)[:2])
+            x, y = (
+                float(it)
+                for it in frame_places(concrete.road.line, x, y, near=start.x + length / 2)[:2]
+            )
             tolerance = bend_tolerance(concrete.road, start.y)
         ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)
-        if concrete.road.bent and not concrete.reacts:  # beside the line, places along it are as long as there
+        # beside the line, places along it are as long as there
+        if concrete.road.bent and not concrete.reacts:
             ahead = left = off
         if not (ahead <= tolerance and left <= tolerance):  # which no nan is
             raise SimulationError(
@@ -215,14 +270,17 @@ def check_start(
             )
         if not abs(speed - start.speed) <= SPEED_TOLERANCE:
             raise SimulationError(
-                f"SUMO gave vehicle `{name}` the speed {speed:.3f} m/s instead of {start.speed:.3f} m/s."
+                f"SUMO gave vehicle `{name}` the speed {speed:.3f} m/s instead of "
+                f"{start.speed:.3f} m/s."
             )
 
 
 def quoted(error: Exception, *logs: Path) -> str:
     """What SUMO said of its error: its own exception holds no more than "Process Error"."""
     for log in logs:
-        lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []
+        lines = (
+            log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []
+        )
         text = "; ".join(line.strip().rstrip(".") for line in lines if line.strip())
         if text:
             return f"{said(error)} ({text})"
@@ -231,7 +289,9 @@ def quoted(error: Exception, *logs: Path) -> str:
 
 @contextmanager
 def _stderr_into(path: Path) -> Iterator[None]:
-    """SUMO prints its errors to the process's stderr whatever its options say; here they become part of ours."""
+    """SUMO prints its errors to the process's stderr whatever its options say; here they become
+    part of ours.
+    """
     try:
         console = os.dup(2)
     except OSError:  # a process without a console has nothing to keep clean
@@ -243,18 +303,22 @@ def _stderr_into(path: Path) -> Iterator[None]:
         with path.open("wb") as file:
             os.dup2(file.fileno(), 2)
         yield
-        os.write(console, path.read_bytes())  # it started: what was said meanwhile is not ours to keep
+        # it started: what was said meanwhile is not ours to keep
+        os.write(console, path.read_bytes())
     finally:
         os.dup2(console, 2)
         os.close(console)
 
 
 def _close() -> None:
-    """End the simulation. A moveToXY that no step has carried out would outlive it and break the next one's start: SUMO
+    """End the simulation.
+
+    A moveToXY that no step has carried out would outlive it and break the next one's start: SUMO
     keeps a pointer to the vehicle. So whatever an ADS has left pending is carried out first.
     """
     if not libsumo.simulation.isLoaded():
         return
-    with suppress(libsumo.TraCIException, libsumo.FatalTraCIError):  # the case is over, and has said why
+    # the case is over, and has said why
+    with suppress(libsumo.TraCIException, libsumo.FatalTraCIError):
         libsumo._libsumo_step(0.0)  # not `simulationStep`, which calls listeners
     libsumo.close()

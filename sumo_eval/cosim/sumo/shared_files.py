@@ -1,10 +1,10 @@
-"""SUMO files of cases that nobody but the harness asks SUMO about, mostly many together: every case on a road of its
-own, all roads in the same place, so that no digit of a position differs from the one that the case has alone. Vehicles
-of different roads do not see each other.
+"""SUMO files of cases that nobody but the harness asks SUMO about, mostly many together: every case
+on a road of its own, all roads in the same place, so that no digit of a position differs from the
+one that the case has alone. Vehicles of different roads do not see each other.
 
-SUMO's own driver models decide nothing in a case: the harness says what every vehicle does. Here they are not even
-asked (`actionStepLength`), which takes two thirds off a step; a vehicle keeps the speed that it was told. A case that
-is alone has the names that the user knows.
+SUMO's own driver models decide nothing in a case: the harness says what every vehicle does. Here
+they are not even asked (`actionStepLength`), which takes two thirds off a step; a vehicle keeps the
+speed that it was told. A case that is alone has the names that the user knows.
 """
 
 from __future__ import annotations
@@ -27,25 +27,35 @@ def edge_name(case: int, count: int) -> str:
 
 
 def vehicle_names(cases: Sequence[ConcreteScenario]) -> list[list[str]]:
-    """The vehicles' names in SUMO: of each case the ego's, then those of the others in their order."""
+    """The vehicles' names in SUMO: of each case the ego's, then those of the others in their
+    order.
+    """
     if len(cases) == 1:
         return [[EGO, *(actor.name for actor in cases[0].actors)]]
-    return [[f"{case}.{number}" for number in range(1 + len(it.actors))] for case, it in enumerate(cases)]
+    return [
+        [f"{case}.{number}" for number in range(1 + len(it.actors))]
+        for case, it in enumerate(cases)
+    ]
 
 
 def fits_one_lane(concrete: ConcreteScenario) -> bool:
-    """Whether a case can have one lane here, as wide as its road, on the right-hand lane's centre line.
+    """Whether a case can have one lane here, as wide as its road, on the right-hand lane's centre
+    line.
 
-    Nobody changes lanes of his own accord, and looking whether one might takes a third of SUMO's step. A road that
-    bends keeps its lanes, and one on which somebody reacts or waits for what happens.
+    Nobody changes lanes of his own accord, and looking whether one might takes a third of SUMO's
+    step. A road that bends keeps its lanes, and one on which somebody reacts or waits for what
+    happens.
     """
     return not (concrete.road.bent or concrete.lively)
 
 
 def has_shadow(concrete: ConcreteScenario, vehicle: int) -> bool:
-    """Whether a second body stands for a vehicle in the lane that it reaches into. vehicle: 0 the ego, then the others.
+    """Whether a second body stands for a vehicle in the lane that it reaches into.
 
-    Whoever moves it knows SUMO's drivers alone; only those need it, and they look for it in lanes beside its own.
+    vehicle: 0 the ego, then the others.
+
+    Whoever moves it knows SUMO's drivers alone; only those need it, and they look for it in lanes
+    beside its own.
     """
     if not concrete.reacts or concrete.road.lanes == 1:
         return False
@@ -73,7 +83,9 @@ def shared_network_xml(cases: Sequence[ConcreteScenario]) -> str:
 
 
 def plain(road: Road) -> Road:
-    """The road with all its lanes throughout: nobody here is SUMO's to lead along lanes that end."""
+    """The road with all its lanes throughout: nobody here is SUMO's to lead along lanes that
+    end.
+    """
     return replace(road, spans=(), crossings=()) if road.shaped else road
 
 
@@ -86,8 +98,11 @@ def _parts(road: Road, one_lane: bool) -> tuple[str, str, str]:
     return head, opening + edge, closing + junctions
 
 
-def shared_routes_xml(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, *, own_lanes: bool = False) -> str:
-    """Vehicle types, routes and departures of all cases; `vehicle` has the body that their scenario prescribes.
+def shared_routes_xml(
+    cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, *, own_lanes: bool = False
+) -> str:
+    """Vehicle types, routes and departures of all cases; `vehicle` has the body that their scenario
+    prescribes.
 
     own_lanes: on the roads as they are.
     """
@@ -97,25 +112,40 @@ def shared_routes_xml(cases: Sequence[ConcreteScenario], vehicle: VehicleSetting
     for case, concrete in enumerate(cases):
         others.append(_element("route", {"id": f"along{case}", "edges": edge_name(case, count)}))
         told = replace(concrete, road=plain(concrete.road)) if concrete.road.shaped else concrete
-        starts = departures(told, vehicle.length, one_lane=not own_lanes and fits_one_lane(concrete))
+        starts = departures(
+            told, vehicle.length, one_lane=not own_lanes and fits_one_lane(concrete)
+        )
         described = zip(vehicle_types(concrete, vehicle), starts, strict=True)
         for index, (kind, attributes) in enumerate(described):
             name = kind.pop("id")
             if index == 0 or concrete.actors[index - 1].model is None:
                 kind["actionStepLength"] = str(_NEVER)
-            known = types.setdefault((*kind, *kind.values()), f"type{len(types)}" if count > 1 else name)
+            known = types.setdefault(
+                (*kind, *kind.values()), f"type{len(types)}" if count > 1 else name
+            )
             own = {"id": names[case][index], "type": known, "route": f"along{case}"}
             others.append(_element("vehicle", {**attributes, **own}))
             if concrete.reacts and has_shadow(concrete, index):
-                others.append(_element("vehicle", {**attributes, **own, "id": shadow_name(names[case][index])}))
+                others.append(
+                    _element(
+                        "vehicle", {**attributes, **own, "id": shadow_name(names[case][index])}
+                    )
+                )
     kinds = [
-        _element("vType", {"id": name, **dict(zip(text[: len(text) // 2], text[len(text) // 2 :], strict=True))})
+        _element(
+            "vType",
+            {"id": name, **dict(zip(text[: len(text) // 2], text[len(text) // 2 :], strict=True))},
+        )
         for text, name in types.items()
     ]
-    return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', "<routes>", *kinds, *others, "</routes>", ""])
+    return "\n".join(
+        ['<?xml version="1.0" encoding="UTF-8"?>', "<routes>", *kinds, *others, "</routes>", ""]
+    )
 
 
 def _element(tag: str, attributes: Mapping[str, str]) -> str:
-    """One element; its values are numbers and the pack's own names, in which nothing needs escaping."""
+    """One element; its values are numbers and the pack's own names, in which nothing needs
+    escaping.
+    """
     written = " ".join([f'{name}="{value}"' for name, value in attributes.items()])
     return f"<{tag} {written}/>"

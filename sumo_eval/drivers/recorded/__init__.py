@@ -1,1 +1,3 @@
-"""Recorded people: reading recordings, straightening them, finding events, matching them to concrete scenarios."""
+"""Recorded people: reading recordings, straightening them, finding events, matching them to
+concrete scenarios.
+"""

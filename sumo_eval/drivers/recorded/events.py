@@ -1,16 +1,21 @@
-"""Events in recorded driving: approaches to a slower leader, cut-outs, cut-ins, braking leaders, lane changes.
+"""Events in recorded driving: approaches to a slower leader, cut-outs, cut-ins, braking leaders,
+lane changes.
 
-Rules (bumper-to-bumper gaps; lanes count once they are kept for 1 s; leader: the next vehicle ahead in the same lane):
+Rules (bumper-to-bumper gaps; lanes count once they are kept for 1 s; leader: the next vehicle ahead
+in the same lane):
 
-- approach: t = 0 at the first sample of a stretch behind one leader with a closing speed of at least 2 m/s, a gap of at
-  most max(3.5 s * speed, 30 m) and more than 2 m; kept where the least TTC of the stretch is at most 20 s.
-- cut_out: a leader changes lane, at most max(4 s * speed, 30 m) ahead; t = 0 when its lane number changes. `revealed`
+- approach: t = 0 at the first sample of a stretch behind one leader with a closing speed of at
+  least 2 m/s, a gap of at
+  most max(3.5 s * speed, 30 m) and more than 2 m; kept where the least TTC of the stretch is at
+  most 20 s.
+- cut_out: a leader changes lane, at most max(4 s * speed, 30 m) ahead; t = 0 when its lane number
+  changes. `revealed`
   is the next vehicle ahead within 300 m.
 - cut_in: a vehicle changes into the lane of another, at most max(3 s * speed, 25 m) ahead of it.
 - lead_braking: a leader brakes with at least 1 m/s2 and loses at least 2 m/s.
 
-Dropped as ghosts of the tracker: a least TTC under 1 s, a gap under 1 m, accelerations beyond 6 m/s2, cut-ins with a
-lateral speed over 2 m/s.
+Dropped as ghosts of the tracker: a least TTC under 1 s, a gap under 1 m, accelerations beyond 6
+m/s2, cut-ins with a lateral speed over 2 m/s.
 """
 
 from __future__ import annotations
@@ -61,7 +66,9 @@ RULES: Final = EventRules()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Events:
-    """Events by kind, one row each; how many vehicles were looked at and are in an event; how many were ghosts."""
+    """Events by kind, one row each; how many vehicles were looked at and are in an event; how many
+    were ghosts.
+    """
 
     tables: dict[str, pd.DataFrame]
     lane_changes: pd.DataFrame
@@ -72,25 +79,33 @@ class Events:
     def sentences(self) -> list[str]:
         """What was found, in words."""
         counts = ", ".join(
-            f"{len(self.tables[kind])} {kind} ({self.ghosts.get(kind, 0)} ghosts dropped)" for kind in KINDS
+            f"{len(self.tables[kind])} {kind} ({self.ghosts.get(kind, 0)} ghosts dropped)"
+            for kind in KINDS
         )
         return [
-            f"{self.vehicles_in_events} of {self.vehicles} motor vehicles are in an event: {counts}.",
+            f"{self.vehicles_in_events} of {self.vehicles} motor vehicles are in an event: "
+            f"{counts}.",
             f"{len(self.lane_changes)} lane changes.",
         ]
 
 
 class Traffic:
-    """A recording indexed for questions: each vehicle's arrays, and who leads and follows whom at each instant."""
+    """A recording indexed for questions: each vehicle's arrays, and who leads and follows whom at
+    each instant.
+    """
 
     def __init__(self, table: pd.DataFrame) -> None:
-        rows = table[table["class"].isin(MOTOR_CLASSES)].sort_values(["vehicle", "t"], kind="stable", ignore_index=True)
+        rows = table[table["class"].isin(MOTOR_CLASSES)].sort_values(
+            ["vehicle", "t"], kind="stable", ignore_index=True
+        )
         rows["frame"] = np.round(rows["t"] / INTERVAL).astype(np.int64)
         settled, across = [], []
         self.slices: dict[str, slice] = {}
         for name, index in rows.groupby("vehicle", sort=False).indices.items():
             self.slices[str(name)] = slice(int(index[0]), int(index[-1]) + 1)
-            settled.append(_settled(rows["lane"].to_numpy()[index], round(RULES.lane_kept / INTERVAL)))
+            settled.append(
+                _settled(rows["lane"].to_numpy()[index], round(RULES.lane_kept / INTERVAL))
+            )
             across.append(np.gradient(smooth(rows["y"].to_numpy()[index], 11), INTERVAL))
         rows["lane"] = np.concatenate(settled) if settled else rows["lane"]
         rows["across"] = np.concatenate(across) if across else 0.0
@@ -98,7 +113,9 @@ class Traffic:
         self.frame = rows["frame"].to_numpy()
         order = rows.sort_values(["frame", "lane", "x"], kind="stable")
         ahead = order.index.to_series().shift(-1)
-        same = (order["frame"] == order["frame"].shift(-1)) & (order["lane"] == order["lane"].shift(-1))
+        same = (order["frame"] == order["frame"].shift(-1)) & (
+            order["lane"] == order["lane"].shift(-1)
+        )
         leader = pd.Series(-1, index=order.index)
         leader[same] = ahead[same].astype(np.int64)
         self.leader = leader.reindex(rows.index).to_numpy()
@@ -118,8 +135,9 @@ class Traffic:
 
 
 def extract_events(recordings: Recordings) -> Events:
-    """Every event of the recordings. The columns of an event table begin with event, recording, ego, t (s, its t =
-    0).
+    """Every event of the recordings.
+
+    The columns of an event table begin with event, recording, ego, t (s, its t = 0).
     """
     found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     changes: list[dict[str, Any]] = []
@@ -131,7 +149,9 @@ def extract_events(recordings: Recordings) -> Events:
         changes += [{**asdict(change), "recording": recording} for change in lane_changes]
         for kind, events in encounters(traffic, lane_changes).items():
             found[kind] += [{"recording": recording, **event} for event in events]
-    kept = {kind: [event for event in events if not event["ghost"]] for kind, events in found.items()}
+    kept = {
+        kind: [event for event in events if not event["ghost"]] for kind, events in found.items()
+    }
     return Events(
         {kind: _table(kind, events) for kind, events in kept.items()},
         pd.DataFrame(changes, columns=[*_CHANGE_COLUMNS, "recording"]),
@@ -148,8 +168,13 @@ def _table(kind: str, events: Sequence[dict[str, Any]]) -> pd.DataFrame:
     return table.drop(columns="ghost", errors="ignore")
 
 
-def encounters(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> dict[str, list[dict[str, Any]]]:
-    """The events of one recording by kind, ghosts among them (`ghost`). changes: its lane changes."""
+def encounters(
+    traffic: Traffic, changes: Sequence[RecordedLaneChange]
+) -> dict[str, list[dict[str, Any]]]:
+    """The events of one recording by kind, ghosts among them (`ghost`).
+
+    changes: its lane changes.
+    """
     return {
         "approach": _approaches(traffic, changes),
         "cut_out": _cut_outs(traffic, changes),
@@ -159,8 +184,8 @@ def encounters(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> dict[
 
 
 def _settled(lane: np.ndarray, shortest: int) -> np.ndarray:
-    """Lane numbers without visits shorter than `shortest` samples: these stay with the lane before (at first,
-    after).
+    """Lane numbers without visits shorter than `shortest` samples: these stay with the lane before
+    (at first, after).
     """
     settled = lane.copy()
     starts = np.flatnonzero(np.append(True, np.diff(settled) != 0))
@@ -178,9 +203,15 @@ def _settled(lane: np.ndarray, shortest: int) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class RecordedLaneChange:
-    """A lane change that is kept. t: crossing; onset, end: of the lateral motion; duration: between them; middle: from
-    10 to 90 % of the offset, all s. lateral_speed: the largest, m/s. row: of the crossing in `Traffic.rows`. complete:
-    whether beginning and end were both recorded.
+    """A lane change that is kept.
+
+    t: crossing;
+    onset, end: of the lateral motion;
+    duration: between them;
+    middle: from 10 to 90 % of the offset, all s.
+    lateral_speed: the largest, m/s.
+    row: of the crossing in `Traffic.rows`.
+    complete: whether beginning and end were both recorded.
     """
 
     vehicle: str
@@ -237,13 +268,17 @@ def find_lane_changes(traffic: Traffic) -> list[RecordedLaneChange]:
 
 
 def _stretches(traffic: Traffic) -> list[tuple[int, int]]:
-    """First and last-plus-one row of every stretch in which a vehicle stays behind one leader in one lane."""
+    """First and last-plus-one row of every stretch in which a vehicle stays behind one leader in
+    one lane.
+    """
     rows = traffic.rows
     names = rows["vehicle"].to_numpy()
     has = traffic.leader >= 0
     lead = np.where(has, names[np.where(has, traffic.leader, 0)], "")
     lane = rows["lane"].to_numpy()
-    new = np.append(True, (names[1:] != names[:-1]) | (lead[1:] != lead[:-1]) | (lane[1:] != lane[:-1]))
+    new = np.append(
+        True, (names[1:] != names[:-1]) | (lead[1:] != lead[:-1]) | (lane[1:] != lane[:-1])
+    )
     starts = np.flatnonzero(new)
     ends = np.append(starts[1:], len(rows))
     return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if has[a]]
@@ -251,7 +286,9 @@ def _stretches(traffic: Traffic) -> list[tuple[int, int]]:
 
 def _approaches(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
     rows, gap, closing = traffic.rows, traffic.gap, traffic.closing
-    speed, acceleration, time, lane = (rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane"))
+    speed, acceleration, time, lane = (
+        rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane")
+    )
     names, frames = rows["vehicle"].to_numpy(), rows["frame"].to_numpy()
     ttc = np.where(closing > 0, gap / np.maximum(closing, 1e-9), np.inf)
     begun = (
@@ -291,7 +328,11 @@ def _approaches(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list
             kind = "dataset_edge" if first_of_either else "lane_entry_or_cut_in"
         else:
             kind = "closing_builds_up"
-        at = None if change is None else max(round((change.onset - time[row]) / INTERVAL) + row, start)
+        at = (
+            None
+            if change is None
+            else max(round((change.onset - time[row]) / INTERVAL) + row, start)
+        )
         hardest = float(acceleration[row:end].min())
         found.append(
             {
@@ -336,7 +377,9 @@ def _cut_outs(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[d
             continue
         ego = str(names[behind])
         now = traffic.row_of(ego, int(frames[change.row]))
-        if now is None or gap[behind] > max(RULES.cut_out_headway * speed[behind], RULES.cut_out_gap):
+        if now is None or gap[behind] > max(
+            RULES.cut_out_headway * speed[behind], RULES.cut_out_gap
+        ):
             continue
         revealed = int(traffic.leader[now])
         if revealed < 0 or gap[now] > RULES.revealed_within or names[revealed] == change.vehicle:
@@ -367,7 +410,8 @@ def _cut_outs(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[d
                 **start,
                 "min_acceleration": acceleration[window].min(),
                 "ghost": bool(
-                    gap[behind] < RULES.ghost_gap or np.abs(acceleration[window]).max() > RULES.ghost_acceleration
+                    gap[behind] < RULES.ghost_gap
+                    or np.abs(acceleration[window]).max() > RULES.ghost_acceleration
                 ),
             }
         )
@@ -376,12 +420,16 @@ def _cut_outs(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[d
 
 def _cut_ins(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
     rows, gap = traffic.rows, traffic.gap
-    speed, acceleration, time, lane = (rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane"))
+    speed, acceleration, time, lane = (
+        rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane")
+    )
     names = rows["vehicle"].to_numpy()
     found = []
     for change in changes:
         ego_row = int(traffic.follower[int(change.row)])
-        if ego_row < 0 or gap[ego_row] > max(RULES.cut_in_headway * speed[ego_row], RULES.cut_in_gap):
+        if ego_row < 0 or gap[ego_row] > max(
+            RULES.cut_in_headway * speed[ego_row], RULES.cut_in_gap
+        ):
             continue
         ego = str(names[ego_row])
         part = traffic.slices[ego]
@@ -428,7 +476,9 @@ def _braking_leaders(traffic: Traffic) -> list[dict[str, Any]]:
                 continue
             row = part.start
             least = gap[part].min()
-            ttc = np.where(closing[part] > 0, gap[part] / np.maximum(closing[part], 1e-9), np.inf).min()
+            ttc = np.where(
+                closing[part] > 0, gap[part] / np.maximum(closing[part], 1e-9), np.inf
+            ).min()
             found.append(
                 {
                     "ego": str(names[row]),

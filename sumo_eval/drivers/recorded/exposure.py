@@ -1,4 +1,5 @@
-"""Exposure p_i: how often a concrete scenario is met on the road, from recorded events or as declared.
+"""Exposure p_i: how often a concrete scenario is met on the road, from recorded events or as
+declared.
 
 scipy and the recordings' pandas take 1 s to import; they are, where an exposure needs them.
 """
@@ -18,7 +19,8 @@ from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSet
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 FOLDS = 5
-FACTORS = np.geomspace(0.1, 1.5, 15)  # bandwidths that cross-validation chooses from, over the data's own deviation
+# bandwidths that cross-validation chooses from, over the data's own deviation
+FACTORS = np.geomspace(0.1, 1.5, 15)
 SUPPORT = 3.0  # kernel deviations; a point further from every event is outside the data's support
 SPACE_POINTS = 4096  # on which the share of the space without support is measured
 
@@ -27,9 +29,10 @@ SPACE_POINTS = 4096  # on which the share of the space without support is measur
 class RecordedExposure:
     """A Gaussian KDE over the parameters of recorded events.
 
-    names: parameters, in the order of the columns of points (n, k). factor: bandwidth over the data's deviation.
-    held_out: mean log density of events that were not fitted (5 folds), nats, for this KDE and what it is compared
-    with.
+    names: parameters, in the order of the columns of points (n, k).
+    factor: bandwidth over the data's deviation.
+    held_out: mean log density of events that were not fitted (5 folds), nats, for this KDE and what
+        it is compared with.
     """
 
     names: tuple[str, ...]
@@ -40,7 +43,9 @@ class RecordedExposure:
     def density(self, values: Values) -> FloatArray:
         """p at values by name (arrays that broadcast)."""
         places = _columns(values, self.names)
-        found: FloatArray = _stats().gaussian_kde(self.points.T, bw_method=self.factor)(places.reshape(len(places), -1))
+        found: FloatArray = _stats().gaussian_kde(self.points.T, bw_method=self.factor)(
+            places.reshape(len(places), -1)
+        )
         return found.reshape(places.shape[1:])
 
     def supported(self, points: FloatArray) -> BoolArray:
@@ -57,7 +62,9 @@ class RecordedExposure:
 class Exposure:
     """How a scenario's concrete scenarios are weighted.
 
-    density: p at values by name. about: one sentence. recorded: the KDE, where recordings are the source.
+    density: p at values by name.
+    about: one sentence.
+    recorded: the KDE, where recordings are the source.
     unsupported_share: of the possible space, outside the data's support; None without data.
     """
 
@@ -68,11 +75,16 @@ class Exposure:
 
     @property
     def known(self) -> bool:
-        """Whether somebody declared or measured it; else every concrete scenario counts the same."""
+        """Whether somebody declared or measured it; else every concrete scenario counts the
+        same.
+        """
         return self.density is not uniform_exposure
 
     def plain(self, points: FloatArray) -> dict[str, Any]:
-        """What a run keeps of it, for JSON. points: (n, k), the concrete scenarios of the run."""
+        """What a run keeps of it, for JSON.
+
+        points: (n, k), the concrete scenarios of the run.
+        """
         found: dict[str, Any] = {"about": self.about, "known": self.known}
         if self.recorded is not None:
             found |= {
@@ -98,7 +110,8 @@ def exposure_of(
     recordings = settings.recordings or drivers.recordings
     if not recordings:
         raise InputError(
-            f"The exposure of scenario `{logical.name}` must name recordings, in `scenario.exposure.recordings` or "
+            f"The exposure of scenario `{logical.name}` must name recordings, in "
+            "`scenario.exposure.recordings` or "
             "`drivers.recordings`, got none."
         )
     from sumo_eval.drivers.recorded.matching import match_of, matching_events
@@ -108,23 +121,32 @@ def exposure_of(
     people = open_people(DriverSettings(recordings=tuple(recordings)), source)
     assert people.events is not None
     events = matching_events(people.events, logical.name, logical.recorded)
-    model = fit_exposure(events[list(logical.names)].to_numpy(), logical.names, bandwidth=settings.bandwidth)
+    model = fit_exposure(
+        events[list(logical.names)].to_numpy(), logical.names, bandwidth=settings.bandwidth
+    )
     share = unsupported_share(model, logical)
     words = ", ".join(f"{name} {value:.3f}" for name, value in model.held_out.items())
     return Exposure(
         model.density,
-        f"a Gaussian KDE over {len(model.points)} recorded events (bandwidth {model.factor:.3f} of the data's "
-        f"deviation); held-out log-likelihood in nats an event: {words}; {100 * share:.0f} % of the space lies outside "
+        f"a Gaussian KDE over {len(model.points)} recorded events (bandwidth {model.factor:.3f} "
+        "of the data's "
+        f"deviation); held-out log-likelihood in nats an event: {words}; {100 * share:.0f} % of "
+        "the space lies outside "
         "its support",
         model,
         share,
     )
 
 
-def fit_exposure(points: FloatArray, names: Sequence[str], *, bandwidth: str = "scott") -> RecordedExposure:
-    """A KDE over events (n, k). bandwidth: `scott`, or `cross_validated` for the best of `FACTORS` on held-out events.
+def fit_exposure(
+    points: FloatArray, names: Sequence[str], *, bandwidth: str = "scott"
+) -> RecordedExposure:
+    """A KDE over events (n, k).
 
-    Raises InputError for fewer than 5 events a parameter, which show no distribution, and for events on a line.
+    bandwidth: `scott`, or `cross_validated` for the best of `FACTORS` on held-out events.
+
+    Raises InputError for fewer than 5 events a parameter, which show no distribution, and for
+    events on a line.
     """
     events = np.asarray(points, dtype=np.float64)
     n, k = events.shape
@@ -132,10 +154,13 @@ def fit_exposure(points: FloatArray, names: Sequence[str], *, bandwidth: str = "
         raise must_be("The number of recorded events", "an exposure", f"at least {5 * k}", n)
     if np.linalg.matrix_rank(events - events.mean(axis=0), tol=1e-6) < k:
         raise InputError(
-            f"The recorded events of an exposure must vary in each of {', '.join(names)} on its own; they do not."
+            f"The recorded events of an exposure must vary in each of {', '.join(names)} on its "
+            "own; they do not."
         )
     scott = float(n ** (-1.0 / (k + 4)))
-    best = max(FACTORS, key=lambda factor: _held_out(events, lambda train: _kde(train, float(factor))))
+    best = max(
+        FACTORS, key=lambda factor: _held_out(events, lambda train: _kde(train, float(factor)))
+    )
     factor = scott if bandwidth == "scott" else float(best)
     low, high = events.min(axis=0), events.max(axis=0)
     held_out = {
@@ -172,12 +197,16 @@ def _gaussian(train: FloatArray) -> Any:
 
 
 def _columns(values: Values, names: Sequence[str]) -> FloatArray:
-    return np.stack(np.broadcast_arrays(*(np.asarray(values[name], dtype=np.float64) for name in names)))
+    return np.stack(
+        np.broadcast_arrays(*(np.asarray(values[name], dtype=np.float64) for name in names))
+    )
 
 
 def _declared(logical: LogicalScenario, declared: Mapping[str, DeclaredDistribution]) -> Exposure:
     if not declared:
-        raise InputError(f"The declared exposure of scenario `{logical.name}` must name at least one parameter.")
+        raise InputError(
+            f"The declared exposure of scenario `{logical.name}` must name at least one parameter."
+        )
     for name in declared:
         if name not in logical.names:
             raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
@@ -189,7 +218,8 @@ def _declared(logical: LogicalScenario, declared: Mapping[str, DeclaredDistribut
         return np.asarray(product)
 
     words = ", ".join(
-        f"{name} {item.distribution} ({item.first:g}, {item.second:g})" for name, item in declared.items()
+        f"{name} {item.distribution} ({item.first:g}, {item.second:g})"
+        for name, item in declared.items()
     )
     return Exposure(density, f"declared: {words}; other parameters uniform")
 

@@ -42,14 +42,18 @@ READERS: Final[dict[str, Reader]] = {
     "osi": (osi.read, [f"*{ending}" for ending in osi.ENDINGS]),
     "map": (map_table.read, ("*.csv*",)),
 }
-"""Formats that other people write, by the name they have on the command line: reader of a file, files of a folder."""
+"""Formats that other people write, by the name they have on the command line: reader of a file,
+files of a folder."""
 
 OWN: Final = "csv"  # the canonical table itself
 FORMATS: Final = (*READERS, OWN)
 
 
 def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
-    """Read files or folders of one format into one table. All of them or none: the first mistake is an InputError."""
+    """Read files or folders of one format into one table.
+
+    All of them or none: the first mistake is an InputError.
+    """
     parts = list(each_of(form, paths))
     names = [name for part in parts for name in part.table["recording"].unique()]
     double = {name for name in names if names.count(name) > 1}
@@ -61,8 +65,8 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
 
 
 def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
-    """The recordings in files or folders of one format, one file after the other: who wants them one at a time holds no
-    other. The first mistake that is come to is an InputError.
+    """The recordings in files or folders of one format, one file after the other: who wants them
+    one at a time holds no other. The first mistake that is come to is an InputError.
     """
     if form not in FORMATS:
         raise unknown("format of recordings", form, FORMATS)
@@ -72,7 +76,8 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
         for path in paths:
             if path.is_dir():
                 raise InputError(
-                    f"{path} is a folder. Of the format `{OWN}`, name every table that `sumo-eval humans import` "
+                    f"{path} is a folder. Of the format `{OWN}`, name every table that `sumo-eval "
+                    "humans import` "
                     f"wrote; other formats are {', '.join(READERS)}."
                 )
         return (read_csv(path) for path in paths)

@@ -1,4 +1,5 @@
-"""Which recorded events are a logical scenario met on the road, and which of their columns are its parameters.
+"""Which recorded events are a logical scenario met on the road, and which of their columns are its
+parameters.
 
 A scenario file may say so itself ([recorded]); for shipped scenarios that do not it is said here.
 """
@@ -18,8 +19,11 @@ from sumo_eval.scenario.logical import Counterpart
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """kind: of event. columns: column by parameter. tolerance: how far a parameter may be off, by parameter. start: the
-    column with the time that is the scenario's t = 0. only: values that a column must have.
+    """kind: of event.
+    columns: column by parameter.
+    tolerance: how far a parameter may be off, by parameter.
+    start: the column with the time that is the scenario's t = 0.
+    only: values that a column must have.
     """
 
     kind: str
@@ -35,7 +39,8 @@ MATCHES: Final[Mapping[str, Match]] = {
         {"ego_speed": "ego_speed", "lead_speed": "lead_speed"},
         {"ego_speed": 2.5, "lead_speed": 2.5},
         start="t",
-        only={"start_kind": "range_crossing"},  # the gap passes through 3.5 s: the paper's initial gap
+        # the gap passes through 3.5 s: the paper's initial gap
+        only={"start_kind": "range_crossing"},
     ),
     "front_vehicle_cut_out": Match(
         "cut_out",
@@ -49,7 +54,12 @@ MATCHES: Final[Mapping[str, Match]] = {
     ),
     "cut_in": Match(
         "cut_in",
-        {"ego_speed": "ego_speed", "cut_in_speed": "cut_in_speed", "gap": "gap", "lateral_speed": "lateral_speed"},
+        {
+            "ego_speed": "ego_speed",
+            "cut_in_speed": "cut_in_speed",
+            "gap": "gap",
+            "lateral_speed": "lateral_speed",
+        },
         {"ego_speed": 2.5, "cut_in_speed": 2.5, "gap": 10.0, "lateral_speed": 0.5},
     ),
 }
@@ -60,11 +70,15 @@ STARTS: Final[Mapping[str, str]] = {"approach": "t"}
 
 
 def known_match(scenario: str, recorded: Counterpart | None = None) -> Match | None:
-    """The match of a scenario, by what it says itself (`recorded`), else by its name; None where nobody says."""
+    """The match of a scenario, by what it says itself (`recorded`), else by its name; None where
+    nobody says.
+    """
     if recorded is None:
         return MATCHES.get(scenario)
     start = recorded.start or STARTS.get(recorded.event, "start")
-    return Match(recorded.event, dict(recorded.columns), dict(recorded.tolerance), start, dict(recorded.only))
+    return Match(
+        recorded.event, dict(recorded.columns), dict(recorded.tolerance), start, dict(recorded.only)
+    )
 
 
 def match_of(scenario: str, recorded: Counterpart | None = None) -> Match:
@@ -72,14 +86,18 @@ def match_of(scenario: str, recorded: Counterpart | None = None) -> Match:
     match = known_match(scenario, recorded)
     if match is None:
         raise InputError(
-            f"There is no recorded event that corresponds to scenario `{scenario}`; recordings serve "
+            f"There is no recorded event that corresponds to scenario `{scenario}`; recordings "
+            "serve "
             f"{', '.join(MATCHES)}, and files that name their event in [recorded]."
         )
     return match
 
 
-def matching_events(events: Events, scenario: str, recorded: Counterpart | None = None) -> pd.DataFrame:
-    """The events that correspond to a scenario, its parameters as columns of that name, complete ones only.
+def matching_events(
+    events: Events, scenario: str, recorded: Counterpart | None = None
+) -> pd.DataFrame:
+    """The events that correspond to a scenario, its parameters as columns of that name, complete
+    ones only.
 
     Raises InputError for a column that its events do not have.
     """
@@ -95,5 +113,7 @@ def matching_events(events: Events, scenario: str, recorded: Counterpart | None 
     chosen = pd.DataFrame({name: table[name] for name in ("event", "recording", "ego")})
     chosen["start"] = table[match.start] if match.start in table else pd.Series(dtype=float)
     for parameter, column in match.columns.items():
-        chosen[parameter] = table[column].astype(float) if column in table else pd.Series(dtype=float)
+        chosen[parameter] = (
+            table[column].astype(float) if column in table else pd.Series(dtype=float)
+        )
     return chosen.dropna().reset_index(drop=True)

@@ -1,4 +1,5 @@
-"""The canonical table of recorded driving: one row a vehicle and instant, SI units, vehicle centres, road coordinates.
+"""The canonical table of recorded driving: one row a vehicle and instant, SI units, vehicle
+centres, road coordinates.
 
 | column | meaning |
 |---|---|
@@ -6,12 +7,12 @@
 | vehicle | one vehicle's uninterrupted track in it |
 | driver | who drove, where that is known; empty: every vehicle is a driver of its own |
 | t | s, every 0.1 s |
-| x, y | m, the centre of the vehicle; x along the road, y to the left, y = 0 on the right lane's centre line |
+| x, y | m, the vehicle's centre; x along the road, y to the left, 0 in the right lane's centre |
 | heading | rad, 0 along the road, counter-clockwise positive |
 | speed, acceleration | m/s; m/s2 along the heading |
 | length, width | m, the body |
 | class | car, van, truck, bus, motorcycle, bicycle, pedestrian or what the source says |
-| lane | 0 is the right lane, 1 the next to the left; negative: ramps and auxiliary lanes to the right |
+| lane | 0 is the right lane, 1 the next to the left; negative: ramps and lanes to the right |
 | steering | steering wheel angle, rad; empty: not known |
 """
 
@@ -33,7 +34,8 @@ from sumo_eval.text import cells, from_cell
 from sumo_eval.trajectory import FloatArray
 
 COLUMNS = (
-    "recording", "vehicle", "driver", "t", "x", "y", "heading", "speed", "acceleration", "length", "width", "class",
+    "recording", "vehicle", "driver", "t", "x", "y", "heading", "speed", "acceleration", "length",
+    "width", "class",
     "lane", "steering",
 )  # fmt: skip
 NUMBERS = ("t", "x", "y", "heading", "speed", "acceleration", "length", "width", "lane")
@@ -56,7 +58,9 @@ _DECIMALS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recordings:
-    """A canonical table, sorted by recording, vehicle and t, and whole sentences on what was left out or assumed."""
+    """A canonical table, sorted by recording, vehicle and t, and whole sentences on what was left
+    out or assumed.
+    """
 
     table: pd.DataFrame
     notes: tuple[str, ...] = ()
@@ -68,10 +72,11 @@ class Recordings:
 
 
 def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
-    """A table of samples at any rate as a canonical one: one clock of 0.1 s, holes split, columns complete, sorted.
+    """A table of samples at any rate as a canonical one: one clock of 0.1 s, holes split, columns
+    complete, sorted.
 
-    table: `recording`, `vehicle`, `t`, `x`, `y`, `heading`, `speed`, `length`, `width`, `class`, `lane`;
-    `acceleration`, `driver` and `steering` may be missing.
+    table: `recording`, `vehicle`, `t`, `x`, `y`, `heading`, `speed`, `length`, `width`, `class`,
+        `lane`; `acceleration`, `driver` and `steering` may be missing.
     """
     rows = table.copy()
     for name, value in (("driver", ""), ("steering", np.nan), ("acceleration", np.nan)):
@@ -82,7 +87,9 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     double = rows.duplicated(["recording", "vehicle", "t"])
     parts, holes, too_short = [], 0, 0
     for (_, _), track in rows[~double].groupby(["recording", "vehicle"], sort=False):
-        pieces = np.split(np.arange(len(track)), np.flatnonzero(np.diff(track["t"].to_numpy()) > LONGEST_HOLE) + 1)
+        pieces = np.split(
+            np.arange(len(track)), np.flatnonzero(np.diff(track["t"].to_numpy()) > LONGEST_HOLE) + 1
+        )
         holes += len(pieces) - 1
         for number, piece in enumerate(pieces):
             even = _on_the_clock(track.iloc[piece])
@@ -94,19 +101,27 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     said = list(notes)
     if holes:
         said.append(
-            f"{holes} holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a track of its own."
+            f"{holes} holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a "
+            "track of its own."
         )
     if too_short:
-        said.append(f"{too_short} tracks of less than two samples on the clock of {INTERVAL:g} s are left out.")
+        said.append(
+            f"{too_short} tracks of less than two samples on the clock of {INTERVAL:g} s are left "
+            "out."
+        )
     if double.any():
-        said.append(f"{int(double.sum())} samples with a time that their vehicle already had were left out.")
+        said.append(
+            f"{int(double.sum())} samples with a time that their vehicle already had were left out."
+        )
     if not parts:
         raise InputError("The recording must hold at least one vehicle with two samples, got none.")
     return Recordings(pd.concat(parts, ignore_index=True)[list(COLUMNS)], tuple(said))
 
 
 def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
-    """A hole-free track at whole tenths of a second; None for one that spans fewer than two of them."""
+    """A hole-free track at whole tenths of a second; None for one that spans fewer than two of
+    them.
+    """
     time = track["t"].to_numpy(dtype=np.float64)
     first, last = np.ceil(time[0] / INTERVAL - 1e-6), np.floor(time[-1] / INTERVAL + 1e-6)
     if last - first < 1:
@@ -133,7 +148,9 @@ def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
 
 
 def smooth(values: FloatArray, window: int) -> FloatArray:
-    """Values (n,) with second-order polynomials fitted over `window` samples; shorter ones are left as they are."""
+    """Values (n,) with second-order polynomials fitted over `window` samples; shorter ones are left
+    as they are.
+    """
     from scipy.signal import savgol_filter
 
     if values.size <= window:
@@ -156,15 +173,18 @@ def write_csv(recordings: Recordings, path: Path) -> None:
 
 
 def read_csv(path: Path) -> Recordings:
-    """A canonical table from CSV (or .csv.gz). `driver`, `heading`, `acceleration`, `class`, `lane` and `steering` may
-    be missing: no driver is named, headings and accelerations follow from the motion, all are cars, lanes follow from
-    y.
+    """A canonical table from CSV (or .csv.gz).
+
+    `driver`, `heading`, `acceleration`, `class`, `lane` and `steering` may be missing: no driver is
+    named, headings and accelerations follow from the motion, all are cars, lanes follow from y.
     """
     table = read_table(path, ("recording", "vehicle", "t", "x", "y", "length", "width"))
     checked_numbers(table, [name for name in NUMBERS if name in table], path)
     table = table.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
     for name, value in (("class", "car"), ("driver", "")):
-        table[name] = table[name].astype(object).where(table[name].notna(), value) if name in table else value
+        table[name] = (
+            table[name].astype(object).where(table[name].notna(), value) if name in table else value
+        )
     if "steering" not in table:
         table["steering"] = np.nan
     add_motion(table, ("heading", "speed", "acceleration"), str(path))
@@ -180,7 +200,9 @@ def _is_canonical(table: pd.DataFrame) -> bool:
     """Whether every track already runs on the clock, without holes."""
     time = table["t"].to_numpy()
     frame = np.round(time / INTERVAL)
-    same = (table["vehicle"] == table["vehicle"].shift()) & (table["recording"] == table["recording"].shift())
+    same = (table["vehicle"] == table["vehicle"].shift()) & (
+        table["recording"] == table["recording"].shift()
+    )
     steady = np.diff(frame, prepend=frame[0]) == 1
     return bool(np.all(np.abs(time - frame * INTERVAL) < 1e-6) and np.all(steady[same.to_numpy()]))
 

@@ -1,4 +1,6 @@
-"""The human reference from recordings: what people did in events like a concrete scenario, aligned to its start."""
+"""The human reference from recordings: what people did in events like a concrete scenario, aligned
+to its start.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,7 @@ import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,12 +23,15 @@ from sumo_eval.scenario.logical import Counterpart
 from sumo_eval.settings import DriverSettings
 from sumo_eval.trajectory import Trajectory
 
-NAMED_CASES = "cases.csv"  # in a folder of the user's own drives: which file was driven in which concrete scenario
+# in a folder of the user's own drives: which file was driven in which concrete scenario
+NAMED_CASES = "cases.csv"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class People:
-    """Recorded driving, its events, and drives that the user recorded in named cases: what a reference is made from."""
+    """Recorded driving, its events, and drives that the user recorded in named cases: what a
+    reference is made from.
+    """
 
     recordings: Recordings | None
     events: Events | None
@@ -37,18 +43,24 @@ class People:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """Drives in one concrete scenario. names: who, one a drive."""
+    """Drives in one concrete scenario.
+
+    names: who, one a drive.
+    """
 
     drives: tuple[Trajectory, ...]
     names: tuple[str, ...]
 
 
 def open_people(settings: DriverSettings, source: Path) -> People:
-    """The recorded people that the settings name, paths relative to `source`. Raises InputError where there are
-    none.
+    """The recorded people that the settings name, paths relative to `source`.
+
+    Raises InputError where there are none.
     """
     if not settings.recordings and not settings.cases:
-        raise InputError("`drivers.recordings` or `drivers.cases` must name what was recorded, got neither.")
+        raise InputError(
+            "`drivers.recordings` or `drivers.cases` must name what was recorded, got neither."
+        )
     paths = tuple((source / name).resolve() for name in settings.recordings)
     people = _recorded(paths) if paths else People(None, None)
     if not settings.cases:
@@ -60,22 +72,35 @@ def open_people(settings: DriverSettings, source: Path) -> People:
 
 @functools.lru_cache(maxsize=4)
 def _recorded(paths: tuple[Path, ...]) -> People:
-    """Recordings, their events and tracks; asked for by the reference and by the exposure, read once."""
+    """Recordings, their events and tracks; asked for by the reference and by the exposure, read
+    once.
+    """
     parts = [read_csv(path) for path in paths]
     table = pd.concat([part.table for part in parts], ignore_index=True)
     recordings = Recordings(table, tuple(note for part in parts for note in part.notes))
-    tracks = {(str(a), str(b)): track for (a, b), track in table.groupby(["recording", "vehicle"], sort=False)}
-    return People(recordings, extract_events(recordings), tracks=tracks, centres=lane_centres(table))
+    tracks = {
+        (str(a), str(b)): track
+        for (a, b), track in table.groupby(["recording", "vehicle"], sort=False)
+    }
+    return People(
+        recordings, extract_events(recordings), tracks=tracks, centres=lane_centres(table)
+    )
 
 
 def reference(
-    concrete: ConcreteScenario, people: People, settings: DriverSettings, recorded: Counterpart | None = None
+    concrete: ConcreteScenario,
+    people: People,
+    settings: DriverSettings,
+    recorded: Counterpart | None = None,
 ) -> Reference:
-    """Everybody who was recorded in a concrete scenario: named drives as they are, else events like it, nearest first.
+    """Everybody who was recorded in a concrete scenario: named drives as they are, else events like
+    it, nearest first.
 
-    An event counts when each parameter is within its tolerance, and when its recording covers `settings.coverage` of
-    the road or ends in standstill. A driver counts once. Positions begin at the ego's start; lateral ones are
-    stretched from the recorded lanes' width to the scenario's. recorded: which events the scenario says it is met as.
+    An event counts when each parameter is within its tolerance, and when its recording covers
+    `settings.coverage` of the road or ends in standstill. A driver counts once. Positions begin at
+    the ego's start; lateral ones are stretched from the recorded lanes' width to the scenario's.
+
+    recorded: which events the scenario says it is met as.
     """
     named = _named_drives(concrete, people)
     if named is not None:
@@ -88,7 +113,12 @@ def reference(
     for name, value in (settings.tolerance or {}).items():
         if name in tolerance:
             tolerance[name] = value
-    off = np.column_stack([(events[name] - concrete.values[name]).abs() / within for name, within in tolerance.items()])
+    off = np.column_stack(
+        [
+            (events[name] - concrete.values[name]).abs() / within
+            for name, within in tolerance.items()
+        ]
+    )
     near = np.flatnonzero(np.all(off <= 1.0, axis=1))
     near = near[np.argsort(np.linalg.norm(off[near], axis=1), kind="stable")]
     drives: dict[str, Trajectory] = {}
@@ -101,24 +131,38 @@ def reference(
     return Reference(tuple(drives.values()), tuple(drives))
 
 
-def _aligned(track: pd.DataFrame, start: float, concrete: ConcreteScenario, people: People) -> Trajectory:
-    """A track from `start` s on, moved to where the ego starts, up to its first sample past the road's end."""
+def _aligned(
+    track: pd.DataFrame, start: float, concrete: ConcreteScenario, people: People
+) -> Trajectory:
+    """A track from `start` s on, moved to where the ego starts, up to its first sample past the
+    road's end.
+    """
     rows = track[track["t"] >= start - 1e-6]
     x = rows["x"] - rows["x"].iloc[0] + concrete.ego.x
     last = np.flatnonzero(x >= concrete.road.length)
     recording, lane = str(rows["recording"].iloc[0]), int(rows["lane"].iloc[0])
     centre = people.centres.get((recording, lane), 0.0)
-    stretch = concrete.road.lane_width / _lane_width(people.centres, recording, concrete.road.lane_width)
+    stretch = concrete.road.lane_width / _lane_width(
+        people.centres, recording, concrete.road.lane_width
+    )
     y = concrete.ego.y + stretch * (rows["y"] - centre)
-    moved = rows.assign(t=rows["t"] - rows["t"].iloc[0], x=x, y=y).iloc[: int(last[0]) + 1 if last.size else None]
-    return _trajectory(moved, length=float(rows["length"].iloc[0]), width=float(rows["width"].iloc[0]))
+    moved = rows.assign(t=rows["t"] - rows["t"].iloc[0], x=x, y=y).iloc[
+        : int(last[0]) + 1 if last.size else None
+    ]
+    return _trajectory(
+        moved, length=float(rows["length"].iloc[0]), width=float(rows["width"].iloc[0])
+    )
 
 
 def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
     """A track with what is known of it; body: its length and width, m."""
-    channels = {name: rows[name] for name in ("heading", "speed", "acceleration") if name in rows}
+    channels: dict[str, Any] = {
+        name: rows[name] for name in ("heading", "speed", "acceleration") if name in rows
+    }
     wheel = pd.to_numeric(rows["steering"], errors="coerce") if "steering" in rows else None
-    return Trajectory(rows["t"], rows["x"], rows["y"], **channels, steering_wheel_angle=wheel, **body)  # type: ignore[arg-type]
+    return Trajectory(
+        rows["t"], rows["x"], rows["y"], **channels, steering_wheel_angle=wheel, **body
+    )
 
 
 def _lane_width(centres: Mapping[tuple[str, int], float], recording: str, default: float) -> float:
@@ -129,17 +173,25 @@ def _lane_width(centres: Mapping[tuple[str, int], float], recording: str, defaul
 
 def _covers(drive: Trajectory, concrete: ConcreteScenario, coverage: float) -> bool:
     road = concrete.road.length - concrete.ego.x
-    return len(drive) > 1 and bool(drive.speed[-1] < 0.1 or drive.x.max() - concrete.ego.x >= coverage * road)
+    return len(drive) > 1 and bool(
+        drive.speed[-1] < 0.1 or drive.x.max() - concrete.ego.x >= coverage * road
+    )
 
 
 def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | None:
-    """The drives that were recorded in just this concrete scenario; None where the user names none."""
+    """The drives that were recorded in just this concrete scenario; None where the user names
+    none.
+    """
     if people.named is None:
         return None
     rows = people.named[people.named["scenario"] == concrete.scenario]
     for name in concrete.values:
         if not rows.empty and name not in rows:
-            raise unknown(f"parameter column of {people.folder / NAMED_CASES}", name, [str(c) for c in rows.columns])
+            raise unknown(
+                f"parameter column of {people.folder / NAMED_CASES}",
+                name,
+                [str(c) for c in rows.columns],
+            )
     here = [
         str(row["file"])
         for _, row in rows.iterrows()
@@ -152,8 +204,8 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
 
 
 def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
-    """The drives of a file with columns t, x, y (road coordinates of the scenario) and what else is known, by
-    driver.
+    """The drives of a file with columns t, x, y (road coordinates of the scenario) and what else is
+    known, by driver.
     """
     table = read_table(path, ("t", "x", "y"))
     channels = [name for name in ("heading", "speed", "acceleration") if name in table]

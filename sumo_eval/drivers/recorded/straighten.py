@@ -1,9 +1,10 @@
-"""From positions on a map to road coordinates, without a map: roads and lanes are read off the traffic itself.
+"""From positions on a map to road coordinates, without a map: roads and lanes are read off the
+traffic itself.
 
-Stream by stream: the longest track left is the axis; every vehicle that drives along it belongs to its stream, and what
-drives along none is left out and counted. Across the axis, traffic gathers in lanes of one width: the width is the
-one at which positions, taken modulo it, agree best; where the lanes lie is the circular mean of that, tracked along
-the road. So the axis may itself change lanes.
+Stream by stream: the longest track left is the axis; every vehicle that drives along it belongs to
+its stream, and what drives along none is left out and counted. Across the axis, traffic gathers in
+lanes of one width: the width is the one at which positions, taken modulo it, agree best; where the
+lanes lie is the circular mean of that, tracked along the road. So the axis may itself change lanes.
 """
 
 from __future__ import annotations
@@ -20,21 +21,25 @@ SHORTEST_AXIS = 30.0  # m; what moves less far than this is no path
 AXIS_SPACING = 1.0  # m between the points of an axis
 AXIS_SMOOTHING = 31  # points over which the axis is smoothed
 HALF_WIDTH = 16.0  # m to each side of the axis that belong to its road
-WRONG_WAY = np.radians(45.0)  # a vehicle that heads further off than this does not drive along the axis
+# a vehicle that heads further off than this does not drive along the axis
+WRONG_WAY = np.radians(45.0)
 MIN_CONTINUATION = 10  # points by which a path must reach past the end of an axis to carry it on
 MEMBER_SHARE = 0.9  # of a track's samples that must drive along the axis
 LANE_WIDTHS = np.arange(2.8, 4.21, 0.02)  # m
 SECTION = 20.0  # m of road in which lanes are straight
 SECTIONS_SMOOTHED = 3
 FEWEST_SAMPLES = 500  # fewer do not show lanes
-LANE_COVER = 0.5  # share of a stream's road on which a lane of the main road is driven; ramps are shorter
+# share of a stream's road on which a lane of the main road is driven; ramps are shorter
+LANE_COVER = 0.5
 
 
 def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Samples in map coordinates as samples in road coordinates with lanes; a recording may become several streams.
+    """Samples in map coordinates as samples in road coordinates with lanes; a recording may become
+    several streams.
 
-    table: columns as in `canonical`, x, y, heading on a map; `offset` where a map says how far to the left of its
-    lane's centre a vehicle is, m. Returns the table and whole sentences on what was done.
+    table: columns as in `canonical`, x, y, heading on a map; `offset` where a map says how far to
+        the left of its lane's centre a vehicle is, m. Returns the table and whole sentences on what
+        was done.
     Raises InputError where nothing moves.
     """
     parts: list[pd.DataFrame] = []
@@ -45,7 +50,9 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
             laned, width = _laned(stream)
             name = f"{recording}-{number}"
             parts.append(laned.assign(recording=name))
-            lanes = "lanes not visible, 3.5 m assumed" if width is None else f"lanes {width:.2f} m wide"
+            lanes = (
+                "lanes not visible, 3.5 m assumed" if width is None else f"lanes {width:.2f} m wide"
+            )
             notes.append(f"{name}: {stream['vehicle'].nunique()} vehicles along one path, {lanes}.")
         notes += [f"{recording}: {number} {why}." for why, number in lost.items() if number]
     if not parts:
@@ -59,9 +66,20 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
     points = rows[["x", "y"]].to_numpy()
     moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
     moved[(rows["vehicle"] != rows["vehicle"].shift()).to_numpy()] = 0.0
-    lengths = pd.Series(moved, index=rows.index).groupby(rows["vehicle"]).sum().sort_values(ascending=False)
-    left = {str(vehicle): None for vehicle, length in lengths.to_dict().items() if float(length) >= SHORTEST_AXIS}
-    paths = {name: points[index] for name, index in rows.reset_index().groupby("vehicle").indices.items()}
+    lengths = (
+        pd.Series(moved, index=rows.index)
+        .groupby(rows["vehicle"])
+        .sum()
+        .sort_values(ascending=False)
+    )
+    left = {
+        str(vehicle): None
+        for vehicle, length in lengths.to_dict().items()
+        if float(length) >= SHORTEST_AXIS
+    }
+    paths = {
+        name: points[index] for name, index in rows.reset_index().groupby("vehicle").indices.items()
+    }
     while left:
         longest = next(iter(left))
         candidates = rows[rows["vehicle"].isin(left)]
@@ -82,15 +100,19 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
     return streams, {
         f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": int(still),
         "vehicles that drive along no path are left out": len(vehicles) - int(still) - len(driving),
-        "samples of vehicles beside or beyond the path that they drive along are left out": int(moving.sum()) - samples,
+        "samples of vehicles beside or beyond the path that they drive along are left out": int(
+            moving.sum()
+        )
+        - samples,
     }
 
 
 def _chained(longest: str, paths: dict[str, FloatArray]) -> FloatArray:
-    """The axis of a stream: the longest path, carried on at both ends by the paths that overlap it and reach furthest.
+    """The axis of a stream: the longest path, carried on at both ends by the paths that overlap it
+    and reach furthest.
 
-    A path that is joined on is shifted sideways to where the axis ends, so the axis keeps to its lane. The axis does
-    not come back to a place where it has been.
+    A path that is joined on is shifted sideways to where the axis ends, so the axis keeps to its
+    lane. The axis does not come back to a place where it has been.
     """
     line = _line(paths[longest])
     for order in (1, -1):  # ahead, then (turned round) behind
@@ -102,7 +124,9 @@ def _chained(longest: str, paths: dict[str, FloatArray]) -> FloatArray:
 
 
 def _continuation(line: FloatArray, lines: dict[str, FloatArray]) -> FloatArray | None:
-    """What the path that reaches furthest past the end of a line adds to it; None where none does."""
+    """What the path that reaches furthest past the end of a line adds to it; None where none
+    does.
+    """
     end, course = line[-1], line[-1] - line[-min(6, len(line))]
     course = course / np.hypot(*course)
     normal = np.array([-course[1], course[0]])
@@ -122,7 +146,9 @@ def _continuation(line: FloatArray, lines: dict[str, FloatArray]) -> FloatArray 
             best = other[joint + 1 :] - aside[joint] * normal
     if best is None or len(best) < MIN_CONTINUATION:
         return None
-    distance, _ = cKDTree(line[: -int(2 * HALF_WIDTH)] if len(line) > 4 * HALF_WIDTH else line[:1]).query(best)
+    distance, _ = cKDTree(
+        line[: -int(2 * HALF_WIDTH)] if len(line) > 4 * HALF_WIDTH else line[:1]
+    ).query(best)
     back = np.flatnonzero(distance < HALF_WIDTH)
     best = best[: back[0]] if back.size else best
     return best if len(best) >= MIN_CONTINUATION else None
@@ -133,13 +159,19 @@ def _line(points: FloatArray) -> FloatArray:
     moved = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
     keep = np.append(True, np.diff(moved) > 1e-6)
     places = np.arange(0.0, moved[-1], AXIS_SPACING)
-    return np.column_stack([np.interp(places, moved[keep], points[keep, column]) for column in (0, 1)])
+    return np.column_stack(
+        [np.interp(places, moved[keep], points[keep, column]) for column in (0, 1)]
+    )
 
 
 def _axis(line: FloatArray) -> FloatArray:
     """A line (n, 2) smoothed and carried straight on at both ends."""
     window = min(AXIS_SMOOTHING, len(line) - 1 - len(line) % 2)
-    line = np.column_stack([smooth(line[:, column], window) for column in (0, 1)]) if window > 3 else line
+    line = (
+        np.column_stack([smooth(line[:, column], window) for column in (0, 1)])
+        if window > 3
+        else line
+    )
     reach = np.arange(1, int(HALF_WIDTH / AXIS_SPACING) + 1)[:, None]
     start, end = line[0] - line[min(5, len(line) - 1)], line[-1] - line[-min(6, len(line))]
     before = line[0] + (reach * start / np.hypot(*start))[::-1] * AXIS_SPACING
@@ -147,16 +179,23 @@ def _axis(line: FloatArray) -> FloatArray:
     return np.vstack((before, line, after))
 
 
-def _projected(points: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
-    """Distance along the axis and to its left (n,), its course there, and which points lie beyond its ends."""
+def _projected(
+    points: FloatArray, axis: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
+    """Distance along the axis and to its left (n,), its course there, and which points lie beyond
+    its ends.
+    """
     tangent = np.gradient(axis, axis=0)
     course = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(axis, axis=0).T))))
     s = along[cKDTree(axis).query(points)[1]]
-    for _ in range(2):  # to the foot of the perpendicular: along the tangent, then with the tangent of that place
+    # to the foot of the perpendicular: along the tangent, then with the tangent of that place
+    for _ in range(2):
         place = s
         angle = np.interp(place, along, course)
-        offset = points - np.column_stack([np.interp(place, along, axis[:, column]) for column in (0, 1)])
+        offset = points - np.column_stack(
+            [np.interp(place, along, axis[:, column]) for column in (0, 1)]
+        )
         s = place + offset[:, 0] * np.cos(angle) + offset[:, 1] * np.sin(angle)
         d = -offset[:, 0] * np.sin(angle) + offset[:, 1] * np.cos(angle)
     beyond = (s < along[0] - AXIS_SPACING) | (s > along[-1] + AXIS_SPACING)
@@ -164,7 +203,9 @@ def _projected(points: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
-    """A stream with y = 0 on the right lane's centre and lane numbers, and the lanes' width if they are visible."""
+    """A stream with y = 0 on the right lane's centre and lane numbers, and the lanes' width if they
+    are visible.
+    """
     s = stream["x"].to_numpy()
     aside = stream["offset"].to_numpy() if "offset" in stream else np.zeros(len(s))
     d = stream["y"].to_numpy() - aside
@@ -172,10 +213,14 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     if len(stream) < FEWEST_SAMPLES:
         width, phase, bend = None, np.full(len(s), np.median(d)), np.zeros(len(s))
     else:
-        width = float(LANE_WIDTHS[np.argmax([np.abs(_phasors(d, section, w)).sum() for w in LANE_WIDTHS])])
+        width = float(
+            LANE_WIDTHS[np.argmax([np.abs(_phasors(d, section, w)).sum() for w in LANE_WIDTHS])]
+        )
         phasors = _phasors(d, section, width)
         window = np.ones(SECTIONS_SMOOTHED)
-        steady = np.convolve(phasors, window, "same") if len(phasors) >= SECTIONS_SMOOTHED else phasors
+        steady = (
+            np.convolve(phasors, window, "same") if len(phasors) >= SECTIONS_SMOOTHED else phasors
+        )
         drift = np.unwrap(np.angle(steady)) / (2 * np.pi) * width
         middles = s.min() + SECTION * (np.arange(len(drift)) + 0.5)
         phase = np.interp(s, middles, drift)
@@ -184,7 +229,9 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     lane = np.round((d - phase) / spacing).astype(np.int64)
     stretch = ((s - s.min()) / max(float(np.ptp(s)) / 20, SECTION)).astype(int)
     driven = pd.Series(stretch).groupby(lane).nunique()
-    right = int(driven.index[driven >= min(LANE_COVER * len(np.unique(stretch)), driven.max())].min())
+    right = int(
+        driven.index[driven >= min(LANE_COVER * len(np.unique(stretch)), driven.max())].min()
+    )
     laned = stream.assign(
         x=s - s.min(),
         y=d + aside - phase - right * spacing,

@@ -32,42 +32,58 @@ from sumo_eval.trajectory import FloatArray
 
 WANDER_DEVIATION = 0.25  # m, within a driver (DLR Highway Traffic)
 WANDER_CORRELATION_TIME = 2.2
-"""l of exp(-t^2 / (2 l^2)), s: fits the in-lane wander of 80 recorded cars at 1, 2, 3, 4 and 5 s to 0.04. By the
-usual integral measure, 2.8 s."""
-WANDER_PACE = 10.0  # m/s; slower vehicles wander by distance instead of time, so that they need no sharper curves
+"""l of exp(-t^2 / (2 l^2)), s: fits the in-lane wander of 80 recorded cars at 1, 2, 3, 4 and 5 s to
+0.04. By the usual integral measure, 2.8 s."""
+# m/s; slower vehicles wander by distance instead of time, so that they need no sharper curves
+WANDER_PACE = 10.0
 SETTLING_TIME = 5.0
-"""s. Every case begins in the middle of the lane at a given steady speed; in this time a driver's own line, own speed
-and wander take over."""
-FOCUS_TIME = 0.3  # s, time constant in which a driver who is about to pass something stops wandering, and starts again
+"""s.
+
+Every case begins in the middle of the lane at a given steady speed; in this time a driver's own
+line, own speed and wander take over.
+"""
+# s, time constant in which a driver who is about to pass something stops wandering, and starts
+# again
+FOCUS_TIME = 0.3
 
 PEDAL_DEVIATION = 0.39
-"""Wander of the pedals, m/s2. The drive that comes of it is steadier, because the driver holds his speed: with this the
-acceleration of those who overtake changes within 0.5, 1, 2, 3 and 4 s by as much as that of 64 recorded overtakers, to
-3 % (root mean square 0.09, 0.18, 0.33, 0.44 and 0.51 m/s2; DLR Highway Traffic)."""
+"""Wander of the pedals, m/s2.
+
+The drive that comes of it is steadier, because the driver holds his speed: with this the
+acceleration of those who overtake changes within 0.5, 1, 2, 3 and 4 s by as much as that of 64
+recorded overtakers, to 3 % (root mean square 0.09, 0.18, 0.33, 0.44 and 0.51 m/s2; DLR Highway
+Traffic).
+"""
 PEDAL_CORRELATION_TIME = 2.0  # s (DLR Highway Traffic: the correlation is 0.59 at 2 s, 0.28 at 3 s)
 SPEED_RELAXATION = 8.0  # s in which a driver approaches the speed at which he settles
 
-HIDING_SHARE = 0.7  # a driver recognises a vehicle once 30 % of its width shows: the lamp of one side
+# a driver recognises a vehicle once 30 % of its width shows: the lamp of one side
+HIDING_SHARE = 0.7
 NOTICED_BRAKING = 0.5  # m/s2 of a vehicle ahead; brake lights tell, engine braking is hardly seen
 CROSSING_SPEED = 0.3  # m/s across the road: a vehicle ahead that begins to change lane
-CLOSING_SPEED = 2.0  # m/s: one that is being approached (the rule by which the recorded approaches were chosen)
+# m/s: one that is being approached (the rule by which the recorded approaches were chosen)
+CLOSING_SPEED = 2.0
 
 
 LOOK = np.dtype([*fields("time"), ("mover", MOVER)])
 LOOKS = [*fields("first_seen"), *flags("begun", "first", "count")]
-"""Of the looks at a vehicle, which are written round and round: when the first was, which is the oldest that counts,
-and how many there have been."""
+"""Of the looks at a vehicle, which are written round and round: when the first was, which is the
+oldest that counts, and how many there have been."""
 ATTENTION = [*fields("delay"), *flags("attends")]
 
 
 @kernel
-def attend(attention: Any, me: Any, others: Any, looks: Any, memories: Any, known: Any, p: Any, time: float) -> None:
-    """Look at the true scene at `time`, and write what the driver acts upon to `known`; nan: not known.
+def attend(
+    attention: Any, me: Any, others: Any, looks: Any, memories: Any, known: Any, p: Any, time: float
+) -> None:
+    """Look at the true scene at `time`, and write what the driver acts upon to `known`; nan: not
+    known.
 
-    He knows each vehicle as it was one reaction time ago, carried on to now as it moved then. So a steady vehicle is
-    perceived exactly, and a change (a new vehicle, braking, a lane change) one reaction time late: the human driver
-    model's delay with anticipation (Treiber, Kesting, Helbing, Physica A 360, 71 (2006)). The reaction time is the
-    alerted one from the moment at which a vehicle ahead crosses, is closed upon or appears.
+    He knows each vehicle as it was one reaction time ago, carried on to now as it moved then. So a
+    steady vehicle is perceived exactly, and a change (a new vehicle, braking, a lane change) one
+    reaction time late: the human driver model's delay with anticipation (Treiber, Kesting, Helbing,
+    Physica A 360, 71 (2006)). The reaction time is the alerted one from the moment at which a
+    vehicle ahead crosses, is closed upon or appears.
     """
     if attention.attends == 0:
         attention.attends, attention.delay = 1, p.reaction_time
@@ -79,7 +95,9 @@ def attend(attention: Any, me: Any, others: Any, looks: Any, memories: Any, know
             memory.begun, memory.first_seen = 1, time
             if time > 0.0:
                 attention.delay = p.alerted_reaction_time
-        elif other.x > me.x and (abs(other.across) > CROSSING_SPEED or me.along - other.along > CLOSING_SPEED):
+        elif other.x > me.x and (
+            abs(other.across) > CROSSING_SPEED or me.along - other.along > CLOSING_SPEED
+        ):
             attention.delay = p.alerted_reaction_time
         braking = 0.0
         if memory.count > 0:
@@ -105,7 +123,8 @@ def attend(attention: Any, me: Any, others: Any, looks: Any, memories: Any, know
 _MEMORY = np.dtype([*OVERTAKING, *ATTENTION, *fields("clock", "ease")])
 _PARAMETERS = np.dtype(
     [
-        *fields("reaction_time", "alerted_reaction_time", "gain", "lane_offset", "wander_amplitude", "pedal_amplitude"),
+        *fields("reaction_time", "alerted_reaction_time", "gain", "lane_offset",
+            "wander_amplitude", "pedal_amplitude"),
         ("idm", PARAMETERS), ("habits", HABITS),
     ]
 )  # fmt: skip
@@ -113,10 +132,12 @@ _PARAMETERS = np.dtype(
 
 @kernel
 def synthetic_driver(
-    me: Any, others: Any, memory: Any, looks: Any, memories: Any, known: Any, watched: Any, waves: Any, p: Any,
+    me: Any, others: Any, memory: Any, looks: Any, memories: Any, known: Any, watched: Any,
+    waves: Any, p: Any,
     way: Any, scenario: Any, time: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Acceleration, m/s2, and steering wheel angle, rad: look, decide, work the pedals and the wheel.
+    """Acceleration, m/s2, and steering wheel angle, rad: look, decide, work the pedals and the
+    wheel.
 
     waves: of the wander and of the pedal, (2, 8, 2).
     """
@@ -129,14 +150,17 @@ def synthetic_driver(
     free *= smooth_step(time / SETTLING_TIME)
     wanted = overtake(memory, me, known, watched, p.habits, p.idm, desired, free, way, scenario)
     y, slope, bend = _line(memory, me, waves, p, scenario)
-    return max(wanted, -scenario.vehicle.max_deceleration), steering(memory, me, y, slope, bend, scenario)
+    return max(wanted, -scenario.vehicle.max_deceleration), steering(
+        memory, me, y, slope, bend, scenario
+    )
 
 
 @kernel
 def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[float, float, float]:
     """The path, with the driver's own place in the lane and his wander on top.
 
-    The wander runs on a clock of its own, which stands while the driver steers closely past something.
+    The wander runs on a clock of its own, which stands while the driver steers closely past
+    something.
     """
     focus = 0.0 if memory.passing else 1.0
     memory.ease += (focus - memory.ease) * min(scenario.step / FOCUS_TIME, 1.0)
@@ -160,7 +184,8 @@ def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[floa
 
 @rows
 def synthetic_driver_rows(
-    egos: Records, seen: Records, memory: Records, looks: Records, memories: Records, known: Records, watched: Records,
+    egos: Records, seen: Records, memory: Records, looks: Records, memories: Records,
+    known: Records, watched: Records,
     waves: FloatArray, parameters: Records, scenario: Records, time: float,
 ) -> None:  # fmt: skip
     """`synthetic_driver` for every row."""
@@ -168,13 +193,16 @@ def synthetic_driver_rows(
         if egos[i].live:
             command = egos[i].command
             command.acceleration, command.steering = synthetic_driver(
-                egos[i].seen, seen[i], memory[i], looks[i], memories[i], known[i], watched[i], waves[i], parameters[i],
+                egos[i].seen, seen[i], memory[i], looks[i], memories[i], known[i], watched[i],
+                waves[i], parameters[i],
                 egos[i].way, scenario[0], time,
             )  # fmt: skip
 
 
 class SyntheticDriver(Compiled):
-    """A driver at the wheel in one concrete scenario: the same (seed, driver, scenario) drives the same to the bit."""
+    """A driver at the wheel in one concrete scenario: the same (seed, driver, scenario) drives the
+    same to the bit.
+    """
 
     loop = staticmethod(synthetic_driver_rows)
 
@@ -197,9 +225,13 @@ class SyntheticDriver(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, looks and what is remembered of them, what is known, what is watched, waves and parameters."""
+        """Memory, looks and what is remembered of them, what is known, what is watched, waves and
+        parameters.
+        """
         count, step = len(together), float(scenario["step"][0])
-        longest = max(max(it.driver.reaction_time, it.driver.alerted_reaction_time) for it in together)
+        longest = max(
+            max(it.driver.reaction_time, it.driver.alerted_reaction_time) for it in together
+        )
         return (
             np.zeros(count, _MEMORY),
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
@@ -217,7 +249,8 @@ def parameters(together: Sequence[SyntheticDriver]) -> Records:
     for i, each in enumerate(together):
         who, habits = each.driver, each.habits
         found[i] = (
-            who.reaction_time, who.alerted_reaction_time, who.gain, who.lane_offset, each.wander.amplitude,
+            who.reaction_time, who.alerted_reaction_time, who.gain, who.lane_offset,
+            each.wander.amplitude,
             each.pedal.amplitude, tuple(getattr(who.idm, name) for name, _ in PARAMETERS),
             tuple(getattr(habits, name) for name, _ in HABITS),
         )  # fmt: skip
@@ -225,14 +258,22 @@ def parameters(together: Sequence[SyntheticDriver]) -> Records:
 
 
 def human_controller(
-    index: int, count: int, seed: int, concrete: ConcreteScenario, population: PopulationSettings = AS_RECORDED
+    index: int,
+    count: int,
+    seed: int,
+    concrete: ConcreteScenario,
+    population: PopulationSettings = AS_RECORDED,
 ) -> SyntheticDriver:
-    """Driver number `index` of the `count` drivers of the population `seed`, ready for a concrete scenario.
+    """Driver number `index` of the `count` drivers of the population `seed`, ready for a concrete
+    scenario.
 
-    Everything is made from these, so a pool of processes can run each human run as a case of its own.
+    Everything is made from these, so a pool of processes can run each human run as a case of its
+    own.
     """
     if not 0 <= index < count:
-        raise must_be("`index`", f"a population of {count} drivers", f"within 0..{count - 1}", index)
+        raise must_be(
+            "`index`", f"a population of {count} drivers", f"within 0..{count - 1}", index
+        )
     return SyntheticDriver(draw_driver(index, seed, population), concrete, seed)
 
 

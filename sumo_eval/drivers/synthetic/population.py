@@ -1,11 +1,13 @@
 """A population of skilled drivers, drawn from distributions fitted to recorded motorway driving.
 
-Numbers: `population_summary.json` of the project's fits (2026), from the DLR Highway Traffic dataset v1.1.0 (motorway
-near Braunschweig, 2024-10-07, 445 vehicles, 11.4 vehicle hours); the reaction time is the literature value given below.
-The IDM parameters come from the same recording (233 followers), because it is the only free-flowing motorway among the
-five sources: NGSIM I-80 is stop-and-go at 6 m/s, and OpenACC is a test track behind a leader with ACC.
+Numbers: `population_summary.json` of the project's fits (2026), from the DLR Highway Traffic
+    dataset v1.1.0 (motorway near Braunschweig, 2024-10-07, 445 vehicles, 11.4 vehicle hours); the
+    reaction time is the literature value given below. The IDM parameters come from the same
+    recording (233 followers), because it is the only free-flowing motorway among the five sources:
+    NGSIM I-80 is stop-and-go at 6 m/s, and OpenACC is a test track behind a leader with ACC.
 
-Every distribution is cut off at bounds, so that ten skilled drivers hold no freak; a value outside is drawn again.
+Every distribution is cut off at bounds, so that ten skilled drivers hold no freak; a value outside
+is drawn again.
 """
 
 from __future__ import annotations
@@ -51,30 +53,38 @@ FREE_SPEED_DEVIATION = 6.5  # m/s
 FREE_SPEED_BOUNDS = 20.8, 46.8  # m/s, two deviations
 
 SPEED_SPREAD = 0.087
-"""Deviation between drivers of (speed at the end / speed at the start) of an approach that ends in overtaking; its mean
-is 0.994 (77 cars and vans that came up to a slower leader in the right lane, DLR Highway Traffic)."""
+"""Deviation between drivers of (speed at the end / speed at the start) of an approach that ends in
+overtaking; its mean is 0.994 (77 cars and vans that came up to a slower leader in the right lane,
+DLR Highway Traffic)."""
 
 REACTION = LogNormal(math.log(1.2), 0.35, 0.6, 1.8)
-"""Perception-reaction time in unexpected hazards, s. The upper bound (88 % of the distribution) stands for skill."""
+"""Perception-reaction time in unexpected hazards, s.
+
+The upper bound (88 % of the distribution) stands for skill.
+"""
 
 ALERTED_SHARE = 0.56
-"""Reaction time of a driver who is alerted over that of one who is not: 0.7 s over 1.25 s (Green 2000)."""
+"""Reaction time of a driver who is alerted over that of one who is not: 0.7 s over 1.25 s (Green
+2000)."""
 
 LANE_OFFSET_DEVIATION = 0.19  # m, between drivers, of the mean position in the lane
 LANE_OFFSET_BOUND = 0.45  # m
 
 AS_RECORDED = PopulationSettings()
-"""As the recorded drivers: 77.1 % of those who come up to a slower leader in the right lane overtake it, and lane
-changes last 1.1 times as long as they are drawn below. Measured as people's are, in drives, those would be a tenth too
-quick; the factor was chosen on each half of the recording and holds on the other (docs/explanation/drivers.md).
+"""As the recorded drivers: 77.1 % of those who come up to a slower leader in the right lane
+overtake it, and lane changes last 1.1 times as long as they are drawn below. Measured as people's
+are, in drives, those would be a tenth too quick; the factor was chosen on each half of the
+recording and holds on the other (docs/explanation/drivers.md).
 """
 
 ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which people's lane changes begin
 ONSET_TTC = LogNormal(2.345, 0.399, 4.5, 25.0)  # s, TTC at which they begin
 HEADWAY_LIMIT = LogNormal(0.680, 0.317, 0.98, 3.88)  # s
 TTC_LIMIT = LogNormal(2.366, 0.433, 4.27, 27.6)  # s
-"""A driver begins to pass where he comes below the first of two limits, his headway or his TTC. These are the limits by
-which he then begins where people do, most likely of all; the two above are where people begin, and
+"""A driver begins to pass where he comes below the first of two limits, his headway or his TTC.
+
+These are the limits by which he then begins where people do, most likely of all; the two above are
+where people begin, and
 taken for limits they would make everybody begin too early.
 """
 LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of the offset
@@ -84,10 +94,13 @@ LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of
 class Driver:
     """One driver's own parameters.
 
-    idm: his car following. free_speed: m/s, alone on the motorway. reaction_time: s, when nothing has warned him.
-    lane_offset: m to the left of the lane's centre on average. overtakes: whether he passes a slower leader or follows
-    it. onset_headway, onset_ttc: s, at which he begins to pass. lane_change_10_90: s, from 10 % to 90 % of a lane
-    change without hurry.
+    idm: his car following.
+    free_speed: m/s, alone on the motorway.
+    reaction_time: s, when nothing has warned him.
+    lane_offset: m to the left of the lane's centre on average.
+    overtakes: whether he passes a slower leader or follows it.
+    onset_headway, onset_ttc: s, at which he begins to pass.
+    lane_change_10_90: s, from 10 % to 90 % of a lane change without hurry.
     """
 
     index: int
@@ -112,22 +125,31 @@ class Driver:
 
     @property
     def gain(self) -> float:
-        """The speed at which he settles over the one at which a case begins: faster drivers gain, slower ones lose."""
+        """The speed at which he settles over the one at which a case begins: faster drivers gain,
+        slower ones lose.
+        """
         return 1.0 + SPEED_SPREAD * (self.free_speed - FREE_SPEED_MEAN) / FREE_SPEED_DEVIATION
 
 
 def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDED) -> Driver:
-    """Driver number `index` (from 0) of the population `seed`. A setting changes what it names and nothing else."""
+    """Driver number `index` (from 0) of the population `seed`.
+
+    A setting changes what it names and nothing else.
+    """
     if isinstance(index, bool) or not isinstance(index, int) or index < 0:
         raise must_be("`index`", "a driver", "a whole number of at least 0", index)
     stream = random_stream(seed, "population", index)
     return Driver(
         index=index,
         idm=_draw_idm(stream, settings.headway_scale),
-        free_speed=_within(lambda: float(stream.normal(FREE_SPEED_MEAN, FREE_SPEED_DEVIATION)), *FREE_SPEED_BOUNDS),
+        free_speed=_within(
+            lambda: float(stream.normal(FREE_SPEED_MEAN, FREE_SPEED_DEVIATION)), *FREE_SPEED_BOUNDS
+        ),
         reaction_time=settings.reaction_scale * _draw(stream, REACTION),
         lane_offset=_within(
-            lambda: float(stream.normal(0.0, LANE_OFFSET_DEVIATION)), -LANE_OFFSET_BOUND, LANE_OFFSET_BOUND
+            lambda: float(stream.normal(0.0, LANE_OFFSET_DEVIATION)),
+            -LANE_OFFSET_BOUND,
+            LANE_OFFSET_BOUND,
         ),
         overtakes=_overtakes(index, seed, settings.overtake_share),
         onset_headway=_limit(_draw(stream, ONSET_HEADWAY), ONSET_HEADWAY, HEADWAY_LIMIT, settings),
@@ -139,17 +161,22 @@ def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDE
 def _overtakes(index: int, seed: int, share: float) -> bool:
     """Whether a driver is one of those who overtake, drawn by systematic sampling.
 
-    Over the seeds every driver is with the recorded share; within a population any n drivers in a row hold that share
-    rounded down or up: ten have two followers or three. Drawn one by one, every third population of ten would have
-    none, one, five or more, and what counts as human would turn over: a single follower among ten drivers lies 2.8
-    deviations from their mean line, beyond what D tolerates (2), and each of two followers 1.9.
+    Over the seeds every driver is with the recorded share; within a population any n drivers in a
+    row hold that share rounded down or up: ten have two followers or three. Drawn one by one, every
+    third population of ten would have none, one, five or more, and what counts as human would turn
+    over: a single follower among ten drivers lies 2.8 deviations from their mean line, beyond what
+    D tolerates (2), and each of two followers 1.9.
     """
     phase = random_stream(seed, "inclination").uniform()
     return share >= 1.0 or bool((phase + index * share) % 1.0 < share)
 
 
-def _limit(drawn: float, recorded: LogNormal, limit: LogNormal, settings: PopulationSettings) -> float:
-    """The limit that lies among all limits where `drawn` lies among what is recorded: every other draw stays."""
+def _limit(
+    drawn: float, recorded: LogNormal, limit: LogNormal, settings: PopulationSettings
+) -> float:
+    """The limit that lies among all limits where `drawn` lies among what is recorded: every other
+    draw stays.
+    """
     if settings.onset == "recorded":
         return drawn
     return math.exp(limit.mu + limit.sigma * (math.log(drawn) - recorded.mu) / recorded.sigma)

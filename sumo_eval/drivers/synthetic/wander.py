@@ -13,7 +13,10 @@ from sumo_eval.trajectory import FloatArray
 
 @kernel
 def noise_value(waves: Any, amplitude: float, time: float) -> float:
-    """n(time) of a `SmoothNoise`. waves: (8, 2)."""
+    """n(time) of a `SmoothNoise`.
+
+    waves: (8, 2).
+    """
     value = 0.0
     for k in range(len(waves)):
         value += math.sin(waves[k, 0] * time + waves[k, 1])
@@ -22,7 +25,10 @@ def noise_value(waves: Any, amplitude: float, time: float) -> float:
 
 @kernel
 def noise_at(waves: Any, amplitude: float, time: float) -> tuple[float, float, float]:
-    """n, dn/dt and d2n/dt2 of a `SmoothNoise` at `time`, s. waves: (8, 2)."""
+    """n, dn/dt and d2n/dt2 of a `SmoothNoise` at `time`, s.
+
+    waves: (8, 2).
+    """
     value = rate = bend = 0.0
     for k in range(len(waves)):
         frequency = waves[k, 0]
@@ -35,18 +41,23 @@ def noise_at(waves: Any, amplitude: float, time: float) -> tuple[float, float, f
 
 
 class SmoothNoise:
-    """A stationary random function with mean 0, deviation s and correlation exp(-t^2 / (2 l^2)), as a sum of sines:
+    """A stationary random function with mean 0, deviation s and correlation exp(-t^2 / (2 l^2)), as
+    a sum of sines:
 
-        n(t) = s sqrt(2 / K) sum_k sin(w_k t + p_k),   w_k ~ N(0, 1 / l),   p_k ~ U(0, 2 pi),   K = 8
+    n(t) = s sqrt(2 / K) sum_k sin(w_k t + p_k),   w_k ~ N(0, 1 / l),   p_k ~ U(0, 2 pi),   K = 8
 
-    (Shinozuka, Jan, J. Sound Vib. 25, 111 (1972)). It can be differentiated, which an Ornstein-Uhlenbeck process
-    cannot: that one would ask for unlimited lateral speed. deviation: s. correlation_time: l, s. waves: (w_k, p_k),
-    rad/s and rad, (8, 2). amplitude: s sqrt(2 / K).
+    (Shinozuka, Jan, J. Sound Vib. 25, 111 (1972)). It can be differentiated, which an
+    Ornstein-Uhlenbeck process cannot: that one would ask for unlimited lateral speed.
+
+    deviation: s.
+    correlation_time: l, s. waves: (w_k, p_k), rad/s and rad, (8, 2). amplitude: s sqrt(2 / K).
     """
 
     COMPONENTS = 8
 
-    def __init__(self, stream: np.random.Generator, deviation: float, correlation_time: float) -> None:
+    def __init__(
+        self, stream: np.random.Generator, deviation: float, correlation_time: float
+    ) -> None:
         frequencies = stream.normal(0.0, 1.0 / correlation_time, self.COMPONENTS)
         phases = stream.uniform(0.0, math.tau, self.COMPONENTS)
         self.waves: FloatArray = np.stack((frequencies, phases), axis=1)

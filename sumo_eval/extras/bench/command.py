@@ -10,18 +10,34 @@ import click
 from sumo_eval.cli.options import flag
 from sumo_eval.cli.sentences import tell
 
-PARTS = ("co-simulation", "field and D", "zones")  # as in sumo_eval.extras.bench.costs, which is slow to import
+# as in sumo_eval.extras.bench.costs, which is slow to import
+PARTS = ("co-simulation", "field and D", "zones")
 
 
 @click.command(epilog="Example: sumo-eval bench --small")
 @flag("--small", help="A few cases and one round: shows that it works, in seconds.")
-@click.option("--only", multiple=True, type=click.Choice(PARTS), help="Measure this part alone; may be repeated.")
 @click.option(
-    "--cases", default=500, show_default=True, type=click.IntRange(2), help="Cases of the UN R157 cut-in grid."
+    "--only",
+    multiple=True,
+    type=click.Choice(PARTS),
+    help="Measure this part alone; may be repeated.",
 )
-@click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the figures to this file.")
+@click.option(
+    "--cases",
+    default=500,
+    show_default=True,
+    type=click.IntRange(2),
+    help="Cases of the UN R157 cut-in grid.",
+)
+@click.option(
+    "--json",
+    "file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the figures to this file.",
+)
 def bench(small: bool, only: tuple[str, ...], cases: int, file: Path | None) -> None:
-    """Measure bare libsumo, the harness, the field, D and zones in one run, and print costs and ratios.
+    """Measure bare libsumo, the harness, the field, D and zones in one run, and print costs and
+    ratios.
 
     Processor time of one core. How to read the table: docs/benchmarks.md.
     """

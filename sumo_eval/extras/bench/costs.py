@@ -1,7 +1,8 @@
 """What everything costs on this machine: bare libsumo, the harness, the field, D, zones.
 
-Processor time of this process, not wall time, so that other programs disturb little; the rows of one table are measured
-in turns, several rounds, and the least of each counts. What carries over to other machines are the ratios.
+Processor time of this process, not wall time, so that other programs disturb little; the rows of
+one table are measured in turns, several rounds, and the least of each counts. What carries over to
+other machines are the ratios.
 """
 
 from __future__ import annotations
@@ -28,7 +29,12 @@ from sumo_eval.cosim.sumo.bare_libsumo import bare_seconds
 from sumo_eval.cosim.sumo.session import command_line, simulator_version
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.drivers.synthetic.driver import human_controller
-from sumo_eval.method.anthropomorphic import anthropomorphic_index, lateral_position, slice_points, slice_positions
+from sumo_eval.method.anthropomorphic import (
+    anthropomorphic_index,
+    lateral_position,
+    slice_points,
+    slice_positions,
+)
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.record.cases import Case, Outcome
@@ -39,12 +45,15 @@ from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import FloatArray, Recording
 
-SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)  # the step of the public simulators of UN R157
+# the step of the public simulators of UN R157
+SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One measurement: what, how much, in which unit, and a ratio with its meaning ("" where there is none)."""
+    """One measurement: what, how much, in which unit, and a ratio with its meaning ("" where there
+    is none).
+    """
 
     group: str
     what: str
@@ -88,7 +97,9 @@ class BatchPolicy:
 
     def act(self, seen: Observations) -> FloatArray:
         """Brake at less than 4 s to contact."""
-        self.brakes: NDArray[np.bool_] = (seen.lead.gap > 0.0) & (seen.lead.gap < -4.0 * seen.lead.relative_speed)
+        self.brakes: NDArray[np.bool_] = (seen.lead.gap > 0.0) & (
+            seen.lead.gap < -4.0 * seen.lead.relative_speed
+        )
         return np.where(self.brakes, -4.0, 0.0)
 
     def settled(self) -> NDArray[np.bool_]:
@@ -99,12 +110,21 @@ class BatchPolicy:
 def set_speed(traci: Any, ego: str, time: float) -> None:
     """A user's function that commands SUMO itself."""
     lead = traci.vehicle.getLeader(ego, 200.0)
-    if lead and lead[0] and lead[1] < 4.0 * (traci.vehicle.getSpeed(ego) - traci.vehicle.getSpeed(lead[0])):
+    if (
+        lead
+        and lead[0]
+        and lead[1] < 4.0 * (traci.vehicle.getSpeed(ego) - traci.vehicle.getSpeed(lead[0]))
+    ):
         traci.vehicle.setSpeed(ego, max(traci.vehicle.getSpeed(ego) - 0.4, 0.0))
 
 
-def benchmark(*, cases: int, rounds: int, parts: Collection[str], progress: Callable[[str], None]) -> dict[str, Any]:
-    """Measure these `parts`; `cases`: of the R157 cut-in grid. The result is plain data for a table or for JSON."""
+def benchmark(
+    *, cases: int, rounds: int, parts: Collection[str], progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Measure these `parts`; `cases`: of the R157 cut-in grid.
+
+    The result is plain data for a table or for JSON.
+    """
     rows: list[Row] = []
     measures: dict[str, Callable[[], list[Row]]] = {
         "co-simulation": lambda: cosimulation(cases, rounds),
@@ -122,11 +142,18 @@ def benchmark(*, cases: int, rounds: int, parts: Collection[str], progress: Call
         "python": platform.python_version(),
         "simulator": simulator_version(),
     }
-    return {"format_version": 1, "machine": machine, "cases": cases, "rows": [asdict(row) for row in rows]}
+    return {
+        "format_version": 1,
+        "machine": machine,
+        "cases": cases,
+        "rows": [asdict(row) for row in rows],
+    }
 
 
 def cosimulation(cases: int, rounds: int) -> list[Row]:
-    """Cases of the cut-in grid, recorded: each way of driving them beside bare libsumo on as many steps."""
+    """Cases of the cut-in grid, recorded: each way of driving them beside bare libsumo on as many
+    steps.
+    """
     logical = catalogue.load("cut_in")
     grid = sample(logical).points
     concretes = list(logical.concretes(grid[:: max(len(grid) // cases, 1)][:cases]))
@@ -137,7 +164,10 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
         "careful_driver, one at a time": "careful_driver",
     }
     packed = {
-        **{f"{ads}, packed": ads for ads in ("careful_driver", "no_reaction", "idm", "fsm", "rss", "reg157")},
+        **{
+            f"{ads}, packed": ads
+            for ads in ("careful_driver", "no_reaction", "idm", "fsm", "rss", "reg157")
+        },
         "user's policy, packed": Policy,
         "user's policy over arrays, packed": BatchPolicy,
     }
@@ -146,8 +176,12 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
         for drive, those in ((_alone, alone), (_packed, packed))
         for name, ads in those.items()
     }
-    recordings = {name: way() for name, way in ways.items()}  # warms up, and says how many steps there are
-    steps = {name: [round(one.simulated_time / SETTINGS.step) for one in found] for name, found in recordings.items()}
+    # warms up, and says how many steps there are
+    recordings = {name: way() for name, way in ways.items()}
+    steps = {
+        name: [round(one.simulated_time / SETTINGS.step) for one in found]
+        for name, found in recordings.items()
+    }
     timed: dict[str, list[float]] = {}
     with _bare_process() as bare_, tempfile.TemporaryDirectory() as folder:
         lines = [
@@ -157,7 +191,9 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
         for _ in range(rounds):
             for name, way in ways.items():
                 timed.setdefault(name, []).append(_seconds(way))
-                timed.setdefault(f"bare {name}", []).append(bare_.submit(bare_seconds, lines, steps[name]).result())
+                timed.setdefault(f"bare {name}", []).append(
+                    bare_.submit(bare_seconds, lines, steps[name]).result()
+                )
     count = len(concretes)
     rows = [
         Row(
@@ -171,7 +207,9 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
         for name in ways
     ]
     bare = min(timed["bare careful_driver, packed"])
-    rows.append(Row("co-simulation", "bare libsumo, one at a time, as many steps", count / bare, "cases/s"))
+    rows.append(
+        Row("co-simulation", "bare libsumo, one at a time, as many steps", count / bare, "cases/s")
+    )
     rows.append(_storing(concretes, recordings["careful_driver, packed"]))
     return rows
 
@@ -193,16 +231,23 @@ def _place(folder: Path, number: int) -> tuple[Path, Path, None]:
 
 @contextmanager
 def _bare_process() -> Iterator[ProcessPoolExecutor]:
-    """A process in which libsumo is as it comes: no session of the harness has set anything up in it."""
+    """A process in which libsumo is as it comes: no session of the harness has set anything up in
+    it.
+    """
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as process:
         process.submit(int).result()  # it has started
         yield process
 
 
 def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> Row:
-    with tempfile.TemporaryDirectory() as folder, open_store(Path(folder) / "facts.sqlite", create=True) as store:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        open_store(Path(folder) / "facts.sqlite", create=True) as store,
+    ):
         outcomes = [
-            Outcome(Case(number, concrete, "ads", "careful_driver", "careful_driver"), "ok", recording)
+            Outcome(
+                Case(number, concrete, "ads", "careful_driver", "careful_driver"), "ok", recording
+            )
             for number, (concrete, recording) in enumerate(zip(concretes, recordings, strict=True))
         ]
 
@@ -233,16 +278,28 @@ def field_and_index(rounds: int) -> list[Row]:
     numbers, result = np.random.default_rng(2).uniform(-0.3, 0.3, 1024), np.empty(1024)
     kernels, exponentials = [], []
     for _ in range(3 * rounds):
-        kernels.append(_seconds(lambda: trajectory_field(places, ads, sample_interval=0.02)) / terms)
+        kernels.append(
+            _seconds(lambda: trajectory_field(places, ads, sample_interval=0.02)) / terms
+        )
         exponentials.append(
-            _seconds(lambda: [np.exp(numbers, out=result) for _ in range(1000)]) / (1000 * numbers.size)
+            _seconds(lambda: [np.exp(numbers, out=result) for _ in range(1000)])
+            / (1000 * numbers.size)
         )
     kernel, exponential = min(kernels), min(exponentials)
     index = min(_seconds(anthropomorphic_index, ads, drivers, logical.road) for _ in range(rounds))
     return [
         Row("field and D", "numpy's exp, a number", 1e9 * exponential, "ns"),
-        Row("field and D", "field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"),
-        Row("field and D", "D of a case, 10 drivers", 1e3 * index, "ms", simulated / index, "its 11 runs in packs"),
+        Row(
+            "field and D", "field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"
+        ),
+        Row(
+            "field and D",
+            "D of a case, 10 drivers",
+            1e3 * index,
+            "ms",
+            simulated / index,
+            "its 11 runs in packs",
+        ),
     ]
 
 
@@ -252,7 +309,12 @@ def zones(points: int) -> list[Row]:
     many = logical.from_unit(np.random.default_rng(1).random((points, len(logical.parameters))))
     return [
         Row("zones", "front_vehicle_cut_out, its own grid", _seconds(partition, logical), "s"),
-        Row("zones", f"{points} training points", _seconds(lambda: partition(logical, points=many)), "s"),
+        Row(
+            "zones",
+            f"{points} training points",
+            _seconds(lambda: partition(logical, points=many)),
+            "s",
+        ),
     ]
 
 

@@ -1,4 +1,6 @@
-"""What of a run a figure shows: the scenario, the ADS and the concrete scenario that are asked for, or telling ones."""
+"""What of a run a figure shows: the scenario, the ADS and the concrete scenario that are asked for,
+or telling ones.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,10 @@ from sumo_eval.trajectory import Trajectory
 class Scene:
     """One concrete scenario of a run as it was driven.
 
-    runs: the ego of every ADS, others: the other vehicles in the drive of the first, people: the egos of the human
-    drivers by name, none in the hazardous zone. words: where it lies in the space. line: of the road, as in `Road`.
+    runs: the ego of every ADS, others: the other vehicles in the drive of the first, people: the
+        egos of the human drivers by name, none in the hazardous zone.
+    words: where it lies in the space.
+    line: of the road, as in `Road`.
     """
 
     scenario: str
@@ -38,9 +42,12 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What a figure is asked for, of a scored run; None: telling ones. width: its name, as in `style.WIDTHS`.
+    """What a figure is asked for, of a scored run; None: telling ones.
 
-    What is read off it raises InputError for a scenario, an ADS or a case that the run does not have.
+    width: its name, as in `style.WIDTHS`.
+
+    What is read off it raises InputError for a scenario, an ADS or a case that the run does not
+    have.
     """
 
     evaluation: Evaluation
@@ -76,11 +83,17 @@ class Asked:
     def scores(self) -> list[ScenarioResult]:
         """The scores of the ADSs and scenarios asked for."""
         names, place = self.names, self.place
-        return [one for one in self.evaluation.scores if one.ads in names and place in (None, one.scenario)]
+        return [
+            one
+            for one in self.evaluation.scores
+            if one.ads in names and place in (None, one.scenario)
+        ]
 
     @property
     def row(self) -> CaseResult:
-        """The case asked for, else a telling one: the least human-like of the scenario's that have an index D_i."""
+        """The case asked for, else a telling one: the least human-like of the scenario's that have
+        an index D_i.
+        """
         if self.case is not None:
             found = self.evaluation.case(self.case)
             if found is None:
@@ -88,7 +101,9 @@ class Asked:
             return found
         rows = self.evaluated
         judged = [row for row in rows if row.index is not None]
-        return min(judged or rows, key=lambda row: (row.index if row.index is not None else 0.0, row.case))
+        return min(
+            judged or rows, key=lambda row: (row.index if row.index is not None else 0.0, row.case)
+        )
 
     @property
     def evaluated(self) -> list[CaseResult]:
@@ -96,7 +111,9 @@ class Asked:
         name = self.one_place
         rows = [row for row in self.evaluation.cases_in(name) if row.evaluated]
         if not rows:
-            raise InputError(f"No case of scenario `{name}` was evaluated, so there is nothing to draw.")
+            raise InputError(
+                f"No case of scenario `{name}` was evaluated, so there is nothing to draw."
+            )
         return rows
 
 
@@ -122,4 +139,11 @@ def scene_of(asked: Asked, ads: Sequence[str]) -> Scene:
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")
     logical = evaluation.scenarios[case.scenario]
-    return Scene(case.scenario, point_words(case.values), runs, others, people, logical.placed(case.values).road.line)
+    return Scene(
+        case.scenario,
+        point_words(case.values),
+        runs,
+        others,
+        people,
+        logical.placed(case.values).road.line,
+    )

@@ -21,10 +21,17 @@ from sumo_eval.cli.sentences import tell
 @click.option("--width", default="page", help="`column` (88 mm) or `page` (180 mm, the default).")
 @trusting
 def plot(
-    run: Path, figure: str, out: Path | None, scenario: str | None, ads: str | None, case: str | None, width: str
+    run: Path,
+    figure: str,
+    out: Path | None,
+    scenario: str | None,
+    ads: str | None,
+    case: str | None,
+    width: str,
 ) -> None:
-    """Draw FIGURE of RUN for a paper: zone_map, field, trajectories, time_history, collisions, boundary, intervals,
-    points; opinion; of a folder of nights, trend; of what `boundary` wrote, boundary.
+    """Draw FIGURE of RUN for a paper: zone_map, field, trajectories, time_history, collisions,
+    boundary, intervals, points; opinion; of a folder of nights, trend; of what `boundary` wrote,
+    boundary.
     """
     from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw, is_edge
     from sumo_eval.extras.figures.style import refuse_without_matplotlib, save, width_of
@@ -38,4 +45,8 @@ def plot(
         return
 
     evaluation = scored(run)
-    tell(str(save(draw(evaluation, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
+    tell(
+        str(
+            save(draw(evaluation, figure, scenario=scenario, ads=ads, case=case, width=width), file)
+        )
+    )

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 OF_RUNS: Final[Mapping[str, Any]] = {
     name: getattr(of_runs, name)
     for name in (
-        "zone_map", "field", "trajectories", "time_history", "collisions", "boundary", "intervals", "points",
+        "zone_map", "field", "trajectories", "time_history", "collisions", "boundary", "intervals",
+        "points",
     )
 }  # fmt: skip
 """Figures of a scored run by name."""
@@ -27,18 +28,24 @@ FIGURES: Final = (*OF_RUNS, "trend", "opinion")
 
 def is_edge(evaluation: Evaluation | Path, figure: str) -> TypeGuard[Path]:
     """Whether it is a folder that `sumo-eval boundary` wrote, and its figure is asked for."""
-    return figure == "boundary" and isinstance(evaluation, Path) and (evaluation / "boundary.json").is_file()
+    return (
+        figure == "boundary"
+        and isinstance(evaluation, Path)
+        and (evaluation / "boundary.json").is_file()
+    )
 
 
 def draw(
-    evaluation: Evaluation | Path, figure: str, *, scenario: str | None = None, ads: str | None = None,
+    evaluation: Evaluation | Path, figure: str, *, scenario: str | None = None,
+    ads: str | None = None,
     case: str | None = None, width: str = "page",
 ) -> Figure:  # fmt: skip
     """A figure by its name, of an evaluation or of a folder.
 
-    evaluation: for `trend` the folder of a history of nights, for `opinion` a run's folder, for all others a scored
-    run; for `boundary` also a folder that `sumo-eval boundary` wrote. Raises InputError for a name that is none, and
-    for a scenario, an ADS or a case that is not there.
+    evaluation: for `trend` the folder of a history of nights, for `opinion` a run's folder, for all
+        others a scored run; for `boundary` also a folder that `sumo-eval boundary` wrote.
+    Raises InputError for a name that is none, and for a scenario, an ADS or a case that is not
+    there.
     """
     if figure not in FIGURES:
         raise unknown("figure", figure, list(FIGURES))

@@ -49,14 +49,19 @@ INDEXES = {
 
 
 def zone_map(asked: Asked) -> Figure:
-    """The paper's Fig. 8 or 9: the zones of a space, the boundary that was learnt and the exact one, and every case's
-    outcome in it; one map for each value of a third parameter. `case` says the ADS and scenario, where it is given.
+    """The paper's Fig.
+
+    8 or 9: the zones of a space, the boundary that was learnt and the exact one, and every case's
+    outcome in it; one map for each value of a third parameter. `case` says the ADS and scenario,
+    where it is given.
     """
     evaluation, name = asked.evaluation, asked.one_place
     who = asked.names[0] if asked.case is None else asked.row.ads
     zones = zone_partitions(evaluation)[name]
     cases = evaluation.cases_of(who, name)
-    view = _telling(choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name)), zones, cases)
+    view = _telling(
+        choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name)), zones, cases
+    )
     judged = dict(zip(cases.case, verdicts(evaluation, evaluation.score(who, name)), strict=True))
     shown = [one for one in cases if view.shows(one)]
     present = [verdict for verdict in LOOKS if verdict in {judged[one.case] for one in shown}]
@@ -79,9 +84,12 @@ def zone_map(asked: Asked) -> Figure:
                     for column in (view.x, view.y))  # fmt: skip
             marker = {"avoided": "o", "better": "P"}.get(verdict, "X")
             marks.append(Marks(LOOKS[verdict].words, x, y, LOOKS[verdict].colour, marker=marker))
-        axes = [zones.logical.parameters[column] for column in (view.x, view.y) if column is not None]
+        axes = [
+            zones.logical.parameters[column] for column in (view.x, view.y) if column is not None
+        ]
         words = [label(item.name, item.behind.strip()) for item in axes]
-        panels.append(Panel(marks, words[0], "".join(words[1:]), _value(zones, view, number), chance=chance,
+        panels.append(Panel(marks, words[0], "".join(words[1:]), _value(zones, view, number),
+            chance=chance,
                             range_=(axes[0].low, axes[0].high)))  # fmt: skip
     columns = min(len(panels), MOST_COLUMNS if asked.width == "page" else 2)
     note = "\n".join(filter(None, (f"{who} in {name.replace('_', ' ')}", view.note)))
@@ -110,26 +118,38 @@ def _telling(view: View, zones: ZonePartition, cases: CaseTable) -> View:
     there = replace(view, fixed=fixed)
     shown = sum(there.shows(one) for one in cases)
     where = ", ".join(f"{item.name} = {value:g}{item.behind}" for item, value in items)
-    return replace(there, note=f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases.")
+    return replace(
+        there, note=f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases."
+    )
 
 
-def _zones(zones: ZonePartition, view: View, number: int) -> tuple[tuple[Any, Any, Any], FloatArray]:
-    """A map of the exact criticality y as `Panel.chance`, 0.5 - y, and y as it was learnt; nan where nothing can be."""
+def _zones(
+    zones: ZonePartition, view: View, number: int
+) -> tuple[tuple[Any, Any, Any], FloatArray]:
+    """A map of the exact criticality y as `Panel.chance`, 0.5 - y, and y as it was learnt; nan
+    where nothing can be.
+    """
     logical = zones.logical
     ticks = np.linspace(0.0, 1.0, CELLS + 1)
-    points = slice_points(logical, view, number, ticks, np.array([0.0, 1.0]) if view.y is None else ticks)
+    points = slice_points(
+        logical, view, number, ticks, np.array([0.0, 1.0]) if view.y is None else ticks
+    )
     rows = points.reshape(-1, points.shape[-1])
     shape = points.shape[:2]
     y = np.array([-1.0, 1.0]) if view.y is None else points[:, 0, view.y]
     possible = logical.feasible(rows).reshape(shape)
     exact = np.where(possible, exact_target(logical, rows, zones.settings).reshape(shape), np.nan)
-    within = binary_erosion(possible, iterations=_STAIRS, border_value=1)  # else each stair of the edge has a mark
+    # else each stair of the edge has a mark
+    within = binary_erosion(possible, iterations=_STAIRS, border_value=1)
     learnt = np.where(within, np.asarray(zones.predicted(rows)).reshape(shape), np.nan)
     return (points[0, :, view.x], y, 0.5 - exact), learnt
 
 
 def field(asked: Asked) -> Figure:
-    """The paper's Fig. 6: the field of a driven trajectory over the road, Eqs. 9-10; below it a human driver's."""
+    """The paper's Fig.
+
+    6: the field of a driven trajectory over the road, Eqs. 9-10; below it a human driver's.
+    """
     row = asked.row
     who = row.ads if asked.ads is None else asked.names[0]
     scene = scene_of(asked, [who])
@@ -141,12 +161,14 @@ def field(asked: Asked) -> Figure:
     y = np.linspace(float(ego.y[0]) - reach, float(ego.y[0]) + reach, 60)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     values = trajectory_fields(
-        points, list(drives.values()), k1=settings.k1, k2=settings.k2, sample_interval=settings.sample_interval,
+        points, list(drives.values()), k1=settings.k1, k2=settings.k2,
+        sample_interval=settings.sample_interval,
         superposition=settings.superposition,
     )  # fmt: skip
     east, north = map_places(scene.line, x, y[:, None])[:2]
     lowest = float(values.min())
-    tallest = float(np.quantile(values, 0.998))  # next to a vehicle that stands the field has no bound worth a colour
+    # next to a vehicle that stands the field has no bound worth a colour
+    tallest = float(np.quantile(values, 0.998))
     with styled():
         figure, axes = new_figure(asked.width, 0.16 + 0.3 * len(drives), len(drives))
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
@@ -173,7 +195,9 @@ def field(asked: Asked) -> Figure:
 
 
 def _drives(scene: Scene, names: Sequence[str]) -> Iterator[tuple[str, Trajectory, str, Any]]:
-    """Whose drives are drawn in a scene: what the legend says, the drive, its colour and line; the ADSs last."""
+    """Whose drives are drawn in a scene: what the legend says, the drive, its colour and line; the
+    ADSs last.
+    """
     for drive in scene.people.values():
         yield "human drivers", drive, FAINT, "-"
     for drive in scene.others.values():
@@ -184,19 +208,25 @@ def _drives(scene: Scene, names: Sequence[str]) -> Iterator[tuple[str, Trajector
 
 
 def trajectories(asked: Asked) -> Figure:
-    """Everybody's way over the road in one concrete scenario: every ADS, the human drivers, the other vehicles."""
+    """Everybody's way over the road in one concrete scenario: every ADS, the human drivers, the
+    other vehicles.
+    """
     scene = scene_of(asked, asked.names)
     marks = [
         Marks(who, *map_places(scene.line, drive.x, drive.y)[:2], colour, line)
         for who, drive, colour, line in _drives(scene, asked.names)
     ]
-    figure = on_paper([Panel(marks, label("x", "m"), label("y", "m"))], asked.width, 0.5, words=scene.title)
+    figure = on_paper(
+        [Panel(marks, label("x", "m"), label("y", "m"))], asked.width, 0.5, words=scene.title
+    )
     figure.axes[0].margins(y=0.25)
     return figure
 
 
 def time_history(asked: Asked) -> Figure:
-    """Speed, acceleration and lateral place over time in one concrete scenario: every ADS and the human drivers."""
+    """Speed, acceleration and lateral place over time in one concrete scenario: every ADS and the
+    human drivers.
+    """
     scene = replace(scene_of(asked, asked.names), others={})
     panels = [
         Panel([Marks(who, drive.time, getattr(drive, channel), colour, line)
@@ -205,12 +235,14 @@ def time_history(asked: Asked) -> Figure:
                                ("y", "lateral place (m)"))
     ]  # fmt: skip
     panels[-1] = replace(panels[-1], x=label("time", "s"))
-    return on_paper(panels, asked.width, 0.32 if asked.width == "column" else 0.18, words=scene.title)
+    return on_paper(
+        panels, asked.width, 0.32 if asked.width == "column" else 0.18, words=scene.title
+    )
 
 
 def collisions(asked: Asked) -> Figure:
-    """Severity U of every collision, Eq. 15, beside that of the ideal vehicle in the same concrete scenario: on the
-    line no better could have been done. One panel a scenario.
+    """Severity U of every collision, Eq. 15, beside that of the ideal vehicle in the same concrete
+    scenario: on the line no better could have been done. One panel a scenario.
     """
     names, evaluation = asked.names, asked.evaluation
     panels = []
@@ -229,11 +261,15 @@ def collisions(asked: Asked) -> Figure:
             marks.append(Marks(who, found[:, 0], found[:, 1], colour, marker=marker))
         title = place.replace("_", " ") + ("" if most else ": no collision")
         panels.append(Panel(marks, "U of the ideal vehicle", "U of the ADS", title))
-    return on_paper(panels, asked.width, 0.85, min(len(panels), 2 if asked.width == "column" else 3))
+    return on_paper(
+        panels, asked.width, 0.85, min(len(panels), 2 if asked.width == "column" else 3)
+    )
 
 
 def intervals(asked: Asked) -> Figure:
-    """Every score with its 95 % interval: one panel a score, one line for each ADS in each scenario."""
+    """Every score with its 95 % interval: one panel a score, one line for each ADS in each
+    scenario.
+    """
     names, scores = asked.names, asked.scores
     panels = []
     for symbol, field_ in INDEXES.items():
@@ -248,7 +284,12 @@ def intervals(asked: Asked) -> Figure:
         known = all(getattr(one, field_) is not None for one in scores)
         panels.append(Panel(marks, symbol if known else f"{symbol} (no mark: not computed)"))
     columns = 2 if asked.width == "column" else 4
-    figure = on_paper(panels, asked.width, max(0.5, 0.09 * len(scores) + 0.3) * (1.3 if columns == 2 else 2.0), columns)
+    figure = on_paper(
+        panels,
+        asked.width,
+        max(0.5, 0.09 * len(scores) + 0.3) * (1.3 if columns == 2 else 2.0),
+        columns,
+    )
     for place, ax in enumerate(figure.axes):
         _name_the_scores(ax, scores)
         ax.tick_params(labelleft=place % columns == 0)
@@ -261,12 +302,14 @@ def _name_the_scores(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
     ax.set_ylim(len(scores) - 0.5, -0.5)
     ax.set_yticks(range(len(scores)))
     ax.tick_params(axis="y", length=0)
-    ax.set_yticklabels([f"{one.ads}, {one.scenario.replace('_', ' ')}" for one in scores], fontsize=5.5)
+    ax.set_yticklabels(
+        [f"{one.ads}, {one.scenario.replace('_', ' ')}" for one in scores], fontsize=5.5
+    )
 
 
 def points(asked: Asked) -> Figure:
-    """Where the points of S+ and S went: what each ADS kept of its hundred and what each term cost, scenario by
-    scenario.
+    """Where the points of S+ and S went: what each ADS kept of its hundred and what each term cost,
+    scenario by scenario.
     """
     scores = asked.scores
     with styled():
@@ -283,7 +326,9 @@ def points(asked: Asked) -> Figure:
         axes[1].tick_params(labelleft=False)
         for words, colour in drawn.items():
             axes[0].barh([0], [0.0], color=colour, label=words)
-        figure.legend(loc="outside lower center", ncols=2 if asked.width == "column" else 4, fontsize=6.0)
+        figure.legend(
+            loc="outside lower center", ncols=2 if asked.width == "column" else 4, fontsize=6.0
+        )
     return figure
 
 
@@ -298,11 +343,15 @@ def _ledger_bar(ax: Axes, found: Ledger, place: int, drawn: dict[str, str]) -> N
     ax.barh([place], [kept], color=KEPT, height=0.6)
     drawn["kept"] = KEPT
     wide = kept > 12.0
-    ax.annotate(f"{found.total:.1f}", (kept, place), xytext=(-2 if wide else 2, 0), textcoords="offset points",
-                ha="right" if wide else "left", va="center", fontsize=5.5, color="white")  # fmt: skip
+    ax.annotate(f"{found.total:.1f}", (kept, place), xytext=(-2 if wide else 2, 0),
+        textcoords="offset points",
+                ha="right" if wide else "left", va="center", fontsize=5.5,
+                color="white")  # fmt: skip
     at = kept
     for term in dict.fromkeys(line.term for line in found.lines):
-        lost = -math.fsum(line.points for line in found.lines if line.term == term and line.points < 0.0)
+        lost = -math.fsum(
+            line.points for line in found.lines if line.term == term and line.points < 0.0
+        )
         if lost > 0.0:
             ax.barh([place], [lost], left=[at], color=LOST[term], height=0.6)
             drawn[LOST_BY.get(term, "lost by driving otherwise (H, D)")] = LOST[term]
@@ -310,8 +359,9 @@ def _ledger_bar(ax: Axes, found: Ledger, place: int, drawn: dict[str, str]) -> N
 
 
 def boundary(asked: Asked) -> Figure:
-    """How the share of collisions grows with nearness to the exact boundary of the zones: every ADS, by the signed
-    criticality of the concrete scenario, on the scale in which the zones are learnt.
+    """How the share of collisions grows with nearness to the exact boundary of the zones: every
+    ADS, by the signed criticality of the concrete scenario, on the scale in which the zones are
+    learnt.
     """
     name, names, rows = asked.one_place, asked.names, asked.evaluated
     zones = zone_partitions(asked.evaluation)[name]

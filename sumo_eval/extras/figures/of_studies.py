@@ -23,7 +23,8 @@ QUANTITIES = ("S+", "A", "H", "S", "C", "D")
 
 
 def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -> Figure:
-    """The scores of every ADS over the nights, one panel a score; nights that failed a gate are marked.
+    """The scores of every ADS over the nights, one panel a score; nights that failed a gate are
+    marked.
 
     Raises InputError where the folder has no history, or the history no such scenario or ADS.
     """
@@ -36,7 +37,9 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     if ads is not None and ads not in everybody:
         raise unknown("ADS", ads, everybody)
     if not values:
-        raise InputError(f"The history in {history} holds no night yet, so there is no trend to draw.")
+        raise InputError(
+            f"The history in {history} holds no night yet, so there is no trend to draw."
+        )
     place = scenario or scenarios[0]
     names = everybody if ads is None else [ads]
     shown = [name for name in QUANTITIES if any(value.quantity == name for value in values)]
@@ -52,24 +55,32 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
         failed = [at[night.night] for night in nights if not night.good]
         panels.append(Panel(marks, y=quantity, verticals=failed))
     panels[-1] = replace(panels[-1], x="night (grey: one that failed)")
-    figure = on_paper(panels, width, 0.35 if width == "column" else 0.17, words=place.replace("_", " "))
+    figure = on_paper(
+        panels, width, 0.35 if width == "column" else 0.17, words=place.replace("_", " ")
+    )
     for ax in figure.axes:
-        ax.set_xticks(range(len(nights)), [night.night[:10] for night in nights], rotation=45, ha="right")
+        ax.set_xticks(
+            range(len(nights)), [night.night[:10] for night in nights], rotation=45, ha="right"
+        )
     return figure
 
 
 def edge(folder: Path, *, width: str) -> Figure:
-    """What `sumo-eval boundary` wrote into a folder: where the ADS is likelier to collide than not, and every trial.
+    """What `sumo-eval boundary` wrote into a folder: where the ADS is likelier to collide than not,
+    and every trial.
 
-    One map for two parameters, one below the other for each value of a third. Raises InputError where a file is
-    missing, as in a folder of an older version.
+    One map for two parameters, one below the other for each value of a third.
+
+    Raises InputError where a file is missing, as in a folder of an older version.
     """
     words, panels = edge_panels(folder)
     return on_paper(panels, width, 0.62, words=words)
 
 
 def opinion(run: Path, *, width: str) -> Figure:
-    """The paper's Fig. 11: scores against people's mean opinion, a panel a score, with Spearman's rho and its interval.
+    """The paper's Fig.
+
+    11: scores against people's mean opinion, a panel a score, with Spearman's rho and its interval.
 
     Raises InputError where nobody has been asked (`sumo-eval humans opinion`).
     """

@@ -1,4 +1,6 @@
-"""How a figure looks and is saved: column widths, fonts, colours that colour-blind people tell apart."""
+"""How a figure looks and is saved: column widths, fonts, colours that colour-blind people tell
+apart.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +67,10 @@ def refuse_without_matplotlib() -> None:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Everything drawn within looks like one family. Raises InputError where matplotlib is missing."""
+    """Everything drawn within looks like one family.
+
+    Raises InputError where matplotlib is missing.
+    """
     refuse_without_matplotlib()
     import matplotlib as mpl
 
@@ -74,14 +79,22 @@ def styled() -> Iterator[None]:
 
 
 def width_of(width: str) -> float:
-    """A named width, inches. Raises InputError for a name that is none."""
+    """A named width, inches.
+
+    Raises InputError for a name that is none.
+    """
     if width not in WIDTHS:
         raise unknown("width", width, list(WIDTHS))
     return WIDTHS[width]
 
 
-def new_figure(width: str, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    """A figure of `rows` x `columns` panels and its panels, row by row. height: of all, as a share of the width."""
+def new_figure(
+    width: str, height: float, rows: int = 1, columns: int = 1
+) -> tuple[Figure, list[Axes]]:
+    """A figure of `rows` x `columns` panels and its panels, row by row.
+
+    height: of all, as a share of the width.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     from sumo_eval.report.drawing import Drawing
@@ -96,7 +109,11 @@ def new_figure(width: str, height: float, rows: int = 1, columns: int = 1) -> tu
 def on_paper(
     panels: Sequence[Panel], width: str, height: float, columns: int = 1, words: str = ""
 ) -> Figure:  # fmt: skip
-    """Panels as a figure, `columns` beside each other. height: of each as a share of its width. words: above it."""
+    """Panels as a figure, `columns` beside each other.
+
+    height: of each as a share of its width.
+    words: above it.
+    """
     rows = -(-len(panels) // columns)
     with styled():
         figure, axes = new_figure(width, height * rows / columns + 0.1, rows, columns)
@@ -110,11 +127,15 @@ def on_paper(
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as what its file's ending says. Raises InputError for another ending or a place that refuses."""
+    """Write a figure as what its file's ending says.
+
+    Raises InputError for another ending or a place that refuses.
+    """
     ending = path.suffix.lower().lstrip(".")
     if ending not in ENDINGS:
         raise InputError(
-            f"The figure's file must end in one of {', '.join(f'.{name}' for name in ENDINGS)}, got {path.name!r}."
+            f"The figure's file must end in one of {', '.join(f'.{name}' for name in ENDINGS)}, "
+            f"got {path.name!r}."
         )
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[ending]
     try:
@@ -127,7 +148,9 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def look_of(ads: str, names: Sequence[str]) -> tuple[str, str, Any]:
-    """Colour, marker and line style of one of several ADSs, so that nothing depends on colour alone."""
+    """Colour, marker and line style of one of several ADSs, so that nothing depends on colour
+    alone.
+    """
     place = list(names).index(ads)
     return COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)], LINES[place % len(LINES)]
 

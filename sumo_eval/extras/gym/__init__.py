@@ -1,8 +1,9 @@
-"""Gymnasium environments over the logical scenarios: `import sumo_eval.gym` registers `sumo_eval/<scenario>-v0`.
+"""Gymnasium environments over the logical scenarios: `import sumo_eval.gym` registers
+`sumo_eval/<scenario>-v0`.
 
-`gymnasium.make("sumo_eval/cut_in-v0")` is one case after the other, `gymnasium.make_vec(..., num_envs=256)` so many
-beside each other in one process. `sumo_eval/scenario-v0` takes a scenario of your own: `use="my_scenario.toml"`.
-Needs the extra `gym`.
+`gymnasium.make("sumo_eval/cut_in-v0")` is one case after the other, `gymnasium.make_vec(...,
+num_envs=256)` so many beside each other in one process. `sumo_eval/scenario-v0` takes a scenario of
+your own: `use="my_scenario.toml"`. Needs the extra `gym`.
 """
 
 from __future__ import annotations
@@ -18,9 +19,21 @@ except ImportError as error:
 from sumo_eval.cosim.doors.features import Action, Feature, Interface, read_interface, usual
 from sumo_eval.extras.gym.episodes import Transition, usual_reward
 
-__all__ = ["Action", "Feature", "Interface", "Transition", "read_interface", "register", "usual", "usual_reward"]
+__all__ = [
+    "Action",
+    "Feature",
+    "Interface",
+    "Transition",
+    "read_interface",
+    "register",
+    "usual",
+    "usual_reward",
+]
 
-ENV, VECTOR_ENV = "sumo_eval.extras.gym.env:ScenarioEnv", "sumo_eval.extras.gym.env:ScenarioVectorEnv"
+ENV, VECTOR_ENV = (
+    "sumo_eval.extras.gym.env:ScenarioEnv",
+    "sumo_eval.extras.gym.env:ScenarioVectorEnv",
+)
 
 
 def register() -> None:

@@ -1,4 +1,6 @@
-"""The environments that gymnasium makes: one episode after the other, or many beside each other in one process."""
+"""The environments that gymnasium makes: one episode after the other, or many beside each other in
+one process.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ Floats = NDArray[Any]
 
 def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
     low, high = interface.bounds
-    ranges = [(-1.0, 1.0) if action.low is not None else (-np.inf, np.inf) for action in interface.actions]
+    ranges = [
+        (-1.0, 1.0) if action.low is not None else (-np.inf, np.inf) for action in interface.actions
+    ]
     least, most = (np.array(ends, dtype=np.float32) for ends in zip(*ranges, strict=True))
     return (
         gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32),
@@ -40,8 +44,8 @@ class _WithEpisodes:
 class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
     """Cases of a logical scenario one after the other; arguments as of `Episodes`.
 
-    `reset(options={"gap": 20.0})` sets parameters and draws the others; `options={"sampler": f}` asks `f(generator)`
-    for a point. `info` has the point (`values`) and, at the end, `end_reason`.
+    `reset(options={"gap": 20.0})` sets parameters and draws the others; `options={"sampler": f}`
+    asks `f(generator)` for a point. `info` has the point (`values`) and, at the end, `end_reason`.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - gymnasium's own form
@@ -51,7 +55,9 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
         self.episodes = Episodes(use, 1, **how)
         self.observation_space, self.action_space = _spaces(self.episodes.interface)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
         """Begin a case."""
         super().reset(seed=seed)
         self.episodes.begin(np.array([0]), [self.np_random], options or {})
@@ -61,11 +67,19 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """One step, or the steps of one `period`."""
         if not self.episodes.pack.world.egos["live"][0]:
-            raise gymnasium.error.ResetNeeded("The episode is over; call reset before the next step.")
+            raise gymnasium.error.ResetNeeded(
+                "The episode is over; call reset before the next step."
+            )
         worth, (reason,) = self.episodes.step(np.asarray(action, dtype=np.float64).reshape(1, -1))
         info = {"end_reason": str(reason)} if reason else {}
         terminated = str(reason) in TERMINAL
-        return self.episodes.show()[0], float(worth[0]), terminated, bool(reason) and not terminated, info
+        return (
+            self.episodes.show()[0],
+            float(worth[0]),
+            terminated,
+            bool(reason) and not terminated,
+            info,
+        )
 
     def close(self) -> None:
         """End the simulation."""
@@ -75,13 +89,15 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
 class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
     """Cases of a logical scenario, `num_envs` beside each other; other arguments as of `Episodes`.
 
-    autoreset_mode: when an episode that is over begins anew: with the next step, which gives its first observation and
-    reward 0 (gymnasium's usual), with the same step, its last observation in `final_obs`, or never (`Disabled`).
+    autoreset_mode: when an episode that is over begins anew: with the next step, which gives its
+        first observation and reward 0 (gymnasium's usual), with the same step, its last observation
+        in `final_obs`, or never (`Disabled`).
     """
 
     def __init__(
         self, use: str | LogicalScenario, num_envs: int = 1, *,
-        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, render_mode: None = None, **how: Any,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, render_mode: None = None,
+        **how: Any,
     ) -> None:  # fmt: skip
         self.render_mode, self.num_envs = render_mode, num_envs
         self.episodes = Episodes(use, num_envs, **how)
@@ -102,12 +118,23 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
         """
         options = dict(options or {})
         mask = options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_))
-        if not (isinstance(mask, np.ndarray) and mask.shape == (self.num_envs,) and mask.dtype == np.bool_):
-            raise must_be("`reset_mask`", "the options of reset", f"{self.num_envs} truth values in an array", mask)
+        if not (
+            isinstance(mask, np.ndarray)
+            and mask.shape == (self.num_envs,)
+            and mask.dtype == np.bool_
+        ):
+            raise must_be(
+                "`reset_mask`",
+                "the options of reset",
+                f"{self.num_envs} truth values in an array",
+                mask,
+            )
         self._seed(seed)
         self.episodes.begin(np.flatnonzero(mask), self._generators, options)
         self._over[mask] = False
-        return self.episodes.show(), {"values": np.array([dict(it.values) for it in self.episodes.pack.world.cases])}
+        return self.episodes.show(), {
+            "values": np.array([dict(it.values) for it in self.episodes.pack.world.cases])
+        }
 
     def _seed(self, seed: int | list[int | None] | None) -> None:
         if seed is None and self._generators:
@@ -121,13 +148,17 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
             seed = int(self.np_random.integers(2**31))
         self._generators = [np.random.default_rng(seed + row) for row in range(self.num_envs)]
 
-    def step(self, actions: Floats) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(
+        self, actions: Floats
+    ) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """One step of all, or the steps of one `period`."""
         actions = np.asarray(actions, dtype=np.float64).reshape(self.num_envs, -1)
         begun = self._over.copy()
         if begun.any():
             if self._mode is AutoresetMode.DISABLED:
-                raise gymnasium.error.ResetNeeded("Some episodes are over; reset them with `reset_mask` first.")
+                raise gymnasium.error.ResetNeeded(
+                    "Some episodes are over; reset them with `reset_mask` first."
+                )
             actions = np.where(begun[:, None], 0.0, actions)
         worth, reasons = self.episodes.step(actions)
         over = reasons != ""

@@ -1,4 +1,6 @@
-"""Episodes of a logical scenario, some beside each other: how they begin, what a step is worth, how they end."""
+"""Episodes of a logical scenario, some beside each other: how they begin, what a step is worth, how
+they end.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +33,16 @@ _TRIES = 10_000  # points drawn for one that satisfies the constraints
 
 @dataclass(frozen=True)
 class Transition:
-    """One step of the simulation for n episodes, arrays (n,); episodes that are over have `running` False.
+    """One step of the simulation for n episodes, arrays (n,); episodes that are over have `running`
+    False.
 
-    seen: what is seen after it. command: what was asked, (n, 2), m/s2 and rad. speed, acceleration, jerk: the ego's
-    after it, m/s, m/s2, m/s3. start_speed: its speed at the start, m/s. ended: why an episode ended with this step, ""
-    otherwise. impact: of a contact, the relative speed of both, m/s. step: s.
+    seen: what is seen after it.
+    command: what was asked, (n, 2), m/s2 and rad.
+    speed, acceleration, jerk: the ego's after it, m/s, m/s2, m/s3.
+    start_speed: its speed at the start, m/s.
+    ended: why an episode ended with this step, "" otherwise.
+    impact: of a contact, the relative speed of both, m/s.
+    step: s.
     """
 
     seen: Observations
@@ -59,14 +66,16 @@ COMFORTABLE_JERK = 15.0  # m/s3, likewise
 def usual_reward(it: Transition) -> Floats:
     """Progress, comfort and collision: a second at the speed of the start is worth 1.
 
-    It stands for the parts of S+ = T A' (a + b H) that a step knows: T for progress, A' for contacts and departures, H
-    for comfort. S+ itself needs the references of an evaluation.
+    It stands for the parts of S+ = T A' (a + b H) that a step knows: T for progress, A' for
+    contacts and departures, H for comfort. S+ itself needs the references of an evaluation.
 
-    A second costs (a / 3 m/s2)^2 / 10 + (jerk / 15 m/s3)^2 / 100, a contact 20 + 2 for each m/s of its impact, leaving
-    the road 20.
+    A second costs (a / 3 m/s2)^2 / 10 + (jerk / 15 m/s3)^2 / 100, a contact 20 + 2 for each m/s of
+    its impact, leaving the road 20.
     """
     progress = np.minimum(it.speed / np.maximum(it.start_speed, 1.0), 1.0)
-    discomfort = 0.1 * (it.acceleration / COMFORTABLE) ** 2 + 0.01 * (it.jerk / COMFORTABLE_JERK) ** 2
+    discomfort = (
+        0.1 * (it.acceleration / COMFORTABLE) ** 2 + 0.01 * (it.jerk / COMFORTABLE_JERK) ** 2
+    )
     worth = (progress - discomfort) * it.step
     worth -= np.where(it.ended == "contact", 20.0 + 2.0 * it.impact, 0.0)
     worth -= np.where(it.ended == "off_road", 20.0, 0.0)
@@ -76,15 +85,20 @@ def usual_reward(it: Transition) -> Floats:
 class Episodes:
     """n episodes of one logical scenario beside each other.
 
-    use: a shipped scenario's name, a scenario file, `module:name`, or a LogicalScenario. interface: what is seen and
-    done, or the file that says so. reward: worth of each step, (n,). sampler: draws a point from a generator; None:
-    evenly over the space. steering: whether the usual interface has steering. sumo: whether SUMO steps the vehicles, as
-    in an evaluation; libsumo holds one simulation in a process, so several environments at once need `sumo=False`.
+    use: a shipped scenario's name, a scenario file, `module:name`, or a LogicalScenario.
+    interface: what is seen and done, or the file that says so.
+    reward: worth of each step, (n,).
+    sampler: draws a point from a generator; None: evenly over the space.
+    steering: whether the usual interface has steering.
+    sumo: whether SUMO steps the vehicles, as in an evaluation; libsumo holds one simulation in a
+        process, so several environments at once need `sumo=False`.
     """
 
     def __init__(
-        self, use: str | LogicalScenario, count: int, *, interface: Interface | str | Path | None = None,
-        reward: Reward | None = None, sampler: Sampler | None = None, settings: SimulationSettings | None = None,
+        self, use: str | LogicalScenario, count: int, *,
+        interface: Interface | str | Path | None = None,
+        reward: Reward | None = None, sampler: Sampler | None = None,
+        settings: SimulationSettings | None = None,
         steering: bool = False, sumo: bool = True,
     ) -> None:  # fmt: skip
         if count < 1:
@@ -103,12 +117,25 @@ class Episodes:
         if abs(self._steps * step - period) > 1e-9 or self._steps < 1:
             raise must_be("`period`", "the interface", f"a multiple of `step` ({step:g} s)", period)
 
-    def begin(self, rows: NDArray[np.intp], generators: list[np.random.Generator], options: Mapping[str, Any]) -> None:
-        """Let these episodes begin anew, each with a point drawn by its generator; options: see `point`."""
-        cases = {row: self.logical.concrete(**self.point(generators[row], options)) for row in rows.tolist()}
+    def begin(
+        self,
+        rows: NDArray[np.intp],
+        generators: list[np.random.Generator],
+        options: Mapping[str, Any],
+    ) -> None:
+        """Let these episodes begin anew, each with a point drawn by its generator;
+
+        options: see `point`.
+        """
+        cases = {
+            row: self.logical.concrete(**self.point(generators[row], options))
+            for row in rows.tolist()
+        }
         if self._pack is None:
             first = next(iter(cases.values()))
-            self._pack = Pack([cases.get(row, first) for row in range(self.count)], self.settings, sumo=self._sumo)
+            self._pack = Pack(
+                [cases.get(row, first) for row in range(self.count)], self.settings, sumo=self._sumo
+            )
         else:
             for row, concrete in cases.items():
                 self._pack.restart(row, concrete)
@@ -116,7 +143,10 @@ class Episodes:
             self._start_speeds[row] = concrete.ego.speed
 
     def point(self, generator: np.random.Generator, options: Mapping[str, Any]) -> dict[str, float]:
-        """A point of the space. options: values of parameters by name, the others are drawn; or a `sampler`."""
+        """A point of the space.
+
+        options: values of parameters by name, the others are drawn; or a `sampler`.
+        """
         given = {name: value for name, value in options.items() if name != "sampler"}
         sampler = options.get("sampler", self.sampler)
         for name, value in given.items():
@@ -125,9 +155,14 @@ class Episodes:
                 raise must_be(f"`{name}`", "the options of reset", "a number", value)
         if sampler is not None:
             if not callable(sampler):
-                raise must_be("`sampler`", "an environment", "a function of a random generator", sampler)
+                raise must_be(
+                    "`sampler`", "an environment", "a function of a random generator", sampler
+                )
             try:
-                given = {**{str(name): float(value) for name, value in sampler(generator).items()}, **given}
+                given = {
+                    **{str(name): float(value) for name, value in sampler(generator).items()},
+                    **given,
+                }
             except (TypeError, ValueError, AttributeError) as error:
                 raise InputError(
                     f"The sampler must give a number for each parameter by name: {said(error)}."
@@ -138,13 +173,16 @@ class Episodes:
             for item in free:
                 low_high = (item.low, item.high)
                 values[item.name] = float(
-                    item.values[generator.integers(len(item.values))] if item.values else generator.uniform(*low_high)
+                    item.values[generator.integers(len(item.values))]
+                    if item.values
+                    else generator.uniform(*low_high)
                 )
             if self.logical.feasible([[values[name] for name in self.logical.names]])[0]:
                 return values
         if free:
             raise InputError(
-                f"No point of scenario `{self.logical.name}` with these options satisfies its constraints."
+                f"No point of scenario `{self.logical.name}` with these options satisfies its "
+                "constraints."
             )
         return values
 
@@ -166,7 +204,9 @@ class Episodes:
         return self.interface.show(self.pack.observations())
 
     def step(self, answers: Floats) -> tuple[Floats, NDArray[Any]]:
-        """As many steps as a period has, with the commands held: the worth, and why an episode ended, "" otherwise."""
+        """As many steps as a period has, with the commands held: the worth, and why an episode
+        ended, "" otherwise.
+        """
         pack, interface = self.pack, self.interface
         commands = interface.commands(answers)
         if not np.isfinite(commands).all():
@@ -183,7 +223,8 @@ class Episodes:
                     impact[row] = self._impact(row)
             it = Transition(
                 pack.observations(), commands, egos["speed"], egos["acceleration"],
-                (egos["acceleration"] - before) / pack.step_length, self._start_speeds, running, now, impact,
+                (egos["acceleration"] - before) / pack.step_length, self._start_speeds, running,
+                now, impact,
                 pack.step_length,
             )  # fmt: skip
             worth += np.where(running, self.reward(it), 0.0)

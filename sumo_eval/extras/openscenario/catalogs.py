@@ -11,7 +11,10 @@ from sumo_eval.extras.openscenario.reading import Part, read_openscenario
 
 @dataclass(slots=True)
 class Catalogs:
-    """The catalogs of a scenario file. locations: its <CatalogLocations>, None where it has none."""
+    """The catalogs of a scenario file.
+
+    locations: its <CatalogLocations>, None where it has none.
+    """
 
     locations: Part | None
     _found: dict[str, list[Part]] | None = None
@@ -38,7 +41,9 @@ class Catalogs:
         return found
 
     def entry(self, reference: Part) -> Part:
-        """The entry that a <CatalogReference> names, with the values that its parameters have there."""
+        """The entry that a <CatalogReference> names, with the values that its parameters have
+        there.
+        """
         name, entry = reference.text("catalogName"), reference.text("entryName")
         catalogs = self._all()
         if name not in catalogs:
@@ -47,14 +52,20 @@ class Catalogs:
         for part in (it for catalog in catalogs[name] for it in catalog.children()):
             entries.setdefault(str(part.get("name")), []).append(part)
         if entry not in entries:
-            raise reference.fault(f"entry `{entry}` is not in catalog `{name}`.{did_you_mean(entry, entries)}")
+            raise reference.fault(
+                f"entry `{entry}` is not in catalog `{name}`.{did_you_mean(entry, entries)}"
+            )
         if len(entries[entry]) > 1:
             places = ", ".join(part.where for part in entries[entry])
-            raise reference.fault(f"entry `{entry}` of catalog `{name}` is there more than once: {places}")
+            raise reference.fault(
+                f"entry `{entry}` of catalog `{name}` is there more than once: {places}"
+            )
         if (name, entry) in reference.entries:
             raise reference.fault(f"entry `{entry}` of catalog `{name}` refers to itself")
         given = {
-            part.attribute("parameterRef").removeprefix("$"): part.worked_out(part.attribute("value"))
+            part.attribute("parameterRef").removeprefix("$"): part.worked_out(
+                part.attribute("value")
+            )
             for part in reference.all("ParameterAssignments/ParameterAssignment")
         }
         found, broken = entries[entry][0].declared(given)

@@ -1,4 +1,6 @@
-"""Public catalogues of OpenSCENARIO files, played out of the user's own copy: which files they are."""
+"""Public catalogues of OpenSCENARIO files, played out of the user's own copy: which files they
+are.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,10 @@ from sumo_eval.settings import ScenarioSettings
 
 @dataclass(frozen=True, slots=True)
 class Collection:
-    """A public catalogue. folders: where its files may be below the user's copy; pattern: their names.
+    """A public catalogue.
+
+    folders: where its files may be below the user's copy;
+    pattern: their names.
 
     besides: patterns of files that no other file of it varies, from the folder of the others on.
     """
@@ -27,7 +32,10 @@ class Collection:
     besides: tuple[str, ...] = ()
 
     def files(self, copy: Path) -> list[Path]:
-        """Its files. Raises InputError where none are there."""
+        """Its files.
+
+        Raises InputError where none are there.
+        """
         for folder in self.folders:
             found = sorted((copy / folder).glob(self.pattern))
             if found:
@@ -35,7 +43,10 @@ class Collection:
                     found += sorted((copy / folder).glob(pattern))
                 return found
         raise must_be(
-            "`folder`", f"the catalogue ({self.source})", f"one with {self.folders[0]}/{self.pattern}", str(copy)
+            "`folder`",
+            f"the catalogue ({self.source})",
+            f"one with {self.folders[0]}/{self.pattern}",
+            str(copy),
         )
 
 
@@ -47,8 +58,10 @@ COLLECTIONS: Mapping[str, Collection] = MappingProxyType(
             ("concrete_scenarios/*4_4_2*_template.xosc",),
         ),
         "ncap_2026": Collection(
-            "Euro NCAP 2026, crash avoidance, frontal collisions, standard range", "vectorgrp/OSC-NCAP-scenarios",
-            ("OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange", "CA-FC_2026/Variations/StandardRange",
+            "Euro NCAP 2026, crash avoidance, frontal collisions, standard "
+            "range", "vectorgrp/OSC-NCAP-scenarios",
+            ("OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange",
+                "CA-FC_2026/Variations/StandardRange",
              "Variations/StandardRange", "."), "*.xosc",
         ),
     }
@@ -59,7 +72,9 @@ COLLECTIONS: Mapping[str, Collection] = MappingProxyType(
 def entries_of(entry: ScenarioSettings, folder: Path) -> tuple[ScenarioSettings, ...]:
     """An entry for each file of a catalogue, or for each road of an OpenSCENARIO file of several.
 
-    What does not play is told by the first entry of its catalogue. folder: where relative paths start.
+    What does not play is told by the first entry of its catalogue.
+
+    folder: where relative paths start.
     """
     if entry.use in COLLECTIONS:
         return tuple(_of_collection(entry, folder))
@@ -95,6 +110,7 @@ def _of_collection(entry: ScenarioSettings, folder: Path) -> list[ScenarioSettin
             refused[file.name] = str(error)
     if not found:
         raise InputError(
-            f"No file of catalogue `{entry.use}` in {copy} plays; the first: {next(iter(refused.values()))}"
+            f"No file of catalogue `{entry.use}` in {copy} plays; the first: "
+            f"{next(iter(refused.values()))}"
         )
     return [replace(found[0], not_played=refused), *found[1:]]

@@ -13,16 +13,29 @@ from sumo_eval.cli.sentences import say, tell
 
 @click.command("import", epilog="Example: sumo-eval import CCRm.xosc")
 @click.argument("file", required=False)
-@click.option("--folder", type=click.Path(), help="Of a catalogue (osc_alks, ncap_2026): where your copy is.")
+@click.option(
+    "--folder", type=click.Path(), help="Of a catalogue (osc_alks, ncap_2026): where your copy is."
+)
 @path_option(
     "--out",
     help="Write the scenario file (.toml) that was understood at one point.",
 )
-@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="With --out: a parameter of the point.")
+@click.option(
+    "--set",
+    "values",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="With --out: a parameter of the point.",
+)
 @flag("--conformity", help="List what of OpenSCENARIO plays, is ignored and is refused.")
 @flag("--steps", hidden=True)
 def import_(
-    file: str | None, folder: str | None, out: Path | None, values: tuple[str, ...], conformity: bool, steps: bool
+    file: str | None,
+    folder: str | None,
+    out: Path | None,
+    values: tuple[str, ...],
+    conformity: bool,
+    steps: bool,
 ) -> None:
     """Say what is understood of FILE, and what does not play.
 
@@ -60,7 +73,9 @@ def import_(
         lines = described(read)
     else:
         near = did_you_mean(plain, COLLECTIONS)
-        raise InputError(f"`import` reads OpenSCENARIO files (.xosc) and catalogues, got {plain}.{near}")
+        raise InputError(
+            f"`import` reads OpenSCENARIO files (.xosc) and catalogues, got {plain}.{near}"
+        )
     say(lines)
     if out is None:
         return

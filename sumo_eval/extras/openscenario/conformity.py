@@ -1,4 +1,6 @@
-"""What of OpenSCENARIO plays, what is ignored because it means nothing here, and what is refused: one list."""
+"""What of OpenSCENARIO plays, what is ignored because it means nothing here, and what is refused:
+one list.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,12 @@ Treatment = Literal["played", "ignored", "refused"]
 
 
 class Row(NamedTuple):
-    """An element of the standard. words: how it is played, why it is ignored, or with what it is refused.
+    """An element of the standard.
 
-    used: how often the files of UN R157 (asam-oss/OSC-ALKS-scenarios) and of Euro NCAP 2026, frontal, standard range
+    words: how it is played, why it is ignored, or with what it is refused.
+
+    used: how often the files of UN R157 (asam-oss/OSC-ALKS-scenarios) and of Euro NCAP 2026,
+        frontal, standard range
     (vectorgrp/OSC-NCAP-scenarios) have it, with the scenario files and catalogs that they name.
     """
 
@@ -22,8 +27,14 @@ class Row(NamedTuple):
 
 
 def _rows(kind: str, treatment: Treatment, *elements: tuple[Any, ...]) -> list[Row]:
-    """Elements of a kind. elements: each with its words and how often it is used, where there are any."""
-    return [Row(kind, treatment, name, (*rest, "")[0], tuple(rest[1:]) or (0, 0)) for name, *rest in elements]
+    """Elements of a kind.
+
+    elements: each with its words and how often it is used, where there are any.
+    """
+    return [
+        Row(kind, treatment, name, (*rest, "")[0], tuple(rest[1:]) or (0, 0))
+        for name, *rest in elements
+    ]
 
 
 ROWS = (
@@ -31,15 +42,18 @@ ROWS = (
         "file", "played",
         (
             "ParameterDeclarations",
-            "of the file, a story, a manoeuvre; with ConstraintGroup: of several groups one must hold", 15, 20,
+            "of the file, a story, a manoeuvre; with ConstraintGroup: of several groups one must "
+            "hold", 15, 20,
         ),
         ("CatalogLocations", "every .xosc of a folder; entries with their parameters", 15, 10),
         (
             "RoadNetwork",
-            "OpenDRIVE: lines, arcs, spirals, parametric cubics, one lane section, constant widths and offset, level; "
+            "OpenDRIVE: lines, arcs, spirals, parametric cubics, one lane section, constant "
+            "widths and offset, level; "
             "other roads of the file may be of any kind", 15, 10,
         ),
-        ("ParameterValueDistribution", "ranges, sets, sets of several; uniform, normal with a range", 14, 22),
+        ("ParameterValueDistribution", "ranges, sets, sets of several; uniform, normal with a "
+                                       "range", 14, 22),
     ),
     *_rows(
         "file", "ignored",
@@ -90,14 +104,17 @@ ROWS = (
         ("TeleportAction", "before the start", 33, 25),
         (
             "SpeedAction",
-            "step, linear; by rate, time, distance; absolute, or relative to how the ego or another starts", 29, 14,
+            "step, linear; by rate, time, distance; absolute, or relative to how the ego or "
+            "another starts", 29, 14,
         ),
         ("LaneChangeAction", "sinusoidal, linear; by rate (peak speed), time", 4, 0),
         ("LaneOffsetAction", "sinusoidal, by maxLateralAcc", 5, 0),
         ("LongitudinalDistanceAction", "once, at the start, free space", 5, 1),
-        ("FollowTrajectoryAction", "straight on the map, with times or without; the ego's may bend", 1, 6),
+        ("FollowTrajectoryAction", "straight on the map, with times or without; the ego's may "
+                                   "bend", 1, 6),
         ("AssignRouteAction", "a route that goes straight", 0, 6),
-        ("SynchronizeAction", "planned once; master the ego; AbsoluteSpeed with a steady part", 0, 7),
+        ("SynchronizeAction", "planned once; master the ego; AbsoluteSpeed with a steady "
+                              "part", 0, 7),
         ("EntityAction", "DeleteEntityAction at the start", 0, 3),
     ),
     *_rows(
@@ -145,12 +162,14 @@ ROWS = (
     ),
     *_rows(
         "trigger", "played",
-        ("ConditionGroup", "and within a group, or between groups; delay; edges none and rising", 67, 50),
+        ("ConditionGroup", "and within a group, or between groups; delay; edges none and "
+                           "rising", 67, 50),
         ("priority", "all that end or leave out nothing half-way; else refused"),
     ),
     *_rows(
         "trigger", "ignored",
-        ("StopTrigger", "but by time; of an act in which somebody then still moves: refused", 15, 11),
+        ("StopTrigger", "but by time; of an act in which somebody then still moves: "
+                        "refused", 15, 11),
     ),
 )  # fmt: skip
 
@@ -161,6 +180,7 @@ def table() -> str:
     for row in ROWS:
         counts = " | ".join(str(count) if count else "" for count in row.used)
         lines.append(
-            f"| {row.kind} | `{row.element}` | {row.treatment} | {row.words or 'named with its line'} | {counts} |"
+            f"| {row.kind} | `{row.element}` | {row.treatment} | "
+            f"{row.words or 'named with its line'} | {counts} |"
         )
     return "\n".join(lines)

@@ -16,10 +16,13 @@ from sumo_eval.scenario.concrete import Actor
 _SHOWN = 5  # reasons that are told
 _MOST = 5_000  # points that are all tried
 _WHAT = {
-    played.SMOOTH: "moves across smoothly", played.CONSTANT: "moves across evenly", played.SINUS: "swings",
+    played.SMOOTH: "moves across smoothly", played.CONSTANT: "moves across evenly",
+    played.SINUS: "swings",
     played.COSINE: "moves across along half a cosine",
     played.SPEED: "changes its speed", played.KEEP: "keeps its speed",
-    played.BY_TIME: "drives a speed by time", played.BY_PLACE: "drives a speed by place", played.PATH: "drives a path",
+    played.BY_TIME: "drives a speed by time", played.BY_PLACE: "drives a speed by "
+                                                               "place",
+                                                               played.PATH: "drives a path",
 }  # fmt: skip
 
 
@@ -28,12 +31,22 @@ def described(read: Read) -> Iterator[str]:
     logical, space = read.logical, read.space
     yield f"{logical.name}: {space.about} (OpenSCENARIO {space.version}, {space.file.name})"
     for item in logical.parameters if space.axes else ():
-        values = ", ".join(f"{value:g}" for value in item.values) if item.values else f"{item.low:g}..{item.high:g}"
+        values = (
+            ", ".join(f"{value:g}" for value in item.values)
+            if item.values
+            else f"{item.low:g}..{item.high:g}"
+        )
         yield f"  parameter {item.name} = {values}{item.behind} {item.about}".rstrip()
     road = logical.road
-    yield f"  road {read.frame.name}: {road.lanes} lanes of {road.lane_width:g} m, judged to {road.length:g} m"
+    yield (
+        f"  road {read.frame.name}: {road.lanes} lanes of {road.lane_width:g} m, judged to "
+        f"{road.length:g} m"
+    )
     if len(read.roads) > 1:
-        yield f"  this is road {read.road + 1} of {len(read.roads)} ({', '.join(read.roads)}); `?road=2` names another"
+        yield (
+            f"  this is road {read.road + 1} of {len(read.roads)} ({', '.join(read.roads)}); "
+            "`?road=2` names another"
+        )
     size, known, first = grid_size(space), all_points(read), None
     if known is None:
         reasons = dict(read.refused)
@@ -47,19 +60,27 @@ def described(read: Read) -> Iterator[str]:
     if len(reasons) > _SHOWN:
         yield f"  and {len(reasons) - _SHOWN} more reasons"
     if read.dropped:
-        yield f"  points that differ in {', '.join(read.dropped)} alone are driven alike, and are one point here"
+        yield (
+            f"  points that differ in {', '.join(read.dropped)} alone are driven alike, and are "
+            "one point here"
+        )
     if read.ignored:
         yield f"  ignored, because they move nobody here: {', '.join(read.ignored)}"
     if first is not None:
         found = concrete(read, first)
         yield "  at the first point:" if first else "  its scene:"
-        yield f"    the ego at x = {found.ego.x:.3f} m, y = {found.ego.y:.3f} m with {found.ego.speed:.3f} m/s"
+        yield (
+            f"    the ego at x = {found.ego.x:.3f} m, y = {found.ego.y:.3f} m with "
+            f"{found.ego.speed:.3f} m/s"
+        )
         for actor in found.actors:
             yield from _of(actor)
 
 
 def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
-    """A line for each file of a catalogue: its points and how many of them play, or why none does; and their sums."""
+    """A line for each file of a catalogue: its points and how many of them play, or why none does;
+    and their sums.
+    """
     points = played_ = files = whole = 0
     for file in found:
         whole += 1
@@ -74,16 +95,23 @@ def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
             points += size
             if known is None:
                 played_ += size
-                yield f"{read.logical.name}: {size} points, tried along each axis{_why(read.refused)}"
+                yield (
+                    f"{read.logical.name}: {size} points, tried along each axis{_why(read.refused)}"
+                )
                 continue
             reasons = Counter(why for _, why in known if why is not None)
             played_ += size - sum(reasons.values())
-            yield f"{read.logical.name}: {size - sum(reasons.values())} of {size} points play{_why(reasons.items())}"
+            yield (
+                f"{read.logical.name}: {size - sum(reasons.values())} of {size} points "
+                f"play{_why(reasons.items())}"
+            )
     yield f"{name}: {files} of {whole} files play, {played_} of {points} points"
 
 
 def all_points(read: Read) -> list[tuple[dict[str, float], str | None]] | None:
-    """All points of a file that was read, each with why it does not play; None where they are too many."""
+    """All points of a file that was read, each with why it does not play; None where they are too
+    many.
+    """
     return list(concrete_points(read)) if grid_size(read.space) <= _MOST else None
 
 
@@ -96,13 +124,24 @@ def _of(actor: Actor) -> Iterator[str]:
     start = actor.start
     heading = f", heading {math.degrees(actor.heading):.1f} deg" if actor.heading else ""
     size = f"{actor.body} of {actor.length:g} x {actor.width:g} m"
-    yield f"    {actor.name}, a {size}, at x = {start.x:.3f} m, y = {start.y:.3f} m{heading} with {start.speed:.3f} m/s"
+    yield (
+        f"    {actor.name}, a {size}, at x = {start.x:.3f} m, y = {start.y:.3f} m{heading} with "
+        f"{start.speed:.3f} m/s"
+    )
     for act in actor.acts:
         if act.kind == played.KEEP:
             continue
-        when = f"{act.begin:.3f} s after its condition holds" if act.program else f"at {act.begin:.3f} s"
+        when = (
+            f"{act.begin:.3f} s after its condition holds"
+            if act.program
+            else f"at {act.begin:.3f} s"
+        )
         how = f" by {act.offset:.3f} m in {act.duration:.3f} s" if act.kind <= played.COSINE else ""
-        how = f" to {act.speed:.3f} m/s at {act.acceleration:.3g} m/s2" if act.kind == played.SPEED else how
+        how = (
+            f" to {act.speed:.3f} m/s at {act.acceleration:.3g} m/s2"
+            if act.kind == played.SPEED
+            else how
+        )
         if act.table and act.kind == played.BY_TIME:
             how = ": " + ", ".join(f"{speed:.3f} m/s at {time:.3f} s" for time, speed in act.table)
         yield f"      {_WHAT[act.kind]} {when}{how}"

@@ -1,4 +1,6 @@
-"""What the entry point `xosc` of `sumo_eval.scenarios` brings: OpenSCENARIO files, catalogues and points."""
+"""What the entry point `xosc` of `sumo_eval.scenarios` brings: OpenSCENARIO files, catalogues and
+points.
+"""
 
 from __future__ import annotations
 

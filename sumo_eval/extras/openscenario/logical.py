@@ -1,11 +1,12 @@
-"""An OpenSCENARIO file as a logical scenario: its parameters the space, its storyboard the scene at each point.
+"""An OpenSCENARIO file as a logical scenario: its parameters the space, its storyboard the scene at
+each point.
 
-A ParameterValueDistribution spans the space: a range is a range, a set its values, a set of parameters that go together
-one axis. An axis has numbers where a parameter of it has different ones, else the place in the list, from 0 on. A file
-without a distribution is a space of one point.
+A ParameterValueDistribution spans the space: a range is a range, a set its values, a set of
+parameters that go together one axis. An axis has numbers where a parameter of it has different
+ones, else the place in the list, from 0 on. A file without a distribution is a space of one point.
 
-A space has one road. Where the road is a parameter, the file gives a logical scenario for each, which an option picks:
-`file.xosc?road=2`.
+A space has one road. Where the road is a parameter, the file gives a logical scenario for each,
+which an option picks: `file.xosc?road=2`.
 """
 
 from __future__ import annotations
@@ -29,7 +30,14 @@ from sumo_eval.extras.openscenario.values import Value, plain
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.first_places import misplaced
-from sumo_eval.scenario.logical import Constraint, LogicalScenario, NamedSample, Option, Parameter, Values
+from sumo_eval.scenario.logical import (
+    Constraint,
+    LogicalScenario,
+    NamedSample,
+    Option,
+    Parameter,
+    Values,
+)
 from sumo_eval.scenario.played import KEEP
 from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.road.table import bend_name, check_line
@@ -48,7 +56,9 @@ Assignments = tuple[tuple[str, Value], ...]
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """An axis of the space. choices: what each of its values assigns, by value; empty: the value itself, to `names[0]`.
+    """An axis of the space.
+
+    choices: what each of its values assigns, by value; empty: the value itself, to `names[0]`.
 
     step: of a range, else 0.
     """
@@ -62,8 +72,12 @@ class Axis:
     distribution: Distribution | None = None
 
     def assigned(self, value: float) -> Assignments:
-        """What it assigns at a value; between listed ones, which only maps of the space look at, the nearer's."""
-        if not self.choices or (len(self.names) == 1 and self.choices[0][1] == ((self.name, self.choices[0][0]),)):
+        """What it assigns at a value; between listed ones, which only maps of the space look at,
+        the nearer's.
+        """
+        if not self.choices or (
+            len(self.names) == 1 and self.choices[0][1] == ((self.name, self.choices[0][0]),)
+        ):
             return ((self.names[0], float(value)),)
         return min(self.choices, key=lambda choice: abs(choice[0] - value))[1]
 
@@ -80,12 +94,19 @@ class Axis:
         """How many values it has on the grid."""
         if self.choices:
             return len(self.choices)
-        return int((Fraction(repr(self.high)) - Fraction(repr(self.low))) // Fraction(repr(self.step))) + 1
+        return (
+            int((Fraction(repr(self.high)) - Fraction(repr(self.low))) // Fraction(repr(self.step)))
+            + 1
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """What a file spans. file: the scenario file; fixed: what is assigned at every point; ego: who is judged;
+    """What a file spans.
+
+    file: the scenario file;
+    fixed: what is assigned at every point;
+    ego: who is judged;
     flat: slopes are left out.
     """
 
@@ -106,11 +127,14 @@ class Space:
         return found
 
 
-# -- reading what spans the space --------------------------------------------------------------------------------------
+# -- reading what spans the space ------------------------------------------------------------------
 
 
 def read_space(path: Path) -> Space:
-    """The space of an OpenSCENARIO file: a ParameterValueDistribution, or a scenario file. Raises InputError."""
+    """The space of an OpenSCENARIO file: a ParameterValueDistribution, or a scenario file.
+
+    Raises InputError.
+    """
     root = read_openscenario(path)
     header = root.child("FileHeader")
     about = " ".join(str(header.get("description", "")).split()) or path.stem
@@ -131,7 +155,9 @@ def read_space(path: Path) -> Space:
         if names.count(name) > 1:
             assert first is not None
             raise first.fault(f"parameter `{name}` is given by more than one distribution")
-    fixed = tuple(itertools.chain.from_iterable(axis.choices[0][1] for axis in axes if len(axis.choices) == 1))
+    fixed = tuple(
+        itertools.chain.from_iterable(axis.choices[0][1] for axis in axes if len(axis.choices) == 1)
+    )
     spans = tuple(axis for axis in axes if len(axis.choices) != 1)
     version = f"{header.get('revMajor')}.{header.get('revMinor')}"
     space = Space(path.stem, about, file, fixed, spans, version)
@@ -143,11 +169,17 @@ def read_space(path: Path) -> Space:
 
 
 def _check_declared(space: Space, element: Part) -> None:
-    known = [part.attribute("name") for part in read_openscenario(space.file).all("ParameterDeclarations/*")]
+    known = [
+        part.attribute("name")
+        for part in read_openscenario(space.file).all("ParameterDeclarations/*")
+    ]
     named = [name for name, _ in space.fixed] + [name for axis in space.axes for name in axis.names]
     for name in named:
         if name not in known:
-            raise element.fault(f"parameter `{name}` is not declared in {space.file.name}.{did_you_mean(name, known)}")
+            raise element.fault(
+                f"parameter `{name}` is not declared in "
+                f"{space.file.name}.{did_you_mean(name, known)}"
+            )
 
 
 def axes_of(distribution: Part) -> Iterator[Axis]:
@@ -183,13 +215,19 @@ def _single(element: Part) -> Axis:
 def _together(element: Part) -> Axis:
     sets = element.all("ValueSetDistribution/ParameterValueSet")
     rows: list[Assignments] = [
-        tuple((it.attribute("parameterRef"), plain(it.attribute("value"))) for it in part.all("ParameterAssignment"))
+        tuple(
+            (it.attribute("parameterRef"), plain(it.attribute("value")))
+            for it in part.all("ParameterAssignment")
+        )
         for part in sets
     ]
     names = tuple(dict.fromkeys(name for row in rows for name, _ in row))
-    if not names or any(tuple(sorted(name for name, _ in row)) != tuple(sorted(names)) for row in rows):
+    if not names or any(
+        tuple(sorted(name for name, _ in row)) != tuple(sorted(names)) for row in rows
+    ):
         raise element.fault("its <ParameterValueSet>s must all give the same parameters")
-    # the axis goes by a parameter with different values in all rows, by one with numbers if there is one
+    # the axis goes by a parameter with different values in all rows, by one with numbers if there
+    # is one
     columns = {name: [dict(row)[name] for row in rows] for name in names}
     apart = [name for name in names if len(set(columns[name])) == len(rows)]
     numeric = [name for name in apart if all(isinstance(value, float) for value in columns[name])]
@@ -227,14 +265,16 @@ def _drawn(element: Part) -> Axis:
         mean, variance = kind.decimal("expectedValue"), kind.above_zero("variance")
         density = Distribution("norm", (("loc", mean), ("scale", math.sqrt(variance))))
     else:
-        raise kind.not_played("stochastic distributions that are: UniformDistribution and NormalDistribution with a "
-                               "Range; others are drawn by the sampling method `openscenario`")  # fmt: skip
+        raise kind.not_played("stochastic distributions that are: UniformDistribution and "
+                              "NormalDistribution with a "
+                               "Range; others are drawn by the sampling method "
+                               "`openscenario`")  # fmt: skip
     if not low < high:
         raise kind.fault(f"its range must not be empty, got {low:g}..{high:g}")
     return Axis(name, (name,), low, high, (high - low) / 10.0, (), density)
 
 
-# -- the logical scenario ----------------------------------------------------------------------------------------------
+# -- the logical scenario --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,11 +285,18 @@ class PlacedByFile:
     road: Frame
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
-        """The scene at a point, which the constraints may forbid: a search for zones looks there as well."""
+        """The scene at a point, which the constraints may forbid: a search for zones looks there as
+        well.
+        """
         given = self.space.given(values)
-        found = scene(self.space.file, given, self.space.ego, flat=self.space.flat, constrained=False)
+        found = scene(
+            self.space.file, given, self.space.ego, flat=self.space.flat, constrained=False
+        )
         if _shape(found.frame) != _shape(self.road):
-            raise InputError(f"{self.space.name}: the road must be the same at all points, got {found.frame.name}.")
+            raise InputError(
+                f"{self.space.name}: the road must be the same at all points, got "
+                f"{found.frame.name}."
+            )
         return found.ego, found.actors
 
 
@@ -257,8 +304,8 @@ class PlacedByFile:
 class Holds:
     """Whether all constraints of the file hold, and whether everybody has a place on its road.
 
-    allowed: of every grid point, 1 byte each, the first axis slowest, where all of them were tried; else empty, and
-    each point is worked out: of many at once the constraints alone.
+    allowed: of every grid point, 1 byte each, the first axis slowest, where all of them were tried;
+        else empty, and each point is worked out: of many at once the constraints alone.
     """
 
     space: Space
@@ -266,9 +313,13 @@ class Holds:
     allowed: bytes
 
     def __call__(self, values: Values) -> BoolArray:
-        """At points; between two grid points, which only maps of the space look at, as at the nearer one."""
+        """At points; between two grid points, which only maps of the space look at, as at the
+        nearer one.
+        """
         axes = self.space.axes
-        rows = np.broadcast_arrays(*(np.asarray(values[axis.name], dtype=np.float64) for axis in axes))
+        rows = np.broadcast_arrays(
+            *(np.asarray(values[axis.name], dtype=np.float64) for axis in axes)
+        )
         if self.allowed:
             place = np.zeros(rows[0].shape, dtype=np.intp)
             for axis, row in zip(axes, rows, strict=True):
@@ -279,14 +330,19 @@ class Holds:
         for index in np.ndindex(rows[0].shape):
             point = {axis.name: float(row[index]) for axis, row in zip(axes, rows, strict=True)}
             if rows[0].size > _LOOKED_AT:
-                found[index] = not read_openscenario(self.space.file).declared(self.space.given(point))[1]
+                found[index] = not read_openscenario(self.space.file).declared(
+                    self.space.given(point)
+                )[1]
             else:
                 found[index] = refusal(self.space, self.road, point) is None
         return found
 
 
 def refusal(space: Space, road: Frame, point: Mapping[str, float]) -> str | None:
-    """Why a point cannot be played; None where it can. A constraint that does not hold is told as `= constraint`."""
+    """Why a point cannot be played; None where it can.
+
+    A constraint that does not hold is told as `= constraint`.
+    """
     found = _looked_at(space, space.given(point))
     if isinstance(found, str):
         return found
@@ -294,14 +350,23 @@ def refusal(space: Space, road: Frame, point: Mapping[str, float]) -> str | None
 
 
 def _looked_at(space: Space, given: Mapping[str, Value]) -> Scene | str:
-    """The scene of a file with given values of its parameters, or why there is none there, as `refusal` tells it."""
+    """The scene of a file with given values of its parameters, or why there is none there, as
+    `refusal` tells it.
+    """
     return _scene_or_why(
-        space.file, space.file.stat().st_mtime_ns, tuple(sorted(given.items())), space.ego, flat=space.flat
+        space.file,
+        space.file.stat().st_mtime_ns,
+        tuple(sorted(given.items())),
+        space.ego,
+        flat=space.flat,
     )
 
 
-@lru_cache(maxsize=8_192)  # more than are looked at of a file: each of its roads asks for the same points again
-def _scene_or_why(path: Path, changed: int, given: Assignments, ego: str, *, flat: bool) -> Scene | str:
+# more than are looked at of a file: each of its roads asks for the same points again
+@lru_cache(maxsize=8_192)
+def _scene_or_why(
+    path: Path, changed: int, given: Assignments, ego: str, *, flat: bool
+) -> Scene | str:
     values = dict(given)
     try:
         _, broken = read_openscenario(path).declared(values)
@@ -314,30 +379,39 @@ def _scene_or_why(path: Path, changed: int, given: Assignments, ego: str, *, fla
 
 
 def _impossible(path: Path, found: Scene, ego: str) -> InputError | None:
-    """What of a scene cannot be, by the checks that a run makes of every point. Its sentence has no number in it, so
-    that points with one fault are counted together.
+    """What of a scene cannot be, by the checks that a run makes of every point.
+
+    Its sentence has no number in it, so that points with one fault are counted together.
     """
     frame = found.frame
     road = Road(frame.name, frame.length, frame.lanes, frame.lane_width, 0.0, line=frame.line)
     wrong = next(misplaced(road, found.ego, found.ego_body, found.actors), None)
     if wrong is not None:
-        return _declared(path, ego if wrong.name == "ego" else wrong.name).fault(f"its body must be {wrong.must}")
+        return _declared(path, ego if wrong.name == "ego" else wrong.name).fault(
+            f"its body must be {wrong.must}"
+        )
     for name, start in ((ego, found.ego), *((actor.name, actor.start) for actor in found.actors)):
         if start.speed > road.speed_limit:
             fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
             return _declared(path, name).fault(f"its speed at the start must be {fastest}")
     if any(act.program for actor in found.actors for act in actor.acts):
         limit = found.ends if math.isfinite(found.ends) else _LONGEST
-        case = ConcreteScenario(path.stem, {}, 1.0, road, found.ego, found.actors, ego_body=found.ego_body)
+        case = ConcreteScenario(
+            path.stem, {}, 1.0, road, found.ego, found.actors, ego_body=found.ego_body
+        )
         for actor, _ in never_begin(case, limit):
-            return _declared(path, actor.name).fault("the condition of a move of it can never hold, whoever drives")
+            return _declared(path, actor.name).fault(
+                "the condition of a move of it can never hold, whoever drives"
+            )
     return None
 
 
 def _declared(path: Path, name: str) -> Part:
     """Where a file declares an entity."""
     entities = read_openscenario(path).child("Entities")
-    return next((part for part in entities.all("ScenarioObject") if part.get("name") == name), entities)
+    return next(
+        (part for part in entities.all("ScenarioObject") if part.get("name") == name), entities
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,8 +430,9 @@ class FirstMover:
 class Read:
     """A file that was read: its logical scenario for one road, and what must be said of it.
 
-    roads: names of the roads of the file, of which this is number `road`. dropped: parameters that change nothing that
-    is played, so that their points would be driven twice. notes: sentences.
+    roads: names of the roads of the file, of which this is number `road`.
+    dropped: parameters that change nothing that is played, so that their points would be driven
+        twice. notes: sentences.
     """
 
     logical: LogicalScenario
@@ -371,14 +446,18 @@ class Read:
 
 
 def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
-    """An OpenSCENARIO file, read and tried at points of its space. given: options by name, as written: `road`.
+    """An OpenSCENARIO file, read and tried at points of its space.
+
+    given: options by name, as written: `road`.
 
     Raises InputError with file, line and element for what is not played.
     """
     try:
         changed = path.stat().st_mtime_ns
     except OSError as error:
-        raise InputError(f"OpenSCENARIO file {path} cannot be read: {error.strerror or error}.") from error
+        raise InputError(
+            f"OpenSCENARIO file {path} cannot be read: {error.strerror or error}."
+        ) from error
     return _read(path.resolve(), changed, tuple(sorted((given or {}).items())))
 
 
@@ -387,7 +466,9 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     options = dict(given)
     for name in options:
         if name not in _OPTIONS:
-            raise InputError(f"Unknown option `{name}` of {path.name}.{did_you_mean(name, _OPTIONS)}")
+            raise InputError(
+                f"Unknown option `{name}` of {path.name}.{did_you_mean(name, _OPTIONS)}"
+            )
     whole = replace(
         read_space(path),
         ego=options.get("ego", EGO),
@@ -396,7 +477,9 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     refused: dict[str, int] = {}
     tried = list(_tried(whole, refused))
     if not tried:
-        raise InputError(f"{path.name}: the constraints of {whole.file.name} allow no point of its space.")
+        raise InputError(
+            f"{path.name}: the constraints of {whole.file.name} allow no point of its space."
+        )
     roads: dict[tuple[object, ...], Frame] = {}
     for _, found in tried:
         roads.setdefault(_shape(found.frame), found.frame)
@@ -412,8 +495,12 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
         name = f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', whole.ego)}"
     ignored = tuple(dict.fromkeys(kind for _, found in scenes for kind in found.ignored))
     if zones == 1 and len(space.axes) > _SEARCHED:
-        # a search looks at the 3^k neighbours of a point again and again, and reads the file at each of them
-        most = f"asked of a file with at most {_SEARCHED} parameters (without it every point counts as safe)"
+        # a search looks at the 3^k neighbours of a point again and again, and reads the file at
+        # each of them
+        most = (
+            f"asked of a file with at most {_SEARCHED} parameters (without it every point counts "
+            "as safe)"
+        )
         raise must_be("`zones=1`", path.name, most, len(space.axes))
     logical = _logical(space, frame, scenes, name, searched=zones == 1)
     notes = [*_notes(dropped, ignored, refused), *_about_zones(logical, scenes)]
@@ -421,22 +508,31 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     return Read(logical, space, frame, names, number, dropped, ignored, tuple(refused.items()))
 
 
-def _notes(dropped: Sequence[str], ignored: Sequence[str], refused: Mapping[str, int]) -> Iterator[str]:
+def _notes(
+    dropped: Sequence[str], ignored: Sequence[str], refused: Mapping[str, int]
+) -> Iterator[str]:
     """What a reader of the scores must know of the file."""
     if dropped:
-        yield f"Points that differ in {', '.join(dropped)} alone are driven alike, and are one point."
+        yield (
+            f"Points that differ in {', '.join(dropped)} alone are driven alike, and are one point."
+        )
     if ignored:
         yield f"Ignored, because they move nobody here: {', '.join(ignored)}."
     for why, count in refused.items():
         yield f"{count} of the points that were tried do not play: {why}"
 
 
-def _about_zones(logical: LogicalScenario, scenes: Sequence[tuple[dict[str, float], Scene]]) -> Iterator[str]:
+def _about_zones(
+    logical: LogicalScenario, scenes: Sequence[tuple[dict[str, float], Scene]]
+) -> Iterator[str]:
     """Why every point counts as safe, where no zones are searched."""
     if logical.search is not None:
         return
     if _search(scenes, logical.road) is not None:
-        yield "No zones are searched, so every point counts as safe: `?zones=1` behind the file's name asks for them."
+        yield (
+            "No zones are searched, so every point counts as safe: `?zones=1` behind the file's "
+            "name asks for them."
+        )
         return
     counts = {len(found.actors) for _, found in scenes}
     if logical.road.bent:
@@ -451,7 +547,12 @@ def _about_zones(logical: LogicalScenario, scenes: Sequence[tuple[dict[str, floa
 def _option(path: Path, options: Mapping[str, str], name: str, most: int) -> int:
     written = options.get(name, "1")
     if not written.isdigit() or not 1 <= int(written) <= most:
-        raise must_be(f"`{name}`", path.name, "1" if most == 1 else f"a whole number within 1..{most}", written)
+        raise must_be(
+            f"`{name}`",
+            path.name,
+            "1" if most == 1 else f"a whole number within 1..{most}",
+            written,
+        )
     return int(written)
 
 
@@ -483,10 +584,11 @@ def grid_size(space: Space) -> int:
 
 
 def _tried(space: Space, refused: dict[str, int]) -> Iterator[tuple[dict[str, float], Scene]]:
-    """Scenes at all points of a small grid; of a large one with each axis at each of its values in turn.
+    """Scenes at all points of a small grid; of a large one with each axis at each of its values in
+    turn.
 
-    refused: is told why points cannot be played, and how many of those that were tried. Raises the first reason where
-    no point can.
+    refused: is told why points cannot be played, and how many of those that were tried. Raises the
+        first reason where no point can.
     """
     size = grid_size(space)
     if size > _MOST:
@@ -506,7 +608,9 @@ def _tried(space: Space, refused: dict[str, int]) -> Iterator[tuple[dict[str, fl
 
 
 def _along_axes(space: Space) -> list[dict[str, float]]:
-    """Each axis at each of its values, from the first, the last and the middle value of the others."""
+    """Each axis at each of its values, from the first, the last and the middle value of the
+    others.
+    """
     values = {axis.name: axis.values for axis in space.axes}
     found: dict[tuple[float, ...], dict[str, float]] = {}
     for share in (0.0, 1.0, 0.5):
@@ -517,10 +621,13 @@ def _along_axes(space: Space) -> list[dict[str, float]]:
     return list(found.values())
 
 
-def _without_roads(space: Space, frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]]) -> Space:
+def _without_roads(
+    space: Space, frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]]
+) -> Space:
     """The space with only those values of the axes that decide on the road at which it is this one.
 
-    Where only some of the points were looked at, an axis decides if each of its values has one road.
+    Where only some of the points were looked at, an axis decides if each of its values has one
+    road.
     """
     everywhere = grid_size(space) <= _LOOKED_AT
     kept = {}
@@ -531,7 +638,9 @@ def _without_roads(space: Space, frame: Frame, scenes: Sequence[tuple[dict[str, 
         several = axis.choices and len(set.union(*roads.values())) > 1
         if several and (everywhere or all(len(it) == 1 for it in roads.values())):
             own = _shape(frame)  # a value that plays nowhere stays, to be counted with its reason
-            kept[axis.name] = tuple(choice for choice in axis.choices if own in roads.get(choice[0], {own}))
+            kept[axis.name] = tuple(
+                choice for choice in axis.choices if own in roads.get(choice[0], {own})
+            )
     return _chosen(space, kept)
 
 
@@ -549,7 +658,9 @@ def _chosen(space: Space, kept: Mapping[str, tuple[tuple[float, Assignments], ..
     return replace(space, fixed=tuple(fixed), axes=tuple(axes))
 
 
-def _without_doubles(space: Space, scenes: Sequence[tuple[dict[str, float], Scene]]) -> tuple[Space, tuple[str, ...]]:
+def _without_doubles(
+    space: Space, scenes: Sequence[tuple[dict[str, float], Scene]]
+) -> tuple[Space, tuple[str, ...]]:
     """The space without the axes whose values all give the same drive, and their parameters."""
     dropped: list[str] = []
     kept = {}
@@ -561,22 +672,31 @@ def _without_doubles(space: Space, scenes: Sequence[tuple[dict[str, float], Scen
         compared = [group for group in drives.values() if len(group) > 1]
         if compared and all(len(set(group)) == 1 for group in compared):
             dropped += axis.names
-            kept[axis.name] = (axis.choices[0] if axis.choices else (axis.low, axis.assigned(axis.low)),)
+            kept[axis.name] = (
+                axis.choices[0] if axis.choices else (axis.low, axis.assigned(axis.low)),
+            )
     return _chosen(space, kept), tuple(dropped)
 
 
-_BEFORE_END = 5.0  # m that the ego's front is before the road's end when the case ends: at the end SUMO takes it out
+# m that the ego's front is before the road's end when the case ends: at the end SUMO takes it out
+_BEFORE_END = 5.0
 _ONLY = "only"
 _OPTIONS = {
     "ego": "the entity that is judged, where it is not named `Ego`",
     "flat": "1: slopes and superelevation are left out, roads are as on the map",
     "road": "which of the file's roads, from 1 on",
-    "zones": "1: search zones by ideal braking, which takes seconds a parameter; else everything counts as safe",
+    "zones": "1: search zones by ideal braking, which takes seconds a parameter; else everything "
+    "counts as safe",
 }
 
 
 def _logical(
-    space: Space, frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]], name: str, *, searched: bool
+    space: Space,
+    frame: Frame,
+    scenes: Sequence[tuple[dict[str, float], Scene]],
+    name: str,
+    *,
+    searched: bool,
 ) -> LogicalScenario:
     limit = max(found.ends for _, found in scenes)
     time_limit = limit if math.isfinite(limit) else _LONGEST
@@ -610,7 +730,9 @@ def _logical(
         time_limit=time_limit,
         samples=samples,
         default_sample=samples[0].name if samples else "grid",
-        options=tuple(Option(key, "name" if key == "ego" else "1", about) for key, about in _OPTIONS.items()),
+        options=tuple(
+            Option(key, "name" if key == "ego" else "1", about) for key, about in _OPTIONS.items()
+        ),
         search=_search(scenes, road) if searched else None,
         has_drivers=not any(_comes_across(actor) for _, found in scenes for actor in found.actors),
     )
@@ -619,7 +741,9 @@ def _logical(
     from sumo_eval.scenario.parts import Definitions, Exposure
 
     about = ", ".join(f"{part.name} as {part.distribution}" for part in spread)
-    return replace(logical, exposure=Exposure(tuple(parts), None, Definitions(())), exposure_about=about)
+    return replace(
+        logical, exposure=Exposure(tuple(parts), None, Definitions(())), exposure_about=about
+    )
 
 
 def _parameter(axis: Axis, space: Space) -> Parameter:
@@ -629,13 +753,25 @@ def _parameter(axis: Axis, space: Space) -> Parameter:
         own = [dict(row)[axis.name] for _, row in axis.choices]
         if any(value != known for value, (known, _) in zip(own, axis.choices, strict=True)):
             listed = "; ".join(
-                f"{known:g}: " + ", ".join(f"{value}" for _, value in row) for known, row in axis.choices[:12]
+                f"{known:g}: " + ", ".join(f"{value}" for _, value in row)
+                for known, row in axis.choices[:12]
             )
     about = (
-        f"of {space.file.name}" + (f", with {', '.join(others)}" if others else "") + (f" ({listed})" if listed else "")
+        f"of {space.file.name}"
+        + (f", with {', '.join(others)}" if others else "")
+        + (f" ({listed})" if listed else "")
     )
     values = tuple(known for known, _ in axis.choices)
-    return Parameter(axis.name, axis.low, axis.high, axis.step, _unit(axis.name), about, values, axis.distribution)
+    return Parameter(
+        axis.name,
+        axis.low,
+        axis.high,
+        axis.step,
+        _unit(axis.name),
+        about,
+        values,
+        axis.distribution,
+    )
 
 
 def _unit(name: str) -> str:
@@ -644,26 +780,35 @@ def _unit(name: str) -> str:
     return next((unit for ending, unit in units.items() if name.endswith(ending)), "1")
 
 
-def _road(frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]], time_limit: float) -> Road:
-    """The road, judged as far as the fastest ego comes in the time that the file gives, or to the file's end of it."""
+def _road(
+    frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]], time_limit: float
+) -> Road:
+    """The road, judged as far as the fastest ego comes in the time that the file gives, or to the
+    file's end of it.
+    """
     reach = max(found.ego.x + found.ego.speed * time_limit for _, found in scenes)
     room = frame.length - max(0.5 * found.ego_body.length for _, found in scenes) - _BEFORE_END
     length = min(math.ceil(reach / _ROUND) * _ROUND, room)
     if frame.line:
         check_line(frame.line, frame.lanes, frame.lane_width, f"the road {frame.name}")
-    name = frame.name.replace(".", "_").replace("-", "minus_") + f"_to_{length:g}m".replace(".", "_")
+    name = frame.name.replace(".", "_").replace("-", "minus_") + f"_to_{length:g}m".replace(
+        ".", "_"
+    )
     name += bend_name(frame.line, named=False)
     return Road(name, length, frame.lanes, frame.lane_width, frame.length - length, line=frame.line)
 
 
 def _comes_across(actor: Actor) -> bool:
-    """Whether another one moves at more than 60 deg to the ego's road: the synthetic drivers know leads alone."""
+    """Whether another one moves at more than 60 deg to the ego's road: the synthetic drivers know
+    leads alone.
+    """
     moves = actor.start.speed > 0.0 or any(act.kind != KEEP for act in actor.acts)
     return moves and math.cos(actor.heading) < _ALONG
 
 
 def _search(scenes: Sequence[tuple[dict[str, float], Scene]], road: Road) -> FirstMover | None:
-    """The one of the others that zones are searched from: who moves of its own, else the nearest ahead in the way.
+    """The one of the others that zones are searched from: who moves of its own, else the nearest
+    ahead in the way.
 
     None on a road that bends and where nobody is in the way: no zone can be defined there.
     """
@@ -672,18 +817,23 @@ def _search(scenes: Sequence[tuple[dict[str, float], Scene]], road: Road) -> Fir
         return None
     actors, ego, body = scenes[0][1].actors, scenes[0][1].ego, scenes[0][1].ego_body
     moving = [
-        k for k, actor in enumerate(actors) if actor.start.speed > 0.0 or any(act.kind != KEEP for act in actor.acts)
+        k
+        for k, actor in enumerate(actors)
+        if actor.start.speed > 0.0 or any(act.kind != KEEP for act in actor.acts)
     ]
     in_way = [
         k for k, it in enumerate(actors)
-        if k not in moving and it.start.x > ego.x and abs(it.start.y - ego.y) < 0.5 * (it.width + body.width)
+        if k not in moving and it.start.x > ego.x
+        and abs(it.start.y - ego.y) < 0.5 * (it.width + body.width)
     ]  # fmt: skip
     chosen = sorted(in_way, key=lambda k: actors[k].start.x) or moving
     return FirstMover(chosen[0]) if chosen else None
 
 
 def concrete_points(read: Read) -> Iterator[tuple[dict[str, float], str | None]]:
-    """All grid points of a file that was read, each with why it cannot be played, None where it can."""
+    """All grid points of a file that was read, each with why it cannot be played, None where it
+    can.
+    """
     for point in _grid(read.space):
         yield point, refusal(read.space, read.frame, point)
 

@@ -19,7 +19,10 @@ MARKED = 3.5  # m: the lane that the ego is given in such an area
 
 
 class Lane(NamedTuple):
-    """A lane. centre: left of the road's reference line, m."""
+    """A lane.
+
+    centre: left of the road's reference line, m.
+    """
 
     number: int
     kind: str
@@ -53,19 +56,27 @@ class MapRoad:
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """The roads of a file by id. unread: why a road cannot be read, which nobody minds who is not on it."""
+    """The roads of a file by id.
+
+    unread: why a road cannot be read, which nobody minds who is not on it.
+    """
 
     path: Path
     roads: dict[str, MapRoad]
     unread: dict[str, InputError]
 
     def road(self, name: str, element: Part) -> MapRoad:
-        """A road by its id; refused where it is not there, or cannot be read. element: what asks for it."""
+        """A road by its id; refused where it is not there, or cannot be read.
+
+        element: what asks for it.
+        """
         if name in self.unread:
             raise self.unread[name]
         if name not in self.roads:
             known = [*self.roads, *self.unread]
-            raise element.fault(f"road `{name}` is not in {self.path.name}.{did_you_mean(name, known)}")
+            raise element.fault(
+                f"road `{name}` is not in {self.path.name}.{did_you_mean(name, known)}"
+            )
         return self.roads[name]
 
     def lane(self, road: MapRoad, number: str, element: Part) -> Lane:
@@ -73,7 +84,10 @@ class Network:
         found = next((lane for lane in road.lanes.values() if _is(lane.number, number)), None)
         if found is None:
             known = ", ".join(str(it) for it in road.lanes)
-            raise element.fault(f"lane `{number}` is not on road `{road.name}` of {self.path.name}, which has {known}")
+            raise element.fault(
+                f"lane `{number}` is not on road `{road.name}` of {self.path.name}, which has "
+                f"{known}"
+            )
         return found
 
 
@@ -86,7 +100,11 @@ def _is(number: int, written: str) -> bool:
 
 
 def read_network(path: Path, *, flat: bool = False) -> Network:
-    """The roads of an OpenDRIVE file. flat: slopes are left out. Raises InputError with what cannot be read."""
+    """The roads of an OpenDRIVE file.
+
+    flat: slopes are left out.
+    Raises InputError with what cannot be read.
+    """
     return _read(path, path.stat().st_mtime_ns, flat)
 
 
@@ -131,7 +149,9 @@ def _road(element: Part, name: str, flat: bool) -> MapRoad:
             if number in lanes:
                 raise lane.fault(f"there is another lane with the `id` {number}")
             width = widths[0].decimal("a")
-            lanes[number] = Lane(number, str(lane.get("type")), shift + sign * (offset + 0.5 * width), width)
+            lanes[number] = Lane(
+                number, str(lane.get("type")), shift + sign * (offset + 0.5 * width), width
+            )
             offset += width
     return MapRoad(name, begin, line, lanes)
 

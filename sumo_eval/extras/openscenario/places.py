@@ -1,9 +1,10 @@
 """Places of OpenSCENARIO on the map: positions, trajectories and routes, and who stands where.
 
-The place of an entity is that of its reference point (the rear axle of a vehicle, `BoundingBox/Center` says where the
-body's centre lies from there). Without an <Orientation> it points along the road's reference line, in left lanes too:
-the UN R157 file with the ego in lane 4 drives that way. Along a route numbers of lanes and offsets are those of a road
-that leads the way the route goes.
+The place of an entity is that of its reference point (the rear axle of a vehicle,
+`BoundingBox/Center` says where the body's centre lies from there). Without an <Orientation> it
+points along the road's reference line, in left lanes too: the UN R157 file with the ego in lane 4
+drives that way. Along a route numbers of lanes and offsets are those of a road that leads the way
+the route goes.
 """
 
 from __future__ import annotations
@@ -44,11 +45,14 @@ class Spot:
 
 @dataclass(slots=True)
 class Entity:
-    """A vehicle, a person or an object. centre: of its body, ahead of its reference point, m; offset: to the left, m.
+    """A vehicle, a person or an object.
 
-    way: the points of a trajectory on the map that it follows; times: s at them, where it has any. frame: the centre of
-    its body along and across the road, once the road is known. on_map: its line is straight on the map, not along the
-    road, which bends.
+    centre: of its body, ahead of its reference point, m;
+    offset: to the left, m.
+
+    way: the points of a trajectory on the map that it follows; times: s at them, where it has any.
+    frame: the centre of its body along and across the road, once the road is known.
+    on_map: its line is straight on the map, not along the road, which bends.
     """
 
     name: str
@@ -68,13 +72,21 @@ class Entity:
     def placed(self, asks: Part) -> Spot:
         """Where it is; refused while nobody has said."""
         if self.spot is None:
-            raise asks.fault(f"entity `{self.name}` has no place yet: a TeleportAction or a trajectory must come first")
+            raise asks.fault(
+                f"entity `{self.name}` has no place yet: a TeleportAction or a trajectory must "
+                "come first"
+            )
         return self.spot
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """A trajectory on the map. points: (x, y); times: s, empty without; pieces: of a clothoid spline."""
+    """A trajectory on the map.
+
+    points: (x, y);
+    times: s, empty without;
+    pieces: of a clothoid spline.
+    """
 
     points: tuple[tuple[float, float], ...]
     times: tuple[float, ...]
@@ -110,7 +122,9 @@ class Trajectory:
 
 @dataclass(slots=True)
 class Places:
-    """What knows all places of a scenario at a point: the network, the catalogs and the entities by name."""
+    """What knows all places of a scenario at a point: the network, the catalogs and the entities by
+    name.
+    """
 
     network: Network
     catalogs: Catalogs
@@ -126,9 +140,12 @@ class Places:
         """The place that a <Position> (or what holds one of its kinds) says."""
         kind = position.only()
         known = {
-            "LanePosition": self._lane, "RelativeLanePosition": self._relative_lane, "RoadPosition": self._road,
-            "RelativeRoadPosition": self._relative_road, "RelativeObjectPosition": self._relative_object,
-            "RoutePosition": self._route, "TrajectoryPosition": self._on_trajectory, "WorldPosition": self._world,
+            "LanePosition": self._lane, "RelativeLanePosition": self._relative_lane,
+            "RoadPosition": self._road,
+            "RelativeRoadPosition": self._relative_road,
+            "RelativeObjectPosition": self._relative_object,
+            "RoutePosition": self._route, "TrajectoryPosition": self._on_trajectory,
+            "WorldPosition": self._world,
         }  # fmt: skip
         if kind.tag not in known:
             raise kind.not_played(f"positions that are: {', '.join(known)}")
@@ -143,17 +160,22 @@ class Places:
         if turn.one_of("type", ("relative", "absolute"), "absolute") == "relative":
             heading += found.pose.heading
         turned = abs(math.remainder(heading - found.pose.heading, math.tau)) > 1e-9
-        return Spot(found.pose._replace(heading=heading), found.road, found.lane, found.s, found.t, turned)
+        return Spot(
+            found.pose._replace(heading=heading), found.road, found.lane, found.s, found.t, turned
+        )
 
     def _on(self, road: MapRoad, s: float, t: float, lane: Lane | None, element: Part) -> Spot:
         if not -1e-6 <= s <= road.length + 1e-6:
-            raise element.fault(f"s = {s:g} m is not on road `{road.name}`, which is {road.length:g} m long")
+            raise element.fault(
+                f"s = {s:g} m is not on road `{road.name}`, which is {road.length:g} m long"
+            )
         return Spot(road.pose(s, t), road, lane, s, t)
 
     def _lane(self, element: Part) -> Spot:
         road = self.network.road(element.text("roadId"), element)
         lane = self.network.lane(road, element.text("laneId"), element)
-        return self._on(road, element.number("s"), lane.centre + element.number("offset", 0.0), lane,
+        return self._on(road, element.number("s"), lane.centre + element.number("offset", 0.0),
+            lane,
                         element)  # fmt: skip
 
     def _relative_lane(self, element: Part) -> Spot:
@@ -168,7 +190,9 @@ class Places:
         return self._on(other.road, other.s + ahead, t, lane, element)
 
     def lane_beside(self, spot: Spot, lanes: int, element: Part) -> Lane:
-        """The lane so many lanes to the left of where something is; 0 is no lane and is not counted."""
+        """The lane so many lanes to the left of where something is; 0 is no lane and is not
+        counted.
+        """
         assert spot.road is not None
         assert spot.lane is not None
         chosen = spot.lane.number + lanes
@@ -195,7 +219,7 @@ class Places:
         return Spot(Pose(element.number("x"), element.number("y"), element.number("h", 0.0)),
                     turned=True)  # fmt: skip
 
-    # -- trajectories --------------------------------------------------------------------------------------------------
+    # -- trajectories ------------------------------------------------------------------------------
 
     def trajectory(self, holder: Part) -> Trajectory:
         """The trajectory of a <TrajectoryRef>."""
@@ -239,9 +263,11 @@ class Places:
 
     def _on_trajectory(self, element: Part) -> Spot:
         trajectory = self.trajectory(element.child("TrajectoryRef"))
-        return Spot(trajectory.at(element.number("s"), element, element.number("t", 0.0)), turned=True)
+        return Spot(
+            trajectory.at(element.number("s"), element, element.number("t", 0.0)), turned=True
+        )
 
-    # -- routes --------------------------------------------------------------------------------------------------------
+    # -- routes ------------------------------------------------------------------------------------
 
     def route(self, holder: Part) -> tuple[Spot, Spot]:
         """Both ends of a route; refused where it turns."""
@@ -273,7 +299,9 @@ class Places:
         elif at.tag == "FromRoadCoordinates":
             t = at.number("t")
         else:
-            raise at.not_played("places on a route that are: FromLaneCoordinates, FromRoadCoordinates")
+            raise at.not_played(
+                "places on a route that are: FromLaneCoordinates, FromRoadCoordinates"
+            )
         line = road.pose(begin.s, 0.0)
         reach = end.pose.seen_from(line).x
         if not 0.0 <= s <= reach + 1e-6:
@@ -282,7 +310,8 @@ class Places:
 
 
 BODY_OF = {
-    "car": "car", "van": "van", "truck": "truck", "trailer": "truck", "semitrailer": "truck", "bus": "truck",
+    "car": "car", "van": "van", "truck": "truck", "trailer": "truck", "semitrailer": "truck",
+    "bus": "truck",
     "motorbike": "motorcycle", "bicycle": "bicycle", "train": None, "tram": None,
 }  # fmt: skip
 

@@ -10,7 +10,14 @@ from functools import lru_cache
 from pathlib import Path
 
 from sumo_eval.errors import InputError, did_you_mean
-from sumo_eval.extras.openscenario.values import RULES, Value, WrongValueError, holds, number_of, worked_out
+from sumo_eval.extras.openscenario.values import (
+    RULES,
+    Value,
+    WrongValueError,
+    holds,
+    number_of,
+    worked_out,
+)
 from sumo_eval.input_file import input_file
 from sumo_eval.scenario.xml_file import Element, read_xml
 from sumo_eval.text import shown
@@ -24,13 +31,17 @@ _IN_KMH = re.compile(r"\$(\w+_)?(kph|kmh|kmph)", re.IGNORECASE)
 def _read_once(path: Path, changed: int) -> Part:
     root = read_xml(path, "OpenSCENARIO file")
     if root.tag != "OpenSCENARIO":
-        raise InputError(f"OpenSCENARIO file {path}: its root must be <OpenSCENARIO>, got <{root.tag}>.")
+        raise InputError(
+            f"OpenSCENARIO file {path}: its root must be <OpenSCENARIO>, got <{root.tag}>."
+        )
     header = root.find("FileHeader")
     if header is None:
         raise InputError(f"OpenSCENARIO file {path}: <FileHeader> is missing.")
     version = f"{header.get('revMajor', '?')}.{header.get('revMinor', '?')}"
     if version not in _VERSIONS:
-        raise Part(header).fault(f"its version must be one of {', '.join(_VERSIONS)}, got {shown(version)}")
+        raise Part(header).fault(
+            f"its version must be one of {', '.join(_VERSIONS)}, got {shown(version)}"
+        )
     return Part(root)
 
 
@@ -43,8 +54,9 @@ def read_openscenario(path: Path) -> Part:
 class Part:
     """An element of a file, and what is known in it.
 
-    values: of parameters by name. entries: of catalogs, which led here. Its methods refuse what is not there with file,
-    line and element.
+    values: of parameters by name.
+    entries: of catalogs, which led here. Its methods refuse what is not there with file, line and
+        element.
     """
 
     element: Element
@@ -67,7 +79,10 @@ class Part:
         return f"{self.file.name}, line {self.element.sourceline}, <{self.tag}>"
 
     def fault(self, text: str) -> InputError:
-        """A sentence on what is wrong with it. text: `value must be a number, got 'x'`."""
+        """A sentence on what is wrong with it.
+
+        text: `value must be a number, got 'x'`.
+        """
         text = text.rstrip(".")
         return InputError(f"{self.where}: {text}{'' if text.endswith('?') else '.'}")
 
@@ -76,7 +91,7 @@ class Part:
         rest = f": {among}" if among else ""
         return self.fault(f"this is not played{rest}, and nothing is guessed in its place")
 
-    # -- what is in it -------------------------------------------------------------------------------------------------
+    # -- what is in it -----------------------------------------------------------------------------
 
     def get(self, name: str, default: str | None = None) -> str | None:
         """An attribute as it is written."""
@@ -93,7 +108,9 @@ class Part:
 
     def children(self) -> list[Part]:
         """The elements inside it, without comments."""
-        return [Part(one, self.values, self.entries) for one in self.element if isinstance(one.tag, str)]
+        return [
+            Part(one, self.values, self.entries) for one in self.element if isinstance(one.tag, str)
+        ]
 
     def only(self) -> Part:
         """The one element inside it."""
@@ -109,7 +126,7 @@ class Part:
             raise self.fault(f"<{name}> is missing in it")
         return found
 
-    # -- its attributes ------------------------------------------------------------------------------------------------
+    # -- its attributes ----------------------------------------------------------------------------
 
     def attribute(self, name: str) -> str:
         """An attribute as it is written."""
@@ -135,7 +152,9 @@ class Part:
         found = self.attribute(name)
         if found not in known:
             near = did_you_mean(found, known)
-            raise self.fault(f"`{name}` must be one of {', '.join(known)}, got {shown(found)}.{near}")
+            raise self.fault(
+                f"`{name}` must be one of {', '.join(known)}, got {shown(found)}.{near}"
+            )
         return found
 
     def worked_out(self, written: str) -> Value:
@@ -161,7 +180,8 @@ class Part:
         written = self.attribute(name)
         if _IN_KMH.fullmatch(written.strip()):
             raise self.fault(
-                f"`{name}` must be in m/s, got {written}, which by its name is in km/h: ${{{written} / 3.6}}"
+                f"`{name}` must be in m/s, got {written}, which by its name is in km/h: "
+                f"${{{written} / 3.6}}"
             )
         found = self.worked_out(written)
         value = number_of(found)
@@ -195,33 +215,47 @@ class Part:
         """Whether a rule holds between two values; texts are equal or not."""
         if rule not in RULES:
             known = ", ".join(RULES)
-            raise self.fault(f"`rule` must be one of {known}, got {shown(rule)}.{did_you_mean(rule, RULES)}")
+            raise self.fault(
+                f"`rule` must be one of {known}, got {shown(rule)}.{did_you_mean(rule, RULES)}"
+            )
         found = holds(rule, one, two)
         if found is None:
             raise self.fault(f"`{rule}` must compare numbers, got {shown(one)} and {shown(two)}")
         return found
 
-    # -- what is known in it -------------------------------------------------------------------------------------------
+    # -- what is known in it -----------------------------------------------------------------------
 
     def declared(self, given: Mapping[str, Value]) -> tuple[Part, list[str]]:
-        """It with the parameters that its <ParameterDeclarations> add or replace, and the constraints that do not hold.
+        """It with the parameters that its <ParameterDeclarations> add or replace, and the
+        constraints that do not hold.
 
-        given: values in the place of those that are declared. Raises InputError for one that nobody declares.
+        given: values in the place of those that are declared.
+        Raises InputError for one that nobody declares.
         """
         holder = self.find("ParameterDeclarations")
-        found = [] if holder is None else [it for it in holder.children() if it.tag == "ParameterDeclaration"]
+        found = (
+            []
+            if holder is None
+            else [it for it in holder.children() if it.tag == "ParameterDeclaration"]
+        )
         names = [part.attribute("name") for part in found]
         for name in given:
             if name not in names:
                 place = "The file" if holder is None else holder.where
-                raise InputError(f"{place}: parameter `{name}` is not declared.{did_you_mean(name, names)}")
+                raise InputError(
+                    f"{place}: parameter `{name}` is not declared.{did_you_mean(name, names)}"
+                )
         values = dict(self.values)
         found = [replace(part, values=values) for part in found]
         for earlier, (part, name) in enumerate(zip(found, names, strict=True)):
             if name in names[:earlier]:
                 raise part.fault(f"parameter `{name}` is declared twice")
-            values[name] = given[name] if name in given else part.worked_out(str(part.get("value", "")))
-        broken = [why for part, name in zip(found, names, strict=True) for why in part._broken(name)]
+            values[name] = (
+                given[name] if name in given else part.worked_out(str(part.get("value", "")))
+            )
+        broken = [
+            why for part, name in zip(found, names, strict=True) for why in part._broken(name)
+        ]
         return replace(self, values=values), broken
 
     def within(self) -> Part:
@@ -235,9 +269,14 @@ class Part:
         """Of several constraint groups one must hold, with all of its constraints."""
         groups = [group.all("ValueConstraint") for group in self.all("ConstraintGroup")]
         for group in groups:
-            wanted = [(it, it.attribute("rule"), it.worked_out(it.attribute("value"))) for it in group]
+            wanted = [
+                (it, it.attribute("rule"), it.worked_out(it.attribute("value"))) for it in group
+            ]
             if all(it.compared(rule, self.values[name], value) for it, rule, value in wanted):
                 return
         if groups:
-            told = (" and ".join(f"{it.get('rule')} {it.get('value')}" for it in group) for group in groups)
+            told = (
+                " and ".join(f"{it.get('rule')} {it.get('value')}" for it in group)
+                for group in groups
+            )
             yield f"{name} {' or '.join(told)}"

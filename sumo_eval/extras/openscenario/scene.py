@@ -1,13 +1,18 @@
-"""A scenario file of OpenSCENARIO at one point of its space: the road, the ego's start and what the others do.
+"""A scenario file of OpenSCENARIO at one point of its space: the road, the ego's start and what the
+others do.
 
 Readings, where the standard leaves one or the world here is narrower:
 
-- The ego belongs to the ADS from the start: its controllers and actions during the drive are ignored, its start is not.
-- A speed relative to the ego's is relative to the one with which the ego starts, a lane or an offset relative to the
+- The ego belongs to the ADS from the start: its controllers and actions during the drive are
+  ignored, its start is not.
+- A speed relative to the ego's is relative to the one with which the ego starts, a lane or an
+  offset relative to the
   ego's to where the ego starts: nobody knows before the drive where an ADS will be.
-- SynchronizeAction is planned once, when it begins, for a master that keeps the speed it has; when the master leaves
+- SynchronizeAction is planned once, when it begins, for a master that keeps the speed it has; when
+  the master leaves
   its approach speed afterwards, because the ADS brakes, the target keeps its plan (`synchronized`).
-- `sinusoidal` by `rate` has that peak lateral speed, by `maxLateralAcc` that peak lateral acceleration.
+- `sinusoidal` by `rate` has that peak lateral speed, by `maxLateralAcc` that peak lateral
+  acceleration.
 - A `rate` is a size; the target says which way.
 - Who has come to the end of a trajectory goes on straight at its speed.
 """
@@ -32,7 +37,14 @@ from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, EgoBody, Start, keeps_on
 from sumo_eval.scenario.road.opendrive import beside
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Piece, bends, curvatures, frame_places, length_of, tightest
+from sumo_eval.scenario.road.reference_line import (
+    Piece,
+    bends,
+    curvatures,
+    frame_places,
+    length_of,
+    tightest,
+)
 
 EGO = "Ego"
 _AT_ONCE = 1e-6  # s that a speed takes which is told to change at once
@@ -47,12 +59,14 @@ IGNORED_GLOBAL = (
     "CustomCommandAction",
 )
 """Actions for all that change no motion here."""
-IGNORED_PRIVATE = ("ControllerAction", "ActivateControllerAction", "VisibilityAction", "AppearanceAction")  # fmt: skip
+IGNORED_PRIVATE = ("ControllerAction", "ActivateControllerAction", "VisibilityAction",
+    "AppearanceAction")  # fmt: skip
 """Actions of one entity that change no motion here."""
 
 
 class Frame(NamedTuple):
-    """The road: where its frame begins on the map, its line (none: straight), its lanes and its length, m.
+    """The road: where its frame begins on the map, its line (none: straight), its lanes and its
+    length, m.
 
     offset: of lane 0's centre left of the reference line of the road `name`, m.
     """
@@ -69,8 +83,10 @@ class Frame(NamedTuple):
 
 @dataclass(slots=True)
 class Doing:
-    """What one of the others does, as it is put together. speed: the one it has by what stands above, from `steady` s
-    on; offset: to the left of where it starts, by what stands above, m.
+    """What one of the others does, as it is put together.
+
+    speed: the one it has by what stands above, from `steady` s on;
+    offset: to the left of where it starts, by what stands above, m.
     """
 
     acts: list[played.Act] = field(default_factory=list)
@@ -82,7 +98,9 @@ class Doing:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """The scenario at a point. broken: constraints of the file that do not hold there. ends: s, inf where no stop says.
+    """The scenario at a point. broken: constraints of the file that do not hold there.
+
+    ends: s, inf where no stop says.
 
     ignored: kinds of elements that mean nothing here.
     """
@@ -96,9 +114,17 @@ class Scene:
 
 
 def scene(
-    path: Path, given: Mapping[str, Value], ego: str = EGO, *, flat: bool = False, constrained: bool = True
+    path: Path,
+    given: Mapping[str, Value],
+    ego: str = EGO,
+    *,
+    flat: bool = False,
+    constrained: bool = True,
 ) -> Scene:
-    """A scenario file with given values of its parameters. ego: the entity that is judged. flat: slopes are left out.
+    """A scenario file with given values of its parameters.
+
+    ego: the entity that is judged.
+    flat: slopes are left out.
     constrained: the constraints of the file must hold.
 
     Raises InputError with file, line and element.
@@ -109,12 +135,14 @@ def scene(
 def synchronized(
     distance: float, time: float, speed: float, final: float, steady: float
 ) -> tuple[tuple[float, float], ...]:
-    """Knots (s, m/s) of the speed with which a target is at its place, `distance` m ahead, after `time` s.
+    """Knots (s, m/s) of the speed with which a target is at its place, `distance` m ahead, after
+    `time` s.
 
-    It begins with `speed` and has `final` over the last `steady` m. Before that it changes its speed once, as gently as
-    it can: it keeps the first speed and then changes, or changes and then keeps the final one. Where neither gets it
-    there, it changes at an even rate to a speed in the middle of the time left, and on to the final one; and where that
-    speed would be below 0 it brakes, stands and starts.
+    It begins with `speed` and has `final` over the last `steady` m. Before that it changes its
+    speed once, as gently as it can: it keeps the first speed and then changes, or changes and then
+    keeps the final one. Where neither gets it there, it changes at an even rate to a speed in the
+    middle of the time left, and on to the final one; and where that speed would be below 0 it
+    brakes, stands and starts.
 
     Raises InputError where no motion forward does it.
     """
@@ -122,7 +150,9 @@ def synchronized(
         raise InputError(f"a final speed above 0 m/s is needed, got {final:g}")
     ahead, left = distance - steady, time - steady / final
     if ahead < -_ON or left < -_SAME:
-        raise InputError(f"{distance:.2f} m in {time:.2f} s leave no room for {steady:g} m at {final:g} m/s")
+        raise InputError(
+            f"{distance:.2f} m in {time:.2f} s leave no room for {steady:g} m at {final:g} m/s"
+        )
     if left <= _AT_ONCE or ahead <= _ON:
         return (
             ((max(left, _AT_ONCE), speed), (max(left, _AT_ONCE) + _AT_ONCE, final))
@@ -132,7 +162,8 @@ def synchronized(
     mean = ahead / left
     low, high = min(speed, final), max(speed, final)
     if high - low > _SAME and low + _SAME < mean < high - _SAME:
-        if (mean < 0.5 * (speed + final)) == (final > speed):  # nearer to the speed it has: that first
+        # nearer to the speed it has: that first
+        if (mean < 0.5 * (speed + final)) == (final > speed):
             ramp = 2.0 * (ahead - speed * left) / (final - speed)
             return _knots([(left - ramp, speed), (left, final)])
         ramp = 2.0 * (final * left - ahead) / (final - speed)
@@ -142,9 +173,12 @@ def synchronized(
     middle = 2.0 * mean - 0.5 * (speed + final)
     if middle >= 0.0:
         return _knots([(0.5 * left, middle), (left, final)])
-    rate = (speed * speed + final * final) / (2.0 * ahead)  # brakes and starts at one rate, and stands in between
+    # brakes and starts at one rate, and stands in between
+    rate = (speed * speed + final * final) / (2.0 * ahead)
     if (speed + final) / rate > left + _SAME:
-        raise InputError(f"{distance:.2f} m in {time:.2f} s are too few for {speed:g} m/s at the start")
+        raise InputError(
+            f"{distance:.2f} m in {time:.2f} s are too few for {speed:g} m/s at the start"
+        )
     return _knots([(speed / rate, 0.0), (left - final / rate, 0.0), (left, final)])
 
 
@@ -164,7 +198,9 @@ def _knots(knots: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
 
 def _kinds(event: Part) -> set[str]:
     """Whether an event tells somebody to move along the road, across it, or on a way of its own."""
-    return {action.only().tag for action in event.all("Action/PrivateAction")} - set(IGNORED_PRIVATE)
+    return {action.only().tag for action in event.all("Action/PrivateAction")} - set(
+        IGNORED_PRIVATE
+    )
 
 
 def _deletes(action: Part) -> bool:
@@ -174,14 +210,18 @@ def _deletes(action: Part) -> bool:
 class _Player:
     """Walks through a file once."""
 
-    def __init__(self, path: Path, given: Mapping[str, Value], ego: str, *, flat: bool, constrained: bool) -> None:
+    def __init__(
+        self, path: Path, given: Mapping[str, Value], ego: str, *, flat: bool, constrained: bool
+    ) -> None:
         self.ego = ego
         self.root = read_openscenario(path)
         if self.root.find("Storyboard") is None:
             raise self.root.fault("it must hold a <Storyboard>")
         self.root, broken = self.root.declared(given)
         if broken and constrained:
-            raise self.root.child("ParameterDeclarations").fault(f"a constraint does not hold: {broken[0]}")
+            raise self.root.child("ParameterDeclarations").fault(
+                f"a constraint does not hold: {broken[0]}"
+            )
         self.catalogs = Catalogs(self.root.find("CatalogLocations"))
         network = self.root.child("RoadNetwork")
         self.network = read_network(named_file(network.child("LogicFile")), flat=flat)
@@ -192,8 +232,13 @@ class _Player:
             if any(entity.name == it.name for it in entities[:earlier]):
                 raise entity.element.fault(f"there is another entity with the name `{entity.name}`")
         if ego not in self.entities:
-            why = f"one entity must be named `{ego}`, the one that is judged; `?ego=NAME` behind the file's name names"
-            raise self.root.child("Entities").fault(f"{why} another of {', '.join(self.entities) or 'none'}")
+            why = (
+                f"one entity must be named `{ego}`, the one that is judged; `?ego=NAME` behind "
+                "the file's name names"
+            )
+            raise self.root.child("Entities").fault(
+                f"{why} another of {', '.join(self.entities) or 'none'}"
+            )
         self.places = Places(self.network, self.catalogs, self.entities)
         self.ignored: dict[str, None] = {"elevation": None} if flat else {}
         self.doing = {name: Doing() for name in self.entities if name != self.ego}
@@ -214,7 +259,9 @@ class _Player:
         for distance, entity in self.distances:
             self._keep_distance(distance, entity)
         self._delete_at_once(story)
-        numbers = [name for name in self.entities if name != self.ego and not self.entities[name].deleted]
+        numbers = [
+            name for name in self.entities if name != self.ego and not self.entities[name].deleted
+        ]
         self.number_of = {name: number for number, name in enumerate(numbers)}
         self.conditions = Conditions(self.places, self.number_of)
         for name in self.doing:
@@ -229,12 +276,19 @@ class _Player:
             raise ego.element.fault("the body of an ego that turns must lie over its axle's middle")
         start = Start(ego.frame.x, ego.frame.y, ego.speed)
         actors = tuple(self._actor(self.entities[name]) for name in numbers)
-        return Scene(self.frame, start, EgoBody(ego.length, ego.width), actors, self.ends, tuple(self.ignored))
+        return Scene(
+            self.frame,
+            start,
+            EgoBody(ego.length, ego.width),
+            actors,
+            self.ends,
+            tuple(self.ignored),
+        )
 
     def _ignore(self, element: Part) -> None:
         self.ignored[element.tag] = None
 
-    # -- before the start ----------------------------------------------------------------------------------------------
+    # -- before the start --------------------------------------------------------------------------
 
     def _init(self, actions: Part) -> None:
         self.distances: list[tuple[Part, Entity]] = []
@@ -266,9 +320,13 @@ class _Player:
             if inner.tag == "SpeedAction":
                 dynamics = inner.child("SpeedActionDynamics")
                 shape = dynamics.one_of("dynamicsShape", ("step", "linear", "cubic", "sinusoidal"))
-                at_once = dynamics.get("dynamicsDimension") == "time" and dynamics.number("value") == 0.0
+                at_once = (
+                    dynamics.get("dynamicsDimension") == "time" and dynamics.number("value") == 0.0
+                )
                 if shape != "step" and not at_once:
-                    raise dynamics.fault("before the start a speed must be a step, or be reached within 0 s")
+                    raise dynamics.fault(
+                        "before the start a speed must be a step, or be reached within 0 s"
+                    )
                 entity.speed = self._target_speed(inner)
             elif inner.tag == "LongitudinalDistanceAction":
                 self.distances.append((inner, entity))
@@ -293,11 +351,20 @@ class _Player:
             begin = element.number("initialDistanceOffset", 0.0)
             first = trajectory.begin
             pose = trajectory.at(begin, element)
-            entity.spot = Spot(pose, first.road, first.lane, first.s + begin, first.t, turned=entity.name != self.ego)
+            entity.spot = Spot(
+                pose,
+                first.road,
+                first.lane,
+                first.s + begin,
+                first.t,
+                turned=entity.name != self.ego,
+            )
             entity.way = ((pose.x, pose.y), *trajectory.rest(begin))
             if entity.name == self.ego:
                 if trajectory.bends and begin != 0.0:
-                    raise element.fault("`initialDistanceOffset` of a trajectory on which the ego turns must be 0")
+                    raise element.fault(
+                        "`initialDistanceOffset` of a trajectory on which the ego turns must be 0"
+                    )
                 self.turning = trajectory if trajectory.bends else None
                 self.end_of_way = Pose(*trajectory.points[-1], pose.heading)
         else:
@@ -317,10 +384,14 @@ class _Player:
             speed = value
         elif target.tag == "RelativeTargetSpeed":
             if target.flag("continuous"):
-                raise target.fault("a speed that is kept relative to another's all the time is not played")
+                raise target.fault(
+                    "a speed that is kept relative to another's all the time is not played"
+                )
             other = self.places.entity(target.text("entityRef"), target)
             base = (
-                other.speed if other.name == self.ego or other.name not in self.doing else self.doing[other.name].speed
+                other.speed
+                if other.name == self.ego or other.name not in self.doing
+                else self.doing[other.name].speed
             )
             kind = target.one_of("speedTargetValueType", ("delta", "factor"))
             speed = base + value if kind == "delta" else base * value
@@ -330,7 +401,7 @@ class _Player:
             raise target.fault(f"the speed must be at least 0 m/s, got {speed:g}")
         return speed
 
-    # -- the road ------------------------------------------------------------------------------------------------------
+    # -- the road ----------------------------------------------------------------------------------
 
     def _frame(self) -> Frame:
         ego = self.entities[self.ego]
@@ -344,14 +415,25 @@ class _Player:
         if lane.width > WIDEST:
             width = MARKED
         else:
-            driving = [it for it in sorted(road.lanes.values(), key=lambda it: it.centre) if it.kind == "driving"]
+            driving = [
+                it
+                for it in sorted(road.lanes.values(), key=lambda it: it.centre)
+                if it.kind == "driving"
+            ]
             own = next((k for k, it in enumerate(driving) if it.number == lane.number), None)
             if own is None:
-                raise ego.element.fault(f"the ego's lane {lane.number} must be a driving lane, it is `{lane.kind}`")
+                raise ego.element.fault(
+                    f"the ego's lane {lane.number} must be a driving lane, it is `{lane.kind}`"
+                )
             first, last = own, own
-            while first > 0 and abs(driving[first].centre - driving[first - 1].centre - width) < _ON:
+            while (
+                first > 0 and abs(driving[first].centre - driving[first - 1].centre - width) < _ON
+            ):
                 first -= 1
-            while last + 1 < len(driving) and abs(driving[last + 1].centre - driving[last].centre - width) < _ON:
+            while (
+                last + 1 < len(driving)
+                and abs(driving[last + 1].centre - driving[last].centre - width) < _ON
+            ):
                 last += 1
             centre, lanes = driving[first].centre, last - first + 1
         origin = road.pose(0.0, centre)
@@ -365,7 +447,8 @@ class _Player:
         return Frame(origin, (), lanes, width, length, name, centre, road.name)
 
     def _turning_frame(self, road: MapRoad, lane: Lane, spot: Spot) -> Frame:
-        """The road of an ego that turns: the way on which it turns, one lane wide, from its own road's beginning on.
+        """The road of an ego that turns: the way on which it turns, one lane wide, from its own
+        road's beginning on.
 
         At a junction there is no lane beside a way, and who comes across is told on the map.
         """
@@ -373,22 +456,32 @@ class _Player:
         origin = road.pose(0.0, spot.t)
         there = spot.pose.seen_from(origin)
         if road.bent or abs(there.y) > _ON or abs(there.heading) > _SAME:
-            raise self.entities[self.ego].element.fault("an ego that turns must begin along a straight road")
+            raise self.entities[self.ego].element.fault(
+                "an ego that turns must begin along a straight road"
+            )
         line = self.turning.pieces
         if there.x > _ON:
             first, *rest = line
-            line = (Piece(there.x), *line) if bends([first]) else (Piece(there.x + first.length), *rest)
+            line = (
+                (Piece(there.x), *line)
+                if bends([first])
+                else (Piece(there.x + first.length), *rest)
+            )
         name = f"{self.network.path.stem}_{road.name}_turn_{tightest(line):g}m"
         width = MARKED if lane.width > WIDEST else lane.width
         return Frame(origin, line, 1, width, length_of(line), name, spot.t, road.name)
 
     def _on_map(self, entity: Entity) -> Pose:
-        """The centre of an entity's body on the map, in the axes of the road's beginning, and where it leads there."""
+        """The centre of an entity's body on the map, in the axes of the road's beginning, and where
+        it leads there.
+        """
         pose = entity.placed(entity.element).pose._replace(heading=self._heading(entity))
         return pose.moved(entity.centre, entity.offset).seen_from(self.frame.origin)
 
     def _found_in_frame(self, entity: Entity) -> Pose:
-        """The place of an entity in the frame of a road that bends, found from where it is on the map."""
+        """The place of an entity in the frame of a road that bends, found from where it is on the
+        map.
+        """
         at = self._on_map(entity)
         return Pose(*(float(it) for it in frame_places(self.frame.line, at.x, at.y, at.heading)))
 
@@ -403,15 +496,21 @@ class _Player:
         if self.turning is not None:
             return pose.seen_from(frame.origin)._replace(y=0.0)
         if spot.road is None or spot.road.name != frame.road:
-            raise entity.element.fault("on a road that bends every place must be told along that road")
+            raise entity.element.fault(
+                "on a road that bends every place must be told along that road"
+            )
         if not spot.turned:
             pose = spot.road.pose(spot.s + entity.centre, spot.t + entity.offset)
         at, near = pose.seen_from(frame.origin), spot.s + entity.centre
-        x, y, heading = (float(it) for it in frame_places(frame.line, at.x, at.y, at.heading, near=near))
+        x, y, heading = (
+            float(it) for it in frame_places(frame.line, at.x, at.y, at.heading, near=near)
+        )
         return Pose(x, 0.0 if abs(y) < _ON else y, heading if spot.turned else 0.0)
 
     def _keep_distance(self, element: Part, entity: Entity) -> None:
-        """A LongitudinalDistanceAction that is done once at the start: the entity stands at the distance."""
+        """A LongitudinalDistanceAction that is done once at the start: the entity stands at the
+        distance.
+        """
         if element.flag("continuous"):
             raise element.fault("a distance that is kept all the time is not played")
         if not element.flag("freespace"):
@@ -419,10 +518,18 @@ class _Player:
         if element.find("DynamicConstraints") is not None:
             raise element.fault("a distance that is reached with limited dynamics is not played")
         other = self.places.entity(element.text("entityRef"), element)
-        where = element.one_of("displacement", ("any", "leadingReferencedEntity", "trailingReferencedEntity"), "any")
+        where = element.one_of(
+            "displacement", ("any", "leadingReferencedEntity", "trailingReferencedEntity"), "any"
+        )
         if entity.on_map or other.on_map:
-            raise element.fault("a distance along the road is not played of who drives straight on the map")
-        ahead = entity.frame.x >= other.frame.x if where == "any" else where == "leadingReferencedEntity"
+            raise element.fault(
+                "a distance along the road is not played of who drives straight on the map"
+            )
+        ahead = (
+            entity.frame.x >= other.frame.x
+            if where == "any"
+            else where == "leadingReferencedEntity"
+        )
         if element.get("timeGap") is not None:
             gap = element.number("timeGap") * (other.speed if ahead else entity.speed)
         else:
@@ -430,7 +537,7 @@ class _Player:
         apart = (gap + 0.5 * (entity.length + other.length)) / self._ground(other.frame)
         entity.frame = entity.frame._replace(x=other.frame.x + (apart if ahead else -apart))
 
-    # -- the story -----------------------------------------------------------------------------------------------------
+    # -- the story ---------------------------------------------------------------------------------
 
     def _acts(self, story: Part) -> Iterator[Part]:
         """Every act of the stories."""
@@ -467,13 +574,17 @@ class _Player:
         if sum(len(doing.acts) for doing in self.doing.values()) == before:
             self._ignore(stop)
             return
-        by_time = stop.find(".//ByEntityCondition") is None and stop.find(".//VariableCondition") is None
+        by_time = (
+            stop.find(".//ByEntityCondition") is None and stop.find(".//VariableCondition") is None
+        )
         if not by_time or self.conditions.moment(stop, Moment(0.0)).time < min(end, self.ends):
             raise stop.fault("an act that is stopped while somebody moves in it is not played")
 
     def _group(self, group: Part, begin: Moment) -> float:
         if group.number("maximumExecutionCount", 1.0) != 1.0:
-            raise group.fault("a group of manoeuvres that runs more or less than once is not played")
+            raise group.fault(
+                "a group of manoeuvres that runs more or less than once is not played"
+            )
         actors = group.child("Actors")
         if actors.flag("selectTriggeringEntities"):
             raise actors.fault("actors that the trigger selects are not played")
@@ -501,21 +612,29 @@ class _Player:
         return end
 
     def _check_priority(self, event: Part, span: Span, above: list[tuple[Part, Span]]) -> None:
-        """Refuse an event that ends another move of its manoeuvre half-way, or is left out while another one runs."""
+        """Refuse an event that ends another move of its manoeuvre half-way, or is left out while
+        another one runs.
+        """
         for other, there in above:
-            for one, first, two, second in ((event, span, other, there), (other, there, event, span)):
+            for one, first, two, second in (
+                (event, span, other, there),
+                (other, there, event, span),
+            ):
                 priority = one.attribute("priority")
                 skips = priority == "skip"
                 if not skips and (priority == "parallel" or _kinds(one) == _kinds(two)):
                     continue
                 if not first.begin.known or not second.begin.known:
                     if skips:
-                        raise one.fault("the priority `skip` is played between events that begin at times only")
+                        raise one.fault(
+                            "the priority `skip` is played between events that begin at times only"
+                        )
                     continue
                 if second.begin.time < first.begin.time < second.end - _SAME and _kinds(two):
                     what = "is left out" if skips else "ends"
                     raise one.fault(f"with its priority `{priority}` it {what} while event "
-                                     f"`{two.attribute('name')}` runs, which is not played")  # fmt: skip
+                                     f"`{two.attribute('name')}` runs, which is not "
+                                     "played")  # fmt: skip
 
     def _event(self, event: Part, names: list[str], begin: Moment) -> Span | None:
         """When an event runs; None where nothing in it means anything here."""
@@ -555,7 +674,9 @@ class _Player:
         if inner.tag in IGNORED_PRIVATE:
             return True
         if self.ego in names:
-            raise inner.fault("the ego is driven by the ADS: what it does during the drive cannot be told")
+            raise inner.fault(
+                "the ego is driven by the ADS: what it does during the drive cannot be told"
+            )
         return False
 
     def _move(self, element: Part, entity: Entity, begin: Moment) -> Span:
@@ -566,7 +687,8 @@ class _Player:
         if element.tag in ("LongitudinalAction", "LateralAction", "RoutingAction"):
             element = element.only()
         known = {
-            "SpeedAction": self._speed, "LaneChangeAction": self._lane_change, "LaneOffsetAction": self._lane_offset,
+            "SpeedAction": self._speed, "LaneChangeAction": self._lane_change,
+            "LaneOffsetAction": self._lane_offset,
             "LongitudinalDistanceAction": self._distance, "FollowTrajectoryAction": self._follow,
             "SynchronizeAction": self._synchronize,
         }  # fmt: skip
@@ -574,7 +696,9 @@ class _Player:
             raise element.not_played(f"moves that are: {', '.join(known)}")
         return known[element.tag](element, entity, doing, begin)
 
-    def _add(self, entity: Entity, doing: Doing, begin: Moment, act: played.Act, lasts: float) -> Span:
+    def _add(
+        self, entity: Entity, doing: Doing, begin: Moment, act: played.Act, lasts: float
+    ) -> Span:
         doing.acts.append(act._replace(begin=begin.time, program=begin.program))
         if begin.known:
             return Span(begin, begin.time + lasts)
@@ -590,28 +714,46 @@ class _Player:
         rate = change / _AT_ONCE
         if shape == "linear":
             kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
-            value = abs(dynamics.number("value")) if kind == "rate" else dynamics.above_zero("value")
+            value = (
+                abs(dynamics.number("value")) if kind == "rate" else dynamics.above_zero("value")
+            )
             if kind != "rate" and begin.known and begin.time < doing.steady - _SAME:
-                raise dynamics.fault(f"`{entity.name}` still changes its speed when this begins, at {begin.time:g} s: "
+                raise dynamics.fault(f"`{entity.name}` still changes its speed when this begins, "
+                                     f"at {begin.time:g} s: "
                                      "by `rate` alone that is played")  # fmt: skip
             by_distance = abs(target * target - doing.speed * doing.speed) / 2.0
-            rate = {"rate": value, "time": change / (value or 1.0), "distance": by_distance / (value or 1.0)}[kind]
+            rate = {
+                "rate": value,
+                "time": change / (value or 1.0),
+                "distance": by_distance / (value or 1.0),
+            }[kind]
             if rate == 0.0:  # it never gets there
                 return Span(begin, NEVER)
         doing.speed = target
         doing.steady = begin.time + change / rate if begin.known else 0.0
-        return self._add(entity, doing, begin, played.Act(played.SPEED, 0.0, 0.0, target, 0.0, rate), change / rate)
+        return self._add(
+            entity,
+            doing,
+            begin,
+            played.Act(played.SPEED, 0.0, 0.0, target, 0.0, rate),
+            change / rate,
+        )
 
-    def _lateral(self, element: Part, entity: Entity, doing: Doing, begin: Moment, to: float, lasts: float,
+    def _lateral(self, element: Part, entity: Entity, doing: Doing, begin: Moment, to: float,
+        lasts: float,
                  shape: str) -> Span:  # fmt: skip
         """A move across the road to the offset `to` m from where it started, in `lasts` s."""
         if entity.on_map:
-            raise element.fault(f"`{entity.name}` drives straight on the map, so it has no lane to move across")
+            raise element.fault(
+                f"`{entity.name}` drives straight on the map, so it has no lane to move across"
+            )
         offset = to - doing.offset
         if abs(offset) <= _ON:
             return Span(begin, begin.time)
         if begin.known and begin.time < doing.busy_until - _SAME:
-            raise element.fault(f"`{entity.name}` still moves across when this begins, at {begin.time:.2f} s")
+            raise element.fault(
+                f"`{entity.name}` still moves across when this begins, at {begin.time:.2f} s"
+            )
         doing.offset = to
         doing.busy_until = begin.time + lasts if begin.known else 0.0
         if shape == "sinusoidal":
@@ -658,8 +800,8 @@ class _Player:
         return self._lateral(element, entity, doing, begin, to, lasts, shape)
 
     def _now(self, other: Entity, mover: Entity, element: Part) -> Spot:
-        """Where somebody is in a lane when a move that is relative to it begins: the mover itself after its own moves
-        across, the ego where it starts. Another one must keep its lane.
+        """Where somebody is in a lane when a move that is relative to it begins: the mover itself
+        after its own moves across, the ego where it starts. Another one must keep its lane.
         """
         spot = other.placed(element)
         if spot.road is None or spot.lane is None:
@@ -703,7 +845,9 @@ class _Player:
         shape = self._shape(dynamics, "move across", "linear", "sinusoidal")
         strongest = dynamics.above_zero("maxLateralAcc", " m/s2")
         if shape != "sinusoidal":
-            raise dynamics.fault("an offset with `maxLateralAcc` is played in the shape `sinusoidal` only")
+            raise dynamics.fault(
+                "an offset with `maxLateralAcc` is played in the shape `sinusoidal` only"
+            )
         lasts = math.pi * math.sqrt(abs(to - doing.offset) / (2.0 * strongest))
         return self._lateral(element, entity, doing, begin, to, lasts, shape)
 
@@ -724,7 +868,9 @@ class _Player:
         entity.way = trajectory.points
         if self.frame.line:
             if entity.speed > 0.0 and not (begin.known and begin.time == 0.0):
-                raise element.fault("on a road that bends a trajectory is played from the start, or of who stands")
+                raise element.fault(
+                    "on a road that bends a trajectory is played from the start, or of who stands"
+                )
             entity.on_map = True
             entity.frame = self._found_in_frame(entity)
         else:
@@ -734,7 +880,9 @@ class _Player:
         if not trajectory.times:
             return self._add(entity, doing, begin, played.Act(played.KEEP), NEVER)
         if trajectory.times[0] != 0.0:
-            raise element.fault(f"the first time of its trajectory must be 0 s, got {trajectory.times[0]:g}")
+            raise element.fault(
+                f"the first time of its trajectory must be 0 s, got {trajectory.times[0]:g}"
+            )
         timing = element.find("TimeReference/Timing")
         scale = 1.0 if timing is None else timing.number("scale", 1.0)
         if timing is not None and timing.number("offset", 0.0) != 0.0:
@@ -751,18 +899,24 @@ class _Player:
             speed = math.hypot(x2 - x, y2 - y) / (until - since)
             knots += [(since + _AT_ONCE, speed), (until, speed)]
         doing.speed = speed
-        return self._add(entity, doing, begin, played.Act(played.BY_TIME, table=tuple(knots)), knots[-1][0])
+        return self._add(
+            entity, doing, begin, played.Act(played.BY_TIME, table=tuple(knots)), knots[-1][0]
+        )
 
     def _synchronize(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
         master = self.places.entity(element.text("masterEntityRef"), element)
         if not begin.known:
-            raise element.fault("a SynchronizeAction that begins by a condition on the drive is not played")
+            raise element.fault(
+                "a SynchronizeAction that begins by a condition on the drive is not played"
+            )
         if master.name != self.ego or master.speed <= 0.0:
             raise element.fault("it is played for a master that is the ego and moves at the start")
         goal = self.places.spot(element.child("TargetPositionMaster")).pose
         way = goal.seen_from(master.placed(element).pose).x
         if self.turning is not None:  # along the way on which it turns
-            at, begins = (pose.seen_from(self.frame.origin) for pose in (goal, master.placed(element).pose))
+            at, begins = (
+                pose.seen_from(self.frame.origin) for pose in (goal, master.placed(element).pose)
+            )
             way = float(frame_places(self.frame.line, at.x, at.y)[0]) - begins.x
         target = self.places.spot(element.child("TargetPosition")).pose
         arrives = way / master.speed - begin.time
@@ -776,13 +930,19 @@ class _Player:
             rest = kind.children()
             if rest:
                 by_time = rest[0].tag == "TargetTimeSteadyState"
-                steady = rest[0].number("time" if by_time else "distance") * (final if by_time else 1.0)
-        ahead = target.seen_from(entity.placed(element).pose._replace(heading=self._heading(entity))).x
+                steady = rest[0].number("time" if by_time else "distance") * (
+                    final if by_time else 1.0
+                )
+        ahead = target.seen_from(
+            entity.placed(element).pose._replace(heading=self._heading(entity))
+        ).x
         ahead -= doing.speed * begin.time
         try:
             knots = synchronized(ahead, arrives, doing.speed, final, steady)
         except InputError as error:
-            raise element.fault(f"`{entity.name}` cannot be there when the ego is: {error}") from None
+            raise element.fault(
+                f"`{entity.name}` cannot be there when the ego is: {error}"
+            ) from None
         doing.speed = final
         return self._add(entity, doing, begin, played.Act(played.BY_TIME, table=knots), arrives)
 
@@ -794,12 +954,14 @@ class _Player:
         (x, y), (x2, y2) = entity.way[0], entity.way[-1]
         return math.atan2(y2 - y, x2 - x)
 
-    # -- what comes out ------------------------------------------------------------------------------------------------
+    # -- what comes out ----------------------------------------------------------------------------
 
     def _along(self, entity: Entity) -> Pose:
         """The centre of an entity that points along its way, in the frame."""
         return (
-            Pose(*entity.way[0], self._heading(entity)).moved(entity.centre, entity.offset).seen_from(self.frame.origin)
+            Pose(*entity.way[0], self._heading(entity))
+            .moved(entity.centre, entity.offset)
+            .seen_from(self.frame.origin)
         )
 
     def _actor(self, entity: Entity) -> Actor:
@@ -809,7 +971,9 @@ class _Player:
             raise entity.element.fault("a trajectory of more than one straight line is not played")
         heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
         across = self._on_map(entity) if entity.on_map else None
-        ground = 1.0 if across is not None or any(act.table for act in acts) else self._ground(frame)
+        ground = (
+            1.0 if across is not None or any(act.table for act in acts) else self._ground(frame)
+        )
         start = Start(frame.x, frame.y, entity.speed / ground)
         acts = [
             act._replace(speed=act.speed / ground, acceleration=act.acceleration / ground)
@@ -821,12 +985,15 @@ class _Player:
         if not plain and all(act.timed for act in acts):
             acts.append(keeps_on(acts))
         return Actor(
-            entity.name, start, tuple(acts), entity.length, entity.width, body=entity.body, heading=heading,
+            entity.name, start, tuple(acts), entity.length, entity.width, body=entity.body,
+            heading=heading,
             on_map=None if across is None else (across.x, across.y, across.heading),
         )  # fmt: skip
 
     def _ground(self, at: Pose) -> float:
-        """m over the ground for a metre along the road's line, at a place beside it: 1 on a straight road."""
+        """m over the ground for a metre along the road's line, at a place beside it: 1 on a
+        straight road.
+        """
         if not self.frame.line or self.turning is not None:
             return 1.0
         return 1.0 - float(curvatures(self.frame.line, at.x)) * at.y
@@ -837,11 +1004,15 @@ class _Player:
         return -0.5 * width <= y <= width * (self.frame.lanes - 0.5)
 
     def _stop(self, trigger: Part | None) -> None:
-        """Stops by time end the case; what else may stop a file ends it here by contact, standstill or its decision."""
+        """Stops by time end the case; what else may stop a file ends it here by contact, standstill
+        or its decision.
+        """
         for group in () if trigger is None else trigger.all("ConditionGroup"):
             conditions = group.all("Condition")
             kinds = [
-                condition.only().only().tag if condition.find("ByValueCondition") is not None else ""
+                condition.only().only().tag
+                if condition.find("ByValueCondition") is not None
+                else ""
                 for condition in conditions
             ]
             if kinds == ["SimulationTimeCondition"]:

@@ -1,4 +1,6 @@
-"""Values in OpenSCENARIO files: literals, `$name` and `${expression}`, and the rules that compare them."""
+"""Values in OpenSCENARIO files: literals, `$name` and `${expression}`, and the rules that compare
+them.
+"""
 
 from __future__ import annotations
 
@@ -20,17 +22,22 @@ _REFERENCE = re.compile(r"\$([^\W\d]\w*)")
 
 _BINARY: dict[type[ast.operator], Callable[[float, float], float]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-    ast.Mod: lambda one, two: math.fmod(one, two) if two else operator.mod(one, two),  # 0: divides by zero
+    # 0: divides by zero
+    ast.Mod: lambda one, two: math.fmod(one, two) if two else operator.mod(one, two),
 }  # fmt: skip
 FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
-    "sqrt": (math.sqrt, 1), "pow": (math.pow, 2), "sin": (math.sin, 1), "cos": (math.cos, 1), "tan": (math.tan, 1),
-    "asin": (math.asin, 1), "acos": (math.acos, 1), "atan": (math.atan, 1), "abs": (abs, 1), "floor": (math.floor, 1),
-    "ceil": (math.ceil, 1), "round": (lambda a: math.floor(a + 0.5), 1), "min": (min, 2), "max": (max, 2),
+    "sqrt": (math.sqrt, 1), "pow": (math.pow, 2), "sin": (math.sin, 1), "cos": (math.cos, 1),
+    "tan": (math.tan, 1),
+    "asin": (math.asin, 1), "acos": (math.acos, 1), "atan": (math.atan, 1), "abs": (abs, 1),
+    "floor": (math.floor, 1),
+    "ceil": (math.ceil, 1), "round": (lambda a: math.floor(a + 0.5), 1), "min": (min, 2),
+    "max": (max, 2),
     "sign": (lambda a: float((a > 0.0) - (a < 0.0)), 1),
 }  # fmt: skip
 """Functions of an expression, and how many values each takes."""
 _RULES: dict[str, Callable[[float, float], bool]] = {
-    "lessThan": operator.lt, "lessOrEqual": operator.le, "greaterThan": operator.gt, "greaterOrEqual": operator.ge,
+    "lessThan": operator.lt, "lessOrEqual": operator.le, "greaterThan": operator.gt,
+    "greaterOrEqual": operator.ge,
     "equalTo": operator.eq, "notEqualTo": operator.ne,
 }  # fmt: skip
 RULES = tuple(_RULES)
@@ -59,9 +66,11 @@ class WrongValueError(Exception):
 
 
 def worked_out(written: str, known: Mapping[str, Value]) -> Value:
-    """The value of what is written in an attribute: a literal, `$name`, or `${expression of $names}`.
+    """The value of what is written in an attribute: a literal, `$name`, or `${expression of
+    $names}`.
 
-    known: values by name. Raises WrongValueError.
+    known: values by name.
+    Raises WrongValueError.
     """
     written = written.strip()
     if not written.startswith("$"):
@@ -77,7 +86,9 @@ def worked_out(written: str, known: Mapping[str, Value]) -> Value:
     for name in _REFERENCE.findall(written[2:-1]):
         value = number_of(_value(name, known))
         if value is None:
-            raise WrongValueError(f"parameter `{name}` must be a number in an expression, got {shown(known[name])}")
+            raise WrongValueError(
+                f"parameter `{name}` must be a number in an expression, got {shown(known[name])}"
+            )
         names[name] = value
     try:
         result = _evaluate(_tree(written[2:-1]), names, 0)
@@ -113,7 +124,9 @@ def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
     if depth > _DEEPEST:
         raise WrongValueError("is nested too deep")
     match node:
-        case ast.Constant(value=value) if isinstance(value, int | float) and not isinstance(value, bool):
+        case ast.Constant(value=value) if isinstance(value, int | float) and not isinstance(
+            value, bool
+        ):
             return float(value)
         case ast.Name(id="pi" | "PI"):
             return math.pi
@@ -124,7 +137,9 @@ def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
         case ast.UnaryOp(op=ast.UAdd(), operand=operand):
             return _evaluate(operand, names, depth + 1)
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
-            return _BINARY[type(op)](_evaluate(left, names, depth + 1), _evaluate(right, names, depth + 1))
+            return _BINARY[type(op)](
+                _evaluate(left, names, depth + 1), _evaluate(right, names, depth + 1)
+            )
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
             function, count = FUNCTIONS[name]
             if len(args) != count:

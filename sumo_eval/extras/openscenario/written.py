@@ -1,4 +1,6 @@
-"""What was understood of an OpenSCENARIO file at one point, as a scenario file of this project that says the same."""
+"""What was understood of an OpenSCENARIO file at one point, as a scenario file of this project that
+says the same.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
     missing = [axis.name for axis in read.space.axes if axis.name not in point]
     if missing:
         raise InputError(
-            f"`import --out` writes one point, without `--set` for {', '.join(missing)}. The whole space plays from "
+            f"`import --out` writes one point, without `--set` for {', '.join(missing)}. The "
+            "whole space plays from "
             'the OpenSCENARIO file itself: `use = "FILE.xosc"`.'
         )
     there = concrete(read, point)
@@ -44,7 +47,8 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
     content: dict[str, Any] = {
         "name": re.sub(r"\W", "_", read.logical.name),
         "about": read.space.about,
-        "source": f"{read.space.file.name}, OpenSCENARIO {read.space.version}" + (f", at {label}" if label else ""),
+        "source": f"{read.space.file.name}, OpenSCENARIO "
+                  f"{read.space.version}" + (f", at {label}" if label else ""),
         "zone": "none",
         **({} if read.logical.has_drivers else {"people": "none"}),
         "parameter": [{"name": _ONLY, "unit": "1", "low": 0.0, "high": 1.0, "step": 1.0,
@@ -52,15 +56,20 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
         "sample": [{"name": "the_case", "points": [[0.0]]}],
         "default_sample": "the_case",
         "road": _road(there.road),
-        "end": {"x": there.road.length, **({} if there.time_limit is None else {"time": there.time_limit})},
+        "end": {"x": there.road.length,
+            **({} if there.time_limit is None else {"time": there.time_limit})},
         "ego": _ego(there),
-        "vehicle": [_vehicle(actor, name, names) for actor, name in zip(there.actors, names, strict=True)],
+        "vehicle": [_vehicle(actor, name, names) for actor,
+            name in zip(there.actors, names, strict=True)],
     }  # fmt: skip
     return content
 
 
 def write_scenario(content: Mapping[str, Any], path: Path) -> None:
-    """Write a scenario file. Raises InputError where that cannot be done."""
+    """Write a scenario file.
+
+    Raises InputError where that cannot be done.
+    """
     if path.suffix != ".toml":
         raise must_be("`--out`", "import", "a file that ends with .toml", str(path))
     try:
@@ -82,16 +91,23 @@ def _names(actors: Sequence[Actor]) -> list[str]:
 
 
 def _road(road: Road) -> dict[str, Any]:
-    name = road.name.removesuffix(bend_name(road.line, named=False))  # which a scenario file's road has of its own
+    # which a scenario file's road has of its own
+    name = road.name.removesuffix(bend_name(road.line, named=False))
     found: dict[str, Any] = {
-        "name": name, "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length + road.run_out,
+        "name": name, "lanes": road.lanes, "lane_width": road.lane_width,
+        "length": road.length + road.run_out,
     }  # fmt: skip
     if road.line:
         pieces = []
         for piece in road.line:
             ends = {"begin_radius": piece.begin, "end_radius": piece.end}
             bent = {"radius": piece.begin} if piece.begin == piece.end else ends
-            pieces.append({"length": piece.length, **{key: 1.0 / value for key, value in bent.items() if value}})
+            pieces.append(
+                {
+                    "length": piece.length,
+                    **{key: 1.0 / value for key, value in bent.items() if value},
+                }
+            )
         found["line"] = pieces
     return found
 
@@ -103,7 +119,9 @@ def _ego(there: ConcreteScenario) -> dict[str, Any]:
 
 
 def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
-    x, y, heading = (actor.start.x, actor.start.y, actor.heading) if actor.on_map is None else actor.on_map
+    x, y, heading = (
+        (actor.start.x, actor.start.y, actor.heading) if actor.on_map is None else actor.on_map
+    )
     found: dict[str, Any] = {
         "name": name, "speed": actor.start.speed, "x": x, "y": y, "body": actor.body,
         "length": actor.length, "width": actor.width, "slides": actor.slides,
@@ -131,11 +149,15 @@ def _act(act: played.Act, name: str, names: Sequence[str]) -> dict[str, Any]:
     if act.kind == played.BY_TIME:
         times, speeds = zip(*act.table, strict=True)
         return {"do": "speed_profile", **found, "times": list(times), "speeds": list(speeds)}
-    raise InputError(f"A scenario file has no words for move {name}: kind {act.kind} of what was read.")
+    raise InputError(
+        f"A scenario file has no words for move {name}: kind {act.kind} of what was read."
+    )
 
 
 def condition_text(program: Sequence[tuple[int, int, int, float]], names: Sequence[str]) -> str:
-    """The condition that a program of `scenario.played` works out, in the language of scenario files."""
+    """The condition that a program of `scenario.played` works out, in the language of scenario
+    files.
+    """
 
     def who(number: int) -> str:
         return "ego" if number == played.EGO else names[number]
@@ -159,6 +181,8 @@ def condition_text(program: Sequence[tuple[int, int, int, float]], names: Sequen
         else:
             right, left = stack.pop(), stack.pop()
             named = _OF_NUMBERS.get(op)
-            stack.append(f"{named}({left}, {right})" if named else f"({left} {_JOINED[op]} {right})")
+            stack.append(
+                f"{named}({left}, {right})" if named else f"({left} {_JOINED[op]} {right})"
+            )
     (text,) = stack
     return text

@@ -9,23 +9,41 @@ from typing import Any, Final
 
 from sumo_eval.extras.rates.campaign import AdsRate, Campaign, Part, people
 from sumo_eval.extras.rates.importance import DEFENSIVE
-from sumo_eval.extras.rates.page import Fold, Piece, Table, Text, amount, interval, table, write_parts
+from sumo_eval.extras.rates.page import (
+    Fold,
+    Piece,
+    Table,
+    Text,
+    amount,
+    interval,
+    table,
+    write_parts,
+)
 from sumo_eval.report.page import write_page
 
 PAGE, PLAIN = "campaign.html", "campaign.json"
 OUTSIDE: Final = (
-    "What is outside: everything that is no encounter of these scenarios; other roads, weather and times of day than "
-    "those recorded; other bodies than the scenarios'; vehicles that react where the scenarios' follow their scripts; "
-    "sensors that fail; and what the distributions' tails make of encounters rarer than the recordings show. These are "
+    "What is outside: everything that is no encounter of these scenarios; other roads, weather "
+    "and times of day than "
+    "those recorded; other bodies than the scenarios'; vehicles that react where the scenarios' "
+    "follow their scripts; "
+    "sensors that fail; and what the distributions' tails make of encounters rarer than the "
+    "recordings show. These are "
     "rates in simulated encounters, not of accidents on the road."
 )
 
 
 def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
     """Write `campaign.html` and `campaign.json` into a folder; return their paths."""
-    write_page(folder / PLAIN, json.dumps(plain(campaign), indent=2, allow_nan=False) + "\n", "The campaign")
+    write_page(
+        folder / PLAIN,
+        json.dumps(plain(campaign), indent=2, allow_nan=False) + "\n",
+        "The campaign",
+    )
     title = f"{campaign.settings.name}: collisions per million km"
-    write_parts(folder / PAGE, kicker="Crash rates", title=title, sentences=[], parts=parts(campaign))
+    write_parts(
+        folder / PAGE, kicker="Crash rates", title=title, sentences=[], parts=parts(campaign)
+    )
     return folder / PAGE, folder / PLAIN
 
 
@@ -40,7 +58,8 @@ def plain(campaign: Campaign) -> dict[str, Any]:
             {
                 "use": space.use, "name": space.logical.name, "per_vehicle_km": space.per_km,
                 "per_vehicle_km_interval": list(space.interval), "events": space.events,
-                "vehicle_km": space.vehicle_km, "where": space.where, "exposure": space.logical.exposure_about,
+                "vehicle_km": space.vehicle_km, "where": space.where,
+                "exposure": space.logical.exposure_about,
             }
             for space in campaign.spaces
         ],
@@ -70,7 +89,10 @@ def _plain_limits(one: AdsRate | Part) -> dict[str, Any]:
 
 
 def _plain_part(part: Part, total: float) -> dict[str, Any]:
-    """A scenario of an ADS. total: of its collisions in all scenarios, per million km."""
+    """A scenario of an ADS.
+
+    total: of its collisions in all scenarios, per million km.
+    """
     known = part.estimate
     return {
         "scenario": part.space.logical.name,
@@ -97,27 +119,41 @@ def rate_words(rate: tuple[float, float, float]) -> str:
 def lost_words(lost: Mapping[str, int]) -> str:
     """That drives could not be evaluated, and why."""
     why = ", ".join(f"{status} {count}" for status, count in sorted(lost.items()))
-    return f"{sum(lost.values())} drives could not be evaluated ({why}) and count as without a collision."
+    return (
+        f"{sum(lost.values())} drives could not be evaluated ({why}) and count as without a "
+        "collision."
+    )
 
 
 def unseen_words(rate: AdsRate) -> str:
-    """What a rate leaves out: scenarios in which no collision was seen, beside others that have some; else nothing."""
+    """What a rate leaves out: scenarios in which no collision was seen, beside others that have
+    some; else nothing.
+    """
     unseen = [part for part in rate.parts if part.collisions[0] == 0.0]
     if not unseen or len(unseen) == len(rate.parts):
         return ""
     names = ", ".join(part.space.logical.name for part in unseen)
     most = amount(max(part.limit for part in unseen))
-    return f"The rate and its interval hold nothing of {names}: no collision was seen there, at most {most} (95 %)."
+    return (
+        f"The rate and its interval hold nothing of {names}: no collision was seen there, at most "
+        f"{most} (95 %)."
+    )
 
 
 def sentences(campaign: Campaign) -> list[str]:
     """The result, a line or two an ADS and one for the people."""
     said = []
     for rate in campaign.rates:
-        found = f"collisions per million km {rate_words(rate.collisions)}; expected loss {rate_words(rate.loss)}."
+        found = (
+            f"collisions per million km {rate_words(rate.collisions)}; expected loss "
+            f"{rate_words(rate.loss)}."
+        )
         said.append(f"{rate.ads}: {found} {unseen_words(rate)}".rstrip())
     for where, km, limit in people(campaign.spaces):
-        said.append(f"people ({where}): no collision in {km:.1f} vehicle-km, at most {amount(limit)} per million km.")
+        said.append(
+            f"people ({where}): no collision in {km:.1f} vehicle-km, at most {amount(limit)} per "
+            "million km."
+        )
     return said
 
 
@@ -135,13 +171,18 @@ def parts(campaign: Campaign) -> list[Piece]:
     ]
     out: list[Piece] = [
         table([*rates, *people_]),
-        *(Text(f"{rate.ads}: {words}", "note") for rate in campaign.rates if (words := unseen_words(rate))),
+        *(Text(f"{rate.ads}: {words}",
+            "note") for rate in campaign.rates if (words := unseen_words(rate))),
         Text(OUTSIDE, "note"),
-        Fold("What the rates rest on", "how often each scenario is met, and where that is known from",
+        Fold("What the rates rest on", "how often each scenario is met, and where that is known "
+                                       "from",
              (table(known["scenarios"]), Text(
-                 "Rates of ADSs hold the doubt of the drives, and where the recorded events are known that "
-                 "of how often the scenario is met and of the events' distribution, both by counting the "
-                 "events anew. Intervals hold what comes of a distribution that varies as much as its events "
+                 "Rates of ADSs hold the doubt of the drives, and where the recorded events are "
+                 "known that "
+                 "of how often the scenario is met and of the events' distribution, both by "
+                 "counting the "
+                 "events anew. Intervals hold what comes of a distribution that varies as much as "
+                 "its events "
                  "do, and as much as its kernels make it; else its form is taken to be right."))),
     ]  # fmt: skip
     return [*out, *map(_of_one, campaign.rates, known["ads"])]
@@ -154,7 +195,8 @@ def _of_one(rate: AdsRate, known: dict[str, Any]) -> Fold:
         inside.append(Text(lost_words(rate.lost), "note"))
     if rate.collisions[0] == 0.0:
         inside.append(
-            Text(f"No drive that counted collided. The upper limit holds whatever the collisions may look like; it "
+            Text("No drive that counted collided. The upper limit holds whatever the collisions "
+                 "may look like; it "
                  f"rests on the {DEFENSIVE:.0%} of the drives that are drawn as points are met.")
         )  # fmt: skip
     return Fold(rate.ads, "the rate by scenario, and the drives it rests on", tuple(inside))

@@ -23,21 +23,28 @@ NAMED = 3  # files; what more are called is told by the first and the last
 def called(recordings: Sequence[Path]) -> str:
     """What files are called in sentences, however many there are."""
     names = [path.name for path in recordings]
-    return ", ".join(names) if len(names) <= NAMED else f"{len(names)} files, {names[0]} to {names[-1]}"
+    return (
+        ", ".join(names)
+        if len(names) <= NAMED
+        else f"{len(names)} files, {names[0]} to {names[-1]}"
+    )
 
 
 @click.command(epilog="Example: sumo-eval learn people.csv.gz --out learned")
 @path_argument("recordings", nargs=-1, required=True)
 @path_option("--out",
-              help="Folder for the scenario files and the page (default: results/learned-TIME).")  # fmt: skip
+              help="Folder for the scenario files and the page (default: "
+                   "results/learned-TIME).")  # fmt: skip
 @click.option("--format", "form", default="csv", show_default=True,
-              help="csv: tables that `humans import` wrote; or a format that it reads.")  # fmt: skip
+              help="csv: tables that `humans import` wrote; or a format that it "
+                   "reads.")  # fmt: skip
 def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
-    """Learn logical scenarios from RECORDINGS: files with ranges, joint distribution and events per vehicle-km.
+    """Learn logical scenarios from RECORDINGS: files with ranges, joint distribution and events per
+    vehicle-km.
 
-    Every class of encounters (cut-in, overtaken and cut off, merging, cut-out, braking, approach, lane change with a
-    vehicle behind) becomes a scenario file, its events as CSV and as OpenSCENARIO value sets; a page shows the data
-    against the model.
+    Every class of encounters (cut-in, overtaken and cut off, merging, cut-out, braking, approach,
+    lane change with a vehicle behind) becomes a scenario file, its events as CSV and as
+    OpenSCENARIO value sets; a page shows the data against the model.
     """
     from sumo_eval.drivers.recorded.importing import each_of
     from sumo_eval.extras.rates.learn_page import sentences, write_lesson
@@ -51,7 +58,9 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     parts = each_of(form, recordings)
     source = called(recordings)
     with Progress() as progress:
-        lesson = learned_from(parts, out, source, lambda what, done: progress(what, done, max(done, 1)))
+        lesson = learned_from(
+            parts, out, source, lambda what, done: progress(what, done, max(done, 1))
+        )
     say(sentences(lesson))
     say(map(str, write_lesson(lesson, out)))
 
@@ -59,14 +68,16 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
 @click.command(epilog="Example: sumo-eval campaign learned/campaign.toml --out results/rates")
 @path_argument("file", metavar="CAMPAIGN.toml")
 @path_option("--out",
-              help="Folder for campaign.html and campaign.json (default: results/CAMPAIGN-TIME).")  # fmt: skip
+              help="Folder for campaign.html and campaign.json (default: "
+                   "results/CAMPAIGN-TIME).")  # fmt: skip
 @click.option("--budget", type=int, help="Drives of an ADS in a scenario, instead of the file's.")
 @count_option("--workers", help="Processes that simulate, instead of the file's.")
 def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
     """Say how many collisions per million km the ADSs of CAMPAIGN.toml have, and how sure that is.
 
-    Points of every scenario are drawn where collisions are likely and met, and weighted back to how often they are met;
-    a scenario file says how often that is per vehicle-km ([met], as `learn` writes it).
+    Points of every scenario are drawn where collisions are likely and met, and weighted back to how
+    often they are met; a scenario file says how often that is per vehicle-km ([met], as `learn`
+    writes it).
     """
     from sumo_eval.extras.rates.campaign import read_campaign, run_campaign
     from sumo_eval.extras.rates.campaign_page import lost_words, sentences, write_campaign

@@ -1,4 +1,6 @@
-"""How far ADSs departed from the vehicle that was recorded in their place: a page with a line for every drive."""
+"""How far ADSs departed from the vehicle that was recorded in their place: a page with a line for
+every drive.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,9 @@ PAGE = "departure.html"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Departure:
-    """A drive in a recorded scene. time, s, and apart, m: (n,). reacted: when others began to react to it and how many
-    did; None: nobody did.
+    """A drive in a recorded scene. time, s, and apart, m: (n,).
+
+    reacted: when others began to react to it and how many did; None: nobody did.
     """
 
     ads: str
@@ -40,7 +43,9 @@ class Departure:
     def sentence(self) -> str:
         """What to know of it."""
         reacts = (
-            "nobody reacts" if self.reacted is None else f"{self.reacted[1]} react, from {self.reacted[0]:.1f} s on"
+            "nobody reacts"
+            if self.reacted is None
+            else f"{self.reacted[1]} react, from {self.reacted[0]:.1f} s on"
         )
         return (
             f"{self.ads} in {self.scenario} ({self.point}): "
@@ -50,7 +55,10 @@ class Departure:
 
 
 def departures_in(run: Path) -> list[Departure]:
-    """Every drive of an ADS in a recorded scene. Raises InputError where there is none."""
+    """Every drive of an ADS in a recorded scene.
+
+    Raises InputError where there is none.
+    """
     spaces = resolved_run(run).scenarios
     found = []
     with open_store(run / FACTS) as store:
@@ -72,7 +80,9 @@ def departures_in(run: Path) -> list[Departure]:
                 )
             )
     if not found:
-        raise InputError(f"{run} must hold a drive in a recorded scene ([ego] `recorded` of its file), got none.")
+        raise InputError(
+            f"{run} must hold a drive in a recorded scene ([ego] `recorded` of its file), got none."
+        )
     return found
 
 
@@ -83,18 +93,34 @@ def write_departures(run: Path, path: Path) -> list[Departure]:
              for one, colour in zip(found, cycle(COLOURS))]  # fmt: skip
     reacted = [one.reacted[0] for one in found if one.reacted is not None]
     panel = Panel(marks, "time, s", "distance from the recorded vehicle, m", verticals=reacted)
-    rows = [("ADS", "scene", "point", "most, m", "at, s", "at the end, m", "others react from, s", "how many", "end")]
+    rows = [
+        (
+            "ADS",
+            "scene",
+            "point",
+            "most, m",
+            "at, s",
+            "at the end, m",
+            "others react from, s",
+            "how many",
+            "end",
+        )
+    ]
     for one in found:
-        reaction = ("", "") if one.reacted is None else (f"{one.reacted[0]:.2f}", str(one.reacted[1]))
+        reaction = (
+            ("", "") if one.reacted is None else (f"{one.reacted[0]:.2f}", str(one.reacted[1]))
+        )
         rows.append(
             (
-                one.ads, one.scenario, one.point, f"{one.apart[one.most]:.2f}", f"{one.time[one.most]:.1f}",
+                one.ads, one.scenario, one.point, f"{one.apart[one.most]:.2f}",
+                f"{one.time[one.most]:.1f}",
                 f"{one.apart[-1]:.2f}", *reaction, one.end,
             )
         )  # fmt: skip
     sentences = (
         "How far each ADS was, at each time, from the vehicle that was recorded in its place.",
-        "Dotted: from then on others react. Before, and where nobody reacts, they drive as they were recorded to.",
+        "Dotted: from then on others react. Before, and where nobody reacts, they drive as they "
+        "were recorded to.",
     )
     write_study(
         path,

@@ -1,18 +1,22 @@
-"""Manoeuvres of others that somebody had to answer, found in recordings and measured as parameters of a scenario.
+"""Manoeuvres of others that somebody had to answer, found in recordings and measured as parameters
+of a scenario.
 
 Rules (who counts is decided by `drivers.recorded.events`; what is measured, here):
 
 - cut_in: a vehicle changes into the lane ahead of another, which it had not overtaken just before.
-- overtaken_and_cut_off: a cut-in by a faster vehicle that had been behind within `OVERTOOK` s before.
+- overtaken_and_cut_off: a cut-in by a faster vehicle that had been behind within `OVERTOOK` s
+  before.
 - merging: a cut-in from a ramp or an auxiliary lane, whose lane number is negative.
 - cut_out: a leader leaves the lane and reveals the next vehicle ahead.
 - braking: a leader at most 5 s ahead brakes.
 - approach: the gap to a slower leader falls through 3.5 s.
-- lane_change: a vehicle changes to the left, with a leader in its old lane and somebody behind in the new one.
+- lane_change: a vehicle changes to the left, with a leader in its old lane and somebody behind in
+  the new one.
 
-t = 0 is when the other begins to move sideways or to brake, when the gap passes 3.5 s, when the changing vehicle begins
-to move. Sideways moves are fitted with the smooth step that scenario files have, motion along the road with constant
-acceleration. Moves to either side count alike: the scenario shows them to one.
+t = 0 is when the other begins to move sideways or to brake, when the gap passes 3.5 s, when the
+changing vehicle begins to move. Sideways moves are fitted with the smooth step that scenario files
+have, motion along the road with constant acceleration. Moves to either side count alike: the
+scenario shows them to one.
 """
 
 from __future__ import annotations
@@ -26,7 +30,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from sumo_eval.drivers.recorded.events import RULES, RecordedLaneChange, Traffic, encounters, find_lane_changes
+from sumo_eval.drivers.recorded.events import (
+    RULES,
+    RecordedLaneChange,
+    Traffic,
+    encounters,
+    find_lane_changes,
+)
 from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import smooth_step
@@ -39,7 +49,8 @@ OVERTOOK: Final = 20.0  # s before its lane change within which an overtaking ve
 AROUND: Final = 2.0  # s before and after a lane change that its fit sees
 SPEEDS_EVERY: Final = 10  # samples; speeds are told by quantiles of every tenth
 SHORTEST, LONGEST = 1.0, 15.0  # s; a fitted lane change outside is none
-APPROACH_WINDOW: Final = 5.0  # s of a leader's motion that is measured; it keeps the speed it then has
+# s of a leader's motion that is measured; it keeps the speed it then has
+APPROACH_WINDOW: Final = 5.0
 BRAKING_HEADWAY: Final = 5.0  # s; a leader that brakes further ahead does not count
 REAR_HEADWAY: Final = 4.0  # s; who is further behind in the new lane does not count
 LEAD_HEADWAY: Final = 6.0  # s; who is further ahead in the old lane does not count
@@ -60,8 +71,10 @@ class NotMeasuredError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """How one of the others really moved: times from t = 0 on, s; place ahead of the ego's centre at t = 0 and to the
-    left of the lane that it begins or ends in, m. bodies: half the lengths of both, m.
+    """How one of the others really moved: times from t = 0 on, s; place ahead of the ego's centre
+    at t = 0 and to the left of the lane that it begins or ends in, m.
+
+    bodies: half the lengths of both, m.
     """
 
     time: FloatArray
@@ -78,9 +91,11 @@ Measured = tuple[dict[str, float], Moved]
 class Encounters:
     """The encounters of one class.
 
-    rows: parameters of each. who: `recording`, `ego`, `other` and `t` of each. motions: how the other vehicle of each
-    really moved. events: how many count for the rate, those without parameters included. left_out: why these have
-    none. ghosts are in neither.
+    rows: parameters of each.
+    who: `recording`, `ego`, `other` and `t` of each.
+    motions: how the other vehicle of each really moved.
+    events: how many count for the rate, those without parameters included.
+    left_out: why these have none. ghosts are in neither.
     """
 
     name: str
@@ -106,9 +121,14 @@ class Encounters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What recordings hold. kilometres: driven by all motor vehicles. hours: of these together. recordings: names.
-    speeds: 5, 50 and 95 % of their speeds, m/s. lane_width: m, the median distance between neighbouring lanes; 3.5
-    where there are none. notes: what was said when they were read.
+    """What recordings hold.
+
+    kilometres: driven by all motor vehicles.
+    hours: of these together.
+    recordings: names.
+    speeds: 5, 50 and 95 % of their speeds, m/s.
+    lane_width: m, the median distance between neighbouring lanes; 3.5 where there are none.
+    notes: what was said when they were read.
     """
 
     classes: Mapping[str, Encounters]
@@ -136,10 +156,14 @@ class _Tracks:
         self.centres = {int(str(lane)): float(middle) for lane, middle in settled.items()}
 
     def part(self, vehicle: str, begin: float, duration: float) -> slice:
-        """The rows of a vehicle from `begin` on for `duration`, s; it must be recorded throughout."""
+        """The rows of a vehicle from `begin` on for `duration`, s; it must be recorded
+        throughout.
+        """
         whole = self.traffic.slices[vehicle]
         first = whole.start + int(np.ceil((begin - self.t[whole.start]) / INTERVAL - 1e-6))
-        last = whole.start + int(np.floor((begin + duration - self.t[whole.start]) / INTERVAL + 1e-6))
+        last = whole.start + int(
+            np.floor((begin + duration - self.t[whole.start]) / INTERVAL + 1e-6)
+        )
         if not whole.start <= first < last < whole.stop:
             raise NotMeasuredError(NOT_WHOLE)
         return slice(first, last + 1)
@@ -149,16 +173,22 @@ class _Tracks:
         whole = self.traffic.slices[vehicle]
         if not self.t[whole.start] - 1e-6 <= time <= self.t[whole.stop - 1] + 1e-6:
             return None
-        x, speed = (float(np.interp(time, self.t[whole], values[whole])) for values in (self.x, self.speed))
+        x, speed = (
+            float(np.interp(time, self.t[whole], values[whole])) for values in (self.x, self.speed)
+        )
         return x, speed
 
     def bodies(self, one: str, other: str) -> float:
         """Half the lengths of two vehicles together, m."""
-        return float(sum(self.length[self.traffic.slices[name].start] for name in (one, other)) / 2.0)
+        return float(
+            sum(self.length[self.traffic.slices[name].start] for name in (one, other)) / 2.0
+        )
 
 
 class _Pair:
-    """The ego at t = 0 (`begin`), and another vehicle's motion over the rows `part` with constant acceleration."""
+    """The ego at t = 0 (`begin`), and another vehicle's motion over the rows `part` with constant
+    acceleration.
+    """
 
     def __init__(self, tracks: _Tracks, ego: str, begin: float, part: slice) -> None:
         start = tracks.at(ego, begin)
@@ -173,7 +203,9 @@ class _Pair:
         self.closing = self.ego_speed - self.speed
 
     def lane(self, changes: str) -> int:
-        """The lane of the other vehicle; one that changes it has no parameters, for the reason `changes`."""
+        """The lane of the other vehicle; one that changes it has no parameters, for the reason
+        `changes`.
+        """
         lanes = self._tracks.lane[self._part]
         if np.ptp(lanes):
             raise NotMeasuredError(changes)
@@ -185,11 +217,13 @@ class _Pair:
         return Moved(self._time, self._tracks.x[self._part] - self.ego_x, mirror * y, self.bodies)
 
 
-def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], None] = lambda what, done: None) -> Found:
+def find_encounters(
+    parts: Iterable[Recordings], watch: Callable[[str, int], None] = lambda what, done: None
+) -> Found:
     """Every encounter in recordings, by class; one part of them is held at a time.
 
-    watch: told the name of the recording that was looked through last, and how many were. Raises InputError where two
-    have one name.
+    watch: told the name of the recording that was looked through last, and how many were.
+    Raises InputError where two have one name.
     """
     classes = {name: Encounters(name) for name in CLASSES}
     kilometres = hours = 0.0
@@ -209,13 +243,16 @@ def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], Non
             for track in traffic.slices.values():
                 kilometres += float(np.abs(np.diff(tracks.x[track])).sum()) / 1000.0
                 hours += (tracks.t[track.stop - 1] - tracks.t[track.start]) / 3600.0
-            speeds.append(tracks.speed[::SPEEDS_EVERY].copy())  # a view would hold the whole recording
+            # a view would hold the whole recording
+            speeds.append(tracks.speed[::SPEEDS_EVERY].copy())
             centres = [tracks.centres[lane] for lane in sorted(tracks.centres) if lane >= 0]
             gaps += [b - a for a, b in itertools.pairwise(centres) if 2.5 < b - a < 4.5]
             _of_recording(str(name), traffic, tracks, classes)
             watch(str(name), len(names))
     everybody = np.concatenate(speeds)
-    low, middle, high = np.quantile(everybody, [0.05, 0.5, 0.95]) if len(everybody) else (0.0, 0.0, 0.0)
+    low, middle, high = (
+        np.quantile(everybody, [0.05, 0.5, 0.95]) if len(everybody) else (0.0, 0.0, 0.0)
+    )
     return Found(
         classes,
         kilometres,
@@ -228,12 +265,20 @@ def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], Non
     )
 
 
-def _of_recording(name: str, traffic: Traffic, tracks: _Tracks, classes: Mapping[str, Encounters]) -> None:
+def _of_recording(
+    name: str, traffic: Traffic, tracks: _Tracks, classes: Mapping[str, Encounters]
+) -> None:
     changes = find_lane_changes(traffic)
     by_row = {(change.vehicle, round(change.t, 3)): change for change in changes}
     events = encounters(traffic, changes)
 
-    def take(kind: str, event: Mapping[str, Any], other: str, measure: Callable[..., Measured], *more: Any) -> None:
+    def take(
+        kind: str,
+        event: Mapping[str, Any],
+        other: str,
+        measure: Callable[..., Measured],
+        *more: Any,
+    ) -> None:
         """Count an event; a ghost is counted as one."""
         if event["ghost"]:
             classes[kind].ghosts += 1
@@ -280,16 +325,22 @@ def _sideways(tracks: _Tracks, change: RecordedLaneChange) -> tuple[float, float
     whole = tracks.traffic.slices[change.vehicle]
     t = tracks.t[whole]
     seen = (t >= change.onset - AROUND) & (t <= change.end + AROUND)
-    begin, duration, offset = fit_smooth_step(t[seen], tracks.y[whole][seen], change.onset, change.duration)
+    begin, duration, offset = fit_smooth_step(
+        t[seen], tracks.y[whole][seen], change.onset, change.duration
+    )
     if not (SHORTEST <= duration <= LONGEST and 1.5 <= abs(offset) <= 6.0):
         raise NotMeasuredError(BESIDE)
     return begin, duration, offset
 
 
-def fit_smooth_step(time: FloatArray, y: FloatArray, onset: float, duration: float) -> tuple[float, float, float]:
-    """Begin s, duration s and offset m of y0 + offset * smooth_step((t - begin) / duration), by least squares.
+def fit_smooth_step(
+    time: FloatArray, y: FloatArray, onset: float, duration: float
+) -> tuple[float, float, float]:
+    """Begin s, duration s and offset m of y0 + offset * smooth_step((t - begin) / duration), by
+    least squares.
 
-    time, y: (n,). onset, duration: about where to look.
+    time, y: (n,).
+    onset, duration: about where to look.
     """
     from scipy import optimize
 
@@ -299,13 +350,17 @@ def fit_smooth_step(time: FloatArray, y: FloatArray, onset: float, duration: flo
         share = smooth_step((time - guess[0]) / max(abs(guess[1]), 0.1))
         share_mean, y_mean = share.mean(), y.mean()
         spread = float(((share - share_mean) ** 2).sum())
-        offset = float(((share - share_mean) * (y - y_mean)).sum()) / spread if spread > 0.0 else 0.0
+        offset = (
+            float(((share - share_mean) * (y - y_mean)).sum()) / spread if spread > 0.0 else 0.0
+        )
         rest = y - y_mean - offset * (share - share_mean)
         return float(rest @ rest), offset, spread
 
     begin = np.array([onset - 0.1 * duration, 1.2 * max(duration, 0.5)], dtype=np.float64)
     options = {"xatol": 1e-3, "fatol": 1e-9}
-    best: FloatArray = minimize(lambda guess: parts(guess)[0], begin, method="Nelder-Mead", options=options).x
+    best: FloatArray = minimize(
+        lambda guess: parts(guess)[0], begin, method="Nelder-Mead", options=options
+    ).x
     return float(best[0]), float(abs(best[1])), parts(best)[1]
 
 
@@ -358,7 +413,12 @@ def _braking(tracks: _Tracks, event: Mapping[str, Any]) -> Measured:
     steps = int(eased[0]) if eased.size else 0
     if steps < 3:
         raise NotMeasuredError(NOT_WHOLE)
-    pair = _Pair(tracks, str(event["ego"]), begin, slice(whole.start + first, whole.start + first + steps + 1))
+    pair = _Pair(
+        tracks,
+        str(event["ego"]),
+        begin,
+        slice(whole.start + first, whole.start + first + steps + 1),
+    )
     lane = pair.lane(LEAD_MOVES)
     values = {
         "ego_speed": pair.ego_speed,
@@ -372,13 +432,21 @@ def _braking(tracks: _Tracks, event: Mapping[str, Any]) -> Measured:
 
 def _approach(tracks: _Tracks, event: Mapping[str, Any]) -> Measured:
     begin, speed = float(event["t"]), float(event["ego_speed"])
-    pair = _Pair(tracks, str(event["ego"]), begin, tracks.part(str(event["lead"]), begin, APPROACH_WINDOW))
-    values = {"ego_speed": speed, "closing_speed": speed - pair.speed, "acceleration": pair.acceleration}
+    pair = _Pair(
+        tracks, str(event["ego"]), begin, tracks.part(str(event["lead"]), begin, APPROACH_WINDOW)
+    )
+    values = {
+        "ego_speed": speed,
+        "closing_speed": speed - pair.speed,
+        "acceleration": pair.acceleration,
+    }
     return values, pair.moved(pair.lane(LEAD_MOVES))
 
 
 def _neighbours(tracks: _Tracks, change: RecordedLaneChange) -> tuple[str, str] | None:
-    """The leader in the old lane and the vehicle behind in the new one at a lane change; None unless both are near."""
+    """The leader in the old lane and the vehicle behind in the new one at a lane change; None
+    unless both are near.
+    """
     before, now = change.row - 1, change.row
     lead, rear = int(tracks.traffic.leader[before]), int(tracks.traffic.follower[now])
     if lead < 0 or rear < 0:

@@ -1,12 +1,13 @@
-"""The probability of a collision in one scenario, from few drives: points drawn where collisions are likely and met,
-each weighted by how much more often it was drawn than it is met.
+"""The probability of a collision in one scenario, from few drives: points drawn where collisions
+are likely and met, each weighted by how much more often it was drawn than it is met.
 
-First, drives explore: where points are met and ideal braking comes near its limits, then where what was driven so far
-says that the edge of the collisions is. Then others are drawn that count. A drive that counts comes with `DEFENSIVE`
-from what is met on the road, else from a mixture of Gaussians laid over the points that probably collide, weighted by
-how often they are met. The estimate is unbiased whatever the exploration found: each round's mixture is fixed before
-its points are drawn. What it misses, it misses in the interval alone: a collision where nobody looked has a large
-weight, and widens it.
+First, drives explore: where points are met and ideal braking comes near its limits, then where what
+was driven so far says that the edge of the collisions is. Then others are drawn that count. A drive
+that counts comes with `DEFENSIVE` from what is met on the road, else from a mixture of Gaussians
+laid over the points that probably collide, weighted by how often they are met. The estimate is
+unbiased whatever the exploration found: each round's mixture is fixed before its points are drawn.
+What it misses, it misses in the interval alone: a collision where nobody looked has a large weight,
+and widens it.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ FIRST: Final = 24  # drives of the first exploring round, and 8 more a parameter
 ROUND: Final = 0.2  # share of the budget that a further round has
 POOL: Final = 4096  # points of each kind that a round weighs
 ASKED: Final = 1024  # of these whose danger is computed
-STRETCHED: Final = 2.5  # how far beyond the points that are met the pool reaches, in their own deviations
+# how far beyond the points that are met the pool reaches, in their own deviations
+STRETCHED: Final = 2.5
 LIKELY: Final = 0.3  # probability of a collision from which a point belongs to the mixture
 SURE: Final = 0.8  # probability from which it belongs to the second mixture
 CENTRES: Final = 256  # Gaussians in the mixture
@@ -45,10 +47,13 @@ LEVEL: Final = 0.95
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Met:
-    """How often points of a scenario are met, as a density that integrates to 1 over the possible points.
+    """How often points of a scenario are met, as a density that integrates to 1 over the possible
+    points.
 
-    base: draws points as often as parameters are met, constraints aside; base_density: their density. scale: the
-    exposure's integral.
+    base: draws points as often as parameters are met, constraints aside; base_density: their
+        density.
+
+    scale: the exposure's integral.
     """
 
     logical: LogicalScenario
@@ -76,16 +81,22 @@ class Met:
             inside[inside] = self.logical.feasible(points[inside])
         if inside.any():
             rows = points[inside]
-            found[inside] = np.broadcast_to(self.logical.exposure(self.logical.columns(rows)), len(rows)) / self.scale
+            found[inside] = (
+                np.broadcast_to(self.logical.exposure(self.logical.columns(rows)), len(rows))
+                / self.scale
+            )
         return found
 
 
 def how_met(logical: LogicalScenario) -> Met:
-    """How often the points of a scenario are met: by its joint distribution, else by its parameters' own."""
+    """How often the points of a scenario are met: by its joint distribution, else by its
+    parameters' own.
+    """
     listed = [item.name for item in logical.parameters if item.values]
     if listed:
         raise InputError(
-            f"`{listed[0]}` of scenario `{logical.name}` has listed values only: a campaign draws from ranges."
+            f"`{listed[0]}` of scenario `{logical.name}` has listed values only: a campaign draws "
+            "from ranges."
         )
     joint = logical.exposure.joint if isinstance(logical.exposure, Exposure) else None
     plain = Met(logical, joint, 1.0, 1.0)
@@ -119,7 +130,9 @@ def _independent_density(logical: LogicalScenario, points: FloatArray) -> FloatA
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
-    """Gaussians of one covariance in the unit box. centres (m, k), root (k, k) of the covariance."""
+    """Gaussians of one covariance in the unit box. centres (m, k), root (k, k) of the
+    covariance.
+    """
 
     centres: FloatArray
     root: FloatArray
@@ -127,21 +140,28 @@ class Mixture:
     def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
         """Points (count, k) of the unit box's coordinates."""
         chosen = stream.integers(len(self.centres), size=count)
-        return self.centres[chosen] + stream.standard_normal((count, self.centres.shape[1])) @ self.root.T
+        return (
+            self.centres[chosen]
+            + stream.standard_normal((count, self.centres.shape[1])) @ self.root.T
+        )
 
     def density(self, unit: FloatArray) -> FloatArray:
         """Density (n,) there."""
         whiten = np.linalg.inv(self.root)
         centres, white = self.centres @ whiten.T, unit @ whiten.T
-        squared = (white**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * white @ centres.T
+        squared = (
+            (white**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * white @ centres.T
+        )
         norm = abs(float(np.linalg.det(whiten))) / (2.0 * math.pi) ** (unit.shape[1] / 2.0)
         return np.asarray(np.exp(-0.5 * np.maximum(squared, 0.0)).mean(axis=1) * norm)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
-    """Points to drive. points (n, k); weights (n,) p/q; counts: drawn for the estimate, of which `drawn` in all, the
-    impossible ones included; else for exploring alone.
+    """Points to drive. points (n, k); weights (n,) p/q;
+
+    counts: drawn for the estimate, of which `drawn` in all, the impossible ones included; else for
+        exploring alone.
     """
 
     points: FloatArray
@@ -152,9 +172,11 @@ class Batch:
 
 @dataclass(slots=True)
 class RareEvents:
-    """The search: ask for points, tell what happened there, estimate. Same seed and outcomes, same questions.
+    """The search: ask for points, tell what happened there, estimate. Same seed and outcomes, same
+    questions.
 
-    drives: how many were asked for. drawn: points for the estimate, the impossible ones included.
+    drives: how many were asked for.
+    drawn: points for the estimate, the impossible ones included.
     """
 
     met: Met
@@ -192,7 +214,9 @@ class RareEvents:
         self._batches += 1
         left = self.budget - self.drives
         if self.drives == 0:
-            size = min(left, FIRST + 8 * len(self.met.logical.names), max(1, int(EXPLORED * self.budget)))
+            size = min(
+                left, FIRST + 8 * len(self.met.logical.names), max(1, int(EXPLORED * self.budget))
+            )
         else:
             size = min(left, max(8, int(ROUND * self.budget)))
         if size <= 0:
@@ -219,7 +243,9 @@ class RareEvents:
             edge = np.sqrt(level) * chance * (1.0 - chance) / pool_density
             core = level * (chance > 0.5) / pool_density
             half = size // 2
-            rows = np.concatenate([_pick(points, edge, size - half, stream), _pick(points, core, half, stream)])
+            rows = np.concatenate(
+                [_pick(points, edge, size - half, stream), _pick(points, core, half, stream)]
+            )
         else:
             met_at_all = level**0.25 / pool_density
             chosen = _pick(points, met_at_all, ASKED, stream)
@@ -235,7 +261,9 @@ class RareEvents:
         return danger(self.met.logical, points, ZoneSettings())
 
     def _pool(self, stream: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Possible points (m, k) near and far from what is met, p there, and the density that they were drawn with."""
+        """Possible points (m, k) near and far from what is met, p there, and the density that they
+        were drawn with.
+        """
         logical = self.met.logical
         base = self.met.base(POOL, stream)
         middle = np.median(base, axis=0)
@@ -266,20 +294,30 @@ class RareEvents:
         proposal = defensive * self.met.base_density(rows)
         for number, mixture in enumerate(mixtures):
             share = len(range(number, size, len(mixtures))) / size
-            proposal = proposal + (1.0 - defensive) * share * mixture.density(logical.to_unit(rows)) / volume
+            proposal = (
+                proposal
+                + (1.0 - defensive) * share * mixture.density(logical.to_unit(rows)) / volume
+            )
         return Batch(rows, density / proposal, True, size)
 
     def _mixtures(self, stream: np.random.Generator) -> list[Mixture]:
-        """Gaussians over points that may collide, and over those that almost surely do; over dangerous ones as long as
-        no drive collided. None where there are none.
+        """Gaussians over points that may collide, and over those that almost surely do; over
+        dangerous ones as long as no drive collided. None where there are none.
 
-        Where nothing is known the classifier says 0.5; the second mixture keeps such places from taking all drives.
+        Where nothing is known the classifier says 0.5; the second mixture keeps such places from
+        taking all drives.
         """
         points, density, drawn_with = self._pool(stream)
         pool = points, density, drawn_with
         if not self.collided.any():
             few = tuple(item[:: max(1, len(points) // ASKED)] for item in pool)
-            found = [_fitted(self.met.logical.to_unit(few[0]), few[1] * self._danger(few[0]) ** 2 / few[2], stream)]
+            found = [
+                _fitted(
+                    self.met.logical.to_unit(few[0]),
+                    few[1] * self._danger(few[0]) ** 2 / few[2],
+                    stream,
+                )
+            ]
         elif not self._knows_both:
             found = [_fitted(self.met.logical.to_unit(points), density / drawn_with, stream)]
         else:
@@ -287,9 +325,14 @@ class RareEvents:
         return [mixture for mixture in found if mixture is not None]
 
     def _polished(
-        self, pool: tuple[FloatArray, FloatArray, FloatArray], least: float, stream: np.random.Generator
+        self,
+        pool: tuple[FloatArray, FloatArray, FloatArray],
+        least: float,
+        stream: np.random.Generator,
     ) -> Mixture | None:
-        """Gaussians over points that collide with at least this probability, fitted anew to draws of its own."""
+        """Gaussians over points that collide with at least this probability, fitted anew to draws
+        of its own.
+        """
         logical = self.met.logical
         points, density, drawn_with = pool
         weight = density * (self._search.probability(points) > least) / drawn_with
@@ -316,17 +359,28 @@ class RareEvents:
         """What the drives that counted say."""
         hits = self.counted & self.collided
         return estimated(
-            self.weights[hits], self.loss[hits], self.drawn, self.met.heaviest, int(self.collided.sum()), self.drives
+            self.weights[hits],
+            self.loss[hits],
+            self.drawn,
+            self.met.heaviest,
+            int(self.collided.sum()),
+            self.drives,
         )
 
 
-def _pick(points: FloatArray, weight: FloatArray, count: int, stream: np.random.Generator) -> FloatArray:
-    """`count` of the points, in proportion to their weights, none twice; fewer where fewer have any."""
+def _pick(
+    points: FloatArray, weight: FloatArray, count: int, stream: np.random.Generator
+) -> FloatArray:
+    """`count` of the points, in proportion to their weights, none twice; fewer where fewer have
+    any.
+    """
     possible = np.flatnonzero(weight > 0.0)
     count = min(count, len(possible))
     if not count:
         return points[:0]
-    chosen = stream.choice(possible, size=count, replace=False, p=weight[possible] / weight[possible].sum())
+    chosen = stream.choice(
+        possible, size=count, replace=False, p=weight[possible] / weight[possible].sum()
+    )
     return np.asarray(points[chosen])
 
 
@@ -353,11 +407,14 @@ def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A probability of collision, and the expected loss L of Eq. 14, of an encounter, each with its 95 % limits.
+    """A probability of collision, and the expected loss L of Eq. 14, of an encounter, each with its
+    95 % limits.
 
-    deviation: standard error over the value. upper_limit: 95 % of the probability whatever the collisions may look
-    like, by the points drawn as they are met alone; the interval's upper end where no drive that counted collided.
-    drives: all of them; hits: collisions among the `drawn` points that counted.
+    deviation: standard error over the value.
+    upper_limit: 95 % of the probability whatever the collisions may look like, by the points drawn
+        as they are met alone; the interval's upper end where no drive that counted collided.
+    drives: all of them;
+    hits: collisions among the `drawn` points that counted.
     """
 
     probability: float
@@ -375,12 +432,14 @@ class Estimate:
 def estimated(
     weights: FloatArray, loss: FloatArray, drawn: int, heaviest: float, collisions: int, drives: int
 ) -> Estimate:
-    """weights, loss: p/q and L (h,) of the hits among `drawn` points. heaviest: the largest p over the density of
-    points drawn as they are met.
+    """weights, loss: p/q and L (h,) of the hits among `drawn` points.
+    heaviest: the largest p over the density of points drawn as they are met.
     """
     limit = 1.0 if not drawn else min(1.0, -math.log(1.0 - LEVEL) * heaviest / (DEFENSIVE * drawn))
     if not len(weights):
-        return Estimate(0.0, (0.0, limit), 0.0, (0.0, limit), math.inf, limit, drives, drawn, 0, collisions)
+        return Estimate(
+            0.0, (0.0, limit), 0.0, (0.0, limit), math.inf, limit, drives, drawn, 0, collisions
+        )
     value, low, high, deviation = _mean(weights, drawn)
     mean_loss, loss_low, loss_high, _ = _mean(weights * loss, drawn)
     return Estimate(
@@ -398,28 +457,34 @@ def estimated(
 
 
 def _mean(terms: FloatArray, drawn: int) -> tuple[float, float, float, float]:
-    """Mean of `drawn` terms, all but these 0, its limits by a log-normal distribution with Student's quantile, and its
-    relative error.
+    """Mean of `drawn` terms, all but these 0, its limits by a log-normal distribution with
+    Student's quantile, and its relative error.
     """
     from scipy.special import stdtrit
 
     mean = float(terms.sum()) / drawn
     variance = max(float((terms**2).sum()) / drawn - mean**2, 0.0) / max(drawn - 1, 1)
     relative = math.sqrt(variance) / mean if mean > 0.0 else math.inf
-    reach = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0)) * math.sqrt(math.log1p(relative**2))
+    reach = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0)) * math.sqrt(
+        math.log1p(relative**2)
+    )
     return mean, mean * math.exp(-reach), mean * math.exp(min(reach, 50.0)), relative
 
 
 def degrees_of_freedom(terms: FloatArray) -> float:
-    """How much a mean of terms (h,) knows of its own error: as many as count effectively, less one; at least one."""
+    """How much a mean of terms (h,) knows of its own error: as many as count effectively, less one;
+    at least one.
+    """
     squares = float((terms**2).sum())
     return max(float(terms.sum() ** 2) / squares - 1.0, 1.0) if squares > 0.0 else 1.0
 
 
 def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:
-    """Joint distributions over events counted anew, each with how many events it has over how many there are.
+    """Joint distributions over events counted anew, each with how many events it has over how many
+    there are.
 
-    Each event counts as often as a Poisson draw of mean 1 says: what another stretch of road would have shown.
+    Each event counts as often as a Poisson draw of mean 1 says: what another stretch of road would
+    have shown.
     """
     from dataclasses import replace
 
@@ -430,5 +495,7 @@ def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:
     found: list[tuple[Any, float]] = []
     for _ in range(count):
         weights = stream.poisson(1.0, n).astype(np.float64)
-        found.append((replace(met.joint, weights=tuple((weights + 1e-9).tolist())), float(weights.sum()) / n))
+        found.append(
+            (replace(met.joint, weights=tuple((weights + 1e-9).tolist())), float(weights.sum()) / n)
+        )
     return found

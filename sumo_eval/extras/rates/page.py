@@ -1,4 +1,6 @@
-"""What pages of this room share: pieces in the style of the report, some of them folded, and their charts."""
+"""What pages of this room share: pieces in the style of the report, some of them folded, and their
+charts.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,10 @@ NUMBER: Final = re.compile(r"-?\d")  # how a cell begins that is set like a numb
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph. kind: `note` where a reader must not miss it."""
+    """A paragraph.
+
+    kind: `note` where a reader must not miss it.
+    """
 
     sentence: str
     kind: str = ""
@@ -47,7 +52,10 @@ class Chart:
 
 @dataclass(frozen=True)
 class Fold:
-    """A section that opens by a click. about: what it holds, in a few words."""
+    """A section that opens by a click.
+
+    about: what it holds, in a few words.
+    """
 
     title: str
     about: str
@@ -57,8 +65,13 @@ class Fold:
 Piece = Text | Table | Chart | Fold
 
 
-def write_parts(path: Path, *, kicker: str, title: str, sentences: Sequence[str], parts: Sequence[Piece]) -> Path:
-    """Write a page of pieces and return its path. sentences: what it says under its title."""
+def write_parts(
+    path: Path, *, kicker: str, title: str, sentences: Sequence[str], parts: Sequence[Piece]
+) -> Path:
+    """Write a page of pieces and return its path.
+
+    sentences: what it says under its title.
+    """
     inside = [one for part in parts for one in (part.parts if isinstance(part, Fold) else (part,))]
     charts = [one for one in inside if isinstance(one, Chart)]
     numbers = {id(chart): number for number, chart in enumerate(charts)}
@@ -66,7 +79,8 @@ def write_parts(path: Path, *, kicker: str, title: str, sentences: Sequence[str]
         chart.figure.update_layout(title=None, width=None, template="none")
     page = template("parts.html.j2").render(
         kicker=kicker, title=title, sentences=sentences, parts=parts,
-        kind=lambda part: type(part).__name__, number=lambda chart: numbers[id(chart)], charts=charts,
+        kind=lambda part: type(part).__name__, number=lambda chart: numbers[id(chart)],
+        charts=charts,
         figures=packed(f"[{','.join(chart.figure.to_json() for chart in charts)}]"),
     )  # fmt: skip
     return write_page(path, page, "The page")

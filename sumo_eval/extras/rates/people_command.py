@@ -1,4 +1,6 @@
-"""People and open constants: recorded `humans`, `calibrate` k5 and k6, the `sensitivity` of the ranking."""
+"""People and open constants: recorded `humans`, `calibrate` k5 and k6, the `sensitivity` of the
+ranking.
+"""
 
 from __future__ import annotations
 
@@ -19,23 +21,31 @@ class _WholeLines(click.Group):
         """Each command with its whole first sentence."""
         with formatter.section("Commands"):
             formatter.write_dl(
-                [(name, command.get_short_help_str(limit=WHOLE)) for name, command in sorted(self.commands.items())]
+                [
+                    (name, command.get_short_help_str(limit=WHOLE))
+                    for name, command in sorted(self.commands.items())
+                ]
             )
 
 
-@click.group(cls=_WholeLines, epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
+@click.group(
+    cls=_WholeLines, epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz"
+)
 def humans() -> None:
     """Recorded human driving: import it, look for events, weigh scenarios."""
 
 
-@humans.command("import", epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
+@humans.command(
+    "import", epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz"
+)
 @click.argument("form", metavar="FORMAT")
 @path_argument("paths", nargs=-1, required=True)
 @path_option("--out", required=True, help="Table to write: .csv or .csv.gz.")
 def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
     """Import files or folders of FORMAT into one canonical table.
 
-    FORMAT: highd, ind, exid, round, unid, ngsim, commonroad, sumo_fcd, openacc, dlr_highway, osi, map, csv.
+    FORMAT: highd, ind, exid, round, unid, ngsim, commonroad, sumo_fcd, openacc, dlr_highway, osi,
+        map, csv.
     """
     from sumo_eval.drivers.recorded.importing import import_recordings
     from sumo_eval.drivers.recorded.recordings import write_csv
@@ -64,26 +74,51 @@ def events(tables: tuple[Path, ...], out: Path | None) -> None:
 @humans.command(epilog="Example: sumo-eval humans exposure cut_in people.csv.gz")
 @click.argument("scenario")
 @path_argument("tables", nargs=-1, required=True)
-@click.option("--bandwidth", type=click.Choice(["scott", "cross_validated"]), default="scott", show_default=True)
+@click.option(
+    "--bandwidth",
+    type=click.Choice(["scott", "cross_validated"]),
+    default="scott",
+    show_default=True,
+)
 def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     """How often the concrete scenarios of SCENARIO are met in imported TABLES."""
     from sumo_eval.drivers.recorded.exposure import exposure_of
     from sumo_eval.scenario import catalogue
     from sumo_eval.settings import DriverSettings, ExposureSettings
 
-    settings = ExposureSettings("recorded", tuple(map(str, tables)), bandwidth)  # type: ignore[arg-type]
-    found = exposure_of(catalogue.find(scenario, Path.cwd()), settings, DriverSettings(), Path.cwd())
+    names = tuple(map(str, tables))
+    settings = ExposureSettings("recorded", names, bandwidth)  # type: ignore[arg-type]
+    found = exposure_of(
+        catalogue.find(scenario, Path.cwd()), settings, DriverSettings(), Path.cwd()
+    )
     tell(f"{scenario}: {found.about}.")
 
 
-@humans.command(epilog="Example: sumo-eval humans scene people.csv.gz --ego 17 --react IDM --out scene.toml")
+@humans.command(
+    epilog="Example: sumo-eval humans scene people.csv.gz --ego 17 --react IDM --out scene.toml"
+)
 @path_argument("tables", nargs=-1, required=True)
 @click.option("--ego", required=True, metavar="VEHICLE", help="In whose place an ADS is to drive.")
 @click.option("--recording", metavar="NAME", help="Which one, where the tables hold several.")
-@click.option("--begin", type=float, help="Begin of the scene, s of the recording (default: the vehicle's own).")
+@click.option(
+    "--begin",
+    type=float,
+    help="Begin of the scene, s of the recording (default: the vehicle's own).",
+)
 @click.option("--end", type=float, help="End of the scene, s (default: 30 s after its begin).")
-@click.option("--react", type=click.Choice(["IDM", "EIDM", "Krauss"]), help="SUMO's model by which the others react.")
-@click.option("--beyond", type=float, default=2.0, show_default=True, metavar="M", help="Departure that they react to.")
+@click.option(
+    "--react",
+    type=click.Choice(["IDM", "EIDM", "Krauss"]),
+    help="SUMO's model by which the others react.",
+)
+@click.option(
+    "--beyond",
+    type=float,
+    default=2.0,
+    show_default=True,
+    metavar="M",
+    help="Departure that they react to.",
+)
 @path_option("--out", required=True, help="Scenario file to write: .toml.")
 def scene(
     tables: tuple[Path, ...],
@@ -95,19 +130,32 @@ def scene(
     beyond: float,
     out: Path,
 ) -> None:
-    """A scene of imported TABLES as a scenario file: an ADS in the place of VEHICLE, the others as they drove."""
+    """A scene of imported TABLES as a scenario file: an ADS in the place of VEHICLE, the others as
+    they drove.
+    """
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
     from sumo_eval.extras.rates.recorded_scene import ROAD_AS_WRITTEN, write_scene
 
     found = write_scene(
-        import_recordings(OWN, tables), out, ego, recording=recording, begin=begin, end=end, model=react, beyond=beyond
+        import_recordings(OWN, tables),
+        out,
+        ego,
+        recording=recording,
+        begin=begin,
+        end=end,
+        model=react,
+        beyond=beyond,
     )
     tell(
         f"{found.others} vehicles around {ego} for {found.seconds:z.1f} s; in the file they are "
-        f"{found.error[0]:z.3f} m (root mean square; at most {found.error[1]:z.2f} m) from where they were recorded."
+        f"{found.error[0]:z.3f} m (root mean square; at most {found.error[1]:z.2f} m) from where "
+        "they were recorded."
     )
     if found.continued:
-        tell(f"{found.continued} of them were not recorded throughout: before and after, they keep speed and lane.")
+        tell(
+            f"{found.continued} of them were not recorded throughout: before and after, they keep "
+            "speed and lane."
+        )
     for reason, number in found.left_out.items():
         tell(f"Left out: {number} vehicles, {reason}.")
     tell(ROAD_AS_WRITTEN)
@@ -132,7 +180,9 @@ def departure(run: Path, out: Path | None) -> None:
 @path_argument("ratings")
 @path_option("--out", help="HTML file for the plot (default: RUN/opinion.html).")
 def opinion(run: Path, ratings: Path, out: Path | None) -> None:
-    """Compare the scores of RUN with what people said: RATINGS, a CSV file with rater, ads, scenario, score (1-10)."""
+    """Compare the scores of RUN with what people said: RATINGS, a CSV file with rater, ads,
+    scenario, score (1-10).
+    """
     from sumo_eval.extras.studies.opinion import (
         compare_opinion,
         opinion_lines,
@@ -152,7 +202,13 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
 
 @click.command(epilog="Example: sumo-eval calibrate results/first results/second --by median")
 @path_argument("runs", nargs=-1, required=True)
-@click.option("--by", type=click.Choice(["median", "mean"]), default="median", show_default=True, help="Middle ADS.")
+@click.option(
+    "--by",
+    type=click.Choice(["median", "mean"]),
+    default="median",
+    show_default=True,
+    help="Middle ADS.",
+)
 def calibrate(runs: tuple[Path, ...], by: str) -> None:
     """Choose k5 and k6 so that the middle one of the ADSs in RUNS gets half of the points."""
     from sumo_eval.extras.studies.calibration import calibrate as calibrated
@@ -171,9 +227,15 @@ def calibrate(runs: tuple[Path, ...], by: str) -> None:
     help="k1, k2, k3, k4, centre floor, field floor, a; default: all that can move a score.",
 )
 def sensitivity(run: Path, constants: tuple[str, ...]) -> None:
-    """Score RUN again with k1..k4, the deviation floors and a (b = 100 - a) changed; a table and a plot in RUN."""
+    """Score RUN again with k1..k4, the deviation floors and a (b = 100 - a) changed; a table and a
+    plot in RUN.
+    """
     from sumo_eval.extras.studies.sensitivity import sensitivity as respond
-    from sumo_eval.extras.studies.sensitivity import sensitivity_lines, without_the_wheel, write_sensitivity_plot
+    from sumo_eval.extras.studies.sensitivity import (
+        sensitivity_lines,
+        without_the_wheel,
+        write_sensitivity_plot,
+    )
     from sumo_eval.extras.studies.tables import write_rows
     from sumo_eval.record.run_folder import read_settings
 

@@ -1,6 +1,7 @@
 """What each class of encounters looks like as a scenario file: parameters, vehicles, moves.
 
-Where a scene needs the left, the lane beside the ego's is on its left; encounters to the other side are mirrored.
+Where a scene needs the left, the lane beside the ego's is on its left; encounters to the other side
+are mirrored.
 """
 
 from __future__ import annotations
@@ -13,15 +14,20 @@ from typing import Any, Final
 from sumo_eval.extras.rates.encounters import APPROACH_WINDOW
 
 CAR_LENGTH: Final = 4.5  # m, of every vehicle of a learnt scenario
-END_X, END_TIME, ROAD_LENGTH = 1500.0, 45.0, 5000.0  # m, s, m: when a case of a learnt scenario is over
+# m, s, m: when a case of a learnt scenario is over
+END_X, END_TIME, ROAD_LENGTH = 1500.0, 45.0, 5000.0
 GRID_POINTS: Final = 1500  # about so many has the default grid of a learnt scenario
 SLOWEST, FASTEST = 0.5, 60.0
-"""m/s; no vehicle of a learnt scenario begins slower, nor faster than roads of scenario files allow."""
+"""m/s; no vehicle of a learnt scenario begins slower, nor faster than roads of scenario files
+allow."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A parameter of a class. floor, ceiling: below and above it there is none, in `unit`; None: no such bound."""
+    """A parameter of a class.
+
+    floor, ceiling: below and above it there is none, in `unit`; None: no such bound.
+    """
 
     name: str
     unit: str
@@ -50,10 +56,12 @@ class Other:
 class Scene:
     """A class as a scenario.
 
-    replayed: the vehicle whose motion is compared with the recorded one. behind: it comes from behind the ego.
+    replayed: the vehicle whose motion is compared with the recorded one.
+    behind: it comes from behind the ego.
     ego: of its table, beside its speed.
     define, constraints: further ones than those of the speeds.
-    level: where the lane is that the recorded place is told from, in lanes to the left of the right one.
+    level: where the lane is that the recorded place is told from, in lanes to the left of the right
+        one.
     """
 
     about: str
@@ -77,7 +85,9 @@ def _closing(name: str, words: str) -> Quantity:
     return Quantity(name, "m/s", f"speed of the ego less {words}")
 
 
-def _speed_change(duration: str | float, later: str, slowest: str = f"{SLOWEST:g}") -> dict[str, Any]:
+def _speed_change(
+    duration: str | float, later: str, slowest: str = f"{SLOWEST:g}"
+) -> dict[str, Any]:
     """From t = 0 to the speed `later`, a formula, after `duration`."""
     return {"do": "speed_profile", "times": [duration], "speeds": [f"max({later}, {slowest})"]}
 
@@ -90,7 +100,10 @@ def _side_move(offset: str, speed: str, acceleration: str) -> tuple[dict[str, An
 
 
 def _moves_in(about: str, gap_about: str, *, ramp: bool = False) -> Scene:
-    """A vehicle beside the ego's lane moves into it. ramp: from the right side; else from the left."""
+    """A vehicle beside the ego's lane moves into it.
+
+    ramp: from the right side; else from the left.
+    """
     return Scene(
         about,
         (
@@ -98,11 +111,13 @@ def _moves_in(about: str, gap_about: str, *, ramp: bool = False) -> Scene:
             _closing("closing_speed", "that of the other at t = 0"),
             Quantity("gap", "m", gap_about),
             DURATION,
-            Quantity("acceleration", "m/s2", "of the other along the road while it moves to the side"),
+            Quantity("acceleration", "m/s2", "of the other along the road while it moves to the "
+                                             "side"),
         ),
         (
             Other(
-                "other", "ego_speed - closing_speed", "the other", {"gap": "gap", "y": 0.0 if ramp else "lane"},
+                "other", "ego_speed - closing_speed", "the other",
+                {"gap": "gap", "y": 0.0 if ramp else "lane"},
                 _side_move("lane" if ramp else "-lane", "other_speed", "acceleration"),
             ),
         ),
@@ -134,8 +149,10 @@ SCENES: Final[Mapping[str, Scene]] = {
         (
             EGO_SPEED,
             _closing("lead_closing", "that of the lead at t = 0"),
-            Quantity("lead_gap", "m", "bumper to bumper to the lead when it begins to move to the side", 1.0),
-            Quantity("lead_acceleration", "m/s2", "of the lead along the road while it moves to the side"),
+            Quantity("lead_gap", "m", "bumper to bumper to the lead when it begins to move to the "
+                                      "side", 1.0),
+            Quantity("lead_acceleration", "m/s2", "of the lead along the road while it moves to "
+                                                  "the side"),
             DURATION,
             _closing("closing_speed", "the constant one of the revealed vehicle"),
             Quantity("gap", "m", "bumper to bumper to the revealed vehicle at t = 0", 6.5),
@@ -150,7 +167,8 @@ SCENES: Final[Mapping[str, Scene]] = {
         "revealed",
         "lead",
         constraints=(
-            (f"gap >= lead_gap + {CAR_LENGTH + 1.0:g}", "one where the revealed vehicle is ahead of the lead"),
+            (f"gap >= lead_gap + {CAR_LENGTH + 1.0:g}", "one where the revealed vehicle is ahead "
+                                                        "of the lead"),
         ),
     ),
     "braking": Scene(
@@ -158,7 +176,8 @@ SCENES: Final[Mapping[str, Scene]] = {
         (
             EGO_SPEED,
             _closing("closing_speed", "that of the lead at t = 0"),
-            Quantity("headway", "s", "bumper gap over ego speed when the lead begins to brake", 0.05),
+            Quantity("headway", "s", "bumper gap over ego speed when the lead begins to "
+                                     "brake", 0.05),
             Quantity("deceleration", "m/s2", "mean deceleration of the lead", 0.05),
             Quantity("duration", "s", "of the braking", 0.3),
         ),
@@ -178,33 +197,39 @@ SCENES: Final[Mapping[str, Scene]] = {
             EGO_SPEED,
             _closing("closing_speed", "that of the lead at t = 0"),
             Quantity(
-                "acceleration", "m/s2", f"of the lead in the first {APPROACH_WINDOW:g} s; then it keeps its speed"
+                "acceleration", "m/s2", f"of the lead in the first {APPROACH_WINDOW:g} s; then it "
+                                        "keeps its speed"
             ),
         ),
         (
             Other(
                 "lead", "ego_speed - closing_speed", "the lead", {"gap": "3.5 * ego_speed"},
-                (_speed_change(APPROACH_WINDOW, f"lead_speed + acceleration * {APPROACH_WINDOW:g}"),),
+                (_speed_change(APPROACH_WINDOW, "lead_speed + acceleration * "
+                                                f"{APPROACH_WINDOW:g}"),),
             ),
         ),
         "lead",
         "lead",
     ),
     "lane_change": Scene(
-        "A slower vehicle is ahead of the ego, and in the lane on its left somebody comes from behind.",
+        "A slower vehicle is ahead of the ego, and in the lane on its left somebody comes from "
+        "behind.",
         (
             EGO_SPEED,
             _closing("lead_closing", "the constant one of the lead"),
             Quantity("lead_gap", "m", "bumper to bumper to the lead at t = 0", 1.0),
-            Quantity("rear_closing", "m/s", "speed of the vehicle behind less that of the ego at t = 0"),
+            Quantity("rear_closing", "m/s", "speed of the vehicle behind less that of the ego at "
+                                            "t = 0"),
             Quantity("rear_gap", "m", "bumper to bumper to the vehicle behind at t = 0", 0.5),
-            Quantity("rear_acceleration", "m/s2", "of the vehicle behind while somebody changed lane ahead of it"),
+            Quantity("rear_acceleration", "m/s2", "of the vehicle behind while somebody changed "
+                                                  "lane ahead of it"),
             Quantity("duration", "s", "of that lane change", 0.5),
         ),
         (
             Other("lead", "ego_speed - lead_closing", "the lead", {"gap": "lead_gap"}),
             Other(
-                "rear", "ego_speed + rear_closing", "the vehicle behind", {"gap_behind": "rear_gap", "y": "lane"},
+                "rear", "ego_speed + rear_closing", "the vehicle behind",
+                {"gap_behind": "rear_gap", "y": "lane"},
                 (_speed_change("duration", "rear_speed + rear_acceleration * duration"),),
             ),
         ),
@@ -225,7 +250,11 @@ def content_of(
     lane_width: float,
     source: str,
 ) -> dict[str, Any]:
-    """A scenario file as plain tables, for TOML. ranges: of the parameters that vary; constants: of the others."""
+    """A scenario file as plain tables, for TOML.
+
+    ranges: of the parameters that vary;
+    constants: of the others.
+    """
     scene = SCENES[class_]
     levels = max(2, math.floor(GRID_POINTS ** (1.0 / max(len(ranges), 1))))
     parameters = [
@@ -241,17 +270,26 @@ def content_of(
         if item.name in ranges
     ]
     speeds = {f"{it.name}_speed": f"max({it.speed}, {SLOWEST:g})" for it in scene.others}
-    # A speed is one at points too that these constraints rule out, and that zones are searched over.
+    # A speed is one at points too that these constraints rule out, and that zones are searched
+    # over.
     bounds = [
         bound
         for it in scene.others
         for bound in (
             (f"{it.speed} >= {SLOWEST:g}", f"one where {it.words} moves"),
-            (f"{it.speed} <= {FASTEST:g}", f"one where {it.words} is no faster than {FASTEST:g} m/s"),
+            (
+                f"{it.speed} <= {FASTEST:g}",
+                f"one where {it.words} is no faster than {FASTEST:g} m/s",
+            ),
         )
     ]
     vehicles = [
-        {"name": it.name, "speed": f"{it.name}_speed", **it.place, **({"manoeuvre": [*it.moves]} if it.moves else {})}
+        {
+            "name": it.name,
+            "speed": f"{it.name}_speed",
+            **it.place,
+            **({"manoeuvre": [*it.moves]} if it.moves else {}),
+        }
         for it in scene.others
     ]
     return {
@@ -260,7 +298,9 @@ def content_of(
         "source": source,
         "define": {"lane": lane_width, **constants, **speeds, **scene.define},
         "parameter": parameters,
-        "constraint": [{"require": require, "about": about} for require, about in (*bounds, *scene.constraints)],
+        "constraint": [
+            {"require": require, "about": about} for require, about in (*bounds, *scene.constraints)
+        ],
         "road": {"lanes": scene.lanes, "lane_width": lane_width, "length": ROAD_LENGTH},
         "end": {"x": END_X, "time": END_TIME},
         "ego": {"x": 200.0, "speed": "ego_speed", **scene.ego},

@@ -1,1 +1,3 @@
-"""Questions about scored runs: do people agree, what do the constants do, how do the scores scale."""
+"""Questions about scored runs: do people agree, what do the constants do, how do the scores
+scale.
+"""

@@ -1,4 +1,6 @@
-"""Run an ADS through SUMO where the search asks, until the boundary of its collisions no longer moves."""
+"""Run an ADS through SUMO where the search asks, until the boundary of its collisions no longer
+moves.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,11 @@ class Round:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FailureBoundary:
-    """What the search found out. search: the trials that count, and what follows from them. not_evaluated: how many
-    could not be evaluated, by status. stopped: why the search ended.
+    """What the search found out.
+
+    search: the trials that count, and what follows from them.
+    not_evaluated: how many could not be evaluated, by status.
+    stopped: why the search ended.
     """
 
     logical: LogicalScenario
@@ -58,10 +63,14 @@ def find_boundary(
     seed: int = 1,
     watch: Watch = lambda done, total: None,
 ) -> FailureBoundary:
-    """Search the space (or a slice of it) for where an ADS collides, with at most `budget` simulations.
+    """Search the space (or a slice of it) for where an ADS collides, with at most `budget`
+    simulations.
 
-    It stops sooner when a round is expected to move less than `tolerance` of the space from one side to the other.
-    watch: told the number of simulations done and the budget. Raises InputError for an ADS that does not exist.
+    It stops sooner when a round is expected to move less than `tolerance` of the space from one
+    side to the other.
+
+    watch: told the number of simulations done and the budget.
+    Raises InputError for an ADS that does not exist.
     """
     if not 0.0 <= tolerance < 1.0:
         raise must_be("`tolerance`", "the search", "a share of the space within 0..1", tolerance)
@@ -75,13 +84,17 @@ def find_boundary(
         if not len(points):
             stopped = "no point left"
             break
-        found = outcomes_at(points, logical, controller, setup, first=done, ended=lambda ended: watch(ended, budget))
+        found = outcomes_at(
+            points, logical, controller, setup, first=done, ended=lambda ended: watch(ended, budget)
+        )
         statuses = [outcome.status for outcome in found]
         done += len(points)
         counts = np.array([status in EVALUATED for status in statuses])
         lost.update(status for status in statuses if status not in EVALUATED)
         search.skip(points[~counts])
-        search.tell(points[counts], np.array([status == "collision" for status in statuses])[counts])
+        search.tell(
+            points[counts], np.array([status == "collision" for status in statuses])[counts]
+        )
         rounds.append(Round(done, int(search.outcomes.sum()), search.expected_change, search.doubt))
         if search.expected_change < tolerance:
             stopped = "settled"
@@ -89,7 +102,14 @@ def find_boundary(
     if not len(search.points):
         what = ", ".join(f"{number} {status}" for status, number in sorted(lost.items()))
         raise InputError(f"None of {done} cases of ADS `{controller}` could be evaluated ({what}).")
-    return FailureBoundary(logical, controller, search, tuple(rounds), dict(sorted(lost.items())), stopped)  # type: ignore[arg-type]
+    return FailureBoundary(
+        logical,
+        controller,
+        search,
+        tuple(rounds),
+        dict(sorted(lost.items())),
+        stopped,  # type: ignore[arg-type]
+    )
 
 
 def outcomes_at(
@@ -101,7 +121,11 @@ def outcomes_at(
     first: int = 0,
     ended: Callable[[int], None] = lambda done: None,
 ) -> list[Outcome]:
-    """The outcomes at points (n, k), in their order. first: number of the first. ended: told how many have ended."""
+    """The outcomes at points (n, k), in their order.
+
+    first: number of the first.
+    ended: told how many have ended.
+    """
     cases = [
         Case(first + number, concrete, "ads", "ads", controller)
         for number, concrete in enumerate(logical.concretes(points))

@@ -15,15 +15,28 @@ from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say
 
 
-@click.command(epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --budget 64 --out boundary")
+@click.command(
+    epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --budget 64 "
+    "--out boundary"
+)
 @click.argument("scenario")
 @click.argument("ads")
 @path_option("--out",
-              help="Folder for trials, summary and picture (default: results/SCENARIO-ADS-TIME).")  # fmt: skip
-@click.option("--fix", multiple=True, metavar="NAME=VALUE", help="Hold a parameter fixed; may be repeated.")
-@click.option("--budget", type=click.IntRange(min=16), default=500, show_default=True, help="Most simulations.")
+              help="Folder for trials, summary and picture (default: "
+                   "results/SCENARIO-ADS-TIME).")  # fmt: skip
+@click.option(
+    "--fix", multiple=True, metavar="NAME=VALUE", help="Hold a parameter fixed; may be repeated."
+)
+@click.option(
+    "--budget",
+    type=click.IntRange(min=16),
+    default=500,
+    show_default=True,
+    help="Most simulations.",
+)
 @click.option("--tolerance", type=float, default=0.001, show_default=True,
-              help="Stop when a round is expected to move less than this share of the space.")  # fmt: skip
+              help="Stop when a round is expected to move less than this share of the "
+                   "space.")  # fmt: skip
 @SEED
 @count_option("--workers", default=2, show_default=True, help="Processes that simulate.")
 def boundary(
@@ -38,7 +51,8 @@ def boundary(
 ) -> None:
     """Find where ADS collides in SCENARIO, with few simulations, whatever the shape of that set.
 
-    SCENARIO is a shipped name, a scenario file (.toml) or module:name; ADS a controller as in an evaluation file.
+    SCENARIO is a shipped name, a scenario file (.toml) or module:name; ADS a controller as in an
+    evaluation file.
     """
     from sumo_eval.extras.studies.boundary import find_boundary
     from sumo_eval.extras.studies.boundary_page import sentences, write_boundary

@@ -1,4 +1,6 @@
-"""What a search for an ADS's failure boundary found, as files: every trial, a summary, and a picture."""
+"""What a search for an ADS's failure boundary found, as files: every trial, a summary, and a
+picture.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,10 @@ def summary(found: FailureBoundary) -> dict[str, Any]:
     return {
         "scenario": logical.name,
         "ads": found.ads,
-        "parameters": [{"name": p.name, "low": p.low, "high": p.high, "unit": p.unit} for p in logical.parameters],
+        "parameters": [
+            {"name": p.name, "low": p.low, "high": p.high, "unit": p.unit}
+            for p in logical.parameters
+        ],
         "simulations": found.rounds[-1].simulations,
         "collisions": int(found.search.outcomes.sum()),
         "not_evaluated": found.not_evaluated,
@@ -48,7 +53,9 @@ def summary(found: FailureBoundary) -> dict[str, Any]:
     }
 
 
-def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, float] | None = None) -> tuple[Path, ...]:
+def write_boundary(
+    found: FailureBoundary, folder: Path, held: Mapping[str, float] | None = None
+) -> tuple[Path, ...]:
     """Write `trials.csv`, `boundary.json` and `boundary.html` into a folder and return their paths.
 
     held: the parameters that the search held fixed, by name.
@@ -57,7 +64,10 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
     table, plain, page = folder / TRIALS, folder / PLAIN, folder / "boundary.html"
     chances = folder / CHANCES
     names = found.logical.names
-    trials = [[*row, int(hit)] for row, hit in zip(found.search.points.tolist(), found.search.outcomes, strict=True)]
+    trials = [
+        [*row, int(hit)]
+        for row, hit in zip(found.search.points.tolist(), found.search.outcomes, strict=True)
+    ]
     write_csv(table, [*names, "collided"], trials)
     write_csv(
         chances,
@@ -84,15 +94,18 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
 
 
 def shares(found: FailureBoundary) -> tuple[float, ...]:
-    """Where in the third parameter's range a map lies, one share a map; one map where there is no third."""
+    """Where in the third parameter's range a map lies, one share a map; one map where there is no
+    third.
+    """
     return PANELS if len(found.logical.parameters) > 2 else (0.5,)
 
 
 def chances_on(found: FailureBoundary, share: float) -> tuple[FloatArray, FloatArray]:
-    """The points of a map, row by row, (n, k), and the chance of a collision there, (n,), nan where nothing can be.
+    """The points of a map, row by row, (n, k), and the chance of a collision there, (n,), nan where
+    nothing can be.
 
-    A map has CELLS values of the first parameter by as many of the second, where there is one; parameters behind the
-    third are in the middle of their ranges.
+    A map has CELLS values of the first parameter by as many of the second, where there is one;
+    parameters behind the third are in the middle of their ranges.
     """
     logical = found.logical
     k = len(logical.parameters)
@@ -109,58 +122,102 @@ def chances_on(found: FailureBoundary, share: float) -> tuple[FloatArray, FloatA
 
 
 def sentences(found: FailureBoundary, held: Mapping[str, float]) -> list[str]:
-    """What the search says. held: the parameters that it held fixed, by name."""
+    """What the search says.
+
+    held: the parameters that it held fixed, by name.
+    """
     told, change = summary(found), found.rounds[-1].expected_change
     said = [
-        f"{found.logical.name}: {found.ads} collides in {told['collision_share_of_space']:z.1%} of the space "
-        f"({told['collision_share_of_exposure']:z.1%} of the exposure), from {told['simulations']} simulations."
+        f"{found.logical.name}: {found.ads} collides in {told['collision_share_of_space']:z.1%} "
+        "of the space "
+        f"({told['collision_share_of_exposure']:z.1%} of the exposure), from "
+        f"{told['simulations']} simulations."
     ]
     if found.stopped == "settled":
         said.append(f"The next round is expected to move {change:z.2%} of the space: settled.")
     elif change < 1.0:
-        said.append(f"The search ended with its {found.stopped}. A further round may move {change:z.2%} of the space.")
+        said.append(
+            f"The search ended with its {found.stopped}. A further round may move {change:z.2%} "
+            "of the space."
+        )
     else:
         said.append(
-            f"The search ended with its {found.stopped}. The change by a further round is unknown: too few rounds saw "
+            f"The search ended with its {found.stopped}. The change by a further round is "
+            "unknown: too few rounds saw "
             "both outcomes, or the boundary still contradicts some trials."
         )
     if held:
-        said.append(f"Held fixed: {', '.join(f'{name} = {value:g}' for name, value in held.items())}.")
+        said.append(
+            f"Held fixed: {', '.join(f'{name} = {value:g}' for name, value in held.items())}."
+        )
     if not found.search.outcomes.any() or found.search.outcomes.all():
-        said.append("Every trial ended alike: there is no boundary that these simulations could find.")
+        said.append(
+            "Every trial ended alike: there is no boundary that these simulations could find."
+        )
     for status, number in found.not_evaluated.items():
         said.append(f"Not evaluated: {number} ({status}). The search continued without them.")
     return said
 
 
 def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
-    """The title, and trials over the likelier outcome: one map for two parameters, one for each of some values of a
+    """The title, and trials over the likelier outcome: one map for two parameters, one for each of
+    some values of a
     third, on the nearest of which a trial is drawn.
 
-    Parameters behind the third are in the middle of their ranges. Raises InputError where a file is missing.
+    Parameters behind the third are in the middle of their ranges.
+
+    Raises InputError where a file is missing.
     """
     try:
         told = json.loads((folder / PLAIN).read_text(encoding="utf-8"))
-        tables = [np.genfromtxt(folder / name, delimiter=",", skip_header=1, ndmin=2) for name in (CHANCES, TRIALS)]
+        tables = [
+            np.genfromtxt(folder / name, delimiter=",", skip_header=1, ndmin=2)
+            for name in (CHANCES, TRIALS)
+        ]
     except OSError as error:
-        raise InputError(f"The boundary in {folder} cannot be drawn: {error}. Search it again.") from error
+        raise InputError(
+            f"The boundary in {folder} cannot be drawn: {error}. Search it again."
+        ) from error
     chances, trials = tables
     items = told["parameters"]
     k = len(items)
     maps = np.split(chances, np.flatnonzero(np.diff(chances[:, 2])) + 1) if k > 2 else [chances]
     third = np.array([rows[0, 2] for rows in maps]) if k > 2 else np.zeros(1)
-    nearest = np.argmin(np.abs(trials[:, 2:3] - third), axis=1) if k > 2 else np.zeros(len(trials), dtype=int)
-    x, y = ([*(f"{it['name']} ({it['unit']})" if it["unit"] not in ("", "1") else it["name"] for it in items), ""])[:2]
+    nearest = (
+        np.argmin(np.abs(trials[:, 2:3] - third), axis=1)
+        if k > 2
+        else np.zeros(len(trials), dtype=int)
+    )
+    x, y = (
+        [
+            *(
+                f"{it['name']} ({it['unit']})" if it["unit"] not in ("", "1") else it["name"]
+                for it in items
+            ),
+            "",
+        ]
+    )[:2]
     panels = []
     for number, rows in enumerate(maps):
-        across, along = (np.unique(rows[:, column]) if column < k else np.array([-1.0, 1.0]) for column in (0, 1))
+        across, along = (
+            np.unique(rows[:, column]) if column < k else np.array([-1.0, 1.0]) for column in (0, 1)
+        )
         chance = np.broadcast_to(rows[:, -1].reshape(-1, len(across)), (len(along), len(across)))
         marks = []
         for hit, (words, marker) in enumerate((("no collision", "o"), ("collision", "X"))):
             here = trials[(trials[:, -1] == hit) & (nearest == number)]
             marks.append(
-                Marks(words, here[:, 0], here[:, 1] if k > 1 else np.zeros(len(here)), COLOURS[hit], marker=marker)
+                Marks(
+                    words,
+                    here[:, 0],
+                    here[:, 1] if k > 1 else np.zeros(len(here)),
+                    COLOURS[hit],
+                    marker=marker,
+                )
             )
-        title = ", ".join(f"{it['name']} = {value:z.3g}" for it, value in zip(items[2:], rows[0, 2:k], strict=True))
+        title = ", ".join(
+            f"{it['name']} = {value:z.3g}"
+            for it, value in zip(items[2:], rows[0, 2:k], strict=True)
+        )
         panels.append(Panel(marks, x, y, title, chance=(across, along, chance)))
     return f"{told['scenario'].replace('_', ' ')}: where {told['ads']} collides", panels

@@ -16,9 +16,11 @@ from sumo_eval.results import Evaluation
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """k5 = 0.5 / middle C and k6 = 0.5 / middle D; None where no ADS has the index or its middle is 0.
+    """k5 = 0.5 / middle C and k6 = 0.5 / middle D; None where no ADS has the index or its middle is
+    0.
 
-    c, d: the ADSs' indexes, means over their scenarios, by name. left_out: sentences about what is missing from them.
+    c, d: the ADSs' indexes, means over their scenarios, by name.
+    left_out: sentences about what is missing from them.
     """
 
     by: str
@@ -30,8 +32,9 @@ class Calibration:
 
 
 def calibrate(evaluations: Sequence[Evaluation], *, by: str = "median") -> Calibration:
-    """Scales from the ADSs of one run or several. by: `median` or `mean`. An ADS is one name; its scenarios are
-    averaged.
+    """Scales from the ADSs of one run or several.
+
+    by: `median` or `mean`. An ADS is one name; its scenarios are averaged.
 
     Raises InputError for one ADS only, or for an unknown `by`.
     """
@@ -43,21 +46,30 @@ def calibrate(evaluations: Sequence[Evaluation], *, by: str = "median") -> Calib
     for score, (index, of_ads) in product(scores, values.items()):
         value = getattr(score, index)
         if value is None:
-            left_out.append(f"{score.ads} in {score.scenario} has no {index.upper()} and is left out of its mean.")
+            left_out.append(
+                f"{score.ads} in {score.scenario} has no {index.upper()} and is left out of its "
+                "mean."
+            )
         else:
             of_ads.setdefault(score.ads, []).append(value)
     ads = {score.ads for score in scores}
     if len(ads) < 2:
         raise InputError(f"A calibration needs a population of at least 2 ADSs, got {len(ads)}.")
-    c, d = ({name: float(np.mean(each)) for name, each in of_ads.items()} for of_ads in values.values())
+    c, d = (
+        {name: float(np.mean(each)) for name, each in of_ads.items()} for of_ads in values.values()
+    )
     centre: Literal["median", "mean"] = "median" if by == "median" else "mean"
     return Calibration(by, _scale(c, centre), _scale(d, centre), c, d, tuple(left_out))
 
 
 def _scale(means: Mapping[str, float], centre: Literal["median", "mean"]) -> float | None:
-    """The scale of one index; None where no ADS has it or the middle one has 0, which no scale can lift."""
+    """The scale of one index; None where no ADS has it or the middle one has 0, which no scale can
+    lift.
+    """
     values = list(means.values())
-    return population_scale(values, centre=centre) if values and middle(values, centre) > 0.0 else None
+    return (
+        population_scale(values, centre=centre) if values and middle(values, centre) > 0.0 else None
+    )
 
 
 def calibration_lines(calibration: Calibration) -> list[str]:
@@ -70,10 +82,14 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     ):
         among = ", ".join(f"{ads} {value:z.3f}" for ads, value in values.items()) or "none"
         if scale is None:
-            lines.append(f"{name} is not defined: the {calibration.by} {index} is 0 or there is none ({among}).")
+            lines.append(
+                f"{name} is not defined: the {calibration.by} {index} is 0 or there is none "
+                f"({among})."
+            )
         else:
             lines.append(
-                f"{name} = {scale:z.4f}: the {calibration.by} ADS gets half of the points of {index} ({among})."
+                f"{name} = {scale:z.4f}: the {calibration.by} ADS gets half of the points of "
+                f"{index} ({among})."
             )
             changes.append(f"--set method.score.{name}={scale:z.6g}")
     if changes:

@@ -36,7 +36,9 @@ INDEXES = {
 
 @dataclass(frozen=True, slots=True)
 class RatedScore:
-    """One ADS in one scenario: what people gave it on average, how many did, and its scores (None: not computed)."""
+    """One ADS in one scenario: what people gave it on average, how many did, and its scores (None:
+    not computed).
+    """
 
     ads: str
     scenario: str
@@ -48,9 +50,10 @@ class RatedScore:
 
 @dataclass(frozen=True, slots=True)
 class Opinion:
-    """rows: one for each rated ADS and scenario. correlations: Spearman's rho with each of `INDEXES`; None where
-    fewer than 3 rows have the score. concordance: Kendall's W between the raters who rated everything; None for fewer
-    than two.
+    """rows: one for each rated ADS and scenario.
+    correlations: Spearman's rho with each of `INDEXES`; None where fewer than 3 rows have the
+        score.
+    concordance: Kendall's W between the raters who rated everything; None for fewer than two.
     """
 
     rows: tuple[RatedScore, ...]
@@ -59,7 +62,10 @@ class Opinion:
 
 
 def read_ratings(path: Path) -> pd.DataFrame:
-    """Subjective scores: columns rater, ads, scenario, score (1-10). Raises InputError naming file and row."""
+    """Subjective scores: columns rater, ads, scenario, score (1-10).
+
+    Raises InputError naming file and row.
+    """
     table = read_table(path, ("rater", "ads", "scenario", "score"))
     checked_numbers(table, ["score"], path)
     for name in ("rater", "ads", "scenario"):
@@ -67,15 +73,23 @@ def read_ratings(path: Path) -> pd.DataFrame:
     wrong = np.flatnonzero((table["score"] < LEAST) | (table["score"] > MOST))
     if wrong.size:
         got = table["score"].iloc[wrong[0]]
-        raise InputError(f"`score` in row {wrong[0] + 2} of {path} must be within {LEAST:g}..{MOST:g}, got {got:g}.")
+        raise InputError(
+            f"`score` in row {wrong[0] + 2} of {path} must be within {LEAST:g}..{MOST:g}, got "
+            f"{got:g}."
+        )
     double = np.flatnonzero(table.duplicated(["rater", "ads", "scenario"]))
     if double.size:
-        raise InputError(f"Row {double[0] + 2} of {path} rates what its rater has rated in a row above.")
+        raise InputError(
+            f"Row {double[0] + 2} of {path} rates what its rater has rated in a row above."
+        )
     return table
 
 
 def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
-    """The ratings beside the scores of a run. Raises InputError for an ADS or scenario that the run does not have."""
+    """The ratings beside the scores of a run.
+
+    Raises InputError for an ADS or scenario that the run does not have.
+    """
     known = {(score.ads, score.scenario): score for score in evaluation.scores}
     for column, place in (("ads", 0), ("scenario", 1)):
         names = list(dict.fromkeys(key[place] for key in known))
@@ -99,7 +113,9 @@ def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
     correlations: dict[str, Agreement | None] = {}
     for name in INDEXES:
         pairs = [(row.scores[name], row.opinion) for row in rows if row.scores[name] is not None]
-        correlations[name] = rank_correlation(*zip(*pairs, strict=True)) if len(pairs) >= 3 else None
+        correlations[name] = (
+            rank_correlation(*zip(*pairs, strict=True)) if len(pairs) >= 3 else None
+        )
     table = ratings.pivot_table(index="rater", columns=["ads", "scenario"], values="score").dropna()
     enough = table.shape[0] >= 2 and table.shape[1] >= 2
     return Opinion(tuple(rows), correlations, concordance(table.to_numpy()) if enough else None)
@@ -110,13 +126,22 @@ def opinion_lines(opinion: Opinion) -> list[str]:
     table = [("ADS", "scenario", "opinion", "raters", *INDEXES)]
     for row in opinion.rows:
         scores = [_number(row.scores[name]) for name in INDEXES]
-        table.append((row.ads, row.scenario, f"{row.opinion:z.2f} +/- {row.deviation:z.2f}", str(row.raters), *scores))
+        table.append(
+            (
+                row.ads,
+                row.scenario,
+                f"{row.opinion:z.2f} +/- {row.deviation:z.2f}",
+                str(row.raters),
+                *scores,
+            )
+        )
     lines = aligned(table)
     for name, found in opinion.correlations.items():
         lines.append(
             f"{name}: fewer than 3 rated scores, no correlation."
             if found is None
-            else f"{name}: Spearman's rho {found.value:z.3f}{_interval(found)} over {found.n} rated scores "
+            else f"{name}: Spearman's rho {found.value:z.3f}{_interval(found)} over {found.n} "
+            "rated scores "
             f"(p = {found.p_value:z.3g})."
         )
     between = opinion.concordance
@@ -133,21 +158,28 @@ def opinion_json(opinion: Opinion) -> dict[str, Any]:
     """The comparison in plain values, as the report of the run shows it."""
     return {
         "rows": [asdict(row) for row in opinion.rows],
-        "correlations": {name: found.value if found else None for name, found in opinion.correlations.items()},
+        "correlations": {
+            name: found.value if found else None for name, found in opinion.correlations.items()
+        },
         "intervals": {
-            name: rank_interval(found.value, found.n) if found else None for name, found in opinion.correlations.items()
+            name: rank_interval(found.value, found.n) if found else None
+            for name, found in opinion.correlations.items()
         },
         "concordance": opinion.concordance.value if opinion.concordance else None,
     }
 
 
 def opinion_panels(run: Path) -> list[Panel]:
-    """A panel for each of `INDEXES`: score against mean opinion, with the raters' deviation, from the run's folder.
+    """A panel for each of `INDEXES`: score against mean opinion, with the raters' deviation, from
+    the run's folder.
 
     Raises InputError where nobody has been asked.
     """
     if opinion_content(run) is None:
-        raise InputError(f"Nobody's opinion is in {run}; ask people first and add it with: sumo-eval humans opinion.")
+        raise InputError(
+            f"Nobody's opinion is in {run}; ask people first and add it with: sumo-eval humans "
+            "opinion."
+        )
     told = json.loads((run / OPINION).read_text(encoding="utf-8"))
     panels = []
     for name, rho in told["correlations"].items():
@@ -155,20 +187,27 @@ def opinion_panels(run: Path) -> list[Panel]:
         ends = told.get("intervals", {}).get(name)
         within = "" if ends is None else f", {ends[0]:z.2f}..{ends[1]:z.2f}"
         marks = Marks(
-            "", [row["opinion"] for row in rows], [row["scores"][name] for row in rows], COLOURS[0], marker="o",
-            spread=[row["deviation"] for row in rows], words=[f"{row['ads']}, {row['scenario']}" for row in rows],
+            "", [row["opinion"] for row in rows], [row["scores"][name] for row in rows],
+            COLOURS[0], marker="o",
+            spread=[row["deviation"] for row in rows],
+            words=[f"{row['ads']}, {row['scenario']}" for row in rows],
         )  # fmt: skip
         title = f"{name} (no correlation)" if rho is None else f"{name} (rho {rho:z.2f}{within})"
-        panels.append(Panel([marks], "mean opinion (1-10)", name, title, range_=(LEAST - 0.5, MOST + 0.5)))
+        panels.append(
+            Panel([marks], "mean opinion (1-10)", name, title, range_=(LEAST - 0.5, MOST + 0.5))
+        )
     return panels
 
 
 def write_opinion(opinion: Opinion, run: Path, page: Path) -> None:
-    """Keep the comparison in the run's folder, whose report shows it from then on, and draw it as a page."""
+    """Keep the comparison in the run's folder, whose report shows it from then on, and draw it as a
+    page.
+    """
     (run / OPINION).write_text(json.dumps(opinion_json(opinion), indent=2) + "\n", encoding="utf-8")
     title = "People's opinion and the scores"
     write_study(
-        page, kicker=run.name, title=title, sentences=(), figures={title: on_page(opinion_panels(run), 4, 700)},
+        page, kicker=run.name, title=title, sentences=(),
+        figures={title: on_page(opinion_panels(run), 4, 700)},
         least_width=1000,
     )  # fmt: skip
 

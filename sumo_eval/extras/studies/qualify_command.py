@@ -15,11 +15,13 @@ from sumo_eval.cli.sentences import say
 
 @click.command(epilog="Example: sumo-eval qualify --out qualification")
 @click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), default=Path("qualification"), show_default=True,
+    "--out", type=click.Path(path_type=Path, file_okay=False), default=Path("qualification"),
+    show_default=True,
     help="Folder for qualification.html and qualification.json.",
 )  # fmt: skip
 def qualify(out: Path) -> None:
-    """Check that this installation may be believed: known answers, found again on this machine, in some minutes.
+    """Check that this installation may be believed: known answers, found again on this machine, in
+    some minutes.
 
     Exit status: 0 every check passed, 1 one failed.
     """

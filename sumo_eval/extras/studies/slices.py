@@ -14,7 +14,9 @@ from sumo_eval.scenario.logical import Constraint, LogicalScenario
 
 @dataclass(frozen=True, slots=True)
 class _Filled:
-    """A function of all parameters as one of those that are left; arrays stay arrays of one shape."""
+    """A function of all parameters as one of those that are left; arrays stay arrays of one
+    shape.
+    """
 
     function: Callable[[Mapping[str, Any]], Any]
     fixed: tuple[tuple[str, float], ...]
@@ -35,7 +37,10 @@ class HeldSearch:
 
 
 def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalScenario:
-    """The scenario over the parameters that are not in `fixed`. Raises InputError for unknown names and values."""
+    """The scenario over the parameters that are not in `fixed`.
+
+    Raises InputError for unknown names and values.
+    """
     for name, value in fixed.items():
         if name not in logical.names:
             raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
@@ -47,7 +52,9 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
             raise must_be(f"`{name}`", f"the slice of scenario `{logical.name}`", allowed, value)
     left = tuple(item for item in logical.parameters if item.name not in fixed)
     if not left:
-        raise InputError(f"The slice of scenario `{logical.name}` must leave at least one parameter free.")
+        raise InputError(
+            f"The slice of scenario `{logical.name}` must leave at least one parameter free."
+        )
     if not fixed:
         return logical
     held = tuple(sorted((name, float(value)) for name, value in fixed.items()))
@@ -55,10 +62,14 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
     return replace(
         logical,
         parameters=left,
-        constraints=tuple(Constraint(item.about, _Filled(item.holds, held)) for item in logical.constraints),
+        constraints=tuple(
+            Constraint(item.about, _Filled(item.holds, held)) for item in logical.constraints
+        ),
         place=_Filled(logical.place, held),
         approach=None if logical.approach is None else _Filled(logical.approach, held),
-        search=None if search is None else HeldSearch(search.obstacle, search.conflict, _Filled(search.delay, held)),
+        search=None
+        if search is None
+        else HeldSearch(search.obstacle, search.conflict, _Filled(search.delay, held)),
         margin=None if logical.margin is None else _Filled(logical.margin, held),
         exposure=_Filled(logical.exposure, held),
         zone_coordinates=None,  # one of them may be constant on the slice

@@ -1,10 +1,12 @@
 """Find the boundary between two outcomes with few trials: ask for points, tell what happened there.
 
-A Gaussian process classifier (probit-like, Laplace approximation) learns the outcomes in the unit box. The next points
-are those where the sign of its latent function f is most open: the straddle rule of Bryan et al. (2005),
-1.96 sd(f) - |mean(f)|. The points of one batch are chosen one after the other, each as if the earlier ones had been
-tried; one in eight goes where sd(f) alone is largest, so that an island that nothing hints at is found as well.
-Nothing is assumed about the shape of the sets: intervals, holes and several pieces are as good as a half-space.
+A Gaussian process classifier (probit-like, Laplace approximation) learns the outcomes in the unit
+box. The next points are those where the sign of its latent function f is most open: the straddle
+rule of Bryan et al. (2005),
+1.96 sd(f) - |mean(f)|. The points of one batch are chosen one after the other, each as if the
+earlier ones had been tried; one in eight goes where sd(f) alone is largest, so that an island that
+nothing hints at is found as well. Nothing is assumed about the shape of the sets: intervals, holes
+and several pieces are as good as a half-space.
 """
 
 from __future__ import annotations
@@ -32,10 +34,12 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 POOL = 4_096  # points of the space that are weighed in each round
 STRADDLE = 1.96
 EXPLORE_EVERY = 8  # of a batch, every eighth point goes where least is known
-LEARN_UNTIL = 300  # trials up to which the kernel's constants are searched anew each time they have grown by half
+# trials up to which the kernel's constants are searched anew each time they have grown by half
+LEARN_UNTIL = 300
 SIGNAL_BOUNDS, SCALE_BOUNDS = (1.0, 1e3), (0.02, 10.0)  # variance of f; unit-box lengths
 SETTLED = 1e-3  # of probability: how far a trial may be from its own equation at the mode
-CONTRADICTED = 0.05  # share of its own trials that a classifier may put on the wrong side and still count as settled
+# share of its own trials that a classifier may put on the wrong side and still count as settled
+CONTRADICTED = 0.05
 REMEMBERED = 4  # rounds whose changes say what the next one may change
 SAME = 1e-9  # unit-box lengths
 
@@ -59,7 +63,8 @@ class BoundarySearch:
         listed = [item.name for item in self.logical.parameters if item.values]
         if listed:
             raise InputError(
-                f"`{listed[0]}` of scenario `{self.logical.name}` has listed values only, and between them there is no "
+                f"`{listed[0]}` of scenario `{self.logical.name}` has listed values only, and "
+                "between them there is no "
                 "boundary: hold it fixed."
             )
         k = len(self.logical.names)
@@ -68,10 +73,15 @@ class BoundarySearch:
         pool = evenly(self.logical, POOL, stream)
         self._pool = pool[self.logical.feasible(pool)]
         if not len(self._pool):
-            raise InputError(f"Scenario `{self.logical.name}` has no possible point among {POOL} evenly spread ones.")
+            raise InputError(
+                f"Scenario `{self.logical.name}` has no possible point among {POOL} evenly spread "
+                "ones."
+            )
 
     def ask(self, n: int) -> FloatArray:
-        """The next `n` points (n, k) to try; evenly spread ones until both outcomes have been seen."""
+        """The next `n` points (n, k) to try; evenly spread ones until both outcomes have been
+        seen.
+        """
         if n < 1:
             raise must_be("`n`", "a search for a boundary", "at least 1", n)
         untried = self._untried()
@@ -83,25 +93,37 @@ class BoundarySearch:
         chosen: list[int] = []
         for number in range(n):
             deviation = np.sqrt(np.maximum(variance, 0.0))
-            score = deviation if number % EXPLORE_EVERY == EXPLORE_EVERY - 1 else STRADDLE * deviation - np.abs(mean)
+            score = (
+                deviation
+                if number % EXPLORE_EVERY == EXPLORE_EVERY - 1
+                else STRADDLE * deviation - np.abs(mean)
+            )
             score[chosen] = -np.inf
             best = int(np.argmax(score))
             chosen.append(best)
             shared = covariance(best)
-            variance = variance - shared**2 / (shared[best] + 1.0)  # a label tells as much as f with deviation 1
+            # a label tells as much as f with deviation 1
+            variance = variance - shared**2 / (shared[best] + 1.0)
         return untried[chosen]
 
     def tell(self, points: ArrayLike, outcomes: ArrayLike) -> None:
         """What happened at points (n, k): (n,) True or False."""
         rows, found = np.asarray(points, dtype=np.float64), np.asarray(outcomes, dtype=np.bool_)
         if rows.shape != (len(found), len(self.logical.names)):
-            raise must_be("The points told", "a search for a boundary", f"({len(found)}, k)", rows.shape)
-        self.points, self.outcomes = np.concatenate([self.points, rows]), np.concatenate([self.outcomes, found])
+            raise must_be(
+                "The points told", "a search for a boundary", f"({len(found)}, k)", rows.shape
+            )
+        self.points, self.outcomes = (
+            np.concatenate([self.points, rows]),
+            np.concatenate([self.outcomes, found]),
+        )
         if self.outcomes.any() and not self.outcomes.all():
             self._fit()
 
     def skip(self, points: ArrayLike) -> None:
-        """Points (n, k) that could not be evaluated: they are not asked for again, and teach nothing."""
+        """Points (n, k) that could not be evaluated: they are not asked for again, and teach
+        nothing.
+        """
         self._skipped |= {tuple(row) for row in np.asarray(points, dtype=np.float64).tolist()}
 
     def probability(self, points: ArrayLike) -> FloatArray:
@@ -118,17 +140,23 @@ class BoundarySearch:
 
     @property
     def expected_change(self) -> float:
-        """Share of the possible points that the next round is expected to class differently: the mean of the last four
-        rounds; 1 until there have been so many with both outcomes, and while the classifier contradicts its trials.
+        """Share of the possible points that the next round is expected to class differently: the
+        mean of the last four rounds; 1 until there have been so many with both outcomes, and while
+        the classifier contradicts its trials.
         """
         last = self._changes[-REMEMBERED:]
-        if len(last) < REMEMBERED or np.mean(self.classify(self.points) != self.outcomes) > CONTRADICTED:
+        if (
+            len(last) < REMEMBERED
+            or np.mean(self.classify(self.points) != self.outcomes) > CONTRADICTED
+        ):
             return 1.0
         return float(np.mean(last))
 
     @property
     def doubt(self) -> float:
-        """Mean probability that a possible point is in the wrong class; Laplace's approximation makes it too large."""
+        """Mean probability that a possible point is in the wrong class; Laplace's approximation
+        makes it too large.
+        """
         if self._model is None:
             return 1.0
         probability = self.probability(self._pool)
@@ -140,20 +168,30 @@ class BoundarySearch:
 
     def _fit(self) -> None:
         n = len(self.outcomes)
-        learn = self._model is None or (n >= 1.5 * self._learnt_at and self._learnt_at < LEARN_UNTIL)
-        if learn or self._model is None:  # always from the same start: an earlier search may have ended in a poor place
-            kernel = ConstantKernel(100.0, SIGNAL_BOUNDS) * RBF(np.full(len(self.logical.names), 0.3), SCALE_BOUNDS)
+        learn = self._model is None or (
+            n >= 1.5 * self._learnt_at and self._learnt_at < LEARN_UNTIL
+        )
+        # always from the same start: an earlier search may have ended in a poor place
+        if learn or self._model is None:
+            kernel = ConstantKernel(100.0, SIGNAL_BOUNDS) * RBF(
+                np.full(len(self.logical.names), 0.3), SCALE_BOUNDS
+            )
         else:
             kernel = self._model.kernel_
         unit = self.logical.to_unit(self.points)
         with warnings.catch_warnings(), threadpool_limits(1):
-            warnings.simplefilter("ignore", ConvergenceWarning)  # constants at their bounds do no harm here
-            model = GaussianProcessClassifier(kernel, optimizer="fmin_l_bfgs_b" if learn else None).fit(
-                unit, self.outcomes
-            )
-            # Newton's steps can overshoot where f may be very large, and scikit-learn ends without a word: less, then.
+            # constants at their bounds do no harm here
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            model = GaussianProcessClassifier(
+                kernel, optimizer="fmin_l_bfgs_b" if learn else None
+            ).fit(unit, self.outcomes)
+            # Newton's steps can overshoot where f may be very large, and scikit-learn ends without
+            # a word: less, then.
             while not _at_mode(model) and model.kernel_.k1.constant_value > 2.0:
-                kernel = ConstantKernel(model.kernel_.k1.constant_value / 2.0, SIGNAL_BOUNDS) * model.kernel_.k2
+                kernel = (
+                    ConstantKernel(model.kernel_.k1.constant_value / 2.0, SIGNAL_BOUNDS)
+                    * model.kernel_.k2
+                )
                 model = GaussianProcessClassifier(kernel, optimizer=None).fit(unit, self.outcomes)
         if learn:
             self._learnt_at = n
@@ -163,9 +201,12 @@ class BoundarySearch:
             self._changes.append(float(np.mean(classes != self._classes)))
         self._classes = classes
 
-    def _latent(self, unit: FloatArray) -> tuple[FloatArray, FloatArray, Callable[[int], FloatArray]]:
-        """Mean and variance of f at points (n, k) of the unit box, and a function that gives the covariance of f at one
-        of them with all, given the trials and the points that it was called with before.
+    def _latent(
+        self, unit: FloatArray
+    ) -> tuple[FloatArray, FloatArray, Callable[[int], FloatArray]]:
+        """Mean and variance of f at points (n, k) of the unit box, and a function that gives the
+        covariance of f at one of them with all, given the trials and the points that it was called
+        with before.
         """
         assert self._model is not None
         inner = self._model.base_estimator_
@@ -187,7 +228,9 @@ class BoundarySearch:
 
 
 def _at_mode(model: GaussianProcessClassifier) -> bool:
-    """Whether Laplace's approximation is where it should be: f = K (y - p) with p the probabilities of f itself."""
+    """Whether Laplace's approximation is where it should be: f = K (y - p) with p the probabilities
+    of f itself.
+    """
     inner = model.base_estimator_
     f = inner.kernel_(inner.X_train_) @ (inner.y_train_ - inner.pi_)
     return bool(np.max(np.abs(expit(f) - inner.pi_)) < SETTLED)

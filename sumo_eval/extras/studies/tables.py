@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 
 def write_rows(rows: Sequence[DataclassInstance], path: Path) -> None:
-    """One row a dataclass, at least one, fields as columns; a tuple's values stand in one cell, separated by spaces."""
+    """One row a dataclass, at least one, fields as columns; a tuple's values stand in one cell,
+    separated by spaces.
+    """
     plain = [{name: _cell(value) for name, value in asdict(row).items()} for row in rows]
     write_csv(path, plain[0], (row.values() for row in plain))
 
@@ -29,4 +31,7 @@ def _cell(value: Any) -> Any:
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows of words as lines with columns of one width."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return ["  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return [
+        "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]

@@ -21,21 +21,34 @@ class Again:
 
 
 def again(path: Path) -> Again:
-    """Drive a tape again. Raises InputError where it, or its scenario, cannot be used."""
+    """Drive a tape again.
+
+    Raises InputError where it, or its scenario, cannot be used.
+    """
     tape = read_tape(path)
     try:
-        use, values = str(tape.head["use"]), {str(k): float(v) for k, v in tape.head["values"].items()}
+        use, values = (
+            str(tape.head["use"]),
+            {str(k): float(v) for k, v in tape.head["values"].items()},
+        )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"The head of {path} names no concrete scenario: {said(error)}.") from error
+        raise InputError(
+            f"The head of {path} names no concrete scenario: {said(error)}."
+        ) from error
     concrete = find(use, path.parent).concrete(**values)
     recording = drive_again(tape, concrete)
     steps = f"{len(tape.rows)} steps of {tape.head['simulation']['step']:g} s"
     if tape.came_of_it is None:
         return Again(
-            None, recording, f"The tape of {steps} broke off; driven again, its drive ends by {recording.end_reason}."
+            None,
+            recording,
+            f"The tape of {steps} broke off; driven again, its drive ends by "
+            f"{recording.end_reason}.",
         )
     same = digest(recording) == tape.came_of_it.get("digest")
     words = (
-        "comes to the same bytes" if same else "comes to OTHER bytes; versions then: " + str(tape.head.get("versions"))
+        "comes to the same bytes"
+        if same
+        else "comes to OTHER bytes; versions then: " + str(tape.head.get("versions"))
     )
     return Again(same, recording, f"The tape of {steps} ({recording.end_reason}) {words}.")

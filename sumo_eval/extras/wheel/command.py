@@ -1,4 +1,6 @@
-"""At the wheel: `drive` opens the browser for one drive or a whole study, and drives tapes again."""
+"""At the wheel: `drive` opens the browser for one drive or a whole study, and drives tapes
+again.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +17,41 @@ from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import open_in_browser, say, tell
 
 
-@click.command(epilog="Example: sumo-eval drive front_vehicle_cut_out --set ego_speed=25 --set gap=60")
+@click.command(
+    epilog="Example: sumo-eval drive front_vehicle_cut_out --set ego_speed=25 --set gap=60"
+)
 @click.argument("what", metavar="SCENARIO|STUDY.toml|TAPE.jsonl")
-@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter (default: mid-range).")
-@click.option("--rate", type=int, default=50, show_default=True, help="Steps a second: 20, 50 or 100.")
+@click.option(
+    "--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter (default: mid-range)."
+)
+@click.option(
+    "--rate", type=int, default=50, show_default=True, help="Steps a second: 20, 50 or 100."
+)
 @path_option("--out", default=Path("drives"), show_default=True, help="Folder.")
-@click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="Of 127.0.0.1; 0: any.")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=8765,
+    show_default=True,
+    help="Of 127.0.0.1; 0: any.",
+)
 @flag("--collect", help="Of a study: write its folder anew from what was recorded; no browser.")
 @flag("--no-browser", help="Print the address and open nothing.")
-def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, collect: bool, no_browser: bool) -> None:
-    """Drive SCENARIO yourself, in 3-D, in the browser; or run a STUDY with participants (extra `drive`).
+def drive(
+    what: str,
+    values: tuple[str, ...],
+    rate: int,
+    out: Path,
+    port: int,
+    collect: bool,
+    no_browser: bool,
+) -> None:
+    """Drive SCENARIO yourself, in 3-D, in the browser; or run a STUDY with participants (extra
+    `drive`).
 
-    A study writes the folder that `[drivers] cases` takes, ratings for `humans opinion`, and an evaluation that takes
-    the people in place of the drivers. A TAPE, the record of a drive, is driven again and compared with what came of
-    it, byte by byte: exit status 1 where they differ.
+    A study writes the folder that `[drivers] cases` takes, ratings for `humans opinion`, and an
+    evaluation that takes the people in place of the drivers. A TAPE, the record of a drive, is
+    driven again and compared with what came of it, byte by byte: exit status 1 where they differ.
     """
     from sumo_eval.scenario.catalogue import find, is_file
     from sumo_eval.settings.toml_file import read_toml

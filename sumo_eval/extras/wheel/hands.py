@@ -1,9 +1,10 @@
-"""From keys, a steering wheel or a stick to the command of one step: the steering law, evaluated by the server.
+"""From keys, a steering wheel or a stick to the command of one step: the steering law, evaluated by
+the server.
 
-A key cannot be pressed halfway. While one is held the steering wheel turns towards a limit that the speed sets, the
-angle that gives a stated acceleration across the road, and goes back as soon as it is let go. Measured with a scripted
-driver (preview 1.2 s, reaction 0.25 s) at 10..40 m/s: lane changes of 3.5 m overshoot by 0.3 m, lanes are kept to
-0.2 m.
+A key cannot be pressed halfway. While one is held the steering wheel turns towards a limit that the
+speed sets, the angle that gives a stated acceleration across the road, and goes back as soon as it
+is let go. Measured with a scripted driver (preview 1.2 s, reaction 0.25 s) at 10..40 m/s: lane
+changes of 3.5 m overshoot by 0.3 m, lanes are kept to 0.2 m.
 """
 
 from __future__ import annotations
@@ -15,7 +16,14 @@ from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.settings import VehicleSettings
 
 LEFT, RIGHT, DRIVE, BRAKE, HARD, EVADE = (1 << bit for bit in range(6))
-KEYS: Final = {"left": LEFT, "right": RIGHT, "drive": DRIVE, "brake": BRAKE, "hard": HARD, "evade": EVADE}
+KEYS: Final = {
+    "left": LEFT,
+    "right": RIGHT,
+    "drive": DRIVE,
+    "brake": BRAKE,
+    "hard": HARD,
+    "evade": EVADE,
+}
 """What a key does: name -> its bit in the message of the page."""
 
 
@@ -32,8 +40,10 @@ DRIVES, BRAKES, BRAKES_HARD = 2.5, 4.0, 9.0
 class Given(NamedTuple):
     """What the driver's hands and feet do at one instant.
 
-    kind: `keys`, `wheel` or `stick`. keys: bits of `KEYS`. steer: of a wheel its angle, rad; of a stick -1..1; positive
-    to the left. throttle, brake: how far the pedals are pressed, 0..1.
+    kind: `keys`, `wheel` or `stick`.
+    keys: bits of `KEYS`.
+    steer: of a wheel its angle, rad; of a stick -1..1; positive to the left.
+    throttle, brake: how far the pedals are pressed, 0..1.
     """
 
     kind: str = "keys"
@@ -47,22 +57,30 @@ LET_GO: Final = Given()
 
 
 def angle_of(lateral: float, speed: float, vehicle: VehicleSettings) -> float:
-    """Steering wheel angle, rad, whose path has the acceleration `lateral` (m/s2) across it at a speed, m/s.
+    """Steering wheel angle, rad, whose path has the acceleration `lateral` (m/s2) across it at a
+    speed, m/s.
 
     steering ratio * atan(lateral * wheelbase / v^2), at most `WIDEST`.
     """
-    return min(vehicle.steering_ratio * math.atan2(lateral * vehicle.wheelbase, speed * speed), WIDEST)
+    return min(
+        vehicle.steering_ratio * math.atan2(lateral * vehicle.wheelbase, speed * speed), WIDEST
+    )
 
 
 class Hands:
-    """The steering wheel as the server turns it: one object a drive, one call a step (`step`, s)."""
+    """The steering wheel as the server turns it: one object a drive, one call a step (`step`,
+    s).
+    """
 
     def __init__(self, vehicle: VehicleSettings, step: float) -> None:
         self._vehicle, self._step = vehicle, step
         self.angle = 0.0  # rad, positive to the left
 
     def command(self, given: Given, speed: float) -> Command:
-        """The command of the coming step. speed: the ego's, m/s."""
+        """The command of the coming step.
+
+        speed: the ego's, m/s.
+        """
         if given.kind == "keys":
             return self._by_keys(given.keys, speed)
         vehicle = self._vehicle
@@ -71,7 +89,10 @@ class Hands:
         else:
             wanted = given.steer * angle_of(EVASIVE, speed, vehicle)
             self._turn_to(wanted, FASTEST)
-        return Command(given.throttle * vehicle.max_acceleration - given.brake * vehicle.max_deceleration, self.angle)
+        return Command(
+            given.throttle * vehicle.max_acceleration - given.brake * vehicle.max_deceleration,
+            self.angle,
+        )
 
     def _by_keys(self, keys: int, speed: float) -> Command:
         limit = angle_of(EVASIVE if keys & EVADE else LATERAL, speed, self._vehicle)

@@ -1,4 +1,6 @@
-"""What a browser may say: each message bounded, of a known kind, its numbers finite; else a sentence."""
+"""What a browser may say: each message bounded, of a known kind, its numbers finite; else a
+sentence.
+"""
 
 from __future__ import annotations
 
@@ -37,14 +39,16 @@ def _input(sent: Sent) -> Input:
 
 
 class Telling(TypedDict):
-    """Figures that the page measured since its last message of this kind: frames drawn, late ones, how often it drew
-    more cheaply by itself, latencies in ms, resolution.
+    """Figures that the page measured since its last message of this kind: frames drawn, late ones,
+    how often it drew more cheaply by itself, latencies in ms, resolution.
     """
 
     frames: Frames
     dropped: Frames
     stepped: Frames
-    latency: Annotated[list[Annotated[float, Field(strict=True, ge=0.0, le=1e9)]], Field(max_length=200)]
+    latency: Annotated[
+        list[Annotated[float, Field(strict=True, ge=0.0, le=1e9)]], Field(max_length=200)
+    ]
     resolution: Annotated[float, Field(strict=True, ge=0.0, le=10.0)]
     renderer: Annotated[str, AfterValidator(lambda text: clean(text, 100))]
 
@@ -52,7 +56,8 @@ class Telling(TypedDict):
 class Message(TypedDict, total=False):
     """One message; it has one of these keys."""
 
-    __pydantic_config__ = {"extra": "forbid"}  # type: ignore[misc]  # noqa: RUF012 - pydantic's own form
+    # pydantic's own form
+    __pydantic_config__ = {"extra": "forbid"}  # type: ignore[misc]  # noqa: RUF012
 
     token: str
     input: Annotated[Sent, AfterValidator(_input)]
@@ -85,4 +90,6 @@ def read(text: object) -> dict[str, Any]:
     except ValidationError as error:
         fault = error.errors()[0]
         place = clean(".".join(map(str, fault["loc"])), 40)
-        raise MessageError(f"A message must be one of the page's; `{place}`: {fault['msg']}.") from None
+        raise MessageError(
+            f"A message must be one of the page's; `{place}`: {fault['msg']}."
+        ) from None

@@ -1,8 +1,8 @@
-"""What a study comes to: the folder that `[drivers] cases` takes, the ratings that `humans opinion` takes, and for
-every drive that is left out the rule that left it out.
+"""What a study comes to: the folder that `[drivers] cases` takes, the ratings that `humans opinion`
+takes, and for every drive that is left out the rule that left it out.
 
-Everything is made anew from journals and tapes. A tape is driven again for its trajectory; one that does not come to
-the bytes that it was recorded with is left out, and said.
+Everything is made anew from journals and tapes. A tape is driven again for its trajectory; one that
+does not come to the bytes that it was recorded with is left out, and said.
 """
 
 from __future__ import annotations
@@ -30,14 +30,18 @@ from sumo_eval.trajectory import Trajectory
 
 DRIVES: Final = "drives"  # the folder for `[drivers] cases`
 NAMED: Final = "cases.csv"
-MOST_OF_THEM: Final = 2.0 / 3.0  # of the people whose drives count: a point that fewer drove is too thin a reference
+# of the people whose drives count: a point that fewer drove is too thin a reference
+MOST_OF_THEM: Final = 2.0 / 3.0
 _AGAIN: Final = ("ended, and driven again", "the drive broke off, and was driven again")
 COLUMNS: Final = ("driver", "t", "x", "y", "heading", "speed", "acceleration", "steering")
 
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """A drive that does not count. why: a sentence for each rule that it broke."""
+    """A drive that does not count.
+
+    why: a sentence for each rule that it broke.
+    """
 
     participant: str
     case: str
@@ -47,8 +51,11 @@ class Left:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """people: who took part; with_drives: of these, whose drives count. drives: how many count; drawn: of these, how
-    many with the road drawn in which way. left: which do not count.
+    """people: who took part;
+    with_drives: of these, whose drives count.
+    drives: how many count;
+    drawn: of these, how many with the road drawn in which way.
+    left: which do not count.
     """
 
     people: int
@@ -62,7 +69,8 @@ class Outcome:
     def sentences(self) -> list[str]:
         """In words."""
         said_ = [
-            f"{self.people} took part; {self.drives} drives by {self.with_drives} of them count, {len(self.left)} "
+            f"{self.people} took part; {self.drives} drives by {self.with_drives} of them count, "
+            f"{len(self.left)} "
             f"{'is' if len(self.left) == 1 else 'are'} left out; {self.ratings} ratings."
         ]
         if self.drawn:
@@ -104,28 +112,34 @@ def collect(plan: Plan) -> Outcome:
     write_csv(plan.folder / "ratings.csv", ("rater", "ads", "scenario", "score"), ratings)
     write_csv(plan.folder / "answers.csv", ("rater", "step", "question", "answer"), [
         [person.code, entry["step"], key, value]
-        for person in people for entry in person.done.values() for key, value in entry.get("answers", {}).items()
+        for person in people for entry in person.done.values() for key,
+        value in entry.get("answers", {}).items()
     ])  # fmt: skip
     write_csv(plan.folder / "left_out.csv", ("participant", "case", "tape", "why"),
            [[it.participant, it.case, it.tape, it.why] for it in left])  # fmt: skip
     names_of = [it.name for it in fields(Quality)]
     out = {(it.participant, it.case): it.why for it in left if it.why not in _AGAIN}
     write_csv(plan.folder / "quality.csv", ("participant", "case", *names_of, "left_out"), [
-        [person.code, key, *(entry["quality"].get(name) for name in names_of), out.get((person.code, key), "")]
+        [person.code, key, *(entry["quality"].get(name) for name in names_of),
+            out.get((person.code, key), "")]
         for person in people for step, entry in person.done.items()
         if (key := step.removeprefix("drive:")) != step
     ])  # fmt: skip
     drivers = {row["file"].split("/")[0] for row in rows}
     found = Outcome(len(people), len(drivers), len(rows), dict(drawn), tuple(left), len(ratings), (
-        place, plan.folder / "ratings.csv", plan.folder / "left_out.csv", plan.folder / "evaluation.toml"))  # fmt: skip
+        place, plan.folder / "ratings.csv", plan.folder / "left_out.csv",
+        plan.folder / "evaluation.toml"))  # fmt: skip
     summary = {
         "study": plan.settings.name,
-        **{name: getattr(found, name) for name in ("people", "with_drives", "drives", "ratings", "drawn")},
+        **{name: getattr(found, name) for name in ("people", "with_drives", "drives", "ratings",
+            "drawn")},
         "left_out": [asdict(it) for it in left],
         "quality": asdict(plan.settings.quality),
     }  # fmt: skip
     (place / STUDY).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    (plan.folder / "evaluation.toml").write_text(evaluation_of(plan, found.with_drives), encoding="utf-8")
+    (plan.folder / "evaluation.toml").write_text(
+        evaluation_of(plan, found.with_drives), encoding="utf-8"
+    )
     return found
 
 
@@ -151,7 +165,9 @@ def _drive(plan: Plan, person: Participant, case: StudyCase) -> Trajectory | Lef
 
 
 def _broken_off(person: Participant) -> list[Left]:
-    """Tapes that no finished step names: drives that were ended and driven again, or that a machine lost the end of."""
+    """Tapes that no finished step names: drives that were ended and driven again, or that a machine
+    lost the end of.
+    """
     named = {entry.get("tape") for entry in person.done.values()}
     found = []
     for path in sorted(person.folder.glob("*.jsonl")):
@@ -166,7 +182,15 @@ def _broken_off(person: Participant) -> list[Left]:
 
 
 def _samples(code: str, ego: Trajectory) -> list[list[Any]]:
-    channels = (ego.time, ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering_wheel_angle)
+    channels = (
+        ego.time,
+        ego.x,
+        ego.y,
+        ego.heading,
+        ego.speed,
+        ego.acceleration,
+        ego.steering_wheel_angle,
+    )
     return [[code, *row] for row in zip(*(it.tolist() for it in channels), strict=True)]
 
 
@@ -174,7 +198,9 @@ def _ratings(each: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
     """One row for each rater, ADS and scenario: the mean of what they gave its drives there."""
     given: dict[tuple[str, str, str], list[float]] = {}
     for entry in each:
-        given.setdefault((entry["rater"], entry["ads"], entry["scenario"]), []).append(entry["answers"]["score"])
+        given.setdefault((entry["rater"], entry["ads"], entry["scenario"]), []).append(
+            entry["answers"]["score"]
+        )
     return [[*key, sum(scores) / len(scores)] for key, scores in given.items()]
 
 
@@ -190,20 +216,32 @@ def evaluation_of(plan: Plan, people: int) -> str:
     plant = settings.simulation.plant
     moved = replace(
         settings, name=f"{settings.name} with people", drivers=drivers,
-        scenario=tuple(replace(it, use=_placed(it.use, source), sampling=_sampled(it.sampling, source))
+        scenario=tuple(replace(it, use=_placed(it.use, source),
+            sampling=_sampled(it.sampling, source))
                        for it in settings.scenario),
         ads=tuple(replace(it, controller=made_absolute(it.controller, source),
-                          files=tuple(str(source / name) for name in it.files)) for it in settings.ads),
+                          files=tuple(str(source / name) for name in it.files))
+                  for it in settings.ads),
         simulation=replace(
-            settings.simulation, plant=None if plant is None else replace(plant, file=str(source / plant.file))
+            settings.simulation,
+            plant=None if plant is None else replace(plant, file=str(source / plant.file))
         ),
     )  # fmt: skip
-    return f"# The evaluation of {plan.run} with the people of the study `{plan.settings.name}`.\n" + to_toml(moved)
+    return (
+        f"# The evaluation of {plan.run} with the people of the study `{plan.settings.name}`.\n"
+        + to_toml(moved)
+    )
 
 
 def _placed(use: str, source: Path) -> str:
-    return str(source / use) if (source / use.partition("?")[0]).is_file() else made_absolute(use, source)
+    return (
+        str(source / use)
+        if (source / use.partition("?")[0]).is_file()
+        else made_absolute(use, source)
+    )
 
 
 def _sampled(sampling: SamplingSettings, source: Path) -> SamplingSettings:
-    return sampling if sampling.file is None else replace(sampling, file=str(source / sampling.file))
+    return (
+        sampling if sampling.file is None else replace(sampling, file=str(source / sampling.file))
+    )

@@ -22,7 +22,8 @@ _TEMPLATES: Final = files("sumo_eval.extras.wheel") / "templates"
 
 
 def _own(name: str) -> Markup:
-    return Markup((_TEMPLATES / name).read_text(encoding="utf-8"))  # noqa: S704 - a file of this package
+    # a file of this package
+    return Markup((_TEMPLATES / name).read_text(encoding="utf-8"))  # noqa: S704
 
 
 def page(title: str) -> str:
@@ -37,7 +38,8 @@ def page(title: str) -> str:
 def drawn_road(road: Road) -> dict[str, Any]:
     """A road as the page draws it."""
     return {
-        "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes, "laneWidth": road.lane_width,
+        "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes,
+        "laneWidth": road.lane_width,
         "line": drawn_line(road), **drawn_shape(road),
     }  # fmt: skip
 
@@ -45,8 +47,8 @@ def drawn_road(road: Road) -> dict[str, Any]:
 def drive_view(
     concrete: ConcreteScenario, settings: SimulationSettings, title: str, lines: tuple[str, ...]
 ) -> dict[str, Any]:
-    """The view in which a concrete scenario is driven: the road, and everybody's body; where they are comes with every
-    step.
+    """The view in which a concrete scenario is driven: the road, and everybody's body; where they
+    are comes with every step.
     """
     vehicle = concrete.ego_vehicle(settings.vehicle)
     return {
@@ -55,21 +57,31 @@ def drive_view(
             "road": drawn_road(concrete.road),
             "extent": [concrete.ego.x - VIEW, concrete.road.length + VIEW],
             "ego": {"kind": "car", "length": vehicle.length, "width": vehicle.width},
-            "others": [{"kind": it.body, "length": it.length, "width": it.width} for it in concrete.actors],
+            "others": [{"kind": it.body, "length": it.length,
+                "width": it.width} for it in concrete.actors],
         },
     }  # fmt: skip
 
 
 def replay(
-    concrete: ConcreteScenario, name: str, vehicles: Mapping[str, Trajectory], collision: Collision | None
+    concrete: ConcreteScenario,
+    name: str,
+    vehicles: Mapping[str, Trajectory],
+    collision: Collision | None,
 ) -> dict[str, Any]:
-    """What the page's player shows of a drive. name: what it is called there. vehicles: by name, the ego's `ego`."""
+    """What the page's player shows of a drive.
+
+    name: what it is called there.
+    vehicles: by name, the ego's `ego`.
+    """
     hit = contact(collision, vehicles.get(EGO))
     if hit is not None and collision is not None:
         hit["speed"] = round(collision.relative_speed, 3)
     return {
-        "channels": CHANNEL_STEPS, "road": drawn_road(concrete.road), "bodies": drawn_bodies(concrete),
-        "views": [{"name": name, "vehicles": {it: k for k, it in enumerate(vehicles)}, "contact": hit}],
+        "channels": CHANNEL_STEPS, "road": drawn_road(concrete.road),
+        "bodies": drawn_bodies(concrete),
+        "views": [{"name": name, "vehicles": {it: k for k, it in enumerate(vehicles)},
+            "contact": hit}],
         "trajectories": encode_trajectories(list(vehicles.values())),
     }  # fmt: skip
 

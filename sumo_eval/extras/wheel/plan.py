@@ -1,4 +1,6 @@
-"""What a study asks for, from STUDY.toml, and what it comes to: which cases, in which order, which replays."""
+"""What a study asks for, from STUDY.toml, and what it comes to: which cases, in which order, which
+replays.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +29,15 @@ class PracticeSettings(Checked):
 
     speed: Annotated[float, Positive, About("speed to keep", "m/s")] = 20.0
     seconds: Annotated[float, Positive, Le(120.0), About("length of a trial", "s")] = 15.0
-    offset: Annotated[float, Positive, About("from a lane's centre, within which a driver keeps the lane", "m")] = 0.6
-    within: Annotated[float, Positive, About("of the speed, within which a driver keeps it", "m/s")] = 3.0
-    share: Annotated[float, Positive, Le(1.0), About("share of the trial in which both must hold")] = 0.8
+    offset: Annotated[
+        float, Positive, About("from a lane's centre, within which a driver keeps the lane", "m")
+    ] = 0.6
+    within: Annotated[
+        float, Positive, About("of the speed, within which a driver keeps it", "m/s")
+    ] = 3.0
+    share: Annotated[
+        float, Positive, Le(1.0), About("share of the trial in which both must hold")
+    ] = 0.8
     passes: Annotated[int, Ge(0), About("trials that must be passed; 0: no practice")] = 1
     most: Annotated[int, Ge(1), About("trials after which a participant goes home")] = 6
 
@@ -40,7 +48,9 @@ class QuestionSettings(Checked):
 
     key: Annotated[str, MinLen(1), About("its column in answers.csv")]
     text: Annotated[str, MinLen(1), About("what is asked")]
-    after: Annotated[Literal["drive", "replay"], About("asked after one's own drive, or after a replay")] = "drive"
+    after: Annotated[
+        Literal["drive", "replay"], About("asked after one's own drive, or after a replay")
+    ] = "drive"
     least: Annotated[str, About("what 1 means")] = ""
     most: Annotated[str, About("what 10 means")] = ""
 
@@ -52,12 +62,19 @@ class StudySettings(Checked):
     name: Annotated[str, MinLen(1), About("name of the study, shown to nobody but the team")]
     run: Annotated[str, MinLen(1), About("folder of the run, relative to this file")]
     consent: Annotated[str, MinLen(1), About("what a participant agrees to, the team's own text")]
-    seed: Annotated[int, Ge(0), About("source of randomness: the order of replays, which cases are shown")] = 1
-    out: Annotated[str, About("folder of the study, relative to this file; empty: beside it, under its name")] = ""
+    seed: Annotated[
+        int, Ge(0), About("source of randomness: the order of replays, which cases are shown")
+    ] = 1
+    out: Annotated[
+        str, About("folder of the study, relative to this file; empty: beside it, under its name")
+    ] = ""
     cases: Annotated[
-        tuple[str, ...], About("what is driven: SCENARIO-POINT of the run; empty: `count` of its safe points")
+        tuple[str, ...],
+        About("what is driven: SCENARIO-POINT of the run; empty: `count` of its safe points"),
     ] = ()
-    count: Annotated[int, Ge(1), Le(100), About("safe points that are driven where `cases` names none")] = 8
+    count: Annotated[
+        int, Ge(1), Le(100), About("safe points that are driven where `cases` names none")
+    ] = 8
     ads: Annotated[tuple[str, ...], About("whose drives are rated; empty: all of the run")] = ()
     replays: Annotated[int, Ge(0), Le(20), About("drives rated of each ADS in each scenario")] = 1
     rate: Annotated[int, About("steps a second: 20, 50 or 100")] = 50
@@ -69,8 +86,11 @@ class StudySettings(Checked):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StudyCase:
-    """A concrete scenario of a study. key: `SCENARIO-POINT`. use: what its scenario is found by. ads: the recorded
-    drives of the ADSs in it, by name.
+    """A concrete scenario of a study.
+
+    key: `SCENARIO-POINT`.
+    use: what its scenario is found by.
+    ads: the recorded drives of the ADSs in it, by name.
     """
 
     key: str
@@ -81,7 +101,11 @@ class StudyCase:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """A study that can begin. cases: in the order of the run. ads: whose drives are rated."""
+    """A study that can begin.
+
+    cases: in the order of the run.
+    ads: whose drives are rated.
+    """
 
     settings: StudySettings
     run: Path
@@ -113,9 +137,11 @@ class Plan:
 
 
 def balanced_orders(n: int) -> list[list[int]]:
-    """Orders of n things in which each stands equally often in each place and follows each other equally often.
+    """Orders of n things in which each stands equally often in each place and follows each other
+    equally often.
 
-    Williams's design (Aust. J. Sci. Res. A 2, 149 (1949)): n rows for an even n, 2 n for an odd one.
+    Williams's design (Aust. J. Sci. Res. A 2, 149 (1949)): n rows for an even n, 2 n for an odd
+    one.
     """
     first = [0]
     for step in range(1, n):
@@ -125,7 +151,10 @@ def balanced_orders(n: int) -> list[list[int]]:
 
 
 def read_study(path: Path) -> Plan:
-    """The plan of a study file. Raises InputError with a sentence for each mistake."""
+    """The plan of a study file.
+
+    Raises InputError with a sentence for each mistake.
+    """
     settings = read_checked(path, StudySettings, "study file")
     run = (path.parent / settings.run).resolve()
     resolved = resolved_run(run)
@@ -148,13 +177,19 @@ def read_study(path: Path) -> Plan:
     if len(set(keys)) < len(keys):
         raise must_be("`cases`", f"study `{settings.name}`", "distinct", ", ".join(keys))
     if not keys:
-        raise InputError(f"The run {run} has no safe point with drivers, so a study of it has nothing to drive.")
+        raise InputError(
+            f"The run {run} has no safe point with drivers, so a study of it has nothing to drive."
+        )
     cases = []
     for key in keys:
         one = points[key][0]
         use, logical = uses[one.scenario]
         file, drives = resolved.source / use, {fact.driver: fact for fact in points[key]}
-        cases.append(StudyCase(key, str(file) if file.is_file() else use, logical.concrete(**one.values), drives))
+        cases.append(
+            StudyCase(
+                key, str(file) if file.is_file() else use, logical.concrete(**one.values), drives
+            )
+        )
     folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).resolve()
     return Plan(settings, run, folder, tuple(cases), settings.ads or tuple(known))
 

@@ -1,8 +1,9 @@
-"""The driver's seat: a controller that keeps real time, shows the person every state, and takes what hands and feet do.
+"""The driver's seat: a controller that keeps real time, shows the person every state, and takes
+what hands and feet do.
 
-The harness's own loop asks it as it asks any ADS. It answers when the step is due by the clock, so a step lasts as long
-as it does outside; a step that is late changes how the drive feels, never what comes of it: that is decided by the
-commands alone, and they are on the tape.
+The harness's own loop asks it as it asks any ADS. It answers when the step is due by the clock, so
+a step lasts as long as it does outside; a step that is late changes how the drive feels, never what
+comes of it: that is decided by the commands alone, and they are on the tape.
 """
 
 from __future__ import annotations
@@ -22,12 +23,15 @@ from sumo_eval.trajectory import Recording
 
 STALL: Final = 0.1  # s that a step may be late before the clock is set anew: time must not jump
 GLANCE: Final = 0.005  # s between two looks whether a drive that is held may go on
-ASLEEP: Final = 2.0  # s without a step, or without an answer of the window, from which a drive is held
+# s without a step, or without an answer of the window, from which a drive is held
+ASLEEP: Final = 2.0
 PATIENCE: Final = 900.0  # s for which a drive waits for somebody who has gone away
 
 
 class Input(NamedTuple):
-    """What the page sent last: its number, the state that was seen when it was made, and what hands and feet do."""
+    """What the page sent last: its number, the state that was seen when it was made, and what hands
+    and feet do.
+    """
 
     number: int
     seen: int
@@ -44,7 +48,10 @@ def awake() -> float:
 
 
 class Desk:
-    """What seat and browser share. Single assignments only, which two threads may make without a lock."""
+    """What seat and browser share.
+
+    Single assignments only, which two threads may make without a lock.
+    """
 
     def __init__(self) -> None:
         self.newest = NOTHING
@@ -55,22 +62,35 @@ class Desk:
 
 
 class Seat:
-    """A person at the wheel. show: takes every state, from another thread; held: why the seat itself holds the drive,
-    `asleep` (the machine stood still) or `silent` (the window does not answer). paced: by the clock; else each step
-    waits until somebody has answered the state that it begins with.
+    """A person at the wheel.
+
+    show: takes every state, from another thread;
+    held: why the seat itself holds the drive, `asleep` (the machine stood still) or `silent` (the
+        window does not answer).
+    paced: by the clock; else each step waits until somebody has answered the state that it begins
+        with.
     """
 
     def __init__(
-        self, desk: Desk, hands: Hands, step: float, writer: Writer, show: Callable[[list[Any]], None],
+        self, desk: Desk, hands: Hands, step: float, writer: Writer,
+        show: Callable[[list[Any]], None],
         held: Callable[[str], None], *, paced: bool = True,
     ) -> None:  # fmt: skip
-        self._desk, self._hands, self._step, self._writer, self._show = desk, hands, step, writer, show
+        self._desk, self._hands, self._step, self._writer, self._show = (
+            desk,
+            hands,
+            step,
+            writer,
+            show,
+        )
         self._held, self._paced = held, paced
         self._tick, self._start = 0, 0.0
-        self._since, self._awake = 0, 0.0  # step and time (`awake`) at which the drive last went on; of the last step
+        # step and time (`awake`) at which the drive last went on; of the last step
+        self._since, self._awake = 0, 0.0
         self.left = ""
         self.late: list[float] = []
-        self.behind: list[int] = []  # steps between the state that was answered and the one the answer moved
+        # steps between the state that was answered and the one the answer moved
+        self.behind: list[int] = []
 
     def act(self, seen: Observation) -> Command:
         """Show the state, wait until the step is due, and take what is newest then."""
@@ -82,7 +102,9 @@ class Seat:
             raise LeftTheWheelError(self.left)
         it = self._desk.newest
         command = self._hands.command(it.given, seen.ego.speed)
-        self._writer.row((command.acceleration, command.steering, it.seen, *it.given, round(late, 6)))
+        self._writer.row(
+            (command.acceleration, command.steering, it.seen, *it.given, round(late, 6))
+        )
         self.late.append(late)
         self.behind.append(self._tick - it.seen)
         self._tick += 1
@@ -129,7 +151,9 @@ class Seat:
         return bool(desk.holds or desk.held) or not self._awake or clock.perf_counter() < desk.due
 
     def _fall(self, why: str) -> None:
-        """Hold the drive, because nobody can be at the wheel: whoever is back says when it goes on."""
+        """Hold the drive, because nobody can be at the wheel: whoever is back says when it goes
+        on.
+        """
         desk = self._desk
         desk.newest = desk.newest._replace(given=LET_GO)
         desk.holds = desk.holds or why
@@ -149,17 +173,22 @@ class Seat:
             self._awake = awake()
         desk.held = ""
         if why != "start":
-            self._writer.note(self._tick, "pause", why=why, seconds=round(clock.perf_counter() - begun, 3))
+            self._writer.note(
+                self._tick, "pause", why=why, seconds=round(clock.perf_counter() - begun, 3)
+            )
         self._start = clock.perf_counter() - self._tick * self._step
         self._since = self._tick
 
 
 def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[Any]:
-    """A state as the page is sent it: step, time, the input that it holds, the ego, and the others by number."""
+    """A state as the page is sent it: step, time, the input that it holds, the ego, and the others
+    by number.
+    """
     me = seen.ego
     others = sorted(seen.vehicles, key=lambda it: it.number)
     return [
-        tick, round(seen.time, 6), answered, [me.x, me.y, me.heading, me.speed, me.acceleration, angle],
+        tick, round(seen.time, 6), answered,
+        [me.x, me.y, me.heading, me.speed, me.acceleration, angle],
         [[it.number, it.x, it.y, it.heading, it.speed, it.acceleration] for it in others],
     ]  # fmt: skip
 

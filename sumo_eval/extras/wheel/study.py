@@ -1,7 +1,9 @@
-"""`sumo-eval drive STUDY.toml`: participants drive and rate, step by step; every step that is done is kept at once.
+"""`sumo-eval drive STUDY.toml`: participants drive and rate, step by step; every step that is done
+is kept at once.
 
-What a participant has done stands in a journal, a line a step. A browser that was closed, a server that was stopped, a
-machine that went down: who gives the code again goes on with the first step that the journal does not have.
+What a participant has done stands in a journal, a line a step. A browser that was closed, a server
+that was stopped, a machine that went down: who gives the code again goes on with the first step
+that the journal does not have.
 """
 
 from __future__ import annotations
@@ -18,7 +20,14 @@ import numpy as np
 
 from sumo_eval.errors import InputError, said
 from sumo_eval.extras.wheel.page import drive_view, replay, sheet
-from sumo_eval.extras.wheel.plan import HIGH, LOW, Plan, PracticeSettings, QuestionSettings, StudyCase
+from sumo_eval.extras.wheel.plan import (
+    HIGH,
+    LOW,
+    Plan,
+    PracticeSettings,
+    QuestionSettings,
+    StudyCase,
+)
 from sumo_eval.extras.wheel.tape import json_lines
 from sumo_eval.extras.wheel.trip import ENDS, TASK, new_tape, one_drive, settings_at
 from sumo_eval.extras.wheel.window import Window
@@ -28,13 +37,19 @@ from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.trajectory import Recording
 
 CODE: Final = re.compile(r"[A-Za-z0-9_-]{1,20}")
-SCORE: Final = QuestionSettings("score", "How well did the blue car drive?", "replay", "very badly", "very well")
+SCORE: Final = QuestionSettings(
+    "score", "How well did the blue car drive?", "replay", "very badly", "very well"
+)
 """The question of Fig. 11, asked after every replay."""
 
 
 @dataclass
 class Participant:
-    """Somebody who takes part: a code, never a name. number: how many began before; done: steps with what they gave."""
+    """Somebody who takes part: a code, never a name.
+
+    number: how many began before;
+    done: steps with what they gave.
+    """
 
     code: str
     number: int
@@ -50,7 +65,10 @@ class Participant:
 
 
 def participants(plan: Plan) -> list[Participant]:
-    """Everybody who has begun, in that order. A last line of a journal that was cut off is a step that was not done."""
+    """Everybody who has begun, in that order.
+
+    A last line of a journal that was cut off is a step that was not done.
+    """
     found = []
     for path in sorted((plan.folder / "participants").glob("*/journal.jsonl")):
         entries = json_lines(path, "journal")
@@ -78,7 +96,10 @@ def enter(plan: Plan, code: str) -> Participant:
 
 
 async def study(window: Window, plan: Plan, tell: Callable[[str], None]) -> None:
-    """One participant after the other, until the team has had enough. tell: is given a line on each."""
+    """One participant after the other, until the team has had enough.
+
+    tell: is given a line on each.
+    """
     wrong = ""
     while True:
         given = await window.ask(
@@ -97,12 +118,15 @@ async def study(window: Window, plan: Plan, tell: Callable[[str], None]) -> None
         ended = await session(window, plan, person)
         tell(f"{person.code}: {ended}")
         answer = await window.ask(
-            sheet("Thank you", "You are through." if ended == "done" else "Thank you for coming. Please tell the team.",
+            sheet("Thank you", "You are through." if ended == "done" else "Thank you for coming. "
+                                                                          "Please tell the team.",
                   buttons=[["next", "Next participant"], ["end", "End the session"]])
         )  # fmt: skip
         if answer.get("button") == "end":
             break
-    await window.show({**sheet("The session is over", "You can close this window."), "show": "over"})
+    await window.show(
+        {**sheet("The session is over", "You can close this window."), "show": "over"}
+    )
 
 
 class StopsError(Exception):
@@ -110,7 +134,10 @@ class StopsError(Exception):
 
 
 async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
-    """What a participant answers to a sheet, who may stop there. Raises StopsError where they do."""
+    """What a participant answers to a sheet, who may stop there.
+
+    Raises StopsError where they do.
+    """
     view["buttons"] = [*view["buttons"], ["stop", "I want to stop"]]
     given = await window.ask(view)
     if given.pop("button", None) == "stop":
@@ -119,8 +146,9 @@ async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
 
 
 async def session(window: Window, plan: Plan, person: Participant) -> str:
-    """All steps of a participant that are not done yet; how it ended: `done`, `no consent`, `practice not passed`,
-    `stopped`. Whoever stopped may come back: the code goes on with the first step that is not done.
+    """All steps of a participant that are not done yet; how it ended: `done`, `no consent`,
+    `practice not passed`, `stopped`. Whoever stopped may come back: the code goes on with the first
+    step that is not done.
     """
     try:
         return await steps_of(window, plan, person)
@@ -133,8 +161,10 @@ async def steps_of(window: Window, plan: Plan, person: Participant) -> str:
     """All steps of a participant that are not done yet, and how they ended."""
     if "consent" not in person.done:
         given = await window.ask(
-            sheet("Before you begin", plan.settings.consent, "You may stop at any time without giving a reason.",
-                  questions=[{"key": "agrees", "kind": "yes", "text": "Your consent", "label": "I agree."}],
+            sheet("Before you begin", plan.settings.consent, "You may stop at any time without "
+                                                             "giving a reason.",
+                  questions=[{"key": "agrees", "kind": "yes", "text": "Your consent",
+                      "label": "I agree."}],
                   buttons=[["go", "Go on"], ["skip", "I do not take part"]])
         )  # fmt: skip
         person.finish("consent", agrees=given.get("agrees") is True and given.get("button") == "go")
@@ -152,7 +182,9 @@ async def steps_of(window: Window, plan: Plan, person: Participant) -> str:
     shown = plan.ratings(person.code)
     for place, (case, ads) in enumerate(shown):
         if f"rate:{case.key}:{ads}" not in person.done:
-            await rate(window, plan, person, case, ads, f"Drive {place + 1} of {len(shown)} to rate")
+            await rate(
+                window, plan, person, case, ads, f"Drive {place + 1} of {len(shown)} to rate"
+            )
     if "done" not in person.done:
         person.finish("done")
     return "done"
@@ -167,24 +199,35 @@ async def practised(window: Window, plan: Plan, person: Participant) -> bool:
     while passed < rule.passes and len(trials) < rule.most:
         concrete = practice_drive(rule, road)
         lines = (
-            f"Keep a lane and about {3.6 * rule.speed:.0f} km/h. Change lanes once or twice, to get the feel of it.",
+            f"Keep a lane and about {3.6 * rule.speed:.0f} km/h. Change lanes once or twice, to "
+            "get the feel of it.",
             f"You are through when you keep within {rule.offset:g} m of a lane's centre and within "
-            f"{3.6 * rule.within:.0f} km/h of the speed for {rule.share:.0%} of {rule.seconds:g} s.",
+            f"{3.6 * rule.within:.0f} km/h of the speed for "
+            f"{rule.share:.0%} of {rule.seconds:g} s.",
         )
         settings = settings_at(plan.settings.rate)
         path = new_tape(person.folder, "practice")
         view = drive_view(concrete, settings, f"Practice, trial {len(trials) + 1}", lines)
-        recording, quality = await one_drive(window, concrete, settings, path, view, use="", participant=person.code)
+        recording, quality = await one_drive(
+            window, concrete, settings, path, view, use="", participant=person.code
+        )
         share = kept_share(recording, concrete, rule)
-        good = share >= rule.share and recording.end_reason not in ("contact", "off_road", "quit", "sim_error")
+        good = share >= rule.share and recording.end_reason not in (
+            "contact",
+            "off_road",
+            "quit",
+            "sim_error",
+        )
         passed += good
-        person.finish(f"practice:{len(trials) + 1}", passed=good, share=round(share, 4), tape=path.name,
+        person.finish(f"practice:{len(trials) + 1}", passed=good, share=round(share, 4),
+            tape=path.name,
                       quality=quality.plain())  # fmt: skip
         trials.append(person.done[f"practice:{len(trials) + 1}"])
         await asked_of(
             window,
             sheet("Well done" if good else "Once more",
-                  f"You kept lane and speed for {share:.0%} of the time; {rule.share:.0%} are needed.",
+                  f"You kept lane and speed for {share:.0%} of the time; {rule.share:.0%} are "
+                  "needed.",
                   buttons=[["go", "Go on"]]),
         )  # fmt: skip
     return bool(passed >= rule.passes)
@@ -206,8 +249,13 @@ def kept_share(recording: Recording, concrete: ConcreteScenario, rule: PracticeS
     return float(np.mean((off <= rule.offset) & (np.abs(ego.speed - rule.speed) <= rule.within)))
 
 
-async def own_drive(window: Window, plan: Plan, person: Participant, case: StudyCase, title: str) -> None:
-    """A drive of a case, and the questions after it. One that the person ended may be driven again, once asked."""
+async def own_drive(
+    window: Window, plan: Plan, person: Participant, case: StudyCase, title: str
+) -> None:
+    """A drive of a case, and the questions after it.
+
+    One that the person ended may be driven again, once asked.
+    """
     settings = settings_at(plan.settings.rate)
     wanted = f"Your speed: about {3.6 * case.concrete.ego.speed:.0f} km/h, as the traffic allows."
     stops = False
@@ -215,13 +263,16 @@ async def own_drive(window: Window, plan: Plan, person: Participant, case: Study
         path = new_tape(person.folder, case.key)
         view = drive_view(case.concrete, settings, title, (TASK, wanted))
         recording, quality = await one_drive(
-            window, case.concrete, settings, path, view, use=case.use, participant=person.code, case=case.key
+            window, case.concrete, settings, path, view, use=case.use, participant=person.code,
+            case=case.key
         )  # fmt: skip
         if recording.end_reason != "quit":
             break
         again = await window.ask(
-            sheet("The drive was ended", recording.error or "", "You can drive it again, or leave it out.",
-                  buttons=[["again", "Drive again"], ["leave", "Leave it out"], ["stop", "I want to stop"]])
+            sheet("The drive was ended", recording.error or "", "You can drive it again, or leave "
+                                                                "it out.",
+                  buttons=[["again", "Drive again"], ["leave", "Leave it out"],
+                      ["stop", "I want to stop"]])
         )  # fmt: skip
         if again.get("button") != "again":
             stops = again.get("button") == "stop"
@@ -232,7 +283,8 @@ async def own_drive(window: Window, plan: Plan, person: Participant, case: Study
         end = ENDS.get(recording.end_reason, "The drive is over.")
         try:
             answers = await asked_of(
-                window, sheet(title, end, questions=[scale(it) for it in asked], buttons=[["go", "Go on"]])
+                window,
+                sheet(title, end, questions=[scale(it) for it in asked], buttons=[["go", "Go on"]]),
             )
         except StopsError:
             stops = True
@@ -242,15 +294,26 @@ async def own_drive(window: Window, plan: Plan, person: Participant, case: Study
         raise StopsError
 
 
-async def rate(window: Window, plan: Plan, person: Participant, case: StudyCase, ads: str, title: str) -> None:
-    """A replay of an ADS's recorded drive, whose name nobody is told, and the questions about it."""
+async def rate(
+    window: Window, plan: Plan, person: Participant, case: StudyCase, ads: str, title: str
+) -> None:
+    """A replay of an ADS's recorded drive, whose name nobody is told, and the questions about
+    it.
+    """
     asked = [SCORE, *(it for it in plan.settings.question if it.after == "replay")]
     answers = await asked_of(
         window,
         sheet(title, "Watch the blue car, as often as you like, from where you like.",
-              replay=replay_of(plan, case, ads), questions=[scale(it) for it in asked], buttons=[["go", "Go on"]]),
+              replay=replay_of(plan, case, ads), questions=[scale(it) for it in asked],
+              buttons=[["go", "Go on"]]),
     )  # fmt: skip
-    person.finish(f"rate:{case.key}:{ads}", case=case.key, ads=ads, scenario=case.concrete.scenario, answers=answers)
+    person.finish(
+        f"rate:{case.key}:{ads}",
+        case=case.key,
+        ads=ads,
+        scenario=case.concrete.scenario,
+        answers=answers,
+    )
 
 
 def scale(question: QuestionSettings) -> dict[str, Any]:

@@ -30,14 +30,18 @@ ENDS: Final = {
 
 
 def settings_at(rate: int) -> SimulationSettings:
-    """The settings of a drive at a rate, Hz: its step is the rate's, everything else as for any ADS."""
+    """The settings of a drive at a rate, Hz: its step is the rate's, everything else as for any
+    ADS.
+    """
     if rate not in RATES:
         raise must_be("The rate", "a drive", f"one of {', '.join(map(str, RATES))} Hz", rate)
     return replace(SimulationSettings(), step=1.0 / rate)
 
 
 def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> ConcreteScenario:
-    """The concrete scenario at the given values; each other parameter in the middle of its range."""
+    """The concrete scenario at the given values; each other parameter in the middle of its
+    range.
+    """
     for name in values:
         if name not in logical.names:
             raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
@@ -54,7 +58,8 @@ def new_tape(folder: Path, name: str) -> Path:
 
 
 async def one_drive(
-    window: Window, concrete: ConcreteScenario, settings: SimulationSettings, path: Path, view: Mapping[str, Any],
+    window: Window, concrete: ConcreteScenario, settings: SimulationSettings, path: Path,
+    view: Mapping[str, Any],
     **more: Any,
 ) -> tuple[Recording, Quality]:  # fmt: skip
     """Let the person drive, and keep the tape with what came of it."""
@@ -67,25 +72,35 @@ async def one_drive(
         raise
     quality = quality_of(recording, read_tape(path), concrete, time)
     writer.end(
-        {"reason": recording.end_reason, "error": recording.error or time["left"] or None, "digest": digest(recording),
+        {"reason": recording.end_reason, "error": recording.error or time["left"] or None,
+            "digest": digest(recording),
          "time": time, "quality": quality.plain()}
     )  # fmt: skip
     return recording, quality
 
 
 async def trips(
-    window: Window, logical: LogicalScenario, concrete: ConcreteScenario, settings: SimulationSettings, out: Path,
+    window: Window, logical: LogicalScenario, concrete: ConcreteScenario,
+    settings: SimulationSettings, out: Path,
     use: str,
 ) -> None:  # fmt: skip
-    """Drive, see what came of it, drive again, until the person has had enough. use: what the scenario is found by."""
+    """Drive, see what came of it, drive again, until the person has had enough.
+
+    use: what the scenario is found by.
+    """
     view = drive_view(concrete, settings, logical.name, (logical.about, TASK, concrete.label))
     while True:
         path = new_tape(out, logical.name)
         recording, quality = await one_drive(window, concrete, settings, path, view, use=use)
-        lines = [ENDS.get(recording.end_reason, recording.end_reason), recording.error or "", *quality.sentences()]
+        lines = [
+            ENDS.get(recording.end_reason, recording.end_reason),
+            recording.error or "",
+            *quality.sentences(),
+        ]
         answer = await window.ask(
             sheet("Your drive", "\n".join(filter(None, lines)), f"It is kept in {path}.",
-                  replay=replay(concrete, "you", {"ego": recording.ego, **recording.actors}, recording.collision),
+                  replay=replay(concrete, "you", {"ego": recording.ego, **recording.actors},
+                      recording.collision),
                   buttons=[["again", "Drive again"], ["end", "That is all"]])
         )  # fmt: skip
         if answer.get("button") != "again":
@@ -93,8 +108,13 @@ async def trips(
             return
 
 
-async def opened(title: str, port: int, work: Callable[[Window], Any], told: Callable[[str], None]) -> None:
-    """A window for as long as `work` is at it. told: is given the address."""
+async def opened(
+    title: str, port: int, work: Callable[[Window], Any], told: Callable[[str], None]
+) -> None:
+    """A window for as long as `work` is at it.
+
+    told: is given the address.
+    """
     try:
         window = Window(page(title), port=port)
     except InputError:

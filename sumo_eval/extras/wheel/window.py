@@ -1,9 +1,9 @@
 """The server that the browser talks to: on loopback only, one page, one WebSocket, one person.
 
-Nothing is read from disk for the browser. Who may talk: whoever has the token, which travels in the fragment of the
-address and so stands in no log; from a page of this very server (exact `Host` and `Origin`). Every message is bounded
-(`messages`), and so is their rate. A window that is closed, hidden or asleep holds the drive; who comes back with the
-token goes on where the drive stood.
+Nothing is read from disk for the browser. Who may talk: whoever has the token, which travels in the
+fragment of the address and so stands in no log; from a page of this very server (exact `Host` and
+`Origin`). Every message is bounded (`messages`), and so is their rate. A window that is closed,
+hidden or asleep holds the drive; who comes back with the token goes on where the drive stood.
 """
 
 from __future__ import annotations
@@ -33,22 +33,32 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
 
 LOOPBACK: Final = "127.0.0.1"
-SILENT: Final = 2.0  # s within which who connects must say what he wants (browsers also connect ahead), and his token
+# s within which who connects must say what he wants (browsers also connect ahead), and his token
+SILENT: Final = 2.0
 COUNTDOWN: Final = 3.0  # s
 WRONG, UNKNOWN, TAKEN, FLOODED = 4400, 4401, 4409, 4429  # why a window is shut
-BROKEN: Final = {1002: "is no message of a WebSocket", 1007: "is no text", 1009: f"is larger than {LARGEST} bytes"}
+BROKEN: Final = {
+    1002: "is no message of a WebSocket",
+    1007: "is no text",
+    1009: f"is larger than {LARGEST} bytes",
+}
 """Why websockets itself shuts a window: its code, and what came."""
 MOST_ANSWERS: Final = 8  # that wait; the page gives one to a view
 MOST_TOLD: Final = 10_000  # of one drive; the page tells once a second
 
 
 class Window:
-    """One person's browser. page: its HTML, with `{nonce}` where that of the policy belongs.
+    """One person's browser.
 
-    countdown: s from `ready` to the first step. paced: False lets each step wait for an answer to its state.
+    page: its HTML, with `{nonce}` where that of the policy belongs.
+
+    countdown: s from `ready` to the first step.
+    paced: False lets each step wait for an answer to its state.
     """
 
-    def __init__(self, page: str, *, port: int = 0, countdown: float = COUNTDOWN, paced: bool = True) -> None:
+    def __init__(
+        self, page: str, *, port: int = 0, countdown: float = COUNTDOWN, paced: bool = True
+    ) -> None:
         self._page, self._countdown, self._paced = page, countdown, paced
         self.token = secrets.token_urlsafe(24)
         self._listening = _listen(port)
@@ -58,9 +68,11 @@ class Window:
         self._view: dict[str, Any] | None = None
         self._answers: asyncio.Queue[dict[str, Any]] = asyncio.Queue(MOST_ANSWERS)
         self._desk: Desk | None = None
-        self._box: list[Any] | None = None  # the newest state; one that was not sent in time is of no use to anybody
+        # the newest state; one that was not sent in time is of no use to anybody
+        self._box: list[Any] | None = None
         self._latest: list[Any] | None = None
-        self._why = ""  # the seat holds the drive for this reason, which the page has not been told yet
+        # the seat holds the drive for this reason, which the page has not been told yet
+        self._why = ""
         self._posted = asyncio.Event()
         self._telling: list[dict[str, Any]] = []
         self.faults: list[str] = []  # messages that no page of ours sends, as sentences
@@ -84,7 +96,9 @@ class Window:
         return self
 
     def stop(self) -> None:
-        """End the drive that is under way, if there is one: its tape is closed like that of any other."""
+        """End the drive that is under way, if there is one: its tape is closed like that of any
+        other.
+        """
         if self._desk is not None:
             self._desk.leaves = self._desk.leaves or "The program was stopped."
 
@@ -98,19 +112,23 @@ class Window:
     def _hosts(self) -> tuple[str, str]:
         return f"{LOOPBACK}:{self.port}", f"localhost:{self.port}"
 
-    # -- what is asked over HTTP -------------------------------------------------------------------------------------
+    # -- what is asked over HTTP -------------------------------------------------------------------
 
     def _answer(self, peer: ServerConnection, request: Request) -> Response | None:
         from websockets.datastructures import Headers
         from websockets.http11 import Response
 
-        def say(status: HTTPStatus, body: str, kind: str = "text/plain; charset=utf-8", policy: str = "") -> Response:
+        def say(
+            status: HTTPStatus, body: str, kind: str = "text/plain; charset=utf-8", policy: str = ""
+        ) -> Response:
             content = body.encode()
             headers = Headers()
             for name, value in {
                 "Content-Type": kind, "Content-Length": str(len(content)), "Connection": "close",
-                "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer",
-                "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin",
+                "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff",
+                "Referrer-Policy": "no-referrer",
+                "Cross-Origin-Opener-Policy": "same-origin",
+                "Cross-Origin-Resource-Policy": "same-origin",
                 "Content-Security-Policy": policy or "default-src 'none'; frame-ancestors 'none'",
             }.items():  # fmt: skip
                 headers[name] = value
@@ -118,8 +136,11 @@ class Window:
 
         host = request.headers.get_all("Host")
         if host not in [[own] for own in self._hosts()]:
-            return say(HTTPStatus.MISDIRECTED_REQUEST, "This server answers to its own address only.\n")
-        if getattr(request, "method", "GET") != "GET":  # earlier versions of websockets refuse the others themselves
+            return say(
+                HTTPStatus.MISDIRECTED_REQUEST, "This server answers to its own address only.\n"
+            )
+        # earlier versions of websockets refuse the others themselves
+        if getattr(request, "method", "GET") != "GET":
             return say(HTTPStatus.METHOD_NOT_ALLOWED, "This server is asked by GET.\n")
         if request.path == "/wheel":
             if request.headers.get_all("Origin") == [f"http://{host[0]}"]:
@@ -130,12 +151,15 @@ class Window:
         nonce = secrets.token_urlsafe(16)
         sockets = " ".join(f"ws://{host}" for host in self._hosts())
         policy = (
-            f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src data:; "
+            f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src "
+            "data:; "
             f"connect-src {sockets}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
-        return say(HTTPStatus.OK, self._page.replace("{nonce}", nonce), "text/html; charset=utf-8", policy)
+        return say(
+            HTTPStatus.OK, self._page.replace("{nonce}", nonce), "text/html; charset=utf-8", policy
+        )
 
-    # -- what is said over the WebSocket -----------------------------------------------------------------------------
+    # -- what is said over the WebSocket -----------------------------------------------------------
 
     async def _talk(self, peer: ServerConnection) -> None:
         from websockets.exceptions import ConnectionClosed
@@ -167,7 +191,9 @@ class Window:
             await peer.close(WRONG, "The first message must be the token.")
             return False
         token = said_.get("token")
-        if token is None or not hmac.compare_digest(token.encode(errors="replace"), self.token.encode()):
+        if token is None or not hmac.compare_digest(
+            token.encode(errors="replace"), self.token.encode()
+        ):
             await peer.close(UNKNOWN, "Unknown token: open the address that the terminal shows.")
             return False
         return True
@@ -180,11 +206,14 @@ class Window:
             before = now
             try:
                 if allowance < 0.0:
-                    raise MessageError(f"More than {MOST_A_SECOND} messages a second came from the window.")
+                    raise MessageError(
+                        f"More than {MOST_A_SECOND} messages a second came from the window."
+                    )
                 self._take(read(text))
             except MessageError as error:
                 self._fault(str(error))
-                reason = str(error).encode()[:120].decode(errors="ignore")  # a close frame has room for 123 bytes
+                # a close frame has room for 123 bytes
+                reason = str(error).encode()[:120].decode(errors="ignore")
                 await peer.close(FLOODED if allowance < 0.0 else WRONG, reason)
                 return
 
@@ -201,11 +230,15 @@ class Window:
                 desk.newest = message["input"]
         elif "answers" in message:
             if self._answers.full():
-                raise MessageError(f"More than {MOST_ANSWERS} answers came that nobody had asked for.")
+                raise MessageError(
+                    f"More than {MOST_ANSWERS} answers came that nobody had asked for."
+                )
             self._answers.put_nowait(message["answers"])
         elif "telling" in message:
             if len(self._telling) >= MOST_TOLD:
-                raise MessageError(f"A window may tell of itself at most {MOST_TOLD} times in a drive.")
+                raise MessageError(
+                    f"A window may tell of itself at most {MOST_TOLD} times in a drive."
+                )
             self._telling.append(message["telling"])
         elif desk is not None:
             if "ready" in message:
@@ -220,10 +253,13 @@ class Window:
         desk = self._desk
         if desk is not None:
             desk.held = desk.holds = desk.holds or why
-            desk.newest = desk.newest._replace(given=type(desk.newest.given)())  # nobody's foot is on a pedal
+            # nobody's foot is on a pedal
+            desk.newest = desk.newest._replace(given=type(desk.newest.given)())
 
     async def _post(self, peer: ServerConnection) -> None:
-        """Send the newest state whenever there is one, and why the seat holds the drive where it does."""
+        """Send the newest state whenever there is one, and why the seat holds the drive where it
+        does.
+        """
         from websockets.exceptions import ConnectionClosed
 
         with suppress(ConnectionClosed):
@@ -246,7 +282,7 @@ class Window:
                 if self._desk is not None and self._latest is not None:
                     await self._peer.send(json.dumps({"state": self._latest}))
 
-    # -- what the server's own work asks of it -----------------------------------------------------------------------
+    # -- what the server's own work asks of it -----------------------------------------------------
 
     async def show(self, view: dict[str, Any]) -> None:
         """Show a view: {"show": kind, ...}; a window that comes back sees it again."""
@@ -261,9 +297,15 @@ class Window:
         return await self._answers.get()
 
     async def drive(
-        self, concrete: ConcreteScenario, settings: SimulationSettings, writer: Writer, view: dict[str, Any]
+        self,
+        concrete: ConcreteScenario,
+        settings: SimulationSettings,
+        writer: Writer,
+        view: dict[str, Any],
     ) -> tuple[Recording, dict[str, Any]]:
-        """Let the person drive; the recording, and what was measured of the drive in time (`timing`)."""
+        """Let the person drive; the recording, and what was measured of the drive in time
+        (`timing`).
+        """
         await self.show({"show": "wait"})
         await asyncio.to_thread(warm_up, concrete, settings)
         loop = asyncio.get_running_loop()
@@ -281,11 +323,14 @@ class Window:
         await self.show({**view, "show": "drive", "countdown": self._countdown})
         try:
             drive = asyncio.ensure_future(
-                asyncio.to_thread(drive_person, concrete, settings, desk, writer, publish, held, paced=self._paced)
+                asyncio.to_thread(
+                    drive_person, concrete, settings, desk, writer, publish, held, paced=self._paced
+                )
             )
             try:
                 recording, seat = await asyncio.shield(drive)
-            except asyncio.CancelledError:  # by Ctrl-C: the loop runs in a thread of its own, and ends first
+            # by Ctrl-C: the loop runs in a thread of its own, and ends first
+            except asyncio.CancelledError:
                 self.stop()
                 await drive
                 raise
@@ -295,8 +340,8 @@ class Window:
 
 
 def timing(late: list[float], behind: list[int], told: list[dict[str, Any]]) -> dict[str, Any]:
-    """What is known of a drive in time: lateness of steps (ms), input to picture (ms), frames, dropped ones, how often
-    the page drew more cheaply by itself.
+    """What is known of a drive in time: lateness of steps (ms), input to picture (ms), frames,
+    dropped ones, how often the page drew more cheaply by itself.
     """
     latency = [value for it in told for value in it["latency"]]
     frames, dropped = sum(it["frames"] for it in told), sum(it["dropped"] for it in told)
@@ -304,7 +349,8 @@ def timing(late: list[float], behind: list[int], told: list[dict[str, Any]]) -> 
         "steps": len(late),
         "late_p50_ms": _ms(_part(late, 0.5)), "late_p95_ms": _ms(_part(late, 0.95)),
         "late_max_ms": _ms(max(late, default=None)),
-        "input_to_picture_p50_ms": _part(latency, 0.5), "input_to_picture_p95_ms": _part(latency, 0.95),
+        "input_to_picture_p50_ms": _part(latency, 0.5),
+        "input_to_picture_p95_ms": _part(latency, 0.95),
         "inputs_timed": len(latency), "frames": frames, "dropped": dropped,
         "stepped_down": sum(it["stepped"] for it in told) if told else None,
         "behind_p95_steps": _part([*map(float, behind)], 0.95),

@@ -1,4 +1,6 @@
-"""The line of a road that somebody drew as a polyline: its curvature goes linearly from knot to knot."""
+"""The line of a road that somebody drew as a polyline: its curvature goes linearly from knot to
+knot.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +18,19 @@ _KNOTS = (10.0, 5.0, 2.5, 1.25)  # m between knots: the first that is near enoug
 _SAMPLES = 2.0  # m between places of the polyline that the line is held against, at most
 _STEP = 1.25  # m of an integration step, at most; at least two between two knots
 _ROUNDS = 12  # of Gauss and Newton's, at most
-_SETTLED = 1e-3  # m by which a round moves the beginning, and as little of a curvature over the length: the last one
-_SMOOTH = 0.05  # by which, times the square of the knots' distance, the curvature's second difference counts as off
+# m by which a round moves the beginning, and as little of a curvature over the length: the last one
+_SETTLED = 1e-3
+# by which, times the square of the knots' distance, the curvature's second difference counts as off
+_SMOOTH = 0.05
 _DIGITS = 8  # of a curvature, 1/m: the last digit of a machine's arithmetic decides nothing
 
 
 def fitted_line(polyline: FloatArray) -> tuple[tuple[Piece, ...], Pose, float]:
-    """The line along a polyline (n, 2): its pieces, where it begins (x, y, heading), and how far off it is at most, m.
+    """The line along a polyline (n, 2): its pieces, where it begins (x, y, heading), and how far
+    off it is at most, m.
 
-    Least squares over the curvatures at knots and the pose at the beginning, with as few knots as keep it within
-    `WITHIN`; the result may be further off, where the polyline has corners.
+    Least squares over the curvatures at knots and the pose at the beginning, with as few knots as
+    keep it within `WITHIN`; the result may be further off, where the polyline has corners.
     """
     places = _resampled(polyline)
     best: tuple[tuple[Piece, ...], Pose, float] | None = None
@@ -42,7 +47,9 @@ def fitted_line(polyline: FloatArray) -> tuple[tuple[Piece, ...], Pose, float]:
 
 
 def onto_the_line(points: FloatArray, begins: Pose) -> FloatArray:
-    """Places (n, 2) seen from where a line begins, its beginning at the origin and heading along x."""
+    """Places (n, 2) seen from where a line begins, its beginning at the origin and heading along
+    x.
+    """
     x, y, heading = begins
     east, north = points[:, 0] - x, points[:, 1] - y
     c, s = np.cos(heading), np.sin(heading)
@@ -66,13 +73,22 @@ def _fitted(places: FloatArray, apart: float) -> tuple[tuple[Piece, ...], Pose, 
     step, grid = length / count, np.linspace(0.0, length, count + 1)
     middle = 0.5 * (grid[:-1] + grid[1:])
     at = np.linspace(0.0, length, knots + 1)
-    hat = np.array([np.interp(middle, at, one) for one in np.eye(knots + 1)]).T  # (count, knots + 1)
-    turned = np.concatenate([np.zeros((1, knots + 1)), np.cumsum(hat, axis=0) * step])  # of the heading, at the grid
+    # (count, knots + 1)
+    hat = np.array([np.interp(middle, at, one) for one in np.eye(knots + 1)]).T
+    # of the heading, at the grid
+    turned = np.concatenate([np.zeros((1, knots + 1)), np.cumsum(hat, axis=0) * step])
     headings = np.unwrap(np.arctan2(*np.diff(places, axis=0).T[::-1]))
     half = 0.5 * (turned[:-1] + turned[1:])
     first = np.array([*places[0], headings[0]])
-    bends = _SMOOTH * apart**2 * np.diff(np.eye(knots + 1), 2, axis=0) if knots > 1 else np.zeros((0, knots + 1))
-    sides = [np.interp(at + 0.5 * side * length / knots, 0.5 * (along[:-1] + along[1:]), headings) for side in (-1, 1)]
+    bends = (
+        _SMOOTH * apart**2 * np.diff(np.eye(knots + 1), 2, axis=0)
+        if knots > 1
+        else np.zeros((0, knots + 1))
+    )
+    sides = [
+        np.interp(at + 0.5 * side * length / knots, 0.5 * (along[:-1] + along[1:]), headings)
+        for side in (-1, 1)
+    ]
     curvature = (sides[1] - sides[0]) * knots / length
     s = along.copy()
     for _ in range(_ROUNDS):
@@ -93,18 +109,24 @@ def _fitted(places: FloatArray, apart: float) -> tuple[tuple[Piece, ...], Pose, 
         by_curvature += left[:, 1:] * (north[below] + share * (north[below + 1] - north[below]))
         arm = np.column_stack([np.interp(s, grid, x) - first[0], np.interp(s, grid, y) - first[1]])
         by_heading = left[:, :1] * -arm[:, 1:] + left[:, 1:] * arm[:, :1]
-        aside = np.array([-np.sin(first[2]), np.cos(first[2])])  # it begins beside the first place, not along from it
+        # it begins beside the first place, not along from it
+        aside = np.array([-np.sin(first[2]), np.cos(first[2])])
         rows = np.hstack([left @ aside[:, None], by_heading, by_curvature])
         wanted = np.einsum("ij,ij->i", off, left)
         rows = np.vstack([rows, np.hstack([np.zeros((len(bends), 2)), bends])])
         wanted = np.concatenate([wanted, -bends @ curvature])
         triangle = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
         change = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
-        first, curvature = first + np.array([*(change[0] * aside), change[1]]), curvature + change[2:]
+        first, curvature = (
+            first + np.array([*(change[0] * aside), change[1]]),
+            curvature + change[2:],
+        )
         if abs(change[0]) < _SETTLED and np.abs(change[2:]).max() < _SETTLED / length:
             break
     curvature = np.round(curvature, _DIGITS) + 0.0
-    pieces = tuple(Piece(length / knots, begin, end) for begin, end in itertools.pairwise(curvature.tolist()))
+    pieces = tuple(
+        Piece(length / knots, begin, end) for begin, end in itertools.pairwise(curvature.tolist())
+    )
     begins = Pose(*map(float, first))
     seen = onto_the_line(places, begins)
     return pieces, begins, _off(pieces, seen, s)

@@ -1,7 +1,9 @@
-"""Which lanes a road has where: lanes that open, end, come in from a ramp or leave as one; roads that cross it.
+"""Which lanes a road has where: lanes that open, end, come in from a ramp or leave as one; roads
+that cross it.
 
-A lane that is not there throughout is the outermost one of its side. It opens and ends over a taper, along which the
-road's edge moves in a straight line. Where it is a ramp, a line that nobody may cross parts it from the lane beside it.
+A lane that is not there throughout is the outermost one of its side. It opens and ends over a
+taper, along which the road's edge moves in a straight line. Where it is a ramp, a line that nobody
+may cross parts it from the lane beside it.
 """
 
 from __future__ import annotations
@@ -25,8 +27,10 @@ from sumo_eval.trajectory import FloatArray
 class LaneSpan:
     """Where the outermost lane of a side is, by its number (0: the right-hand one).
 
-    It has its full width from `begin` to `end`, m along the road; it opens over `opening` m before that and narrows
-    over `closing` m behind it. parted_until, parted_from: before the one and behind the other it is a ramp.
+    It has its full width from `begin` to `end`, m along the road; it opens over `opening` m before
+    that and narrows over `closing` m behind it.
+
+    parted_until, parted_from: before the one and behind the other it is a ramp.
     """
 
     lane: int
@@ -45,8 +49,9 @@ class LaneSpan:
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """A straight road that crosses at a right angle: its middle at x = `at`, `width` m wide, `reach` m to both sides of
-    the right lane's centre line. Where the road bends it is straight on the map, too: x stays the same along it.
+    """A straight road that crosses at a right angle: its middle at x = `at`, `width` m wide,
+    `reach` m to both sides of the right lane's centre line. Where the road bends it is straight on
+    the map, too: x stays the same along it.
     """
 
     at: float
@@ -63,15 +68,24 @@ class LaneTable(Checked):
 
     lane: Annotated[int, About("its number; 0: the right-hand one")]
     begin: Annotated[
-        float | None, About("from there on it has its full width; default: from the road's begin", "m")
+        float | None,
+        About("from there on it has its full width; default: from the road's begin", "m"),
     ] = None
-    end: Annotated[float | None, About("to there it has its full width; default: to the road's end", "m")] = None
+    end: Annotated[
+        float | None, About("to there it has its full width; default: to the road's end", "m")
+    ] = None
     taper: Annotated[float, Positive, About("length over which it opens and narrows", "m")] = 50.0
     ramp_until: Annotated[
-        float | None, About("an on-ramp until there: nobody may cross its line; behind it an acceleration lane", "m")
+        float | None,
+        About(
+            "an on-ramp until there: nobody may cross its line; behind it an acceleration lane", "m"
+        ),
     ] = None
     ramp_from: Annotated[
-        float | None, About("an exit ramp from there: nobody may cross its line; before it a deceleration lane", "m")
+        float | None,
+        About(
+            "an exit ramp from there: nobody may cross its line; before it a deceleration lane", "m"
+        ),
     ] = None
 
 
@@ -81,33 +95,45 @@ class CrossingTable(Checked):
 
     x: Annotated[float, Positive, About("its middle along this road", "m")]
     width: Annotated[float, Positive, About("its width", "m")] = 7.0
-    reach: Annotated[float, Positive, About("how far it goes to both sides of the right lane's centre line", "m")] = (
-        100.0
-    )
+    reach: Annotated[
+        float, Positive, About("how far it goes to both sides of the right lane's centre line", "m")
+    ] = 100.0
 
 
-def spans_of(tables: Sequence[LaneTable], lanes: int, length: float, where: str) -> tuple[LaneSpan, ...]:
-    """The lanes that are not there throughout. Raises InputError for what no road can be."""
+def spans_of(
+    tables: Sequence[LaneTable], lanes: int, length: float, where: str
+) -> tuple[LaneSpan, ...]:
+    """The lanes that are not there throughout.
+
+    Raises InputError for what no road can be.
+    """
     found: list[LaneSpan] = []
     for table in tables:
         owner = f"lane {table.lane} of the road of {where}"
         if lanes < 2 or table.lane not in (0, lanes - 1):
             outer = (
-                f"0 or {lanes - 1}, of a road of at least 2 lanes: lanes keep their distance to the line, and the "
-                "edges of a road whose inner lane runs into another are those of one whose outermost lane ends"
+                f"0 or {lanes - 1}, of a road of at least 2 lanes: lanes keep their distance to "
+                "the line, and the "
+                "edges of a road whose inner lane runs into another are those of one whose "
+                "outermost lane ends"
             )
             raise must_be("`lane`", f"[[road.lane]] of {where}", outer, table.lane)
         if any(other.lane == table.lane for other in found):
             raise InputError(f"[[road.lane]] of {where} must have lane {table.lane} once.")
         if table.begin is None and table.end is None:
-            raise InputError(f"{owner.capitalize()} must have a `begin` or an `end`, or need no [[road.lane]].")
+            raise InputError(
+                f"{owner.capitalize()} must have a `begin` or an `end`, or need no [[road.lane]]."
+            )
         begin = -math.inf if table.begin is None else table.begin
         end = math.inf if table.end is None else table.end
         last = length if table.end is None else end + table.taper
         first = 0.0 if table.begin is None else begin - table.taper
         if not (0.0 <= first < last <= length and begin < end):
             raise must_be(
-                "`begin`, `end` and `taper`", owner, f"in order within 0..{length:g} m", f"{first:g}..{last:g} m"
+                "`begin`, `end` and `taper`",
+                owner,
+                f"in order within 0..{length:g} m",
+                f"{first:g}..{last:g} m",
             )
         for key, within in (("ramp_until", table.begin is None), ("ramp_from", table.end is None)):
             place = getattr(table, key)
@@ -115,9 +141,16 @@ def spans_of(tables: Sequence[LaneTable], lanes: int, length: float, where: str)
                 continue
             if not within:
                 side = "begins with" if key == "ramp_until" else "goes on to the end of"
-                raise InputError(f"{owner.capitalize()} has a `{key}`, so it must be one that {side} the road.")
+                raise InputError(
+                    f"{owner.capitalize()} has a `{key}`, so it must be one that {side} the road."
+                )
             if not first < place < min(end, length):
-                raise must_be(f"`{key}`", owner, f"within {first:g}..{min(end, length):g} m, where the lane is", place)
+                raise must_be(
+                    f"`{key}`",
+                    owner,
+                    f"within {first:g}..{min(end, length):g} m, where the lane is",
+                    place,
+                )
         found.append(
             LaneSpan(
                 table.lane, begin, end, 0.0 if table.begin is None else table.taper,
@@ -137,7 +170,10 @@ INNERMOST = 0.9  # of a bend's radius: how far into the bend a road that crosses
 def crossings_of(
     tables: Sequence[CrossingTable], length: float, line: tuple[Piece, ...], where: str
 ) -> tuple[Crossing, ...]:
-    """The roads that cross. Raises InputError for one that is not within the road, or goes beyond a bend's centre."""
+    """The roads that cross.
+
+    Raises InputError for one that is not within the road, or goes beyond a bend's centre.
+    """
     for table in tables:
         owner, half = f"[[road.crossing]] of {where}", 0.5 * table.width
         if not half <= table.x <= length - half:
@@ -161,7 +197,10 @@ def missing(x: float, opens: float, is_open: float, closes: float, is_gone: floa
 
 @kernel
 def right_edge_at(road: Any, x: float) -> float:
-    """y of the right road edge at x, m. road: a record that holds where the outermost lanes are."""
+    """y of the right road edge at x, m.
+
+    road: a record that holds where the outermost lanes are.
+    """
     if road.shaped == 0:
         return float(road.right_edge)
     gone = missing(x, road.right_opens, road.right_is_open, road.right_closes, road.right_is_gone)
@@ -170,7 +209,10 @@ def right_edge_at(road: Any, x: float) -> float:
 
 @kernel
 def left_edge_at(road: Any, x: float) -> float:
-    """y of the left road edge at x, m. road: as in `right_edge_at`."""
+    """y of the left road edge at x, m.
+
+    road: as in `right_edge_at`.
+    """
     if road.shaped == 0:
         return float(road.left_edge)
     gone = missing(x, road.left_opens, road.left_is_open, road.left_closes, road.left_is_gone)
@@ -181,6 +223,14 @@ def missing_at(span: LaneSpan, x: ArrayLike) -> FloatArray:
     """The share of the width of a lane that is not there at x (any shape)."""
     at = np.asarray(x, dtype=np.float64)
     opens, is_open, closes, is_gone = span.places
-    before = np.clip((is_open - at) / (is_open - opens), 0.0, 1.0) if span.opening else np.where(at < is_open, 1.0, 0.0)
-    behind = np.clip((at - closes) / (is_gone - closes), 0.0, 1.0) if span.closing else np.where(at > closes, 1.0, 0.0)
+    before = (
+        np.clip((is_open - at) / (is_open - opens), 0.0, 1.0)
+        if span.opening
+        else np.where(at < is_open, 1.0, 0.0)
+    )
+    behind = (
+        np.clip((at - closes) / (is_gone - closes), 0.0, 1.0)
+        if span.closing
+        else np.where(at > closes, 1.0, 0.0)
+    )
     return np.asarray(np.maximum(before, behind))

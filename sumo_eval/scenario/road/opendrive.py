@@ -1,9 +1,11 @@
-"""A road of an OpenDRIVE file (.xodr): its driving lanes to the right of the reference line, read as they are.
+"""A road of an OpenDRIVE file (.xodr): its driving lanes to the right of the reference line, read
+as they are.
 
-Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes of constant width, lane sections in
-which the outermost lane opens or ends along a straight edge, and several roads one behind the other, as through a
-junction. What else shapes a road (slopes, lane offsets and other widths that change) is refused by name, and nothing
-is left out in silence but what has no shape: marks, objects, signals, speeds.
+Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes of constant width,
+    lane sections in which the outermost lane opens or ends along a straight edge, and several roads
+    one behind the other, as through a junction. What else shapes a road (slopes, lane offsets and
+    other widths that change) is refused by name, and nothing is left out in silence but what has no
+    shape: marks, objects, signals, speeds.
 """
 
 from __future__ import annotations
@@ -34,8 +36,8 @@ _DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
 
 @dataclass(frozen=True, slots=True)
 class ReadRoad:
-    """The right-hand driving lane's centre line, how many driving lanes lie beside each other from there, their width
-    and the line's length, m.
+    """The right-hand driving lane's centre line, how many driving lanes lie beside each other from
+    there, their width and the line's length, m.
     """
 
     line: tuple[Piece, ...]
@@ -46,8 +48,8 @@ class ReadRoad:
 
 
 class _Stretch(NamedTuple):
-    """A road that is driven one way: the right-hand driving lane's centre line, where it begins, how many driving lanes
-    there are, their width, m, and those that are not there throughout.
+    """A road that is driven one way: the right-hand driving lane's centre line, where it begins,
+    how many driving lanes there are, their width, m, and those that are not there throughout.
     """
 
     line: tuple[Piece, ...]
@@ -58,8 +60,10 @@ class _Stretch(NamedTuple):
 
 
 def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadRoad:
-    """A road of the file by its id, or several by theirs that are driven one behind the other, in the direction in
-    which they meet; the only one where none is named. Raises InputError with what cannot be read.
+    """A road of the file by its id, or several by theirs that are driven one behind the other, in
+    the direction in which they meet; the only one where none is named.
+
+    Raises InputError with what cannot be read.
     """
     owner = f"OpenDRIVE file {path.name}"
     root = read_xml(path, "OpenDRIVE file")
@@ -67,7 +71,9 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
         raise must_be("The root", owner, "`OpenDRIVE`", root.tag)
     roads = {str(element.get("id")): element for element in root.iter("road")}
     if road is None and len(roads) != 1:
-        raise InputError(f"{owner} has {len(roads)} roads: `opendrive_road` must name one of {', '.join(roads)}.")
+        raise InputError(
+            f"{owner} has {len(roads)} roads: `opendrive_road` must name one of {', '.join(roads)}."
+        )
     names = [next(iter(roads))] if road is None else [road] if isinstance(road, str) else list(road)
     for name in names:
         if name not in roads:
@@ -84,13 +90,19 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
 
 
 def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
-    """The roads one behind the other, each along or against its own direction, whichever meets the one before it."""
+    """The roads one behind the other, each along or against its own direction, whichever meets the
+    one before it.
+    """
     for first in (False, True):
         chain: list[_Stretch] = []
         for number, element in enumerate(roads):
             name = f"road `{element.get('id')}` of {owner}"
             ways = [first] if number == 0 else [False, True]
-            found = [it for it in (_stretch_or_none(element, name, way) for way in ways) if it is not None]
+            found = [
+                it
+                for it in (_stretch_or_none(element, name, way) for way in ways)
+                if it is not None
+            ]
             if number:
                 found = [it for it in found if _meet(chain[-1], it.begin)]
             if not found:
@@ -101,19 +113,30 @@ def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
     else:
         names = " ".join(str(element.get("id")) for element in roads)
         raise InputError(
-            f"The driving lanes of the roads {names} of {owner} must meet, each at the end of the one before."
+            f"The driving lanes of the roads {names} of {owner} must meet, each at the end of the "
+            "one before."
         )
     for stretch in chain:
-        if (stretch.lanes, stretch.spans) != (chain[0].lanes, ()) or abs(stretch.width - chain[0].width) > _SAME:
-            wanted = "of one number and width throughout, where roads are driven one behind the other"
-            raise must_be("The driving lanes", owner, wanted, [(it.lanes, it.width) for it in chain])
+        if (stretch.lanes, stretch.spans) != (chain[0].lanes, ()) or abs(
+            stretch.width - chain[0].width
+        ) > _SAME:
+            wanted = (
+                "of one number and width throughout, where roads are driven one behind the other"
+            )
+            raise must_be(
+                "The driving lanes", owner, wanted, [(it.lanes, it.width) for it in chain]
+            )
     return chain
 
 
 def _stretch_or_none(road: etree._Element, owner: str, against: bool) -> _Stretch | None:
     """A road driven one way, None where it has no driving lane that way."""
     side = "left" if against else "right"
-    driven = [lane for lane in road.iterfind(f"lanes/laneSection/{side}/lane") if lane.get("type") in _DRIVEN]
+    driven = [
+        lane
+        for lane in road.iterfind(f"lanes/laneSection/{side}/lane")
+        if lane.get("type") in _DRIVEN
+    ]
     return _stretch(road, owner, against=against) if driven else None
 
 
@@ -129,7 +152,9 @@ def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
     if against:
         end = begin.along(reference, length_of(reference))
         begin = end._replace(heading=end.heading + math.pi)
-        reference = tuple(Piece(piece.length, -piece.end, -piece.begin) for piece in reversed(reference))
+        reference = tuple(
+            Piece(piece.length, -piece.end, -piece.begin) for piece in reversed(reference)
+        )
     offset, lanes, width, spans = _driving_lanes(road, owner, length_of(reference), against=against)
     return _Stretch(beside(reference, offset, owner), begin.moved(0.0, offset), lanes, width, spans)
 
@@ -178,7 +203,8 @@ def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...],
 def _cubic(shape: etree._Element, length: float, owner: str) -> Cubic:
     """The curve of a <paramPoly3>, which must begin where and as its geometry says."""
     along, left = (
-        (_number(shape, f"a{axis}", owner), _number(shape, f"b{axis}", owner), _number(shape, f"c{axis}", owner),
+        (_number(shape, f"a{axis}", owner), _number(shape, f"b{axis}", owner),
+            _number(shape, f"c{axis}", owner),
          _number(shape, f"d{axis}", owner)) for axis in "UV"
     )  # fmt: skip
     kinds = {"arcLength": length, "normalized": 1.0}
@@ -188,7 +214,8 @@ def _cubic(shape: etree._Element, length: float, owner: str) -> Cubic:
     off, turned = math.hypot(along[0], left[0]), abs(math.atan2(left[1], along[1]))
     if off > _JOINT or turned > _JOINT:
         raise must_be(
-            "A <paramPoly3>", owner, f"one that begins at its <geometry>, within {_JOINT:g} m and rad",
+            "A <paramPoly3>", owner, f"one that begins at its <geometry>, within {_JOINT:g} m and "
+                                     "rad",
             f"{off:.3f} m and {turned:.3f} rad beside it",
         )  # fmt: skip
     return Cubic(along, left, kinds[kind])
@@ -198,10 +225,14 @@ def _check_joint(pieces: list[Piece], begin: Pose, place: Pose, owner: str) -> N
     """Each geometry must begin where the ones before it end."""
     s = length_of(pieces)
     end = begin.along(pieces, s)
-    off, turned = math.dist(end[:2], place[:2]), abs(math.remainder(end.heading - place.heading, math.tau))
+    off, turned = (
+        math.dist(end[:2], place[:2]),
+        abs(math.remainder(end.heading - place.heading, math.tau)),
+    )
     if off > _JOINT or turned > _JOINT:
         raise must_be(
-            f"The <geometry> at s = {s:g}", owner, f"where the one before it ends, within {_JOINT:g} m and rad",
+            f"The <geometry> at s = {s:g}", owner, "where the one before it ends, within "
+                                                   f"{_JOINT:g} m and rad",
             f"{off:.3f} m and {turned:.3f} rad beside it",
         )  # fmt: skip
 
@@ -211,9 +242,12 @@ PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
 
 
 def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> float:
-    """How far the lanes of a level road are shifted to the left of its reference line, m. flat: whatever its height is.
+    """How far the lanes of a level road are shifted to the left of its reference line, m.
 
-    Raises InputError where that changes along the road, or where the road is not level: a slope or a superelevation,
+    flat: whatever its height is.
+
+    Raises InputError where that changes along the road, or where the road is not level: a slope or
+    a superelevation,
     not the height at which it lies.
     """
     found = {}
@@ -221,7 +255,9 @@ def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> floa
         entries = list(road.iterfind(name))
         values = {_number(entry, "a", owner) for entry in entries} or {0.0}
         bends = [
-            entry for entry in entries if any(_number(entry, key, owner) != 0.0 for key in "bcd" if key in entry.attrib)
+            entry
+            for entry in entries
+            if any(_number(entry, key, owner) != 0.0 for key in "bcd" if key in entry.attrib)
         ]
         level = name != "lateralProfile/superelevation" or values == {0.0}
         if bends or len(values) > 1 or not level:
@@ -235,8 +271,10 @@ def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> floa
 def _driving_lanes(
     road: etree._Element, owner: str, length: float, *, against: bool
 ) -> tuple[float, int, float, tuple[LaneSpan, ...]]:
-    """Centre of the right-hand driving lane left of the reference line, m; how many there are, their width, m, and the
-    outermost one's span where it is not there throughout. against: of the left-hand lanes, driven the other way.
+    """Centre of the right-hand driving lane left of the reference line, m; how many there are,
+    their width, m, and the outermost one's span where it is not there throughout.
+
+    against: of the left-hand lanes, driven the other way.
     """
     shift = lane_offset(road, owner)
     sections = road.findall("lanes/laneSection")
@@ -248,7 +286,9 @@ def _driving_lanes(
     fullest = max(here, key=lambda lanes: sum(lane.get("type") in _DRIVEN for lane in lanes))
     most = [_rank(lane) for lane in fullest if lane.get("type") in _DRIVEN]
     if not most:
-        raise InputError(f"{owner} has no driving lane to the {side} of its reference line.".capitalize())
+        raise InputError(
+            f"{owner} has no driving lane to the {side} of its reference line.".capitalize()
+        )
     if most != list(range(most[0], most[0] + len(most))):
         raise must_be("The driving lanes", owner, "beside each other", most)
     outer = most[-1]
@@ -274,20 +314,33 @@ def _driving_lanes(
                 continue
             (_, one), (_, other), *more = _widths(lane, begin, end, owner)
             if one != other or more:
-                raise must_be(f"The width of lane {lane.get('id')}", owner, "constant", f"{one:g}..{other:g} m")
+                raise must_be(
+                    f"The width of lane {lane.get('id')}",
+                    owner,
+                    "constant",
+                    f"{one:g}..{other:g} m",
+                )
             if (
                 abs(centres.setdefault(rank, offset) - offset) > _SAME
                 or abs(widths.setdefault(rank, one) - one) > _SAME
             ):
                 raise must_be(
-                    f"Lane {lane.get('id')}", owner, "the same in every section", f"{one:g} m at s = {begin:g}"
+                    f"Lane {lane.get('id')}",
+                    owner,
+                    "the same in every section",
+                    f"{one:g} m at s = {begin:g}",
                 )
             offset += one
         if outer not in driven:
             knots += [(begin, 0.0), (end, 0.0)]
     width = max(value for _, value in knots)
     if any(abs(widths[rank] - width) > _SAME for rank in most[:-1]):
-        raise must_be("The driving lanes", owner, "of one width", [*(widths[rank] for rank in most[:-1]), width])
+        raise must_be(
+            "The driving lanes",
+            owner,
+            "of one width",
+            [*(widths[rank] for rank in most[:-1]), width],
+        )
     spans = _span_of(knots, width, ramps, length, owner, against=against)
     if spans and len(most) == 1:
         raise must_be("The driving lanes", owner, "at least one that is there throughout", most)
@@ -302,31 +355,49 @@ def _rank(lane: etree._Element) -> int:
     return abs(int(number))
 
 
-def _widths(lane: etree._Element, begin: float, end: float, owner: str) -> list[tuple[float, float]]:
-    """The width of a lane in a section at the places between which it changes linearly: pairs of s and width, m."""
+def _widths(
+    lane: etree._Element, begin: float, end: float, owner: str
+) -> list[tuple[float, float]]:
+    """The width of a lane in a section at the places between which it changes linearly: pairs of s
+    and width, m.
+    """
     found: list[tuple[float, float]] = []
     entries = lane.findall("width")
     if not entries:
         raise InputError(f"Lane {lane.get('id')} of {owner} must have a <width>.")
     for number, entry in enumerate(entries):
         first = begin + (_number(entry, "sOffset", owner) if len(entries) > 1 else 0.0)
-        last = begin + _number(entries[number + 1], "sOffset", owner) if number + 1 < len(entries) else end
+        last = (
+            begin + _number(entries[number + 1], "sOffset", owner)
+            if number + 1 < len(entries)
+            else end
+        )
         if any(_number(entry, key, owner) != 0.0 for key in "cd" if key in entry.attrib):
-            raise must_be(f"The width of lane {lane.get('id')}", owner, "constant, or linear", "a polynomial")
-        a, b = _number(entry, "a", owner), _number(entry, "b", owner) if "b" in entry.attrib else 0.0
+            raise must_be(
+                f"The width of lane {lane.get('id')}", owner, "constant, or linear", "a polynomial"
+            )
+        a, b = (
+            _number(entry, "a", owner),
+            _number(entry, "b", owner) if "b" in entry.attrib else 0.0,
+        )
         found += [(first, a), (last, a + b * (last - first))]
     return found
 
 
 def _span_of(
-    knots: Sequence[tuple[float, float]], width: float, ramps: Sequence[tuple[float, float, str]], length: float,
+    knots: Sequence[tuple[float, float]], width: float, ramps: Sequence[tuple[float, float, str]],
+    length: float,
     owner: str, *, against: bool,
 ) -> tuple[LaneSpan, ...]:  # fmt: skip
-    """Where the outermost lane is, () where that is throughout. knots: its width along the road."""
+    """Where the outermost lane is, () where that is throughout.
+
+    knots: its width along the road.
+    """
     if all(abs(value - width) <= _SAME for _, value in knots):
         return ()
     if against:
-        raise must_be("The width of the outermost lane", owner, "constant where a road is driven against its direction",
+        raise must_be("The width of the outermost lane", owner, "constant where a road is driven "
+                                                                "against its direction",
                       [value for _, value in knots])  # fmt: skip
     whole = [s for s, value in knots if abs(value - width) <= _SAME]
     gone = [s for s, value in knots if abs(value) <= _SAME]
@@ -349,7 +420,8 @@ def _span_of(
     last = not behind and end >= length - _SAME
     return (
         LaneSpan(
-            0, -math.inf if first else begin, math.inf if last else end, 0.0 if first else begin - opens,
+            0, -math.inf if first else begin, math.inf if last else end,
+            0.0 if first else begin - opens,
             0.0 if last else closes - end, max(on, default=-math.inf) if first else -math.inf,
             min(off, default=math.inf) if last else math.inf,
         ),
@@ -369,6 +441,7 @@ def beside(reference: tuple[Piece, ...], offset: float, owner: str) -> tuple[Pie
             begin, end = (curvature / (1.0 - curvature * offset) for curvature in ends)
             length, mean = piece.length / count, 0.5 * (ends[0] + ends[1])
             beside = length * (1.0 - mean * offset)
-            missing = mean * length / beside - 0.5 * (begin + end)  # so that it turns exactly as far
+            # so that it turns exactly as far
+            missing = mean * length / beside - 0.5 * (begin + end)
             found.append(Piece(beside, begin + missing, end + missing))
     return tuple(found)

@@ -1,4 +1,6 @@
-"""A parametric cubic of OpenDRIVE, `paramPoly3`, as pieces whose curvature is linear in their length."""
+"""A parametric cubic of OpenDRIVE, `paramPoly3`, as pieces whose curvature is linear in their
+length.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,16 @@ from sumo_eval.trajectory import FloatArray
 NEAR = 1e-4  # m that the pieces may lie beside the cubic
 _FIRST = 10.0  # m that pieces are long at most, before it is known how near they lie
 _MOST = 12  # times that they are halved
-_BESIDE = 0.01  # m that the cubic may be longer or shorter than its file says; it is stretched to what it says
+# m that the cubic may be longer or shorter than its file says; it is stretched to what it says
+_BESIDE = 0.01
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
 @dataclass(frozen=True, slots=True)
 class Cubic:
-    """u = aU + bU p + cU p2 + dU p3 along, v likewise to the left, m, where p goes from 0 to `last`."""
+    """u = aU + bU p + cU p2 + dU p3 along, v likewise to the left, m, where p goes from 0 to
+    `last`.
+    """
 
     along: tuple[float, float, float, float]
     left: tuple[float, float, float, float]
@@ -28,8 +33,9 @@ class Cubic:
 
     def at(self, p: FloatArray, order: int = 0) -> tuple[FloatArray, FloatArray]:
         """u and v, or their derivatives of that order by p."""
-        u, v = (np.polynomial.Polynomial(one).deriv(order) if order else np.polynomial.Polynomial(one)
-                for one in (self.along, self.left))  # fmt: skip
+        u, v = (np.polynomial.Polynomial(one) for one in (self.along, self.left))
+        if order:
+            u, v = u.deriv(order), v.deriv(order)
         return np.asarray(u(p), dtype=np.float64), np.asarray(v(p), dtype=np.float64)
 
     def heading(self, p: FloatArray) -> FloatArray:
@@ -54,27 +60,35 @@ class Cubic:
 
 
 def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
-    """Pieces that lie within 0.1 mm of a cubic, each turning exactly as far as the part of it that it stands for.
+    """Pieces that lie within 0.1 mm of a cubic, each turning exactly as far as the part of it that
+    it stands for.
 
-    length: what the file says, m: within 1 cm the cubic's own, to which the pieces are stretched, so that places along
-    the road keep their s. Raises InputError where the cubic stands still, or is of another length.
+    length: what the file says, m: within 1 cm the cubic's own, to which the pieces are stretched,
+        so that places along the road keep their s.
+    Raises InputError where the cubic stands still, or is of another length.
     """
     u, v = cubic.at(np.linspace(0.0, cubic.last, 200), 1)
     if not np.hypot(u, v).min() > 0.0:
-        raise InputError(f"A <paramPoly3> of {owner} stands still: its derivative is 0 where it should go on.")
+        raise InputError(
+            f"A <paramPoly3> of {owner} stands still: its derivative is 0 where it should go on."
+        )
     count = max(math.ceil(length / _FIRST), 1)
     for _ in range(_MOST):
         ends = np.linspace(0.0, cubic.last, count + 1)
         lengths = cubic.lengths(ends)
         own = float(lengths.sum())
         if not abs(own - length) <= _BESIDE:
-            raise must_be("The length of a <paramPoly3>", owner, f"its curve's, {own:.3f} m", f"{length:g} m")
+            raise must_be(
+                "The length of a <paramPoly3>", owner, f"its curve's, {own:.3f} m", f"{length:g} m"
+            )
         turned, curvature = np.diff(cubic.heading(ends)), cubic.curvature(ends)
         missing = turned / lengths - 0.5 * (curvature[:-1] + curvature[1:])
         stretch = length / own
         found = [
             Piece(float(one) * stretch, float(begin) / stretch, float(end) / stretch)
-            for one, begin, end in zip(lengths, curvature[:-1] + missing, curvature[1:] + missing, strict=True)
+            for one, begin, end in zip(
+                lengths, curvature[:-1] + missing, curvature[1:] + missing, strict=True
+            )
         ]
         s = np.concatenate([[0.0], np.cumsum(lengths)]) * stretch
         x, y, _ = map_places(tuple(found), s, 0.0)
@@ -82,9 +96,11 @@ def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
         here_u, here_v = cubic.at(ends)
         c, n = math.cos(first), math.sin(first)
         ahead, across = here_u - here_u[0], here_v - here_v[0]
-        if max(np.abs(x - (ahead * c + across * n)).max(), np.abs(y - (across * c - ahead * n)).max()) <= (
-            NEAR + abs(own - length)
-        ):
+        if max(
+            np.abs(x - (ahead * c + across * n)).max(), np.abs(y - (across * c - ahead * n)).max()
+        ) <= (NEAR + abs(own - length)):
             return found
         count *= 2
-    raise InputError(f"A <paramPoly3> of {owner} bends too sharply for pieces of {length / count:.3f} m.")
+    raise InputError(
+        f"A <paramPoly3> of {owner} bends too sharply for pieces of {length / count:.3f} m."
+    )

@@ -19,7 +19,9 @@ class Pose(NamedTuple):
     def moved(self, ahead: float, left: float = 0.0, turned: float = 0.0) -> Pose:
         """The place so far ahead and to the left of it."""
         c, s = math.cos(self.heading), math.sin(self.heading)
-        return Pose(self.x + ahead * c - left * s, self.y + ahead * s + left * c, self.heading + turned)
+        return Pose(
+            self.x + ahead * c - left * s, self.y + ahead * s + left * c, self.heading + turned
+        )
 
     def along(self, line: Sequence[Piece], s: float, t: float = 0.0) -> Pose:
         """The place s m along a line that begins here, and t m to the left of it."""

@@ -1,8 +1,10 @@
-"""The reference line of a road: pieces whose curvature is linear in their length, and the frame along them.
+"""The reference line of a road: pieces whose curvature is linear in their length, and the frame
+along them.
 
-The line is the centre line of the right-hand lane. A place is (s, d) in its frame: s m along the line, d m to the left
-of it; a heading in the frame is the one on the map less the line's. On the map the line begins at the origin and goes
-along x. Before its beginning and behind its end it goes straight on.
+The line is the centre line of the right-hand lane. A place is (s, d) in its frame: s m along the
+line, d m to the left of it; a heading in the frame is the one on the map less the line's. On the
+map the line begins at the origin and goes along x. Before its beginning and behind its end it goes
+straight on.
 
 A line of no pieces is straight: frame and map are the same numbers, and nothing here is asked.
 """
@@ -29,16 +31,25 @@ _CLOSE = 1e-7  # m: a Newton step as short as this leaves an error of its square
 _TRIES = 20
 _LEAST = 0.05  # share of the radius that is left at the place of a point, at least
 _NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
-_WEIGHTS = (0.23692688505618908, 0.47862867049936647, 0.5688888888888889, 0.47862867049936647, 0.23692688505618908)
-"""Gauss-Legendre quadrature of five points on -1..1: on a stretch that turns 0.2 rad its error is below 1e-15."""
+_WEIGHTS = (
+    0.23692688505618908,
+    0.47862867049936647,
+    0.5688888888888889,
+    0.47862867049936647,
+    0.23692688505618908,
+)
+"""Gauss-Legendre quadrature of five points on -1..1: on a stretch that turns 0.2 rad its error is
+below 1e-15."""
 
 KNOT = np.dtype([(name, "f8") for name in ("s", "x", "y", "heading", "curvature", "rate")])
-"""Where a stretch begins: on the line, on the map, direction rad, curvature 1/m, and the curvature's rate, 1/m2."""
+"""Where a stretch begins: on the line, on the map, direction rad, curvature 1/m, and the
+curvature's rate, 1/m2."""
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A piece of a reference line, `length` m: its curvature goes linearly from `begin` to `end`, 1/m, left positive.
+    """A piece of a reference line, `length` m: its curvature goes linearly from `begin` to `end`,
+    1/m, left positive.
 
     A straight line has 0 and 0, an arc twice 1/radius, a spiral (clothoid) two different ones.
     """
@@ -49,10 +60,14 @@ class Piece:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.length) and self.length > 0.0):
-            raise must_be("`length`", "a piece of a road", "finite and greater than 0 m", self.length)
+            raise must_be(
+                "`length`", "a piece of a road", "finite and greater than 0 m", self.length
+            )
         for name in ("begin", "end"):
             if not math.isfinite(getattr(self, name)):
-                raise must_be(f"`{name}`", "a piece of a road", "a finite curvature, 1/m", getattr(self, name))
+                raise must_be(
+                    f"`{name}`", "a piece of a road", "a finite curvature, 1/m", getattr(self, name)
+                )
 
 
 def arc(length: float, radius: float) -> Piece:
@@ -80,7 +95,9 @@ def bends(pieces: Sequence[Piece]) -> bool:
 
 @functools.lru_cache(maxsize=256)
 def knots_of(pieces: tuple[Piece, ...]) -> NDArray[Any]:
-    """The line as `KNOT` records: one straight before it, its stretches, one straight behind; none if straight."""
+    """The line as `KNOT` records: one straight before it, its stretches, one straight behind; none
+    if straight.
+    """
     found: list[tuple[float, ...]] = []
     if pieces:
         found.append((-_FAR, -_FAR, 0.0, 0.0, 0.0, 0.0))
@@ -110,7 +127,7 @@ class _Knot:
     rate: float
 
 
-# -- rules, for one place ----------------------------------------------------------------------------------------------
+# -- rules, for one place --------------------------------------------------------------------------
 
 
 @kernel
@@ -128,7 +145,10 @@ def stretch_at(knot: Any, u: float) -> tuple[float, float, float, float]:
         return knot.x + half * east, knot.y + half * north, heading, knot.curvature + knot.rate * u
     turn = 0.5 * knot.curvature * u
     chord = u if abs(turn) < 1e-9 else u * math.sin(turn) / turn
-    x, y = knot.x + chord * math.cos(knot.heading + turn), knot.y + chord * math.sin(knot.heading + turn)
+    x, y = (
+        knot.x + chord * math.cos(knot.heading + turn),
+        knot.y + chord * math.sin(knot.heading + turn),
+    )
     return x, y, knot.heading + 2.0 * turn, knot.curvature
 
 
@@ -149,7 +169,9 @@ def line_at(line: Any, s: float) -> tuple[float, float, float, float]:
 
 @kernel
 def to_map(line: Any, s: float, d: float, heading: float) -> tuple[float, float, float, float]:
-    """x, y and heading on the map of a place in the frame of a line (knots), and the line's curvature there, 1/m."""
+    """x, y and heading on the map of a place in the frame of a line (knots), and the line's
+    curvature there, 1/m.
+    """
     if not len(line):
         return s, d, heading, 0.0
     x, y, along, curvature = line_at(line, s)
@@ -157,11 +179,14 @@ def to_map(line: Any, s: float, d: float, heading: float) -> tuple[float, float,
 
 
 @kernel
-def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> tuple[float, float, float, float]:
-    """s, d and heading in the frame of a line (knots) of a place on the map, and the line's curvature there, 1/m.
+def to_frame(
+    line: Any, x: float, y: float, heading: float, near: float
+) -> tuple[float, float, float, float]:
+    """s, d and heading in the frame of a line (knots) of a place on the map, and the line's
+    curvature there, 1/m.
 
-    near: an s from which Newton's method finds the foot of the perpendicular: (p - r(s)) r'(s) = 0, whose derivative is
-    -(1 - curvature d).
+    near: an s from which Newton's method finds the foot of the perpendicular: (p - r(s)) r'(s) = 0,
+        whose derivative is -(1 - curvature d).
     """
     if not len(line):
         return x, y, heading, 0.0
@@ -183,17 +208,21 @@ def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> tupl
     return s, d, turned, curvature
 
 
-# -- many places at once -----------------------------------------------------------------------------------------------
+# -- many places at once ---------------------------------------------------------------------------
 
 
 @rows
 def _to_map_rows(line: NDArray[Any], places: FloatArray, found: FloatArray) -> None:
     for i in range(len(places)):
-        found[i, 0], found[i, 1], found[i, 2], found[i, 3] = to_map(line, places[i, 0], places[i, 1], places[i, 2])
+        found[i, 0], found[i, 1], found[i, 2], found[i, 3] = to_map(
+            line, places[i, 0], places[i, 1], places[i, 2]
+        )
 
 
 @rows
-def _to_frame_rows(line: NDArray[Any], places: FloatArray, near: FloatArray, found: FloatArray) -> None:
+def _to_frame_rows(
+    line: NDArray[Any], places: FloatArray, near: FloatArray, found: FloatArray
+) -> None:
     for i in range(len(places)):
         found[i, 0], found[i, 1], found[i, 2], found[i, 3] = to_frame(
             line, places[i, 0], places[i, 1], places[i, 2], near[i]
@@ -203,18 +232,25 @@ def _to_frame_rows(line: NDArray[Any], places: FloatArray, near: FloatArray, fou
 def map_places(
     pieces: tuple[Piece, ...], s: ArrayLike, d: ArrayLike, heading: ArrayLike = 0.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(x, y, heading) on the map of places in the frame of a line: m and rad, arrays that broadcast to one shape."""
+    """(x, y, heading) on the map of places in the frame of a line: m and rad, arrays that broadcast
+    to one shape.
+    """
     x, y, turned, _ = _each(pieces, (s, d, heading), _to_map_rows)
     return x, y, turned
 
 
 def frame_places(
-    pieces: tuple[Piece, ...], x: ArrayLike, y: ArrayLike, heading: ArrayLike = 0.0, near: float | None = None
+    pieces: tuple[Piece, ...],
+    x: ArrayLike,
+    y: ArrayLike,
+    heading: ArrayLike = 0.0,
+    near: float | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(s, d, heading) in the frame of a line of places on the map: m and rad, arrays that broadcast to one shape.
+    """(s, d, heading) in the frame of a line of places on the map: m and rad, arrays that broadcast
+    to one shape.
 
-    Of several feet of a perpendicular the one near s = `near`; without it the one that is nearest to the place, for
-    which the line is looked through every 5 m.
+    Of several feet of a perpendicular the one near s = `near`; without it the one that is nearest
+    to the place, for which the line is looked through every 5 m.
     """
 
     def found(line: NDArray[Any], places: FloatArray, rows: FloatArray) -> None:
@@ -223,7 +259,9 @@ def frame_places(
             grid = np.arange(0.0, length_of(pieces) + 5.0, 5.0)
             grid_x, grid_y, _ = map_places(pieces, grid, 0.0)
             for i, (place_x, place_y, _) in enumerate(places):
-                begins[i] = grid[np.argmin(np.square(grid_x - place_x) + np.square(grid_y - place_y))]
+                begins[i] = grid[
+                    np.argmin(np.square(grid_x - place_x) + np.square(grid_y - place_y))
+                ]
         _to_frame_rows(line, places, begins, rows)
 
     s, d, turned, _ = _each(pieces, (x, y, heading), found)
@@ -236,9 +274,13 @@ def curvatures(pieces: tuple[Piece, ...], s: ArrayLike) -> FloatArray:
 
 
 def _each(
-    pieces: tuple[Piece, ...], places: Sequence[ArrayLike], rule: Callable[[NDArray[Any], FloatArray, FloatArray], None]
+    pieces: tuple[Piece, ...],
+    places: Sequence[ArrayLike],
+    rule: Callable[[NDArray[Any], FloatArray, FloatArray], None],
 ) -> list[FloatArray]:
-    """The four numbers of a rule at places, three arrays that broadcast; on a straight line these themselves and 0."""
+    """The four numbers of a rule at places, three arrays that broadcast; on a straight line these
+    themselves and 0.
+    """
     arrays = np.broadcast_arrays(*(np.asarray(it, dtype=np.float64) for it in places))
     shape, stacked = arrays[0].shape, np.stack([it.ravel() for it in arrays], axis=1)
     found = np.zeros((len(stacked), 4))
@@ -249,9 +291,11 @@ def _each(
     return [found[:, k].reshape(shape) for k in range(4)]
 
 
-def drawn_points(pieces: tuple[Piece, ...], begin: float, end: float, longest: float = 1.0) -> FloatArray:
-    """s of the points between which a polyline follows a line from `begin` to `end`, m: at most `longest` m apart where
-    it bends, and where its pieces meet.
+def drawn_points(
+    pieces: tuple[Piece, ...], begin: float, end: float, longest: float = 1.0
+) -> FloatArray:
+    """s of the points between which a polyline follows a line from `begin` to `end`, m: at most
+    `longest` m apart where it bends, and where its pieces meet.
     """
     found, s = [begin], 0.0
     for piece in pieces:

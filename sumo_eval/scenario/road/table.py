@@ -18,7 +18,9 @@ _LEAST_EDGE = 1.0  # m from the centre of a bend to the road's inner edge, at le
 
 @dataclass(frozen=True, slots=True)
 class PieceTable(Checked):
-    """A piece of the right lane's centre line: straight, an arc with `radius`, or a spiral between two radii."""
+    """A piece of the right lane's centre line: straight, an arc with `radius`, or a spiral between
+    two radii.
+    """
 
     length: Annotated[float, Positive, About("length of the piece", "m")]
     radius: Annotated[
@@ -28,41 +30,71 @@ class PieceTable(Checked):
     begin_radius: Annotated[
         str | float | None, About("of a spiral, at its beginning; default: straight there", "m")
     ] = None
-    end_radius: Annotated[str | float | None, About("of a spiral, at its end; default: straight there", "m")] = None
+    end_radius: Annotated[
+        str | float | None, About("of a spiral, at its end; default: straight there", "m")
+    ] = None
 
 
 def line_of(
-    tables: Sequence[PieceTable], options: Mapping[str, float], lanes: int, lane_width: float, length: float, where: str
+    tables: Sequence[PieceTable],
+    options: Mapping[str, float],
+    lanes: int,
+    lane_width: float,
+    length: float,
+    where: str,
 ) -> tuple[Piece, ...]:
-    """The line of a road, () where all of it is straight. Raises InputError for one that nobody could drive along."""
+    """The line of a road, () where all of it is straight.
+
+    Raises InputError for one that nobody could drive along.
+    """
     pieces = []
     for place, table in enumerate(tables, 1):
         owner = f"piece {place} of the road of {where}"
-        if table.radius is not None and (table.begin_radius is not None or table.end_radius is not None):
-            raise InputError(f"{owner.capitalize()} must have either `radius` or `begin_radius` and `end_radius`.")
-        begin = _curvature(table.begin_radius if table.radius is None else table.radius, options, owner)
+        if table.radius is not None and (
+            table.begin_radius is not None or table.end_radius is not None
+        ):
+            raise InputError(
+                f"{owner.capitalize()} must have either `radius` or `begin_radius` and "
+                "`end_radius`."
+            )
+        begin = _curvature(
+            table.begin_radius if table.radius is None else table.radius, options, owner
+        )
         end = _curvature(table.end_radius if table.radius is None else table.radius, options, owner)
         pieces.append(Piece(table.length, begin, end))
         check_line(pieces[-1:], lanes, lane_width, owner)
     drawn = length_of(pieces)
     if drawn > length + 1e-9:
-        raise must_be("The pieces", f"the road of {where}", f"at most as long as the road ({length:g} m)", drawn)
+        raise must_be(
+            "The pieces",
+            f"the road of {where}",
+            f"at most as long as the road ({length:g} m)",
+            drawn,
+        )
     return tuple(pieces) if bends(pieces) else ()
 
 
 def _curvature(radius: str | float | None, options: Mapping[str, float], owner: str) -> float:
     if radius is None:
         return 0.0
-    found = float(checked_names(number(radius, f"the radius of {owner}"), options, owner).at(options))
+    found = float(
+        checked_names(number(radius, f"the radius of {owner}"), options, owner).at(options)
+    )
     if math.isnan(found) or found == 0.0:
         raise must_be("The radius", owner, "a number other than 0 m", found)
     return 1.0 / float(found)  # 0 where an option that nobody gives is infinite
 
 
 def check_line(
-    pieces: Sequence[Piece], lanes: int, lane_width: float, owner: str, vehicle: VehicleSettings | None = None
+    pieces: Sequence[Piece],
+    lanes: int,
+    lane_width: float,
+    owner: str,
+    vehicle: VehicleSettings | None = None,
 ) -> None:
-    """The ego must be able to turn as tightly as any lane does. Raises InputError.
+    """The ego must be able to turn as tightly as any lane does.
+
+    Raises InputError.
 
     vehicle: the ego's; None where no evaluation is known: one of the usual settings.
     """
@@ -70,7 +102,9 @@ def check_line(
         _check_radius(piece, lanes, lane_width, owner, vehicle or VehicleSettings())
 
 
-def _check_radius(piece: Piece, lanes: int, lane_width: float, owner: str, vehicle: VehicleSettings) -> None:
+def _check_radius(
+    piece: Piece, lanes: int, lane_width: float, owner: str, vehicle: VehicleSettings
+) -> None:
     wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
     least = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0
     radius = tightest([piece])
@@ -79,19 +113,26 @@ def _check_radius(piece: Piece, lanes: int, lane_width: float, owner: str, vehic
     if inner < least:
         raise must_be(
             "The radius", owner,
-            f"at least {least + radius - inner:.1f} m, so that the ego can drive its innermost lane", radius,
+            f"at least {least + radius - inner:.1f} m, so that the ego can drive its innermost "
+            "lane", radius,
         )  # fmt: skip
     if inner - 0.5 * lane_width < _LEAST_EDGE:
         raise must_be(
-            "The radius", owner, f"at least {radius - inner + 0.5 * lane_width + _LEAST_EDGE:.1f} m, with its lanes",
+            "The radius", owner, f"at least {radius - inner + 0.5 * lane_width + _LEAST_EDGE:.1f} "
+                                 "m, with its lanes",
             radius,
         )  # fmt: skip
 
 
 def bend_name(line: Sequence[Piece], *, named: bool) -> str:
-    """What a bend adds to the name of a road, "" for a straight one. named: the road has a name of its own."""
+    """What a bend adds to the name of a road, "" for a straight one.
+
+    named: the road has a name of its own.
+    """
     if not line:
         return ""
     sharpest = max((value for piece in line for value in (piece.begin, piece.end)), key=abs)
     found = f"_{'left' if sharpest > 0.0 else 'right'}_{tightest(line):g}m"
-    return found if named else f"{found}_{hashlib.sha256(repr(tuple(line)).encode()).hexdigest()[:6]}"
+    return (
+        found if named else f"{found}_{hashlib.sha256(repr(tuple(line)).encode()).hexdigest()[:6]}"
+    )

@@ -1,15 +1,18 @@
-"""Points in rounds: each round goes more often to the cells of the space in which the earlier ones differed most.
+"""Points in rounds: each round goes more often to the cells of the space in which the earlier ones
+differed most.
 
-The candidates, an even sample of the possible points, are halved again and again across the widest side, down to cells
-that hold as many of them each. A cell's candidates stand in an order drawn once, and whoever wants n more points of
-that cell gets the next n. So a table of how many each round takes from each cell is all that the points follow from.
+The candidates, an even sample of the possible points, are halved again and again across the widest
+side, down to cells that hold as many of them each. A cell's candidates stand in an order drawn
+once, and whoever wants n more points of that cell gets the next n. So a table of how many each
+round takes from each cell is all that the points follow from.
 
-A point of round k in cell h stands for m_k V_h / n_kh points of an even sample: m_k points has the round, n_kh of them
-the cell, whose share of the space is V_h. Every round draws from every cell, how many is known before any of them is
-looked at, and what a round weighs, m_k, does not hang on what was found. So the weighted mean of anything over one
-round has the space's mean as its expectation whatever the earlier rounds found, and so has that of all rounds. (Weights
-V_h / n_h of a cell's points from all rounds would not: a cell that shows a collision early gets more points, which
-thin it out, and one that shows none by luck keeps showing none.)
+A point of round k in cell h stands for m_k V_h / n_kh points of an even sample: m_k points has the
+round, n_kh of them the cell, whose share of the space is V_h. Every round draws from every cell,
+how many is known before any of them is looked at, and what a round weighs, m_k, does not hang on
+what was found. So the weighted mean of anything over one round has the space's mean as its
+expectation whatever the earlier rounds found, and so has that of all rounds. (Weights V_h / n_h of
+a cell's points from all rounds would not: a cell that shows a collision early gets more points,
+which thin it out, and one that shows none by luck keeps showing none.)
 """
 
 from __future__ import annotations
@@ -43,7 +46,8 @@ IntArray = NDArray[np.intp]
 
 
 def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
-    """The points of all rounds that `request.rounds` tells of; without any, those of the first, evenly over the cells.
+    """The points of all rounds that `request.rounds` tells of; without any, those of the first,
+    evenly over the cells.
 
     count: points of all rounds together, at most. round: of one.
     """
@@ -52,23 +56,41 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
     possible, cells = _cells(logical, size, request.seed)
     if len(possible) < _SPARE * budget:
         raise InputError(
-            f"`count` of {owner} must be at most {len(possible) // _SPARE} in rounds of {size} points, got {budget}: "
+            f"`count` of {owner} must be at most {len(possible) // _SPARE} in rounds of {size} "
+            f"points, got {budget}: "
             f"{len(possible)} of its candidates are possible. Larger rounds have more candidates."
         )
-    evenly_spread = spread(size_of_next(budget, size, 0), np.ones(len(cells)), np.full(len(cells), np.inf))
+    evenly_spread = spread(
+        size_of_next(budget, size, 0), np.ones(len(cells)), np.full(len(cells), np.inf)
+    )
     counts = request.rounds or (evenly_spread,)
     if sum(map(sum, counts)) > budget:
-        raise must_be("`count`", owner, f"at least the {sum(map(sum, counts))} points that its rounds have", budget)
+        raise must_be(
+            "`count`",
+            owner,
+            f"at least the {sum(map(sum, counts))} points that its rounds have",
+            budget,
+        )
     for row in counts:
         if len(row) != len(cells) or min(row) < LEAST_IN_CELL:
-            raise must_be("`rounds`", owner, f"rows of {len(cells)} numbers, at least {LEAST_IN_CELL} each", list(row))
+            raise must_be(
+                "`rounds`",
+                owner,
+                f"rows of {len(cells)} numbers, at least {LEAST_IN_CELL} each",
+                list(row),
+            )
     chosen, stands_for, stratum = [], [], []
     taken, total = np.zeros(len(cells), dtype=np.intp), float(len(possible))
     for number, row in enumerate(counts):
         for cell, wanted in enumerate(row):
             found = cells[cell][taken[cell] : taken[cell] + wanted]
             if len(found) < wanted:
-                raise must_be("`rounds`", owner, f"at most {len(cells[cell])} points of a cell together", wanted)
+                raise must_be(
+                    "`rounds`",
+                    owner,
+                    f"at most {len(cells[cell])} points of a cell together",
+                    wanted,
+                )
             chosen.append(found)
             stands_for.append(np.full(wanted, sum(row) * len(cells[cell]) / total / wanted))
             stratum.append(np.full(wanted, number * len(cells) + cell, dtype=np.intp))
@@ -79,34 +101,49 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
 
 
 def size_of_round(budget: int, size: int | None, owner: str) -> int:
-    """How many points a round has: what was asked for, or a fifth of all. Refuses what makes no rounds."""
+    """How many points a round has: what was asked for, or a fifth of all.
+
+    Refuses what makes no rounds.
+    """
     if budget < SMALLEST_ROUND:
         raise must_be("`count`", owner, f"at least {SMALLEST_ROUND} points", budget)
     if size is None:
         return max(budget // DEFAULT_ROUNDS, SMALLEST_ROUND)
     least = max(SMALLEST_ROUND, math.ceil(budget / MOST_ROUNDS))
     if not least <= size <= budget:
-        raise must_be("`round`", owner, f"from {least} to `count`, {budget}: at most {MOST_ROUNDS} rounds", size)
+        raise must_be(
+            "`round`",
+            owner,
+            f"from {least} to `count`, {budget}: at most {MOST_ROUNDS} rounds",
+            size,
+        )
     return size
 
 
 def cells_of_round(size: int) -> int:
-    """How many cells the space has for rounds of that size: half the points go where it tells most."""
+    """How many cells the space has for rounds of that size: half the points go where it tells
+    most.
+    """
     return min(1 << max(size // (2 * LEAST_IN_CELL), 1).bit_length() - 1, MOST_CELLS)
 
 
 def size_of_next(budget: int, size: int, done: int) -> int:
-    """How many points the next round has when `done` are there; a last one takes what is too few for another."""
+    """How many points the next round has when `done` are there; a last one takes what is too few
+    for another.
+    """
     left = budget - done
     return size if left >= 2 * size else left if left >= LEAST_IN_CELL * cells_of_round(size) else 0
 
 
 def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, ...]:
-    """How many of so many points each cell gets, (H,): in proportion to `attention`, but at least `LEAST_IN_CELL`.
+    """How many of so many points each cell gets, (H,): in proportion to `attention`, but at least
+    `LEAST_IN_CELL`.
 
-    attention: V_h s_h, its share of the space times the deviation within it, (H,). With n points the cell's part of the
-    variance is (V_h s_h)^2 / n, so one more takes (V_h s_h)^2 / (n (n + 1)) of it; each point goes where it takes most
-    (Wright 2012: Neyman's allocation in whole numbers). room: how many a cell has, (H,).
+    attention: V_h s_h, its share of the space times the deviation within it, (H,). With n points
+        the cell's part of the variance is (V_h s_h)^2 / n, so one more takes (V_h s_h)^2 / (n (n +
+        1)) of it; each point goes where it takes most (Wright 2012: Neyman's allocation in whole
+        numbers).
+    room: how many a cell has, (H,).
     """
     largest = float(attention.max())
     wanted = np.round(attention / largest, 9) if largest > 0.0 else np.ones(len(attention))
@@ -134,8 +171,12 @@ def capacity_of_cells(logical: LogicalScenario, size: int, seed: int) -> FloatAr
 
 
 @lru_cache(maxsize=2)  # asked for by every stage of a round
-def _cells(logical: LogicalScenario, size: int, seed: int) -> tuple[FloatArray, tuple[IntArray, ...]]:
-    """The possible candidates (n, k), and which of them each cell holds, in the order in which they are taken."""
+def _cells(
+    logical: LogicalScenario, size: int, seed: int
+) -> tuple[FloatArray, tuple[IntArray, ...]]:
+    """The possible candidates (n, k), and which of them each cell holds, in the order in which they
+    are taken.
+    """
     wanted = 2 ** math.ceil(math.log2(_CANDIDATES * size))
     count = min(max(wanted, _LEAST_CANDIDATES), _MOST_CANDIDATES)
     candidates = evenly(logical, count, random_stream(seed, "sampling", logical.name, "adaptive"))

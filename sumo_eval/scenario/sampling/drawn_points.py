@@ -1,7 +1,8 @@
-"""Points drawn at random or evenly: Latin hypercube, Sobol, Halton, by exposure, by exposure and danger.
+"""Points drawn at random or evenly: Latin hypercube, Sobol, Halton, by exposure, by exposure and
+danger.
 
-The sequences are scipy's, started from a named stream of the seed. Values are rounded to a millionth of their range, so
-that the last digit of a machine's arithmetic decides nothing.
+The sequences are scipy's, started from a named stream of the seed. Values are rounded to a
+millionth of their range, so that the last digit of a machine's arithmetic decides nothing.
 """
 
 from __future__ import annotations
@@ -20,20 +21,29 @@ from sumo_eval.trajectory import FloatArray
 Attention = Callable[[FloatArray], FloatArray]
 CANDIDATES = 64  # drawn for each point that is chosen among them
 MOST_CANDIDATES = 2**18
-LEAST_DANGER = 0.05  # share of the attention that goes where nothing is dangerous: no place is left out
+# share of the attention that goes where nothing is dangerous: no place is left out
+LEAST_DANGER = 0.05
 
 
 def sequence(name: str) -> Callable[[LogicalScenario, Request], Drawn]:
-    """The method that takes the first `count` points of a sequence: `latin_hypercube`, `sobol` or `halton`.
+    """The method that takes the first `count` points of a sequence: `latin_hypercube`, `sobol` or
+    `halton`.
 
-    Of a Latin hypercube there is one point in each of `count` layers of every axis. The others are scrambled.
+    Of a Latin hypercube there is one point in each of `count` layers of every axis. The others are
+    scrambled.
     """
 
     def first_points(logical: LogicalScenario, request: Request) -> Drawn:
-        count, stream, k = request.wanted(logical), request.stream(logical, name), len(logical.names)
+        count, stream, k = (
+            request.wanted(logical),
+            request.stream(logical, name),
+            len(logical.names),
+        )
         if name == "sobol":
             uneven = (f"Sobol points are evenest in powers of 2; {count} is none.",)
-            return Drawn(evenly(logical, count, stream), notes=uneven if count & (count - 1) else ())
+            return Drawn(
+                evenly(logical, count, stream), notes=uneven if count & (count - 1) else ()
+            )
         kind = _qmc().LatinHypercube if name == "latin_hypercube" else _qmc().Halton
         return Drawn(logical.from_shares(kind(k, rng=stream).random(count)))
 
@@ -47,15 +57,21 @@ def by_exposure(logical: LogicalScenario, request: Request) -> Drawn:
 
 
 def by_exposure_and_danger(logical: LogicalScenario, request: Request) -> Drawn:
-    """`count` points, the more dangerous ones more often; each counts by how much too often it was drawn.
+    """`count` points, the more dangerous ones more often; each counts by how much too often it was
+    drawn.
 
-    Drawn with a density in proportion to exposure * danger, so a point's exposure is 1 / danger, up to a factor.
+    Drawn with a density in proportion to exposure * danger, so a point's exposure is 1 / danger, up
+    to a factor.
     """
     if request.danger is None:
         raise InputError(f"Nobody says how dangerous the points in {owner_of(logical)} are.")
     danger = request.danger
-    points, drawn_more = _drawn(logical, request, "exposure_danger", lambda rows: LEAST_DANGER + danger(rows))
-    return Drawn(points, exposure=float(np.mean(drawn_more)) / drawn_more, notes=_fewer(len(points), request))
+    points, drawn_more = _drawn(
+        logical, request, "exposure_danger", lambda rows: LEAST_DANGER + danger(rows)
+    )
+    return Drawn(
+        points, exposure=float(np.mean(drawn_more)) / drawn_more, notes=_fewer(len(points), request)
+    )
 
 
 def evenly(logical: LogicalScenario, count: int, stream: np.random.Generator) -> FloatArray:
@@ -64,9 +80,11 @@ def evenly(logical: LogicalScenario, count: int, stream: np.random.Generator) ->
 
 
 def steadily(k: int, count: int) -> FloatArray:
-    """The additive recurrence x_i = frac(1/2 + i / phi^(1..k)): the first `count` points (count, k) of the unit box.
+    """The additive recurrence x_i = frac(1/2 + i / phi^(1..k)): the first `count` points (count, k)
+    of the unit box.
 
-    phi: root of phi^(k+1) = phi + 1. It lies about as evenly as a Sobol sequence, and takes no seed and no scipy.
+    phi: root of phi^(k+1) = phi + 1. It lies about as evenly as a Sobol sequence, and takes no seed
+        and no scipy.
     """
     phi = 2.0
     for _ in range(60):
@@ -80,8 +98,9 @@ def _drawn(
 ) -> tuple[FloatArray, FloatArray]:
     """Points drawn in proportion to exposure times attention, and the attention that each got.
 
-    Candidates come evenly from the parameters' distributions (evenly over the range without one), so that what is left
-    to weigh is only the part of the exposure that they do not have, and the attention.
+    Candidates come evenly from the parameters' distributions (evenly over the range without one),
+    so that what is left to weigh is only the part of the exposure that they do not have, and the
+    attention.
     """
     count = request.wanted(logical)
     stream = request.stream(logical, label)
@@ -91,7 +110,9 @@ def _drawn(
         if item.distribution is None or item.values:
             columns.append(item.from_shares(shares[:, column]))
         else:
-            values = item.rounded(item.distribution.quantile(shares[:, column], item.low, item.high))
+            values = item.rounded(
+                item.distribution.quantile(shares[:, column], item.low, item.high)
+            )
             density = density * item.distribution.density(values, item.low, item.high)
             columns.append(values)
     points = np.column_stack(columns)
@@ -99,28 +120,43 @@ def _drawn(
     more = np.asarray(attention(points))
     weight = more * np.divide(exposure, density, out=np.zeros(len(points)), where=density > 0.0)
     if not (np.all(np.isfinite(weight)) and weight.sum() > 0.0):
-        raise must_be("The exposure", f"scenario `{logical.name}`", "finite, and above 0 somewhere", weight.sum())
+        raise must_be(
+            "The exposure",
+            f"scenario `{logical.name}`",
+            "finite, and above 0 somewhere",
+            weight.sum(),
+        )
     if np.ptp(weight) <= 1e-9 * weight.max():
         return points[:count], more[:count]
-    # Systematic: every 1/count of the sum picks the candidate it falls on; a heavy one may be picked twice. Shuffled,
-    # because points that lie evenly apart in a Sobol sequence do not lie evenly in space.
+    # Systematic: every 1/count of the sum picks the candidate it falls on; a heavy one may be
+    # picked twice. Shuffled, because points that lie evenly apart in a Sobol sequence do not lie
+    # evenly in space.
     order = stream.permutation(len(points))
     points, more, weight = points[order], more[order], weight[order]
     picks = (stream.uniform() + np.arange(count)) / count
     reach = np.cumsum(weight) / weight.sum()
-    chosen = np.unique(np.minimum(np.searchsorted(reach, picks), len(points) - 1), return_counts=True)
+    chosen = np.unique(
+        np.minimum(np.searchsorted(reach, picks), len(points) - 1), return_counts=True
+    )
     return points[chosen[0]], more[chosen[0]] / chosen[1]
 
 
 def _fewer(found: int, request: Request) -> tuple[str, ...]:
     if request.count == found:
         return ()
-    return (f"{request.count} points were asked for; {found} different ones came, because some are very frequent.",)
+    return (
+        f"{request.count} points were asked for; {found} different ones came, because some are "
+        "very frequent.",
+    )
 
 
 def _sobol(k: int, count: int, stream: np.random.Generator) -> FloatArray:
-    """The first points (count, k) of a scrambled Sobol sequence; drawn to the next power of 2, where it is even."""
-    return np.asarray(_qmc().Sobol(k, rng=stream).random_base2(max(0, math.ceil(math.log2(count))))[:count])
+    """The first points (count, k) of a scrambled Sobol sequence; drawn to the next power of 2,
+    where it is even.
+    """
+    return np.asarray(
+        _qmc().Sobol(k, rng=stream).random_base2(max(0, math.ceil(math.log2(count))))[:count]
+    )
 
 
 def _qmc() -> Any:

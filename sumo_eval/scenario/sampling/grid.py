@@ -1,7 +1,7 @@
 """Grids on exact decimals: all combinations of the values of each axis.
 
-Binary floats cannot step by 0.1: adding or dividing them duplicates or loses end points. Every axis is computed in
-fractions of the decimals that a person typed, and becomes floats at the very end.
+Binary floats cannot step by 0.1: adding or dividing them duplicates or loses end points. Every axis
+is computed in fractions of the decimals that a person typed, and becomes floats at the very end.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ from sumo_eval.trajectory import FloatArray
 
 
 def full_grid(logical: LogicalScenario, request: Request) -> Drawn:
-    """Every combination, the first parameter slowest. An axis without levels or a step keeps the space's own step."""
+    """Every combination, the first parameter slowest.
+
+    An axis without levels or a step keeps the space's own step.
+    """
     axes, notes = grid_axes(logical, request)
     return Drawn(mesh(axes), notes=notes)
 
@@ -31,7 +34,9 @@ def mesh(axes: list[list[float]]) -> FloatArray:
     return np.stack([coordinates.ravel() for coordinates in grids], axis=-1)
 
 
-def grid_axes(logical: LogicalScenario, request: Request) -> tuple[list[list[float]], tuple[str, ...]]:
+def grid_axes(
+    logical: LogicalScenario, request: Request
+) -> tuple[list[list[float]], tuple[str, ...]]:
     """The values of each axis, and sentences about axes that do not end where their range does."""
     levels, steps = request.levels, request.steps
     owner = owner_of(logical)
@@ -45,19 +50,29 @@ def grid_axes(logical: LogicalScenario, request: Request) -> tuple[list[list[flo
     notes: list[str] = []
     for parameter in logical.parameters:
         if parameter.values:
-            if parameter.name in step_of or (parameter.name in levels_of and isinstance(levels, Mapping)):
-                raise InputError(f"`{parameter.name}` in {owner} has listed values: it takes no levels and no step.")
+            if parameter.name in step_of or (
+                parameter.name in levels_of and isinstance(levels, Mapping)
+            ):
+                raise InputError(
+                    f"`{parameter.name}` in {owner} has listed values: it takes no levels and no "
+                    "step."
+                )
             axes.append(list(parameter.values))
             continue
         if parameter.name in levels_of:
-            axes.append(_evenly(parameter, _checked_levels(levels_of[parameter.name], parameter.name, owner)))
+            axes.append(
+                _evenly(
+                    parameter, _checked_levels(levels_of[parameter.name], parameter.name, owner)
+                )
+            )
             continue
         step = _checked_step(step_of.get(parameter.name, parameter.step), parameter.name, owner)
         values, exact = _stepped(parameter, step, owner)
         axes.append(values)
         if not exact:
             notes.append(
-                f"`{parameter.name}`: steps of {step:g}{parameter.behind} from {parameter.low:g} do not end at "
+                f"`{parameter.name}`: steps of {step:g}{parameter.behind} from {parameter.low:g} "
+                "do not end at "
                 f"{parameter.high:g}; the last point is {values[-1]:g}."
             )
     _refuse_if_too_many(math.prod(len(axis) for axis in axes), owner)
@@ -87,7 +102,9 @@ def _checked_step(step: object, name: str, owner: str) -> float:
 
 def _refuse_if_too_many(count: int, owner: str) -> None:
     if count > MAX_POINTS:
-        raise InputError(f"The grid in {owner} must have at most {MAX_POINTS:,} points, got {count:,}.")
+        raise InputError(
+            f"The grid in {owner} must have at most {MAX_POINTS:,} points, got {count:,}."
+        )
 
 
 def _decimal(value: float) -> Fraction:
@@ -106,4 +123,6 @@ def _stepped(parameter: Parameter, step: float, owner: str) -> tuple[list[float]
     low, high, width = _decimal(parameter.low), _decimal(parameter.high), _decimal(step)
     intervals = (high - low) // width
     _refuse_if_too_many(intervals + 1, owner)
-    return [float(low + index * width) for index in range(intervals + 1)], low + intervals * width == high
+    return [
+        float(low + index * width) for index in range(intervals + 1)
+    ], low + intervals * width == high

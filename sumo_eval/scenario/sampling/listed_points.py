@@ -19,11 +19,14 @@ from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean, from_cell, shown
 
 EXPOSURE = "exposure"
-_WITH_UNIT = re.compile(r"(\w+)\s*[(\[]([^()\[\]]*)[)\]]")  # as tables are headed: `ego_speed (km/h)`
+# as tables are headed: `ego_speed (km/h)`
+_WITH_UNIT = re.compile(r"(\w+)\s*[(\[]([^()\[\]]*)[)\]]")
 
 
 def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
-    """The rows of a CSV file with a column for each parameter, and, if it likes, one called `exposure`."""
+    """The rows of a CSV file with a column for each parameter, and, if it likes, one called
+    `exposure`.
+    """
     if request.file is None:
         raise InputError(f"`file` of {owner_of(logical)} is missing.")
     path = (request.folder or Path.cwd()) / request.file
@@ -39,33 +42,56 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     if missing := [name for name in logical.names if name not in header]:
         what = "a column" if len(missing) == 1 else "the columns"
         listed = ", ".join(f"`{name}`" for name in missing)
-        raise InputError(f"The points {path} must have {what} {listed}.{did_you_mean(missing[0], header)}")
+        raise InputError(
+            f"The points {path} must have {what} {listed}.{did_you_mean(missing[0], header)}"
+        )
     if not rows:
         raise InputError(f"The points {path} must have at least one row.")
     for name in header:
         if header.count(name) > 1:
-            raise InputError(f"The points {path} must have every column once, got {shown(name)} twice.")
+            raise InputError(
+                f"The points {path} must have every column once, got {shown(name)} twice."
+            )
     for number, row in enumerate(rows, 2):
         if None in row:  # where DictReader puts what is too much
-            raise InputError(f"Line {number} of the points {path} must have {len(header)} values, got more.")
+            raise InputError(
+                f"Line {number} of the points {path} must have {len(header)} values, got more."
+            )
     columns = [*logical.names, *([EXPOSURE] if EXPOSURE in header else [])]
-    table = np.array([[_real(row[name], name, number, path) for name in columns] for number, row in enumerate(rows, 2)])
+    table = np.array(
+        [
+            [_real(row[name], name, number, path) for name in columns]
+            for number, row in enumerate(rows, 2)
+        ]
+    )
     points = table[:, : len(logical.names)] * [factors.get(name, 1.0) for name in logical.names]
     _check_box(logical, points, str(path))
     exposure = table[:, -1] if EXPOSURE in header else None
     if exposure is not None and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
-        raise must_be("`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", exposure.min())
+        raise must_be(
+            "`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", exposure.min()
+        )
     ignored = [name for name in header if name not in columns]
     notes: tuple[str, ...] = (
-        (f"Columns of {path.name} that are no parameters: {clean(', '.join(ignored))}.",) if ignored else ()
+        (f"Columns of {path.name} that are no parameters: {clean(', '.join(ignored))}.",)
+        if ignored
+        else ()
     )
-    converted = [title for title, name in zip(titles, header, strict=True) if factors.get(name, 1.0) != 1.0]
-    notes += (f"Converted to the parameters' units from {path.name}: {clean(', '.join(converted))}.",) * bool(converted)
+    converted = [
+        title for title, name in zip(titles, header, strict=True) if factors.get(name, 1.0) != 1.0
+    ]
+    notes += (
+        f"Converted to the parameters' units from {path.name}: {clean(', '.join(converted))}.",
+    ) * bool(converted)
     return Drawn(points, exposure=exposure, notes=notes)
 
 
-def _columns(logical: LogicalScenario, titles: Sequence[str], owner: str) -> tuple[list[str], dict[str, float]]:
-    """Names of columns of which some have a unit, `gap (m)`; by what the numbers of these have to be multiplied."""
+def _columns(
+    logical: LogicalScenario, titles: Sequence[str], owner: str
+) -> tuple[list[str], dict[str, float]]:
+    """Names of columns of which some have a unit, `gap (m)`; by what the numbers of these have to
+    be multiplied.
+    """
     own, names, factors = {item.name: item.unit for item in logical.parameters}, [], {}
     for title in titles:
         found = _WITH_UNIT.fullmatch(title)
@@ -82,7 +108,12 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
     count = request.wanted(logical)
     function = load_object(locator, request.folder, "Sampler")
     if not callable(function):
-        raise must_be(f"Sampler `{locator}`", f"scenario `{logical.name}`", "a function", type(function).__name__)
+        raise must_be(
+            f"Sampler `{locator}`",
+            f"scenario `{logical.name}`",
+            "a function",
+            type(function).__name__,
+        )
     try:
         found = function(logical, count, request.stream(logical, locator))
         points = np.asarray(found, dtype=np.float64)
@@ -91,11 +122,16 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
     except BaseException as error:
         raise InputError(f"Sampler `{locator}` failed: {said(error)}.") from error
     if points.ndim != 2 or points.shape[1] != len(logical.names) or not len(points):
-        wanted = f"an (n, {len(logical.names)}) array with a column for each of {', '.join(logical.names)}"
+        wanted = (
+            f"an (n, {len(logical.names)}) array with a column for each of "
+            f"{', '.join(logical.names)}"
+        )
         raise must_be("What it returns", f"sampler `{locator}`", wanted, points.shape)
     _check_box(logical, points, f"sampler `{locator}`")
     notes = (
-        () if len(points) == count else (f"Sampler `{locator}` was asked for {count} points, returned {len(points)}.",)
+        ()
+        if len(points) == count
+        else (f"Sampler `{locator}` was asked for {count} points, returned {len(points)}.",)
     )
     return Drawn(points, notes=notes)
 
@@ -111,7 +147,9 @@ def _real(text: str | None, name: str, line: int, path: Path) -> float:
 
 
 def _check_box(logical: LogicalScenario, points: np.ndarray, owner: str) -> None:
-    """Points that leave the space are a mistake of the list, unlike points that a constraint excludes."""
+    """Points that leave the space are a mistake of the list, unlike points that a constraint
+    excludes.
+    """
     outside = np.flatnonzero(~logical.in_box(points))
     if len(outside):
         row = points[outside[0]]

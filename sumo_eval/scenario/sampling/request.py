@@ -23,13 +23,20 @@ Steps = Mapping[str, float] | None
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """How points are to be chosen; which keys a method takes is in `sumo_eval.scenario.sampling.samples.METHODS`.
+    """How points are to be chosen; which keys a method takes is in
+    `sumo_eval.scenario.sampling.samples.METHODS`.
 
-    levels: points on each axis, evenly spaced with both ends; one number for all axes, or by parameter name.
-    steps: distance between the points of an axis, by parameter name. count: how many points to draw. strength: t of
-    t-way combinations. file: a CSV of points. folder: where relative paths start. seed: of the evaluation. danger:
-    points (n, k) -> how dangerous each is, 0..1. round, aim, until: points of a round, what rounds go after, and the
-    width at which they end. rounds: how many points each round took from each cell of the space.
+    levels: points on each axis, evenly spaced with both ends; one number for all axes, or by
+        parameter name.
+    steps: distance between the points of an axis, by parameter name.
+    count: how many points to draw.
+    strength: t of t-way combinations.
+    file: a CSV of points.
+    folder: where relative paths start.
+    seed: of the evaluation.
+    danger: points (n, k) -> how dangerous each is, 0..1.
+    round, aim, until: points of a round, what rounds go after, and the width at which they end.
+    rounds: how many points each round took from each cell of the space.
     """
 
     levels: Levels = None
@@ -54,8 +61,14 @@ class Request:
 
     def wanted(self, logical: LogicalScenario) -> int:
         """`count`, which has to be there."""
-        if isinstance(self.count, bool) or not isinstance(self.count, int) or not 1 <= self.count <= MAX_POINTS:
-            raise must_be("`count`", owner_of(logical), f"a whole number from 1 to {MAX_POINTS:,}", self.count)
+        if (
+            isinstance(self.count, bool)
+            or not isinstance(self.count, int)
+            or not 1 <= self.count <= MAX_POINTS
+        ):
+            raise must_be(
+                "`count`", owner_of(logical), f"a whole number from 1 to {MAX_POINTS:,}", self.count
+            )
         return self.count
 
     def stream(self, logical: LogicalScenario, *label: str) -> np.random.Generator:
@@ -70,10 +83,13 @@ def owner_of(logical: LogicalScenario) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawn:
-    """What a method answers: points (n, k), possible or not. exposure: (n,) how much each counts; None: the scenario's
-    own exposure. notes: sentences about what it could not do as asked. stands_for: (n,) how many points of an even
-    sample each stands for; None: one. stratum: (n,) points with one number may stand for each other; None: the method
-    says it (`sumo_eval.scoring.confidence.resamples.strata`).
+    """What a method answers: points (n, k), possible or not.
+
+    exposure: (n,) how much each counts; None: the scenario's own exposure.
+    notes: sentences about what it could not do as asked.
+    stands_for: (n,) how many points of an even sample each stands for; None: one.
+    stratum: (n,) points with one number may stand for each other; None: the method says it
+        (`sumo_eval.scoring.confidence.resamples.strata`).
     """
 
     points: FloatArray

@@ -1,7 +1,9 @@
-"""Which points of a space become concrete scenarios, what was left out of them, and how much each one counts.
+"""Which points of a space become concrete scenarios, what was left out of them, and how much each
+one counts.
 
-Every method is a function of a space and a `Request`; what the constraints exclude is taken out here, for all of them,
-and kept as refused points. Random methods draw from a named stream of the evaluation's seed.
+Every method is a function of a space and a `Request`; what the constraints exclude is taken out
+here, for all of them, and kept as refused points. Random methods draw from a named stream of the
+evaluation's seed.
 """
 
 from __future__ import annotations
@@ -29,11 +31,14 @@ from sumo_eval.trajectory import FloatArray
 class Sample:
     """Chosen points of a space, one row each, columns in the order of `logical.parameters`.
 
-    points: (n, k), those that exist. refused: (m, k), those that a constraint of the scenario rules out. exposure:
-    (n,), how much each point counts, up to a factor: the scenario's exposure, divided by how much more likely the
-    method was to choose the point. notes: sentences about what the choice could not do as asked. method:
-    its name. stands_for: (n,) how many points of an even sample each stands for, stratum: (n,) points with one number
-    may stand for each other; None as in `Drawn`.
+    points: (n, k), those that exist.
+    refused: (m, k), those that a constraint of the scenario rules out.
+    exposure: (n,), how much each point counts, up to a factor: the scenario's exposure, divided by
+        how much more likely the method was to choose the point.
+    notes: sentences about what the choice could not do as asked.
+    method: its name.
+    stands_for: (n,) how many points of an even sample each stands for, stratum: (n,) points with
+        one number may stand for each other; None as in `Drawn`.
     """
 
     points: FloatArray
@@ -52,19 +57,26 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "grid": (full_grid, frozenset({"levels", "steps"})),
         "pairwise": (pairwise, frozenset({"levels", "steps"})),
         "combinations": (combinations, frozenset({"levels", "steps", "strength"})),
-        **{name: (sequence(name), frozenset({"count"})) for name in ("latin_hypercube", "sobol", "halton")},
+        **{
+            name: (sequence(name), frozenset({"count"}))
+            for name in ("latin_hypercube", "sobol", "halton")
+        },
         "exposure": (by_exposure, frozenset({"count"})),
         "exposure_danger": (by_exposure_and_danger, frozenset({"count"})),
         "adaptive": (adaptive, frozenset({"count", "round", "aim", "until", "rounds"})),
         "file": (from_csv, frozenset({"file"})),
     }
 )
-"""Ways to choose points, by the name they have in an evaluation file, and the keys that each of them takes."""
+"""Ways to choose points, by the name they have in an evaluation file, and the keys that each of
+them takes."""
 
 
 def all_methods() -> dict[str, Method]:
     """Ours and those of the installed formats."""
-    return {**METHODS, **{name: method for form in formats() for name, method in form.samplings.items()}}
+    return {
+        **METHODS,
+        **{name: method for form in formats() for name, method in form.samplings.items()},
+    }
 
 
 def sample(
@@ -77,20 +89,31 @@ def sample(
 ) -> Sample:
     """Choose points of a space.
 
-    method: a name in METHODS, the name of one of the scenario's own samples, or the locator of a function
-    `(space, n, rng) -> points`. None: the grid where levels or steps are given, else what the scenario has as its
-    default. levels, steps: short for a request of no more than these.
-    Raises InputError for an unknown method, for a key that the method does not take, and for what makes no points.
+    method: a name in METHODS, the name of one of the scenario's own samples, or the locator of a
+        function `(space, n, rng) -> points`. None: the grid where levels or steps are given, else
+        what the scenario has as its default.
+    levels, steps: short for a request of no more than these.
+    Raises InputError for an unknown method, for a key that the method does not take, and for what
+    makes no points.
     """
     request = request or Request(levels=levels, steps=steps)
     given = request.given
     if method is None:
-        method = "grid" if given & {"levels", "steps"} else "file" if "file" in given else logical.default_sample
+        method = (
+            "grid"
+            if given & {"levels", "steps"}
+            else "file"
+            if "file" in given
+            else logical.default_sample
+        )
     owner = owner_of(logical)
     prescribed = {item.name: item for item in logical.samples}
     if method in prescribed:
         if given:
-            raise InputError(f"Sample `{method}` of scenario `{logical.name}` is a list: it has no levels or steps.")
+            raise InputError(
+                f"Sample `{method}` of scenario `{logical.name}` is a list: it has no levels or "
+                "steps."
+            )
         drawn = Drawn(np.array(prescribed[method].points, dtype=np.float64))
     elif ":" in method:
         _refuse_extra(given, {"count"}, method, owner)
@@ -106,29 +129,43 @@ def sample(
     if drawn.exposure is not None:
         exposure = drawn.exposure[feasible]
     else:
-        exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points)).astype(np.float64)
+        exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points)).astype(
+            np.float64
+        )
     stands_for = None if drawn.stands_for is None else drawn.stands_for[feasible]
     stratum = None if drawn.stratum is None else drawn.stratum[feasible]
-    return Sample(points, drawn.points[~feasible], exposure, drawn.notes, method, stands_for, stratum)
+    return Sample(
+        points, drawn.points[~feasible], exposure, drawn.notes, method, stands_for, stratum
+    )
 
 
 def grid(logical: LogicalScenario, *, levels: Levels = None, steps: Steps = None) -> FloatArray:
-    """Every point (n, k) of the grid, possible or not, the first parameter slowest; arguments as in `sample`."""
+    """Every point (n, k) of the grid, possible or not, the first parameter slowest; arguments as in
+    `sample`.
+    """
     return full_grid(logical, Request(levels=levels, steps=steps)).points
 
 
 def central_point(logical: LogicalScenario) -> FloatArray:
-    """The point (k,) of the space's default sample nearest to the centre of the unit box; of equals, the first."""
+    """The point (k,) of the space's default sample nearest to the centre of the unit box; of
+    equals, the first.
+    """
     points = sample(logical).points
     distance = np.linalg.norm(logical.to_unit(points) - 0.5, axis=-1)
-    point: FloatArray = points[int(np.argmin(np.round(distance, 12)))]  # rounded: equals must stay equal
+    # rounded: equals must stay equal
+    point: FloatArray = points[int(np.argmin(np.round(distance, 12)))]
     return point
 
 
-def _refuse_extra(given: frozenset[str], takes: frozenset[str] | set[str], method: str, owner: str) -> None:
+def _refuse_extra(
+    given: frozenset[str], takes: frozenset[str] | set[str], method: str, owner: str
+) -> None:
     extra = sorted(given - takes)
     if extra:
-        raise InputError(f"`{extra[0]}` of {owner} does nothing in method `{method}`, which takes {_listed(takes)}.")
+        raise InputError(
+            f"`{extra[0]}` of {owner} does nothing in method `{method}`, which takes "
+            f"{_listed(takes)}."
+        )
 
 
 def _listed(names: frozenset[str] | set[str]) -> str:

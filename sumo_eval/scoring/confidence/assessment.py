@@ -1,4 +1,6 @@
-"""Confidence in an evaluation: intervals, risk, coverage and further cases, put together from its scores and rows."""
+"""Confidence in an evaluation: intervals, risk, coverage and further cases, put together from its
+scores and rows.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ FURTHER = 20  # cases that are proposed
 class Assessment:
     """Confidence in one ADS's scores in one scenario.
 
-    intervals: of every score that has one, by its name in `ScenarioResult`. sources: half-widths of S and S+ by source.
+    intervals: of every score that has one, by its name in `ScenarioResult`.
+    sources: half-widths of S and S+ by source.
     risk, further: None where there are too few evaluated cases, see `reason`.
     """
 
@@ -41,18 +44,28 @@ class Assessment:
 
 @dataclass(frozen=True, slots=True)
 class Confidence:
-    """Confidence in all scores of an evaluation. coverage: of each scenario's space, by name."""
+    """Confidence in all scores of an evaluation.
+
+    coverage: of each scenario's space, by name.
+    """
 
     assessments: tuple[Assessment, ...]
     coverage: Mapping[str, SpaceCoverage]
 
     def of(self, ads: str, scenario: str) -> Assessment:
         """That of one ADS in one scenario."""
-        return next(item for item in self.assessments if (item.ads, item.scenario) == (ads, scenario))
+        return next(
+            item for item in self.assessments if (item.ads, item.scenario) == (ads, scenario)
+        )
 
 
-def assess(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], progress: Progress = quiet) -> Confidence:
-    """How far each score of an evaluation can be trusted. partitions: the zones, by scenario name."""
+def assess(
+    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], progress: Progress = quiet
+) -> Confidence:
+    """How far each score of an evaluation can be trusted.
+
+    partitions: the zones, by scenario name.
+    """
     coverage, assessments = {}, []
     for score in evaluation.scores:
         assessments.append(_assess(score, evaluation, partitions[score.scenario]))
@@ -104,7 +117,9 @@ def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
 
 
 def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
-    """How many points of S each case moves, (n,): the first-order effect of its weight on C and D."""
+    """How many points of S each case moves, (n,): the first-order effect of its weight on C and
+    D.
+    """
     moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
     if hit.any():

@@ -21,7 +21,9 @@ RESOLVED = 0.1  # unit-box lengths within which both sides of the boundary need 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairCoverage:
-    """Cases in the buckets of two parameters: counts (buckets of y, buckets of x); -1 where no point is possible."""
+    """Cases in the buckets of two parameters: counts (buckets of y, buckets of x); -1 where no
+    point is possible.
+    """
 
     x: str
     y: str
@@ -30,11 +32,14 @@ class PairCoverage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpaceCoverage:
-    """buckets: name -> (hit, possible). pairs: the same of every pair of parameters, as counts. empty_radius,
-    empty_centre: largest ball of the unit box, centred at a possible point, without a case. boundary_resolved: share of
-    the zone boundary with a case within 0.1 unit-box lengths on each side; None without a boundary. exposure_inside:
-    share of all encounters whose parameters lie in the ranges, by the parameters' distributions; None where they have
-    none.
+    """buckets: name -> (hit, possible).
+    pairs: the same of every pair of parameters, as counts.
+    empty_radius, empty_centre: largest ball of the unit box, centred at a possible point, without a
+        case.
+    boundary_resolved: share of the zone boundary with a case within 0.1 unit-box lengths on each
+        side; None without a boundary.
+    exposure_inside: share of all encounters whose parameters lie in the ranges, by the parameters'
+        distributions; None where they have none.
     """
 
     buckets: Mapping[str, tuple[int, int]]
@@ -87,7 +92,9 @@ def _count(item: Parameter) -> int:
 
 
 def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:
-    """Number of the bucket (n, k) of each point on each axis; listed values are buckets of their own."""
+    """Number of the bucket (n, k) of each point on each axis; listed values are buckets of their
+    own.
+    """
     columns = []
     for column, item in enumerate(logical.parameters):
         values = points[:, column]
@@ -111,5 +118,9 @@ def _resolved(zones: ZonePartition, points: FloatArray) -> float | None:
 
 
 def _inside(parameters: tuple[Parameter, ...]) -> float | None:
-    shares = [item.distribution.inside(item.low, item.high) for item in parameters if item.distribution is not None]
+    shares = [
+        item.distribution.inside(item.low, item.high)
+        for item in parameters
+        if item.distribution is not None
+    ]
     return float(np.prod(shares)) if shares else None

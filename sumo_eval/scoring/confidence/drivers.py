@@ -1,8 +1,9 @@
-"""What the choice of drivers does to an ADS's D and H: a jackknife that respects how drivers are drawn.
+"""What the choice of drivers does to an ADS's D and H: a jackknife that respects how drivers are
+drawn.
 
-The synthetic drivers are no simple random sample: of any n, the recorded share overtakes, rounded down or up
-(`sumo_eval.drivers.synthetic.population`). So followers are compared with followers and overtakers with overtakers,
-and the rounding is an error of its own. Recorded people are one group.
+The synthetic drivers are no simple random sample: of any n, the recorded share overtakes, rounded
+down or up (`sumo_eval.drivers.synthetic.population`). So followers are compared with followers and
+overtakers with overtakers, and the rounding is an error of its own. Recorded people are one group.
 """
 
 from __future__ import annotations
@@ -28,8 +29,10 @@ _SYNTHETIC = re.compile(r"driver_(\d+)")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriverDeviations:
-    """Standard errors of D (index) and H (likeness) by driver, (k,), with their signs: the error of a score is the sum
-    over drivers of so much times a standard normal number. freedom: degrees of freedom. Empty: not known.
+    """Standard errors of D (index) and H (likeness) by driver, (k,), with their signs: the error of
+    a score is the sum over drivers of so much times a standard normal number.
+
+    freedom: degrees of freedom. Empty: not known.
     """
 
     names: tuple[str, ...]
@@ -48,20 +51,29 @@ def driver_deviations(
     settings: DriverSettings,
     seed: int,
 ) -> DriverDeviations:
-    """Of one ADS in one scenario. left_out: what some of its cases get without each driver; present: who drove there,
-    both by case.
+    """Of one ADS in one scenario.
+
+    left_out: what some of its cases get without each driver;
+    present: who drove there, both by case.
 
     The same driver is left out of all cases at once, because it is the same person.
     """
     there = np.isin(cases.case, [case for case, one in left_out.items() if one.without])
     chosen = cases.case[there].tolist()
-    names, weights = sorted({name for case in chosen for name in present[case]}), cases.exposure[there]
+    names, weights = (
+        sorted({name for case in chosen for name in present[case]}),
+        cases.exposure[there],
+    )
     if len(names) < 3 or not weights.any():  # a deviation needs two that stay
         return NO_DEVIATIONS
     index, likeness = np.empty((len(names), len(chosen))), np.empty((len(names), len(chosen)))
     plausible = np.nan_to_num(cases.plausibility[there])
-    changed_index = np.array([left_out[case].exchanged - left_out[case].everyone for case in chosen])
-    changed_likeness = [left_out[case].likeness_exchanged - left_out[case].likeness for case in chosen]
+    changed_index = np.array(
+        [left_out[case].exchanged - left_out[case].everyone for case in chosen]
+    )
+    changed_likeness = [
+        left_out[case].likeness_exchanged - left_out[case].likeness for case in chosen
+    ]
     for column, case in enumerate(chosen):
         found, here = left_out[case], list(present[case])
         for line, name in enumerate(names):
@@ -70,12 +82,15 @@ def driver_deviations(
             one = found.likeness_without[here.index(name)] if drove else found.likeness
             likeness[line, column] = one * plausible[column]
     likened = cases.safe & np.isfinite(cases.human_likeness)
-    whole, calm = (sum(cases.exposure[part].tolist()) for part in (likened, likened & ~cases.incident))
+    whole, calm = (
+        sum(cases.exposure[part].tolist()) for part in (likened, likened & ~cases.incident)
+    )
     compared = calm / whole if whole else 0.0
     groups = [_group(name, settings, seed) for name in names]
     share = settings.population.overtake_share if groups.count(None) == 0 else 1.0
     mean_index, mean_likeness, index_change, likeness_change = (
-        (table @ weights) / weights.sum() for table in (index, likeness, changed_index, plausible * changed_likeness)
+        (table @ weights) / weights.sum()
+        for table in (index, likeness, changed_index, plausible * changed_likeness)
     )
     return DriverDeviations(
         (*names, INCLINATION),
@@ -85,17 +100,23 @@ def driver_deviations(
     )
 
 
-def exchanges(names: Sequence[str], settings: DriverSettings, seed: int) -> tuple[tuple[int, int], ...]:
-    """What the rounding of how many drivers overtake could have brought instead, as near as the drivers who are there
-    can show it: places of one who is left out and of one of the other group who counts twice.
+def exchanges(
+    names: Sequence[str], settings: DriverSettings, seed: int
+) -> tuple[tuple[int, int], ...]:
+    """What the rounding of how many drivers overtake could have brought instead, as near as the
+    drivers who are there can show it: places of one who is left out and of one of the other group
+    who counts twice.
 
-    With overtakers rounded up each of them leaves once, with followers rounded up each follower; who counts twice goes
-    round. Empty unless all drivers are synthetic, and some of them overtake and some follow.
+    With overtakers rounded up each of them leaves once, with followers rounded up each follower;
+    who counts twice goes round. Empty unless all drivers are synthetic, and some of them overtake
+    and some follow.
     """
     groups = [_group(name, settings, seed) for name in names]
     if set(groups) != {True, False}:
         return ()
-    overtakers = sum(_overtakes(index, seed, settings.population) for index in range(settings.count))
+    overtakers = sum(
+        _overtakes(index, seed, settings.population) for index in range(settings.count)
+    )
     rounded_up = overtakers > settings.count * settings.population.overtake_share
     leave = [place for place, group in enumerate(groups) if group == rounded_up]
     stay = [place for place, group in enumerate(groups) if group != rounded_up]
@@ -105,14 +126,16 @@ def exchanges(names: Sequence[str], settings: DriverSettings, seed: int) -> tupl
 def stratified_deviations(
     without: FloatArray, groups: Sequence[bool | None], share: float = 1.0, change: float = 0.0
 ) -> FloatArray:
-    """Errors of a value from what it is without each of n drivers, (n + 1,): each driver's, and that of the rounding.
+    """Errors of a value from what it is without each of n drivers, (n + 1,): each driver's, and
+    that of the rounding.
 
-    In a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without driver j - their mean in the group); their
-    squares add up to the variance of a stratified sample, and to the plain jackknife's if there is one group. The
-    number of those who overtake (True) is n times `share`, rounded at random: a deviation of sqrt(f (1 - f)) drivers, f
-    its fraction, times `change`: what one driver in the place of one of the other group does to the value, told by one
-    who counts twice (`exchanges`). Leaving out alone does not tell it: nobody comes in their place, and with one of two
-    followers gone it speaks of a population that is never drawn.
+    In a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without driver j - their mean
+    in the group); their squares add up to the variance of a stratified sample, and to the plain
+    jackknife's if there is one group. The number of those who overtake (True) is n times `share`,
+    rounded at random: a deviation of sqrt(f (1 - f)) drivers, f its fraction, times `change`: what
+    one driver in the place of one of the other group does to the value, told by one who counts
+    twice (`exchanges`). Leaving out alone does not tell it: nobody comes in their place, and with
+    one of two followers gone it speaks of a population that is never drawn.
     """
     n = len(without)
     errors = np.zeros(n + 1)

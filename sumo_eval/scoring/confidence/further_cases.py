@@ -19,26 +19,32 @@ _AT_ONCE = 65_536  # cases whose neighbours are in memory at a time
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FurtherCases:
-    """points: (N, k), the most telling first. shrink: what the sampled cases' part of the interval on S would be
-    multiplied by, 0..1.
+    """points: (N, k), the most telling first.
+    shrink: what the sampled cases' part of the interval on S would be multiplied by, 0..1.
     """
 
     points: FloatArray
     shrink: float
 
 
-def further_cases(logical: LogicalScenario, points: FloatArray, influence: FloatArray, count: int) -> FurtherCases:
-    """`count` further points for cases at `points` (n, k), whose `influence` (n,) is how many points of S each moves.
+def further_cases(
+    logical: LogicalScenario, points: FloatArray, influence: FloatArray, count: int
+) -> FurtherCases:
+    """`count` further points for cases at `points` (n, k), whose `influence` (n,) is how many
+    points of S each moves.
 
-    Each case stands for the part of the space nearest to it, with the error that its neighbours' spread s_i shows; with
-    m cases in that part the error's variance is s_i^2 / m. The next case goes where one more lowers the sum most
-    (Neyman's allocation), and within the part to the place farthest from all cases.
+    Each case stands for the part of the space nearest to it, with the error that its neighbours'
+    spread s_i shows; with m cases in that part the error's variance is s_i^2 / m. The next case
+    goes where one more lowers the sum most (Neyman's allocation), and within the part to the place
+    farthest from all cases.
     """
     unit = logical.to_unit(points)
     tree, variance = KDTree(unit), np.empty(len(unit))
     for first in range(0, len(unit), _AT_ONCE):
         some = unit[first : first + _AT_ONCE]
-        near = np.asarray(tree.query(some, k=min(NEIGHBOURS + 1, len(points)))[1]).reshape(len(some), -1)
+        near = np.asarray(tree.query(some, k=min(NEIGHBOURS + 1, len(points)))[1]).reshape(
+            len(some), -1
+        )
         variance[first : first + _AT_ONCE] = np.var(influence[near], axis=1)
     candidates = logical.from_shares(steadily(len(logical.names), CANDIDATES))
     candidates = candidates[logical.feasible(candidates)]

@@ -1,4 +1,6 @@
-"""How far the rounds of an adaptive sample have come, and how many points the next one takes from each cell."""
+"""How far the rounds of an adaptive sample have come, and how many points the next one takes from
+each cell.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,12 @@ from sumo_eval.cases import CaseTable
 from sumo_eval.method.score_terms import excess, grade_slope
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.sampling.adaptive import capacity_of_cells, size_of_next, size_of_round, spread
+from sumo_eval.scenario.sampling.adaptive import (
+    capacity_of_cells,
+    size_of_next,
+    size_of_round,
+    spread,
+)
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.confidence.intervals import LEVEL
@@ -26,9 +33,11 @@ ADAPTIVE = "adaptive"
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Rounds and points so far, of how many points at most. half_width: half the 95 % interval of the ADS that is known
-    least, points of S+ or share of the space; infinite where one has none. further: points of the next round, 0 where
-    there is none.
+    """Rounds and points so far, of how many points at most.
+
+    half_width: half the 95 % interval of the ADS that is known least, points of S+ or share of the
+        space; infinite where one has none.
+    further: points of the next round, 0 where there is none.
     """
 
     rounds: int
@@ -41,7 +50,10 @@ class Standing:
     @property
     def sentence(self) -> str:
         """For whoever reads the report."""
-        return f"Adaptive sampling: {self.points} of at most {self.budget} points in {self.rounds} rounds; {self.why}."
+        return (
+            f"Adaptive sampling: {self.points} of at most {self.budget} points in {self.rounds} "
+            f"rounds; {self.why}."
+        )
 
 
 def standing(
@@ -53,25 +65,42 @@ def standing(
     method: MethodSettings,
     scenario: str,
 ) -> Standing:
-    """Where the rounds of a scenario stand. scores, rows, places: of each ADS its result, its cases, and which of the
-    points each is.
+    """Where the rounds of a scenario stand.
+
+    scores, rows, places: of each ADS its result, its cases, and which of the points each is.
     """
     budget = sampling.count or 0
     size = size_of_round(budget, sampling.round, f"the sampling of scenario `{scenario}`")
     rounds, done = max(len(sampling.rounds), 1), len(points.points)
     if sampling.aim == "boundary":
         pairs = zip(rows, places, strict=True)
-        half = max((_collided_half_width(case_terms(one, method), points, place) for one, place in pairs), default=0.0)
+        half = max(
+            (_collided_half_width(case_terms(one, method), points, place) for one, place in pairs),
+            default=0.0,
+        )
         width, unit = f"{half:.2g}", " of the space"
     else:
         half = max((_half_width(score) for score in scores), default=math.inf)
         width, unit = f"{half:.2f}", " points of S+"
-    wide = f"half the widest 95 % interval is {width}{unit}" if math.isfinite(half) else "an ADS has no interval"
+    wide = (
+        f"half the widest 95 % interval is {width}{unit}"
+        if math.isfinite(half)
+        else "an ADS has no interval"
+    )
     further = size_of_next(budget, size, done)
     if sampling.until is not None and half <= sampling.until:
-        return Standing(rounds, done, budget, half, 0, f"{wide}, no more than the {sampling.until:g} asked for")
+        return Standing(
+            rounds, done, budget, half, 0, f"{wide}, no more than the {sampling.until:g} asked for"
+        )
     if further:
-        return Standing(rounds, done, budget, half, further, f"{wide}; it was stopped, `--resume` drives more rounds")
+        return Standing(
+            rounds,
+            done,
+            budget,
+            half,
+            further,
+            f"{wide}; it was stopped, `--resume` drives more rounds",
+        )
     asked = "" if sampling.until is None else f", more than the {sampling.until:g} asked for"
     return Standing(rounds, done, budget, half, 0, f"all it may drive; {wide}{asked}")
 
@@ -81,7 +110,8 @@ def further_round(
 ) -> SamplingSettings:
     """The sampling of a scored run with one more round; as it is where it has come to its end.
 
-    More points come from cells whose cases differ more (Neyman): in what they move S+ by, or in whether they collide.
+    More points come from cells whose cases differ more (Neyman): in what they move S+ by, or in
+    whether they collide.
     """
     assert points.stratum is not None
     assert points.stands_for is not None
@@ -92,7 +122,9 @@ def further_round(
     stands = standing(sampling, points, scores, rows, places, method, logical.name)
     if not stands.further:
         return sampling
-    size = size_of_round(sampling.count or 0, sampling.round, f"the sampling of scenario `{logical.name}`")
+    size = size_of_round(
+        sampling.count or 0, sampling.round, f"the sampling of scenario `{logical.name}`"
+    )
     capacity = capacity_of_cells(logical, size, done.settings.seed)
     cells = len(capacity)
     variance = np.zeros(cells)
@@ -104,7 +136,9 @@ def further_round(
             else plus_influence(terms, points.stands_for, method)
         )
         variance += variance_in_cells(moved, points.stratum % cells, cells)
-    taken = np.bincount(points.stratum, minlength=stands.rounds * cells).reshape(stands.rounds, cells)
+    taken = np.bincount(points.stratum, minlength=stands.rounds * cells).reshape(
+        stands.rounds, cells
+    )
     row = spread(stands.further, np.sqrt(variance), capacity - taken.sum(axis=0))
     return replace(sampling, rounds=(*(tuple(map(int, before)) for before in taken), row))
 
@@ -112,8 +146,8 @@ def further_round(
 def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatArray:
     """s_h^2: the variance of values (n,) in each cell, (H,).
 
-    Of few points, the variance that is seen may be 0 by chance; the mean variance of all cells counts as one more
-    point, so that none of them is given up.
+    Of few points, the variance that is seen may be 0 by chance; the mean variance of all cells
+    counts as one more point, so that none of them is given up.
     """
     number = np.maximum(np.bincount(cell, minlength=cells), 1)
     mean = np.bincount(cell, values, cells) / number
@@ -124,8 +158,8 @@ def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatAr
 
 
 def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSettings) -> FloatArray:
-    """How many points of S+ a case would move that stands for one point, (n,): first order, its sum weighted by
-    `stands_for` is 0 but for a constant in A and in H.
+    """How many points of S+ a case would move that stands for one point, (n,): first order, its sum
+    weighted by `stands_for` is 0 but for a constant in A and in H.
 
     S+ = T A' (a + b H): a case moves T by p (t - T) / sum(p), H likewise, and A by
     w ((1 - A) stake - lost) / sum(w stake), each times the slope of S+ along it.
@@ -162,10 +196,12 @@ def _half_width(score: ScenarioResult) -> float:
 
 
 def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> float:
-    """Half the 95 % interval of the share of the space that collides: of a stratified mean, round by round.
+    """Half the 95 % interval of the share of the space that collides: of a stratified mean, round
+    by round.
 
-    Of each cell's n points in a round the variance of their mean is s^2 / n; the round's weight is its share of all
-    points, and rounds are uncorrelated, since each has the space's mean as its expectation whatever came before.
+    Of each cell's n points in a round the variance of their mean is s^2 / n; the round's weight is
+    its share of all points, and rounds are uncorrelated, since each has the space's mean as its
+    expectation whatever came before.
     """
     assert points.stratum is not None
     assert points.stands_for is not None

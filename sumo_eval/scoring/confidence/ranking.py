@@ -1,12 +1,14 @@
 """ADSs in the order of S+ over all scenarios, and which of them can be told apart.
 
-Two ADSs drove the same points beside the same drivers, so what they have in common cancels in their difference, as it
-does not between two intervals. Each replicate gives the difference twice, with and without the one more case that every
-ADS receives (`intervals`); each end takes the one that speaks against it. Missing cases speak against the ADS that
-lacks them. One ADS under two names differs from itself by 0, exactly.
+Two ADSs drove the same points beside the same drivers, so what they have in common cancels in their
+difference, as it does not between two intervals. Each replicate gives the difference twice, with
+and without the one more case that every ADS receives (`intervals`); each end takes the one that
+speaks against it. Missing cases speak against the ADS that lacks them. One ADS under two names
+differs from itself by 0, exactly.
 
 S+ over several scenarios is the mean of theirs. A scenario without a safe point has no task to
-drive, no S+ and no part in the order. In one without people to compare with H counts 0, for every ADS alike.
+drive, no S+ and no part in the order. In one without people to compare with H counts 0, for every
+ADS alike.
 """
 
 from __future__ import annotations
@@ -27,7 +29,9 @@ Found = Mapping[tuple[str, str], ScoreIntervals | None]
 
 
 def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettings) -> Ranking:
-    """The ranking of an evaluation's ADSs. found: the replicates of each ADS in each scenario, by (ADS, scenario).
+    """The ranking of an evaluation's ADSs.
+
+    found: the replicates of each ADS in each scenario, by (ADS, scenario).
 
     Scenarios without any S+ are left out.
     """
@@ -40,12 +44,22 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
     names = list(dict.fromkeys(score.ads for score in scores))
     own = {name: {score.scenario: score for score in scores if score.ads == name} for name in names}
     totals = {name: means.total(own[name]) for name in names}
-    spreads = {name: means.spread({scenario: found.get((name, scenario)) for scenario in weights}) for name in names}
+    spreads = {
+        name: means.spread({scenario: found.get((name, scenario)) for scenario in weights})
+        for name in names
+    }
     ranked = sorted(
-        (name for name in names if totals[name] is not None), key=lambda name: (-(totals[name] or 0.0), name)
+        (name for name in names if totals[name] is not None),
+        key=lambda name: (-(totals[name] or 0.0), name),
     )
     pairs = [
-        _pair(above, below, (totals[above] or 0.0) - (totals[below] or 0.0), spreads[above], spreads[below])
+        _pair(
+            above,
+            below,
+            (totals[above] or 0.0) - (totals[below] or 0.0),
+            spreads[above],
+            spreads[below],
+        )
         for above, below in itertools.combinations(ranked, 2)
     ]
     apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
@@ -66,16 +80,24 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
 
 @dataclass(frozen=True, slots=True)
 class _Means:
-    """Means over the scenarios that weigh and have a task. weights: above 0, by scenario."""
+    """Means over the scenarios that weigh and have a task.
+
+    weights: above 0, by scenario.
+    """
 
     weights: Mapping[str, float]
 
     def of(self, values: Mapping[str, float]) -> float:
         """The mean of values by scenario."""
-        return sum(weight * values[name] for name, weight in self.weights.items()) / sum(self.weights.values())
+        return sum(weight * values[name] for name, weight in self.weights.items()) / sum(
+            self.weights.values()
+        )
 
     def total(self, scores: Mapping[str, ScenarioResult]) -> float | None:
-        """S+ of one ADS; None where it has none in a scenario. scores: by scenario."""
+        """S+ of one ADS; None where it has none in a scenario.
+
+        scores: by scenario.
+        """
         plus = {name: scores[name].s_plus for name in self.weights if name in scores}
         if not plus or len(plus) < len(self.weights) or None in plus.values():
             return None
@@ -94,13 +116,17 @@ class _Means:
         )
 
     def _mean_of(self, values: Mapping[str, FloatArray]) -> FloatArray:
-        return np.average([values[name] for name in self.weights], axis=0, weights=list(self.weights.values()))
+        return np.average(
+            [values[name] for name in self.weights], axis=0, weights=list(self.weights.values())
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Spread:
-    """One ADS's mean S+ in every replicate, (m,). worse, better: with one more case and without. lower, higher: how far
-    missing cases may move it.
+    """One ADS's mean S+ in every replicate, (m,).
+
+    worse, better: with one more case and without.
+    lower, higher: how far missing cases may move it.
     """
 
     worse: FloatArray
@@ -115,7 +141,9 @@ def _interval(
     spread: _Spread | None,
     means: _Means,
 ) -> tuple[float, float] | None:
-    """Of one ADS's mean: that of its replicates; in a single scenario the interval that its S+ has there."""
+    """Of one ADS's mean: that of its replicates; in a single scenario the interval that its S+ has
+    there.
+    """
     if len(means.weights) == 1:
         return own[next(iter(means.weights))].s_plus_interval
     if total is None or spread is None:
@@ -135,7 +163,8 @@ def _pair(
         return RankedPair(above, below, difference, None, False)
     both = np.stack([first.worse - second.worse, first.better - second.better])
     low, high = _percentiles(
-        both.min(axis=0) + first.lower - second.higher, both.max(axis=0) + first.higher - second.lower
+        both.min(axis=0) + first.lower - second.higher,
+        both.max(axis=0) + first.higher - second.lower,
     )
     interval = min(low, difference), max(high, difference)
     return RankedPair(above, below, difference, interval, interval[0] > 0.0)

@@ -1,10 +1,12 @@
 """How often each point stands in each replicate of a bootstrap over the points of a scenario.
 
-Points that may stand for each other are a list (`Strata`), and each replicate draws from every list as many points as
-it has. Points of a method that leaves no part of the space out are balanced over it besides (`Balance`).
+Points that may stand for each other are a list (`Strata`), and each replicate draws from every list
+as many points as it has. Points of a method that leaves no part of the space out are balanced over
+it besides (`Balance`).
 
-All replicates of some points are drawn before those of the next ones (`Resamples`): what a replicate costs a point is
-the same among a thousand points and among a million, and no table of all points is ever there.
+All replicates of some points are drawn before those of the next ones (`Resamples`): what a
+replicate costs a point is the same among a thousand points and among a million, and no table of all
+points is ever there.
 """
 
 from __future__ import annotations
@@ -19,11 +21,14 @@ from numpy.typing import NDArray
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
-AT_ONCE = 2_000_000  # points in replicates that are held at a time: 16 MB a table, and 1,000 points with 2,000
+# points in replicates that are held at a time: 16 MB a table, and 1,000 points with 2,000
+AT_ONCE = 2_000_000
 OF_MORE = 8  # of more points such a part of it: 2 MB a table
 DRAWN_AT_ONCE = 500_000  # of these, what is drawn at a time
-POINTS_IN_CACHE = 8_000  # that are looked at together, with some arrays of their coordinates: half a megabyte
-EVEN = frozenset({"grid", "sobol", "halton"})  # ways of sampling that leave no part of the space out
+# that are looked at together, with some arrays of their coordinates: half a megabyte
+POINTS_IN_CACHE = 8_000
+# ways of sampling that leave no part of the space out
+EVEN = frozenset({"grid", "sobol", "halton"})
 SMALLEST = 4  # points that are split in halves
 _FLAT = 1e-9  # of the box: points that differ by less along a direction have no trend there
 
@@ -32,9 +37,11 @@ IntArray = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Strata:
-    """Points that a replicate exchanges for each other, by their places: lists that lie one behind the other.
+    """Points that a replicate exchanges for each other, by their places: lists that lie one behind
+    the other.
 
-    order: all places, (n,). ends: where each list ends in it, (g,).
+    order: all places, (n,).
+    ends: where each list ends in it, (g,).
     """
 
     order: IntArray
@@ -64,10 +71,12 @@ class Strata:
 
 
 def strata(unit: FloatArray, method: str) -> Strata:
-    """Points that a replicate exchanges for each other: lists of their places in `unit`, (n, k) in the unit box.
+    """Points that a replicate exchanges for each other: lists of their places in `unit`, (n, k) in
+    the unit box.
 
-    Points of a method that leaves no part of the space out (`EVEN`) are halved again and again, across the widest side,
-    down to neighbours of two or three: only these may stand for each other. Points of all other methods are one list.
+    Points of a method that leaves no part of the space out (`EVEN`) are halved again and again,
+    across the widest side, down to neighbours of two or three: only these may stand for each other.
+    Points of all other methods are one list.
     """
     order, sizes = np.arange(len(unit)), np.array([len(unit)])
     while method in EVEN and (split := sizes >= SMALLEST).any():
@@ -89,9 +98,12 @@ def one_list(points: int) -> Strata:
 
 
 def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> None:
-    """Put the places of each list that will be halved in their order across its widest side. order: list behind list.
+    """Put the places of each list that will be halved in their order across its widest side.
 
-    Lists of one size are sorted together, as many as stay in a cache: a million points have half a million lists.
+    order: list behind list.
+
+    Lists of one size are sorted together, as many as stay in a cache: a million points have half a
+    million lists.
     """
     firsts = np.cumsum(sizes) - sizes
     for size in np.unique(sizes[sizes >= SMALLEST]).tolist():
@@ -105,7 +117,9 @@ def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> No
 
 
 def _some_at_a_time(lists: IntArray, size: int) -> Iterator[IntArray]:
-    """Arrays along their first axis, of lists of one size, at most as many as `POINTS_IN_CACHE` allows."""
+    """Arrays along their first axis, of lists of one size, at most as many as `POINTS_IN_CACHE`
+    allows.
+    """
     some = max(POINTS_IN_CACHE // size, 1)
     for first in range(0, len(lists), some):
         yield lists[first : first + some]
@@ -119,8 +133,9 @@ def same_sizes(groups: Strata) -> list[tuple[int, IntArray]]:
 def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) -> FloatArray:
     """How often each point stands in each replicate, (m, n).
 
-    From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and Wu 1988): so the
-    variance of a mean is right for groups of two as well. A group of one stands in every replicate.
+    From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and
+    Wu 1988): so the variance of a mean is right for groups of two as well. A group of one stands in
+    every replicate.
     """
     counts = np.ones((replicates, groups.points))
     for size, same in same_sizes(groups):
@@ -131,8 +146,11 @@ def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) ->
     return counts
 
 
-def _multinomial(size: int, shape: tuple[int, int], stream: np.random.Generator) -> IntArray | FloatArray:
-    """How often each of `size` is among size - 1 draws, (*shape, size), by the stream's own multinomial numbers.
+def _multinomial(
+    size: int, shape: tuple[int, int], stream: np.random.Generator
+) -> IntArray | FloatArray:
+    """How often each of `size` is among size - 1 draws, (*shape, size), by the stream's own
+    multinomial numbers.
 
     Of two they are one number each, above a half or not, which takes a sixth of the time.
     """
@@ -145,7 +163,9 @@ def _multinomial(size: int, shape: tuple[int, int], stream: np.random.Generator)
 
 
 def _rows_at_a_time(replicates: int, points: int) -> Iterator[slice]:
-    """Replicates that are drawn in one go: the numbers of a stream are the same, however many they are."""
+    """Replicates that are drawn in one go: the numbers of a stream are the same, however many they
+    are.
+    """
     some = max(DRAWN_AT_ONCE // points, 1)
     for first in range(0, replicates, some):
         yield slice(first, min(first + some, replicates))
@@ -155,10 +175,13 @@ def _rows_at_a_time(replicates: int, points: int) -> Iterator[slice]:
 class Balance:
     """Replicates whose points have the mean place that all points have, not below 0.
 
-    Drawn counts are c = 1 + e. With R the projection on what is orthogonal to 1 and to the k coordinates of the points,
-    and G the covariance of e: c' = 1 + sqrt(tr G / tr(R G)) R e. So the variance of a mean is that of the residuals of
-    its terms from their linear trend, scaled so that terms without a trend keep theirs (balanced sampling: Deville and
-    Tille 2005). trend: what R takes away, (n, r), orthonormal. scale: of what is left.
+    Drawn counts are c = 1 + e. With R the projection on what is orthogonal to 1 and to the k
+    coordinates of the points, and G the covariance of e: c' = 1 + sqrt(tr G / tr(R G)) R e. So the
+    variance of a mean is that of the residuals of its terms from their linear trend, scaled so that
+    terms without a trend keep theirs (balanced sampling: Deville and Tille 2005).
+
+    trend: what R takes away, (n, r), orthonormal.
+    scale: of what is left.
     """
 
     trend: FloatArray
@@ -166,15 +189,17 @@ class Balance:
 
     @classmethod
     def of(cls, groups: Strata, unit: FloatArray) -> Balance | None:
-        """Of groups of points, (n, k) in the unit box; None with fewer than 2 k degrees of freedom in the groups, where
-        a trend cannot be told from chance.
+        """Of groups of points, (n, k) in the unit box; None with fewer than 2 k degrees of freedom
+        in the groups, where a trend cannot be told from chance.
         """
         n, k = unit.shape
         sizes = groups.sizes
         if n - len(sizes) < 2 * k:
             return None
-        about = unit - unit.mean(axis=0)  # 1 is orthogonal to every draw: each group has as many points as it has
-        _, extent, directions = np.linalg.svd(np.linalg.qr(about, mode="r"))  # of `about` itself: thrice the room
+        # 1 is orthogonal to every draw: each group has as many points as it has
+        about = unit - unit.mean(axis=0)
+        # of `about` itself: thrice the room
+        _, extent, directions = np.linalg.svd(np.linalg.qr(about, mode="r"))
         there = extent > _FLAT
         trend = about @ (directions[there].T / extent[there])
         del about
@@ -187,14 +212,18 @@ class Balance:
         return cls(trend, math.sqrt(spread / (spread - lost)))
 
     def along(self, counts: FloatArray, places: IntArray) -> FloatArray:
-        """The part of e that lies along the trend, (m, r); that of all points is the sum over any parts of them.
+        """The part of e that lies along the trend, (m, r); that of all points is the sum over any
+        parts of them.
 
         counts: (m, k), of the points at these places.
         """
         return np.asarray((counts - 1.0) @ self.trend[places])
 
     def balanced(self, counts: FloatArray, places: IntArray, along: FloatArray) -> FloatArray:
-        """The counts of these points, (m, k), balanced. along: of all points."""
+        """The counts of these points, (m, k), balanced.
+
+        along: of all points.
+        """
         errors = counts - 1.0
         errors -= along @ self.trend[places].T
         errors *= self.scale
@@ -210,8 +239,11 @@ def _squares_about_mean(places: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resampled:
-    """How often some of the points stand in each replicate. places: which points, (k,). counts: balanced, where the
-    sample is; drawn: as drawn, both (m, k).
+    """How often some of the points stand in each replicate.
+
+    places: which points, (k,).
+    counts: balanced, where the sample is;
+    drawn: as drawn, both (m, k).
     """
 
     places: IntArray
@@ -230,9 +262,11 @@ def resamples(
 ) -> Iterator[Resampled]:
     """All points, some at a time: each stands in one part.
 
-    groups: lists of points that stand for each other. even: the points in the unit box, (n, k), where they are balanced
-    over it. name: of the random stream. done: told how many points have been drawn, and of how many; those of a
-    balanced sample are drawn twice, because what balances them hangs on all of them.
+    groups: lists of points that stand for each other.
+    even: the points in the unit box, (n, k), where they are balanced over it.
+    name: of the random stream.
+    done: told how many points have been drawn, and of how many; those of a balanced sample are
+        drawn twice, because what balances them hangs on all of them.
     """
     most = AT_ONCE // replicates
     most = most if groups.points <= most else max(most // OF_MORE, 1)
@@ -264,18 +298,23 @@ def resamples(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Block:
-    """Points that are drawn together. places: (k,). draw: how often each stands in each replicate, (m, k); it gives the
-    same each time.
+    """Points that are drawn together.
+
+    places: (k,).
+    draw: how often each stands in each replicate, (m, k); it gives the same each time.
     """
 
     places: IntArray
     draw: Callable[[], FloatArray]
 
 
-def _blocks(lists: Strata, most: int, replicates: int, seed: int, name: Sequence[str]) -> Iterator[_Block]:
+def _blocks(
+    lists: Strata, most: int, replicates: int, seed: int, name: Sequence[str]
+) -> Iterator[_Block]:
     """Points list by list, at most so many together; a longer list in pieces."""
     number, first, order, ends = 0, 0, lists.order, lists.ends
-    longest = max(AT_ONCE // replicates, 1)  # of a piece: each holds a number for every replicate until all are drawn
+    # of a piece: each holds a number for every replicate until all are drawn
+    longest = max(AT_ONCE // replicates, 1)
 
     def stream(number: int) -> np.random.Generator:
         return random_stream(seed, *name, *([number] if number else []))
@@ -296,15 +335,22 @@ def _blocks(lists: Strata, most: int, replicates: int, seed: int, name: Sequence
         size = int(ends[last]) - first
         pieces = np.array_split(order[first : first + size], -(-size // longest))
         parts = np.array([len(places) for places in pieces]) / size
-        shares = random_stream(seed, *name, "pieces", number).multinomial(size - 1, parts, replicates)
+        shares = random_stream(seed, *name, "pieces", number).multinomial(
+            size - 1, parts, replicates
+        )
         for places, share in zip(pieces, shares.T, strict=True):
             yield _Block(places, piece(len(places), size, share, number))
             number += 1
         first += size
 
 
-def _counts_of_piece(points: int, size: int, share: IntArray, stream: np.random.Generator) -> FloatArray:
-    """`draw_counts` of some points of a list of this size. share: how many of its draws fall on them, (m,)."""
+def _counts_of_piece(
+    points: int, size: int, share: IntArray, stream: np.random.Generator
+) -> FloatArray:
+    """`draw_counts` of some points of a list of this size.
+
+    share: how many of its draws fall on them, (m,).
+    """
     counts = np.empty((len(share), points))
     for rows in _rows_at_a_time(len(share), points):
         drawn = stream.multinomial(share[rows], np.full(points, 1.0 / points))

@@ -1,4 +1,6 @@
-"""Risk: how probable a collision is, and how much loss to expect, over the space as it is met on the road."""
+"""Risk: how probable a collision is, and how much loss to expect, over the space as it is met on
+the road.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,9 @@ from sumo_eval.trajectory import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Risk:
-    """Exposure-weighted collision probability and expected loss L (Eq. 14) of an encounter. effective_cases: how many
-    equally frequent cases would tell as much (Kish).
+    """Exposure-weighted collision probability and expected loss L (Eq. 14) of an encounter.
+
+    effective_cases: how many equally frequent cases would tell as much (Kish).
     """
 
     collision_probability: Interval
@@ -25,16 +28,23 @@ class Risk:
 
 
 def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] = ()) -> Risk:
-    """exposure: p (n,) of the evaluated cases. loss: L (n,), 0 without a collision. name: of the random stream.
+    """exposure: p (n,) of the evaluated cases.
+    loss: L (n,), 0 without a collision.
+    name: of the random stream.
 
-    A bootstrap over the cases. Where no case, or every case, collided, a bootstrap knows no doubt: there the upper
-    (lower) limit is the exact binomial one for the effective number of cases, 1 - (1 - level)/2 to the power 1/n.
+    A bootstrap over the cases. Where no case, or every case, collided, a bootstrap knows no doubt:
+    there the upper
+    (lower) limit is the exact binomial one for the effective number of cases, 1 - (1 - level)/2 to
+    the power 1/n.
     """
     n = len(exposure)
     if n < 2 or not exposure.sum() > 0.0:
         raise must_be("The cases", "a risk", "at least 2, with exposure above 0", n)
     hit = (loss > 0.0).astype(np.float64)
-    terms, sums = np.column_stack([exposure, exposure * hit, exposure * loss]), np.zeros((REPLICATES, 3))
+    terms, sums = (
+        np.column_stack([exposure, exposure * hit, exposure * loss]),
+        np.zeros((REPLICATES, 3)),
+    )
     for part in resamples(one_list(n), REPLICATES, seed, ("risk", *name)):
         sums += part.counts @ terms[part.places]
     over, hits, losses = sums.T

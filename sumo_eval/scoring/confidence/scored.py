@@ -46,12 +46,16 @@ def with_intervals(
     stratum: IntArray | None = None,
     progress: Progress = quiet,
 ) -> tuple[list[ScenarioResult], list[ScoreIntervals | None]]:
-    """The results of all ADSs in one scenario with the interval of every score, and what a ranking needs.
+    """The results of all ADSs in one scenario with the interval of every score, and what a ranking
+    needs.
 
-    rows, places, drivers: of each ADS its cases, which of the scenario's points each is, and what the choice of drivers
-    does. unit: all points in the unit box, (n, k). sampling: how they were chosen. stratum: (n,) points with one number
-    may stand for each other, where the sample says so itself. An ADS with fewer than two cases that count keeps what
-    missing cases leave open, or has no interval.
+    rows, places, drivers: of each ADS its cases, which of the scenario's points each is, and what
+        the choice of drivers does.
+    unit: all points in the unit box, (n, k).
+    sampling: how they were chosen.
+    stratum: (n,) points with one number may stand for each other, where the sample says so itself.
+        An ADS with fewer than two cases that count keeps what missing cases leave open, or has no
+        interval.
     """
     groups = strata(unit, sampling) if stratum is None else of_one_number(stratum)
     judged, which = [], []
@@ -65,7 +69,13 @@ def with_intervals(
         return list(scores), [None] * len(scores)
     even = unit if sampling in EVEN else None
     computed = score_intervals(
-        judged, groups, settings.method, settings.seed, scores[0].scenario, even=even, progress=progress
+        judged,
+        groups,
+        settings.method,
+        settings.seed,
+        scores[0].scenario,
+        even=even,
+        progress=progress,
     )
     found: list[ScoreIntervals | None] = [None] * len(scores)
     for number, one in zip(which, computed, strict=True):
@@ -73,7 +83,8 @@ def with_intervals(
         found[number] = replace(one, missing=_moved(score.s_plus, score.s_plus_interval))
     most = score_of(1.0, 1.0, settings.method.score).total or 0.0
     return [
-        score if one is None else _joined(score, one, most) for score, one in zip(scores, found, strict=True)
+        score if one is None else _joined(score, one, most)
+        for score, one in zip(scores, found, strict=True)
     ], found
 
 
@@ -83,10 +94,16 @@ def _moved(value: float | None, ends: tuple[float, float] | None) -> tuple[float
 
 
 def _joined(score: ScenarioResult, found: ScoreIntervals, most_of_s: float) -> ScenarioResult:
-    """Each end is the worst (best) that the missing cases allow, moved on by what the sample leaves open there."""
+    """Each end is the worst (best) that the missing cases allow, moved on by what the sample leaves
+    open there.
+    """
     ends: dict[str, tuple[float, float] | None] = {}
     for name in SCORED:
-        value, missing, sampled = getattr(score, name), getattr(score, f"{name}_interval"), found.limits.get(name)
+        value, missing, sampled = (
+            getattr(score, name),
+            getattr(score, f"{name}_interval"),
+            found.limits.get(name),
+        )
         if value is not None and sampled is not None:
             worst, best = missing if missing is not None else (value, value)
             least, most = WITHIN.get(name, (0.0, most_of_s))

@@ -1,6 +1,8 @@
-"""In place of ROS 2's rclpy: nodes of one process that exchange messages through queues, delivered by `spin_once`.
+"""In place of ROS 2's rclpy: nodes of one process that exchange messages through queues, delivered
+by `spin_once`.
 
-On `init` the module that STACK names is imported and makes its node, as a stack that was started before.
+On `init` the module that STACK names is imported and makes its node, as a stack that was started
+before.
 """
 
 import importlib

@@ -1,4 +1,5 @@
-"""A driving stack of two nodes, as STACK names it: an ACC, or with STACK_PLANS a planner that stays in its lane."""
+"""A driving stack of two nodes, as STACK names it: an ACC, or with STACK_PLANS a planner that stays
+in its lane."""
 
 import os
 

@@ -9,8 +9,11 @@ from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.quantities import combine
 
 
-def with_intervals_of(evaluation: Evaluation, partitions: dict[str, ZonePartition], ads: str) -> Evaluation:
-    """The evaluation with the scores of one of its ADSs alone, as `score` makes them of its rows."""
+def with_intervals_of(
+    evaluation: Evaluation, partitions: dict[str, ZonePartition], ads: str
+) -> Evaluation:
+    """The evaluation with the scores of one of its ADSs alone, as `score` makes them of its
+    rows."""
     finished = []
     for name, zones in partitions.items():
         rows = evaluation.cases_of(ads, name)

@@ -1,4 +1,5 @@
-"""Confidence put together from rows and facts: influence, the drivers' error, and where there is no interval."""
+"""Confidence put together from rows and facts: influence, the drivers' error, and where there is no
+interval."""
 
 import math
 from dataclasses import replace
@@ -59,7 +60,8 @@ def four_cases(**changes):
 
 
 def test_influence_by_hand():
-    # C = (0.2 + 3 * 0.8) / 4 = 0.65: 50 * 1 * (0.2 - 0.65) / 4 = -5.625, 50 * 3 * (0.8 - 0.65) / 4 = +5.625
+    # C = (0.2 + 3 * 0.8) / 4 = 0.65: 50 * 1 * (0.2 - 0.65) / 4 = -5.625, 50 * 3 * (0.8 - 0.65) / 4
+    # = +5.625
     # D = (0.4 + 4 * 0.9) / 5 = 0.8: 50 * 1 * (0.4 - 0.8) / 5 = -4, 50 * 4 * (0.9 - 0.8) / 5 = +4
     assert influence(four_cases(), MethodSettings()) == pytest.approx([-5.625, 5.625, -4.0, 4.0])
 
@@ -80,18 +82,23 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
     safe = [
         replace(case, plausibility=0.5, human_likeness=0.3)
         for case in evaluation.cases
-        if (case.ads, case.scenario, case.zone) == (builders.CALM, CUT_OUT, "safe") and case.index is not None
+        if (case.ads, case.scenario, case.zone) == (builders.CALM, CUT_OUT, "safe")
+        and case.index is not None
     ][:2]
     fine = settings.method.anthropomorphic
     coarse = replace(fine, slice_spacing=fine.band_slice_spacing)
     assert fine.band_slice_spacing > fine.slice_spacing
     names = [f"driver_{index:02d}" for index in range(builders.DRIVERS)]
     with open_store(evaluation.folder / FACTS) as store:
-        drives = {case.case: tuple(f"{CUT_OUT}-{case.case.split('-')[1]}-~{name}" for name in names) for case in safe}
+        drives = {
+            case.case: tuple(f"{CUT_OUT}-{case.case.split('-')[1]}-~{name}" for name in names)
+            for case in safe
+        }
         swaps = exchanges(names, settings.drivers, settings.seed)
         assert swaps, "some of them overtake and some follow"
         jobs = [
-            PointJob(drives[case.case], zones.logical.road, left_out=(case.case,), exchanges=swaps) for case in safe
+            PointJob(drives[case.case], zones.logical.road, left_out=(case.case,), exchanges=swaps)
+            for case in safe
         ]
         kept = KeptResults(evaluation.folder)
         found = compute_points(store.path, jobs, fine, map, lambda done: None, kept)
@@ -106,15 +113,28 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
             for case in safe:
                 others = [store.trajectory(drives[case.case][place]) for place in sorted(present)]
                 own = store.trajectory(case.case)
-                over += case.exposure * anthropomorphic_index(own, others, zones.logical.road, coarse).value
+                over += (
+                    case.exposure
+                    * anthropomorphic_index(own, others, zones.logical.road, coarse).value
+                )
                 under += case.exposure
             values.append(over / under)
-        whole, fewer, swapped = values[0], values[1 : 1 + builders.DRIVERS], values[1 + builders.DRIVERS :]
+        whole, fewer, swapped = (
+            values[0],
+            values[1 : 1 + builders.DRIVERS],
+            values[1 + builders.DRIVERS :],
+        )
     found = driver_deviations(
-        CaseTable.of(safe), left_out, {case.case: names for case in safe}, settings.drivers, settings.seed
+        CaseTable.of(safe),
+        left_out,
+        {case.case: names for case in safe},
+        settings.drivers,
+        settings.seed,
     )
     population = settings.drivers.population
-    groups = [draw_driver(index, settings.seed, population).overtakes for index in range(builders.DRIVERS)]
+    groups = [
+        draw_driver(index, settings.seed, population).overtakes for index in range(builders.DRIVERS)
+    ]
     change = float(np.mean(swapped)) - whole
     expected = stratified_deviations(np.array(fewer), groups, population.overtake_share, change)
     assert found.names[:-1] == tuple(names)
@@ -125,7 +145,10 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
 def test_fewer_than_two_evaluated_cases_have_no_interval_and_a_reason(evaluation, partitions):
     first = next(case for case in evaluation.cases if case.evaluated and case.ads == builders.CALM)
     score = next(s for s in evaluation.scores if (s.ads, s.scenario) == (first.ads, first.scenario))
-    found = assess(replace(evaluation, cases=(first,), scores=(score,)), {first.scenario: partitions[first.scenario]})
+    found = assess(
+        replace(evaluation, cases=(first,), scores=(score,)),
+        {first.scenario: partitions[first.scenario]},
+    )
     alone = found.of(first.ads, first.scenario)
     assert (alone.intervals, alone.risk, alone.further) == ({}, None, None)
     assert alone.reason == "fewer than two evaluated cases with exposure"
@@ -142,8 +165,12 @@ def test_every_score_lies_in_its_interval_and_risk_is_what_the_rows_say(evaluati
             assert interval.low <= interval.value <= interval.high
         assert item.sources["s"]["cases"] > 0.0
         rows = [
-            case for case in calm.cases if (case.ads, case.scenario) == (score.ads, score.scenario) and case.evaluated
+            case
+            for case in calm.cases
+            if (case.ads, case.scenario) == (score.ads, score.scenario) and case.evaluated
         ]
-        p = sum(case.exposure for case in rows if case.collided) / sum(case.exposure for case in rows)
+        p = sum(case.exposure for case in rows if case.collided) / sum(
+            case.exposure for case in rows
+        )
         assert item.risk.collision_probability.value == pytest.approx(p)
     assert set(found.coverage) == set(partitions)

@@ -1,4 +1,5 @@
-"""Intervals hold what they promise, on a problem whose answer is known, and follow from worked numbers."""
+"""Intervals hold what they promise, on a problem whose answer is known, and follow from worked
+numbers."""
 
 import math
 from dataclasses import replace
@@ -10,7 +11,12 @@ from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.method.score_terms import avoidance_grade
 from sumo_eval.scoring.case_terms import CaseTerms, scores_of
 from sumo_eval.scoring.confidence import resamples as drawing
-from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, exchanges, stratified_deviations
+from sumo_eval.scoring.confidence.drivers import (
+    NO_DEVIATIONS,
+    DriverDeviations,
+    exchanges,
+    stratified_deviations,
+)
 from sumo_eval.scoring.confidence.intervals import ONE_MORE, Judged, _with_one_more, score_intervals
 from sumo_eval.scoring.confidence.resamples import of_one_number, one_list, resamples, strata
 from sumo_eval.settings import DriverSettings, MethodSettings, PopulationSettings
@@ -41,7 +47,9 @@ def judged(n=60, *, ads="one", hazardous=None, drivers=NO_DEVIATIONS, **changes)
 
 
 def intervals(one, groups=None, *, seed=3, replicates=2_000):
-    (found,) = score_intervals([one], groups or one_list(len(one.points)), METHOD, seed, "s", replicates=replicates)
+    (found,) = score_intervals(
+        [one], groups or one_list(len(one.points)), METHOD, seed, "s", replicates=replicates
+    )
     return found
 
 
@@ -51,11 +59,13 @@ def half(limits):
 
 def test_cases_that_were_all_lost_have_intervals_without_c():
     lost = np.zeros(3, dtype=bool)
-    found = intervals(judged(3, counted=lost, evaluated=lost, incident=np.ones(3, dtype=bool)), replicates=20)
+    found = intervals(
+        judged(3, counted=lost, evaluated=lost, incident=np.ones(3, dtype=bool)), replicates=20
+    )
     assert "c" not in found.limits
 
 
-# --- the known answer -------------------------------------------------------------------------------------------------
+# --- the known answer -----------------------------------------------------------------------------
 
 DRIVERS, CASES = 10, 90
 THRESHOLD = 0.3  # x above it is safe
@@ -67,7 +77,8 @@ def expected_index(x):
 
 
 def truth_d():
-    # exposure 1 + x over x in U(0, 1), safe where x > t = 0.3: D = int (1+x)(0.35+0.4x) / int (1+x) from t to 1
+    # exposure 1 + x over x in U(0, 1), safe where x > t = 0.3: D = int (1+x)(0.35+0.4x) / int (1+x)
+    # from t to 1
     def upper(x):
         return 0.35 * x + 0.75 * x**2 / 2 + 0.4 * x**3 / 3
 
@@ -84,7 +95,8 @@ def truth_c():
 
 
 def truth_a():
-    # U = 10, Ug = 10 (0.2 + 0.6 u), U0 = 20 where x < 0.3. Lost: 0.126 int (1+u) 10 (0.8-0.6u) du = 0.126 * 7;
+    # U = 10, Ug = 10 (0.2 + 0.6 u), U0 = 20 where x < 0.3. Lost: 0.126 int (1+u) 10 (0.8-0.6u) du =
+    # 0.126 * 7;
     # at stake: 0.3 int (1+u)(18-6u) du = 0.3 * 22
     return 1.0 - 0.126 * 7.0 / (0.3 * 22.0)
 
@@ -101,7 +113,12 @@ def one_experiment(random):
     def weighted(values):
         return float(np.sum((exposure * values)[safe]) / np.sum(exposure[safe]))
 
-    left_out = np.array([weighted(index - shifts.mean() + (shifts.sum() - shift) / (DRIVERS - 1)) for shift in shifts])
+    left_out = np.array(
+        [
+            weighted(index - shifts.mean() + (shifts.sum() - shift) / (DRIVERS - 1))
+            for shift in shifts
+        ]
+    )
     errors = stratified_deviations(left_out, [None] * DRIVERS)
     names = tuple(f"{number}" for number in range(DRIVERS + 1))
     ideal = np.where(safe, 0.0, 10.0 * (0.2 + 0.6 * u))
@@ -124,11 +141,18 @@ def one_experiment(random):
 
 def test_95_per_cent_intervals_hold_the_truth_in_95_per_cent_of_200_repetitions():
     random = np.random.default_rng(2026)
-    truth = {"c": truth_c(), "d": truth_d(), "human_likeness": truth_d(), "avoided_share": truth_a()}
+    truth = {
+        "c": truth_c(),
+        "d": truth_d(),
+        "human_likeness": truth_d(),
+        "avoided_share": truth_a(),
+    }
     truth["s"] = 50.0 * truth["c"] + 50.0 * truth["d"]
     truth["task_share"] = truth_d()
     truth["avoidance_grade"] = float(avoidance_grade(truth["avoided_share"], METHOD.task.sharpness))
-    truth["s_plus"] = truth["task_share"] * truth["avoidance_grade"] * (50.0 + 50.0 * truth["human_likeness"])
+    truth["s_plus"] = (
+        truth["task_share"] * truth["avoidance_grade"] * (50.0 + 50.0 * truth["human_likeness"])
+    )
     held = dict.fromkeys(truth, 0)
     for seed in range(200):
         found = intervals(one_experiment(random), seed=seed, replicates=400)
@@ -137,16 +161,18 @@ def test_95_per_cent_intervals_hold_the_truth_in_95_per_cent_of_200_repetitions(
             held[name] += low <= value <= high
     shares = {name: count / 200 for name, count in held.items()}
     assert all(0.93 <= shares[name] <= 0.97 for name in ("c", "d", "human_likeness", "s")), shares
-    # Unseen collisions, as hard as doing nothing, are twice as hard here as those that were seen: A's end is too low.
+    # Unseen collisions, as hard as doing nothing, are twice as hard here as those that were seen:
+    # A's end is too low.
     low_ends = ("avoided_share", "task_share", "avoidance_grade", "s_plus")
     assert all(0.93 <= shares[name] <= 0.995 for name in low_ends), shares
 
 
-# --- the points' part -------------------------------------------------------------------------------------------------
+# --- the points' part -----------------------------------------------------------------------------
 
 
 def test_an_interval_of_a_mean_is_students():
-    # 60 equal weights, index evenly spread over 0.2..0.8: sd = 0.6 * sqrt((60 + 1) / (12 * 59)) = 0.17611,
+    # 60 equal weights, index evenly spread over 0.2..0.8: sd = 0.6 * sqrt((60 + 1) / (12 * 59)) =
+    # 0.17611,
     # se = 0.17611 / sqrt(60) = 0.022736, t(59) at 97.5 % = 2.0010: half-width 0.0455
     found = intervals(judged(), replicates=20_000)
     assert half(found.limits["d"]) == pytest.approx(0.0455, rel=0.03)
@@ -165,18 +191,21 @@ def test_a_trend_along_a_parameter_is_no_error_of_an_even_sample():
     groups = strata(unit, "sobol")
     one = judged(64, index=unit[:, 1], likeness=unit[:, 1])
     plain, even = (
-        score_intervals([one], groups, METHOD, 3, "s", even=each)[0].limits["human_likeness"] for each in (None, unit)
+        score_intervals([one], groups, METHOD, 3, "s", even=each)[0].limits["human_likeness"]
+        for each in (None, unit)
     )
     assert half(even) < 0.25 * half(plain)
 
 
-# --- what was not seen ------------------------------------------------------------------------------------------------
+# --- what was not seen ----------------------------------------------------------------------------
 
 
 def test_with_no_collision_seen_the_rule_of_three_gives_the_end_on_the_bad_side():
-    # 30 hazardous points (U0 - Ug = 10 - 4 = 6), 30 others (10 - 8 = 2); 3/30 = 0.1 of the hazardous ones may hold one.
-    # A: 1 - 0.1 * 30*6 / (30*6 + 30*2) = 0.925. Regret: 0.1 * 30*6 / 60 = 0.3 m/s.
-    # C: 1 - 0.9^30 = 0.95761 of evaluations of 30 such points see a collision and have 4/10, so 1 - 0.95761 * 0.6.
+    # 30 hazardous points (U0 - Ug = 10 - 4 = 6), 30 others (10 - 8 = 2); 3/30 = 0.1 of the
+    # hazardous ones may hold one. A: 1 - 0.1 * 30*6 / (30*6 + 30*2) = 0.925. Regret: 0.1 * 30*6 /
+    # 60 = 0.3 m/s.
+    # C: 1 - 0.9^30 = 0.95761 of evaluations of 30 such points see a collision and have 4/10, so 1 -
+    # 0.95761 * 0.6.
     hazardous = np.arange(60) < 30
     found = intervals(judged(hazardous=hazardous, ideal=np.where(hazardous, 4.0, 8.0)))
     assert found.limits["avoided_share"] == (pytest.approx(0.925), 1.0)
@@ -189,7 +218,9 @@ def test_with_no_collision_seen_the_rule_of_three_gives_the_end_on_the_bad_side(
 
 def test_where_nothing_is_hazardous_all_points_count_and_where_nothing_is_at_stake_nothing_is_lost():
     none = np.zeros(60, dtype=bool)
-    assert intervals(judged(hazardous=none)).limits["avoided_share"][0] == pytest.approx(1.0 - 3.0 / 60.0)
+    assert intervals(judged(hazardous=none)).limits["avoided_share"][0] == pytest.approx(
+        1.0 - 3.0 / 60.0
+    )
     calm = intervals(judged(hazardous=none, unreacting=np.zeros(60)))
     assert calm.limits["avoided_share"] == (1.0, 1.0)
     assert calm.limits["c"] == (1.0, 1.0)
@@ -197,8 +228,8 @@ def test_where_nothing_is_hazardous_all_points_count_and_where_nothing_is_at_sta
 
 @pytest.mark.parametrize("expected", [0.5, 1.0, 2.0])
 def test_intervals_hold_the_mean_of_c_over_evaluations_most_of_which_see_no_collision(expected):
-    # 30 hazardous points of 60, each of which holds a collision with the chance expected/30, Ug/U = 0.4: the mean of C
-    # over evaluations is 0.4 + 0.6 (1 - expected/30)^30, about 0.76, 0.62, 0.48.
+    # 30 hazardous points of 60, each of which holds a collision with the chance expected/30, Ug/U =
+    # 0.4: the mean of C over evaluations is 0.4 + 0.6 (1 - expected/30)^30, about 0.76, 0.62, 0.48.
     random = np.random.default_rng(7)
     hazardous = np.arange(60) < 30
     ideal = np.where(hazardous, 4.0, 8.0)
@@ -219,11 +250,13 @@ def test_intervals_hold_the_mean_of_c_over_evaluations_most_of_which_see_no_coll
 
 
 def test_s_of_an_evaluation_without_a_d_reaches_to_what_it_would_be_without_the_collision_in_the_safe_zone():
-    # D_i = 0.5 everywhere, one of 60 points holds the collision, Ug/U = 0.4: S = 50 * 0.4 with it, 50 + 50 * 0.5
-    # without it, which (1 - 1/60)^59 = 0.37 of all replicates are. Neither end owes anything to another collision.
+    # D_i = 0.5 everywhere, one of 60 points holds the collision, Ug/U = 0.4: S = 50 * 0.4 with it,
+    # 50 + 50 * 0.5 without it, which (1 - 1/60)^59 = 0.37 of all replicates are. Neither end owes
+    # anything to another collision.
     hit = np.arange(60) == 7
     one = judged(
-        severity=np.where(hit, 10.0, 0.0), collided=hit, ratio=np.where(hit, 0.4, np.nan), voids=hit,
+        severity=np.where(hit, 10.0, 0.0), collided=hit, ratio=np.where(hit, 0.4, np.nan),
+        voids=hit,
         index=np.where(hit, np.nan, 0.5),
     )  # fmt: skip
     found = intervals(one)
@@ -246,7 +279,7 @@ def test_unseen_collisions_never_lift_the_lower_end_and_seen_ones_stay_inside(hi
     assert low < intervals(judged()).limits["avoided_share"][0]
 
 
-# --- the drivers' part ------------------------------------------------------------------------------------------------
+# --- the drivers' part ----------------------------------------------------------------------------
 
 
 def drivers(error):
@@ -254,13 +287,16 @@ def drivers(error):
 
 
 def test_drivers_alone_widen_d_by_students_t_of_their_number():
-    # 0.6^2 + 0.8^2 = 1: t(9) at 97.5 % = 2.2622 times 0.05, for 60 points widened by t(59)/z = 2.0010/1.9600
+    # 0.6^2 + 0.8^2 = 1: t(9) at 97.5 % = 2.2622 times 0.05, for 60 points widened by t(59)/z =
+    # 2.0010/1.9600
     one = judged(index=np.full(60, 0.5), drivers=drivers(0.05))
     found = intervals(one, replicates=40_000)
     assert found.sources["s"]["cases"] == pytest.approx(0.0, abs=1e-9)
     assert half(found.limits["d"]) == pytest.approx(2.2622 * 0.05, rel=0.06)
     assert found.sources["s"]["drivers"] == pytest.approx(50 * 2.2622 * 0.05, rel=0.06)
-    assert found.limits["human_likeness"] == pytest.approx(intervals(judged()).limits["human_likeness"], abs=0.01)
+    assert found.limits["human_likeness"] == pytest.approx(
+        intervals(judged()).limits["human_likeness"], abs=0.01
+    )
 
 
 def test_the_drivers_errors_of_one_group_are_the_jackknifes():
@@ -271,28 +307,40 @@ def test_the_drivers_errors_of_one_group_are_the_jackknifes():
 
 
 def test_the_drivers_errors_of_a_mean_are_those_of_a_stratified_sample():
-    # 3 followers, 5 overtakers. Variance of the mean: sum over groups of n_h s_h^2 / n^2; the difference between the
-    # groups has no part in it, but for the rounding: 8 * 0.6 = 4.8 overtakers are 4 or 5, a deviation of
-    # sqrt(0.8 * 0.2) = 0.4 drivers; a follower counted twice in the place of an overtaker moves the mean by
+    # 3 followers, 5 overtakers. Variance of the mean: sum over groups of n_h s_h^2 / n^2; the
+    # difference between the groups has no part in it, but for the rounding: 8 * 0.6 = 4.8
+    # overtakers are 4 or 5, a deviation of
+    # sqrt(0.8 * 0.2) = 0.4 drivers; a follower counted twice in the place of an overtaker moves the
+    # mean by
     # (the means' difference)/8 in the mean over all such exchanges.
     groups = [True] * 5 + [False] * 3
     values = np.array([5.0, 6.0, 5.5, 7.0, 6.5, 1.0, 0.5, 2.0])
     left_out = (values.sum() - values) / 7
     over, follow = values[:5], values[5:]
-    change = float(np.mean([(values.sum() - one + other) / 8 - values.mean() for one in over for other in follow]))
+    change = float(
+        np.mean(
+            [(values.sum() - one + other) / 8 - values.mean() for one in over for other in follow]
+        )
+    )
     errors = stratified_deviations(left_out, groups, 0.6, change)
     variance = (5 * over.var(ddof=1) + 3 * follow.var(ddof=1)) / 64
     assert np.sum(errors[:-1] ** 2) == pytest.approx(variance)
-    assert errors[-1] == pytest.approx(-0.4 * (over.mean() - follow.mean()) / 8), "a follower for an overtaker"
+    assert errors[-1] == pytest.approx(-0.4 * (over.mean() - follow.mean()) / 8), (
+        "a follower for an overtaker"
+    )
     assert stratified_deviations(left_out, groups, 1.0, change)[-1] == 0.0
     assert np.sum(errors**2) < np.sum(stratified_deviations(left_out, [None] * 8) ** 2)
 
 
-@pytest.mark.parametrize(("seed", "share"), [(0, 0.64), (1, 0.64), (2, 0.64), (0, 0.5), (3, 0.05), (4, 0.96)])
+@pytest.mark.parametrize(
+    ("seed", "share"), [(0, 0.64), (1, 0.64), (2, 0.64), (0, 0.5), (3, 0.05), (4, 0.96)]
+)
 def test_whoever_was_rounded_up_leaves_once_and_one_of_the_others_counts_twice(seed, share):
     settings = DriverSettings(count=10, population=PopulationSettings(overtake_share=share))
     names = [f"driver_{index:02d}" for index in range(10)]
-    overtakes = np.array([draw_driver(index, seed, settings.population).overtakes for index in range(10)])
+    overtakes = np.array(
+        [draw_driver(index, seed, settings.population).overtakes for index in range(10)]
+    )
     found = exchanges(names, settings, seed)
     if len(set(overtakes)) == 1:
         assert found == ()
@@ -300,17 +348,21 @@ def test_whoever_was_rounded_up_leaves_once_and_one_of_the_others_counts_twice(s
     leave, twice = np.array(found).T
     assert set(overtakes[leave]) == {overtakes.sum() > 10 * share}
     assert set(overtakes[twice]) == {not overtakes.sum() > 10 * share}
-    assert list(leave) == list(np.flatnonzero(overtakes == overtakes[leave[0]])), "each of them once"
+    assert list(leave) == list(np.flatnonzero(overtakes == overtakes[leave[0]])), (
+        "each of them once"
+    )
     times = np.bincount(twice)[np.unique(twice)]
     assert times.max() - times.min() <= 1, "all of the others as often"
 
 
 def test_nothing_is_exchanged_among_recorded_people():
-    assert exchanges(["person_1", "person_2", "driver_00"], DriverSettings(source="recorded"), 1) == ()
+    assert (
+        exchanges(["person_1", "person_2", "driver_00"], DriverSettings(source="recorded"), 1) == ()
+    )
     assert exchanges(["driver_00"], DriverSettings(), 1) == ()
 
 
-# --- one ADS's own ----------------------------------------------------------------------------------------------------
+# --- one ADS's own --------------------------------------------------------------------------------
 
 
 def test_no_digit_depends_on_who_else_is_judged_or_in_what_order():
@@ -329,24 +381,31 @@ def test_no_digit_depends_on_who_else_is_judged_or_in_what_order():
     assert renamed["s_plus"] == ends["s_plus"], "the one more case is the scenario's"
 
 
-# --- part by part -----------------------------------------------------------------------------------------------------
+# --- part by part ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("how", ["even", "chance", "numbered"])
 def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, monkeypatch):
-    """The plain twin holds how often every point stands in every replicate, and asks for the scores of all at once."""
+    """The plain twin holds how often every point stands in every replicate, and asks for the scores
+    of all at once."""
     monkeypatch.setattr(drawing, "AT_ONCE", 3_000)  # 30 points with 100 replicates
     random = np.random.default_rng(5)
     unit = random.random((200, 2))
-    groups = {"even": strata(unit, "sobol"), "chance": one_list(200), "numbered": of_one_number(unit[:, 0] // 0.3)}[how]
+    groups = {
+        "even": strata(unit, "sobol"),
+        "chance": one_list(200),
+        "numbered": of_one_number(unit[:, 0] // 0.3),
+    }[how]
     even = unit if how == "even" else None
     at = random.permutation(200)[:170]  # the others could not be driven
     hit, safe = random.random(170) < 0.2, random.random(170) < 0.4
     one = judged(
-        170, hazardous=~safe, collided=hit, severity=10.0 * hit, unreacting=np.where(safe, 0.0, 20.0),
+        170, hazardous=~safe, collided=hit, severity=10.0 * hit,
+        unreacting=np.where(safe, 0.0, 20.0),
         ratio=np.where(hit, random.random(170), np.nan), weight=1.0 + random.random(170),
         voids=hit & (at == at[hit][0]), exposure=np.where(at < 60, 0.0, random.random(170)),
-        index=np.where(safe, random.random(170), np.nan), likeness=np.where(safe, random.random(170), np.nan),
+        index=np.where(safe, random.random(170), np.nan),
+        likeness=np.where(safe, random.random(170), np.nan),
     )  # fmt: skip
     one = replace(one, points=at)
     (found,) = score_intervals([one], groups, METHOD, 3, "s", replicates=100, even=even)
@@ -359,7 +418,9 @@ def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, mon
     whole = scores_of(one.terms, counts[:, at], METHOD, drawn[:, at])
     assert found.better == pytest.approx(whole["s_plus"], rel=1e-12)
     one_more = random_stream(3, "intervals", "one more", "s").exponential(ONE_MORE, 100)
-    assert found.worse == pytest.approx(_with_one_more(whole, whole, one.terms, one_more, METHOD)["s_plus"], rel=1e-12)
+    assert found.worse == pytest.approx(
+        _with_one_more(whole, whole, one.terms, one_more, METHOD)["s_plus"], rel=1e-12
+    )
 
 
 def test_many_cases_are_drawn_in_parts_that_are_one_interval():

@@ -1,4 +1,5 @@
-"""ADSs in the order of S+: told apart by differences over the same points, not by intervals that overlap."""
+"""ADSs in the order of S+: told apart by differences over the same points, not by intervals that
+overlap."""
 
 from __future__ import annotations
 
@@ -27,10 +28,12 @@ UNIFORM = np.random.default_rng(4).uniform(size=80)
 
 
 def drives(ads: str, shift: float, scenario: str = "s", own: float = 0.0) -> list[CaseResult]:
-    """80 safe cases whose human-likeness differs from point to point, alike for every ADS, but for a shift."""
+    """80 safe cases whose human-likeness differs from point to point, alike for every ADS, but for
+    a shift."""
     noise = np.random.default_rng(len(ads)).uniform(-own, own, 80)
     return [
-        replace(SAFE, case=f"{ads}{n}", ads=ads, scenario=scenario, exposure=1.0, weight=1.0, no_reaction_severity=0.0,
+        replace(SAFE, case=f"{ads}{n}", ads=ads, scenario=scenario, exposure=1.0, weight=1.0,
+            no_reaction_severity=0.0,
                 human_likeness=0.2 + 0.5 * x + shift + e)
         for n, (x, e) in enumerate(zip(UNIFORM.tolist(), noise.tolist(), strict=True))
     ]  # fmt: skip
@@ -40,10 +43,14 @@ def scored(
     *tables: list[CaseResult], settings: EvaluationSettings = SETTINGS
 ) -> tuple[list[ScenarioResult], dict[tuple[str, str], ScoreIntervals | None]]:
     scores = [
-        replace(combine("a", "s", rows, settings.method), ads=rows[0].ads, scenario=rows[0].scenario) for rows in tables
+        replace(
+            combine("a", "s", rows, settings.method), ads=rows[0].ads, scenario=rows[0].scenario
+        )
+        for rows in tables
     ]
     done, found = with_intervals(
-        scores, list(map(CaseTable.of, tables)), [range(len(rows)) for rows in tables], [NO_DEVIATIONS] * len(tables),
+        scores, list(map(CaseTable.of, tables)), [range(len(rows)) for rows in tables],
+        [NO_DEVIATIONS] * len(tables),
         np.linspace(0.0, 1.0, 80)[:, None], "latin_hypercube", settings,
     )  # fmt: skip
     return done, {(one.ads, one.scenario): spread for one, spread in zip(done, found, strict=True)}
@@ -60,23 +67,30 @@ def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not
     pair = ranking.pair("high", "low")
     assert pair.told_apart
     assert pair.difference == pytest.approx(50 * 0.02)
-    # One more case takes e of n + e cases from T of both: e = 0.5 ln 40 = 1.84 at most in 97.5 % of the replicates
+    # One more case takes e of n + e cases from T of both: e = 0.5 ln 40 = 1.84 at most in 97.5 % of
+    # the replicates
     assert pair.interval == (pytest.approx(80 / 81.84, abs=2e-3), pytest.approx(1.0)), (
         "what both have in common cancels"
     )
 
 
 def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_place() -> None:
-    """In `s` both drove alike but for the computer's time, in `t` by 0.02 of H in every case: 1 point, and 0.5 over
-    both scenarios. One other drive in `s` that scores the same changes nothing, one that scores less widens it.
+    """In `s` both drove alike but for the computer's time, in `t` by 0.02 of H in every case: 1
+    point, and 0.5 over both scenarios. One other drive in `s` that scores the same changes nothing,
+    one that scores less widens it.
     """
-    one, other = drives("a", 0.0), [replace(row, wall_time=3.0, latency_max=0.2) for row in drives("bb", 0.0)]
+    one, other = (
+        drives("a", 0.0),
+        [replace(row, wall_time=3.0, latency_max=0.2) for row in drives("bb", 0.0)],
+    )
     scores, found = scored(one, other)
     ranking = rank(scores, found, RankingSettings())
     assert [(row.ads, row.place) for row in ranking.ads] == [("a", 1), ("bb", 1)]
     pair = ranking.pairs[0]
     assert (pair.difference, pair.interval, pair.told_apart) == (0.0, (0.0, 0.0), False)
-    assert "(0.0..0.0) to a: scored alike in every case, the place is shared" in "\n".join(ranking_lines(ranking))
+    assert "(0.0..0.0) to a: scored alike in every case, the place is shared" in "\n".join(
+        ranking_lines(ranking)
+    )
     further, others = scored(drives("a", 0.02, "t"), drives("bb", 0.0, "t"))
     both = rank([*scores, *further], found | others, RankingSettings())
     assert both.pairs[0].interval == (pytest.approx(0.5, abs=0.02), pytest.approx(0.5))
@@ -88,8 +102,12 @@ def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_p
         assert (low < high) is apart
 
 
-def test_neighbours_that_cannot_be_told_apart_share_a_place_and_the_next_one_is_counted_on() -> None:
-    scores, found = scored(drives("a", 0.001, own=0.1), drives("bb", 0.0, own=0.1), drives("ccc", -0.1, own=0.1))
+def test_neighbours_that_cannot_be_told_apart_share_a_place_and_the_next_one_is_counted_on() -> (
+    None
+):
+    scores, found = scored(
+        drives("a", 0.001, own=0.1), drives("bb", 0.0, own=0.1), drives("ccc", -0.1, own=0.1)
+    )
     ranking = rank(scores, found, RankingSettings())
     assert {(one.ads, one.place) for one in ranking.ads} == {("a", 1), ("bb", 1), ("ccc", 3)}
     evaluation = Evaluation("e", Path(), SETTINGS, {}, (), tuple(scores), (), ranking=ranking)
@@ -122,7 +140,9 @@ def test_a_misspelt_scenario_and_weights_of_nothing_are_refused() -> None:
         rank(scores, found, RankingSettings({"z": 2.0}))
     with pytest.raises(InputError, match="at least one scenario a weight above 0"):
         rank(scores, found, RankingSettings({"s": 0.0}))
-    with pytest.raises(InputError, match=r"`weights.s` of the ranking must be a number of at least 0, got -1"):
+    with pytest.raises(
+        InputError, match=r"`weights.s` of the ranking must be a number of at least 0, got -1"
+    ):
         RankingSettings({"s": -1.0})
 
 
@@ -135,14 +155,20 @@ def test_an_ads_without_an_s_plus_has_no_place() -> None:
 
 
 def test_without_people_h_counts_0_and_without_a_task_a_scenario_has_no_part() -> None:
-    """T = A' = 1 throughout. In `s` H of `a` is 0.2 above that of `bb`: 10 points, 5 over `s` and `t`. `t` has nobody
-    to compare with: 50 points for both. `u` has no safe point, so no S+ and no part.
+    """T = A' = 1 throughout.
+
+    In `s` H of `a` is 0.2 above that of `bb`: 10 points, 5 over `s` and `t`. `t` has nobody to
+    compare with: 50 points for both. `u` has no safe point, so no S+ and no part.
     """
     one, found = scored(drives("a", 0.2), drives("bb", 0.0))
-    bare = [[replace(row, human_likeness=None) for row in drives(ads, 0.0, "t")] for ads in ("a", "bb")]
+    bare = [
+        [replace(row, human_likeness=None) for row in drives(ads, 0.0, "t")] for ads in ("a", "bb")
+    ]
     two, others = scored(*bare)
     two = [replace(score, h_reason=NotComputed("no_drivers")) for score in two]
-    three, more = scored(*([replace(row, zone="hazardous") for row in drives(ads, 0.0, "u")] for ads in ("a", "bb")))
+    three, more = scored(
+        *([replace(row, zone="hazardous") for row in drives(ads, 0.0, "u")] for ads in ("a", "bb"))
+    )
     assert [(score.task_share, score.s_plus) for score in three] == [(None, None)] * 2
     ranking = rank([*one, *two, *three], found | others | more, RankingSettings())
     assert (ranking.without_people, ranking.without_task) == (("t",), ("u",))
@@ -157,7 +183,10 @@ def test_without_people_h_counts_0_and_without_a_task_a_scenario_has_no_part() -
 
 def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart() -> None:
     whole, lost = drives("low", 0.0), drives("high", 0.02)
-    lost[:8] = [replace(LOST_SAFE, ads="high", exposure=1.0, weight=1.0, no_reaction_severity=0.0) for _ in range(8)]
+    lost[:8] = [
+        replace(LOST_SAFE, ads="high", exposure=1.0, weight=1.0, no_reaction_severity=0.0)
+        for _ in range(8)
+    ]
     scores, found = scored(whole, lost)
     high = scores[1]
     alone, worst, best = combined(*lost), 0.0, 0.0
@@ -171,10 +200,20 @@ def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart(
 
 
 def test_no_interval_of_s_reaches_beyond_what_eq_18_can_give() -> None:
-    """Missing cases could all have been as good as can be, and so could the next ones: still C = D = 1 at most."""
-    some = [replace(one, index=1.0 if x < 0.85 else 0.6) for one, x in zip(drives("some", 0.0), UNIFORM, strict=True)]
-    some[:40] = [replace(LOST_SAFE, ads="some", exposure=1.0, weight=1.0, no_reaction_severity=0.0) for _ in range(40)]
-    for points, most in ((SETTINGS.method.score, 100.0), (replace(SETTINGS.method.score, k5=0.8, k6=0.5), 65.0)):
+    """Missing cases could all have been as good as can be, and so could the next ones: still C = D
+    = 1 at most."""
+    some = [
+        replace(one, index=1.0 if x < 0.85 else 0.6)
+        for one, x in zip(drives("some", 0.0), UNIFORM, strict=True)
+    ]
+    some[:40] = [
+        replace(LOST_SAFE, ads="some", exposure=1.0, weight=1.0, no_reaction_severity=0.0)
+        for _ in range(40)
+    ]
+    for points, most in (
+        (SETTINGS.method.score, 100.0),
+        (replace(SETTINGS.method.score, k5=0.8, k6=0.5), 65.0),
+    ):
         settings = replace(SETTINGS, method=replace(SETTINGS.method, score=points))
         (one,), _ = scored(some, settings=settings)
         assert one.s_interval is not None
@@ -182,7 +221,8 @@ def test_no_interval_of_s_reaches_beyond_what_eq_18_can_give() -> None:
 
 
 def test_a_missing_case_counts_as_doing_nothing_and_as_the_ideal_vehicle() -> None:
-    # U0 - Ug: 6 at the hit (U - Ug = 6), 10 at the lost one; A = 1 - 6/6 = 0, worst 1 - 16/16, best 1 - 6/16
+    # U0 - Ug: 6 at the hit (U - Ug = 6), 10 at the lost one; A = 1 - 6/6 = 0, worst 1 - 16/16, best
+    # 1 - 6/16
     hit = replace(HIT, weight=1.0, no_reaction_severity=10.0)
     lost = replace(LOST_SAFE, zone="hazardous", weight=1.0, no_reaction_severity=10.0)
     made = combined(hit, lost)
@@ -192,5 +232,7 @@ def test_a_missing_case_counts_as_doing_nothing_and_as_the_ideal_vehicle() -> No
 
 def test_the_table_shows_an_interval_beside_every_score() -> None:
     scores, _ = scored(drives("a", 0.0))
-    lines = score_lines(Evaluation("e", Path(), SETTINGS, {}, (), tuple(scores), ()), 300, everything=True)
+    lines = score_lines(
+        Evaluation("e", Path(), SETTINGS, {}, (), tuple(scores), ()), 300, everything=True
+    )
     assert sum(line.count("..") for line in lines) == 8

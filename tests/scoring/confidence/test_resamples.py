@@ -1,4 +1,5 @@
-"""Which points a replicate holds: lists that may stand for each other, draws from them, and their balance."""
+"""Which points a replicate holds: lists that may stand for each other, draws from them, and their
+balance."""
 
 import math
 import tracemalloc
@@ -74,8 +75,8 @@ def test_each_replicate_holds_as_many_points_of_every_group_as_the_group_has():
     counts = draw_counts(groups, 4_000, np.random.default_rng(1))
     for group in lists(groups):
         assert counts[:, group].sum(axis=1) == pytest.approx(np.full(4_000, len(group)))
-    # Of two, one is drawn and counts twice: the mean (a + b)/2 becomes a or b, with the variance (a - b)^2 / 4, which
-    # is s^2 / 2 = ((a - b)^2 / 2) / 2
+    # Of two, one is drawn and counts twice: the mean (a + b)/2 becomes a or b, with the variance (a
+    # - b)^2 / 4, which is s^2 / 2 = ((a - b)^2 / 2) / 2
     assert set(np.unique(counts[:, [0, 3]])) == {0.0, 2.0}
     assert np.var(counts[:, [0, 3]] @ np.array([1.0, 5.0]) / 2.0) == pytest.approx(4.0, rel=0.05)
     assert np.all(counts[:, 5] == 1.0)
@@ -83,7 +84,11 @@ def test_each_replicate_holds_as_many_points_of_every_group_as_the_group_has():
 
 def balanced(counts, groups, unit):
     balance, everywhere = Balance.of(groups, unit), np.arange(len(unit))
-    return None if balance is None else balance.balanced(counts, everywhere, balance.along(counts, everywhere))
+    return (
+        None
+        if balance is None
+        else balance.balanced(counts, everywhere, balance.along(counts, everywhere))
+    )
 
 
 def even_sample(n=64):
@@ -96,7 +101,9 @@ def even_sample(n=64):
 def test_replicates_of_an_even_sample_have_the_mean_place_of_its_points():
     unit, groups, counts = even_sample()
     found = balanced(counts, groups, unit)
-    plain, even = (np.abs(each @ unit / 64.0 - unit.mean(axis=0)).mean() for each in (counts, found))
+    plain, even = (
+        np.abs(each @ unit / 64.0 - unit.mean(axis=0)).mean() for each in (counts, found)
+    )
     assert even < 0.6 * plain  # not 0: no point stands in a replicate less than never
     assert found.min() == 0.0
 
@@ -118,7 +125,9 @@ def test_law_what_balances_draws_is_summed_group_by_group_in_their_order(n):
 def test_balance_leaves_the_variance_of_what_has_no_trend():
     unit, groups, counts = even_sample()
     values = np.random.default_rng(2).standard_normal((64, 40))
-    plain, even = (np.var(each @ values, axis=0).mean() for each in (counts, balanced(counts, groups, unit)))
+    plain, even = (
+        np.var(each @ values, axis=0).mean() for each in (counts, balanced(counts, groups, unit))
+    )
     assert even == pytest.approx(plain, rel=0.06)
 
 
@@ -130,7 +139,7 @@ def test_a_sample_too_small_to_tell_a_trend_and_a_direction_without_one_are_left
     assert balanced(counts, groups, flat) == pytest.approx(balanced(counts, groups, unit))
 
 
-# --- some points at a time --------------------------------------------------------------------------------------------
+# --- some points at a time ------------------------------------------------------------------------
 
 
 def whole(groups, replicates, **given):
@@ -161,8 +170,9 @@ def test_law_parts_keep_lists_together_and_every_list_as_large_as_it_is(most, mo
 
 @pytest.mark.parametrize("most", [9, 1_000])
 def test_a_long_list_in_pieces_is_drawn_as_the_whole_list_is(most, monkeypatch):
-    # The variance of the sum of 40 values, 39 drawn of them and counted 40/39 times: 39 (40/39)^2 var, and the share of
-    # replicates in which a point never stands (1 - 1/40)^39 = 0.3725. Two points of two pieces: covariance
+    # The variance of the sum of 40 values, 39 drawn of them and counted 40/39 times: 39 (40/39)^2
+    # var, and the share of replicates in which a point never stands (1 - 1/40)^39 = 0.3725. Two
+    # points of two pieces: covariance
     # -39 (40/39)^2 / 40^2 = -0.02564.
     monkeypatch.setattr(drawing, "AT_ONCE", most * 20_000)
     counts, _, parts = whole(one_list(40), 20_000)
@@ -170,9 +180,9 @@ def test_a_long_list_in_pieces_is_drawn_as_the_whole_list_is(most, monkeypatch):
     values = np.linspace(-1.0, 2.0, 40)
     assert np.var(counts @ values) == pytest.approx(39 * (40 / 39) ** 2 * np.var(values), rel=0.03)
     assert np.mean(counts == 0.0) == pytest.approx(0.3725, abs=0.002)
-    assert np.mean((counts[:, :9] - 1.0).mean(axis=1) * (counts[:, 31:] - 1.0).mean(axis=1)) == pytest.approx(
-        -0.02564, abs=0.003
-    )
+    assert np.mean(
+        (counts[:, :9] - 1.0).mean(axis=1) * (counts[:, 31:] - 1.0).mean(axis=1)
+    ) == pytest.approx(-0.02564, abs=0.003)
 
 
 def test_law_a_balanced_sample_in_parts_is_balanced_as_a_whole(monkeypatch):
@@ -190,5 +200,7 @@ def test_law_a_balanced_sample_in_parts_is_balanced_as_a_whole(monkeypatch):
 @pytest.mark.parametrize("shape", [(1, 1), (40, 7), (3, 500)])
 def test_law_draws_of_pairs_are_the_streams_own_multinomial_numbers(shape):
     one, other = np.random.default_rng(4), np.random.default_rng(4)
-    assert np.array_equal(drawing._multinomial(2, shape, one), other.multinomial(1, [0.5, 0.5], shape))
+    assert np.array_equal(
+        drawing._multinomial(2, shape, one), other.multinomial(1, [0.5, 0.5], shape)
+    )
     assert one.random() == other.random()

@@ -11,7 +11,10 @@ from sumo_eval.scoring.confidence.coverage import space_coverage
 from sumo_eval.scoring.confidence.further_cases import further_cases
 from sumo_eval.scoring.confidence.risk import risk
 
-LOW_SPEED, CUT_OUT = catalogue.load("front_vehicle_low_speed"), catalogue.load("front_vehicle_cut_out")
+LOW_SPEED, CUT_OUT = (
+    catalogue.load("front_vehicle_low_speed"),
+    catalogue.load("front_vehicle_cut_out"),
+)
 
 
 def test_probability_and_loss_are_weighted_by_exposure():
@@ -51,9 +54,10 @@ def test_a_grid_hits_every_bucket_and_pair_and_resolves_the_boundary(zones):
     covered = space_coverage(zones, sample(CUT_OUT).points)
     assert covered.buckets == {"ego_speed": (5, 5), "obstacle_speed": (5, 5), "gap": (5, 5)}
     hit, possible = covered.pairs_hit
-    assert 0.9 * possible < hit <= possible  # beside a constraint a bucket may have no point of the grid
-    # of steps of a quarter, a quarter and a tenth the cell's half diagonal is sqrt(2 * 0.125^2 + 0.05^2) = 0.184;
-    # beside a constraint a corner of a cell can be missing
+    # beside a constraint a bucket may have no point of the grid
+    assert 0.9 * possible < hit <= possible
+    # of steps of a quarter, a quarter and a tenth the cell's half diagonal is sqrt(2 * 0.125^2 +
+    # 0.05^2) = 0.184; beside a constraint a corner of a cell can be missing
     assert 0.15 < covered.empty_radius < 0.36
     assert covered.exposure_inside is None
 

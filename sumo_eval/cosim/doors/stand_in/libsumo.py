@@ -1,5 +1,5 @@
-"""What `import libsumo` gives in a program of `traci:`: traci, as a library in the program's process could not share
-the case's simulation.
+"""What `import libsumo` gives in a program of `traci:`: traci, as a library in the program's
+process could not share the case's simulation.
 """
 
 import sys

@@ -1,8 +1,10 @@
-"""What `import traci` gives in a program of `traci:`: the library itself, whose `start` and `init` connect to the case.
+"""What `import traci` gives in a program of `traci:`: the library itself, whose `start` and `init`
+connect to the case.
 
-This folder stands first on the program's path. The library is found behind it, wherever the program has it; only what
-opens a connection is another: it goes to the port of SUMO_EVAL_PORT and sets the client's order, so that a script that
-starts or reaches a simulation of its own works as it is. What it says goes into the case's log.
+This folder stands first on the program's path. The library is found behind it, wherever the program
+has it; only what opens a connection is another: it goes to the port of SUMO_EVAL_PORT and sets the
+client's order, so that a script that starts or reaches a simulation of its own works as it is. What
+it says goes into the case's log.
 """
 
 from __future__ import annotations
@@ -43,7 +45,9 @@ def _ordered(self: Any, order: int) -> None:
     """An order that the script sets itself: the connection has the one that is left for it."""
 
 
-def _quietly(kind: type[BaseException], error: BaseException, trace: Any, _usual: Any = sys.excepthook) -> None:
+def _quietly(
+    kind: type[BaseException], error: BaseException, trace: Any, _usual: Any = sys.excepthook
+) -> None:
     """SUMO closes the connection when the case is over, which a script need not expect."""
     if issubclass(kind, main.FatalTraCIError) and "closed by SUMO" in str(error):
         _say("the case is over")

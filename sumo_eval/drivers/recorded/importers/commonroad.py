@@ -1,7 +1,8 @@
-"""CommonRoad scenarios (XML, formats 2018b and 2020a): the dynamic obstacles' trajectories, in metres and radians.
+"""CommonRoad scenarios (XML, formats 2018b and 2020a): the dynamic obstacles' trajectories, in
+metres and radians.
 
-Positions are centres. The samples lie on a map, so they are straightened. Obstacles without a trajectory (standing, or
-described by sets) are left out.
+Positions are centres. The samples lie on a map, so they are straightened. Obstacles without a
+trajectory (standing, or described by sets) are left out.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import FloatArray
 
-_SETS = ("time/intervalStart", "position/rectangle", "position/circle", "position/polygon", "position/lanelet",
+_SETS = ("time/intervalStart", "position/rectangle", "position/circle", "position/polygon",
+    "position/lanelet",
          "orientation/intervalStart", "velocity/intervalStart")  # fmt: skip
 """What states have that are sets, in place of exact values."""
 
@@ -30,7 +32,8 @@ def read(path: Path) -> Iterator[Found]:
     """The recordings of a file."""
     if path.suffix == ".pb":
         raise InputError(
-            f"{path} is a CommonRoad scenario in its binary format (.pb), which is not read: write it as XML with "
+            f"{path} is a CommonRoad scenario in its binary format (.pb), which is not read: "
+            "write it as XML with "
             "commonroad-io, CommonRoadFileWriter(..., file_format=FileFormat.XML)."
         )
     root = parse_xml(path)
@@ -46,13 +49,19 @@ def read(path: Path) -> Iterator[Found]:
             left_out[why] += 1
             continue
         known = [state for state in (obstacle.find("initialState"), *states) if state is not None]
-        vague = next((place for state in known for place in _SETS if state.find(place) is not None), None)
+        vague = next(
+            (place for state in known for place in _SETS if state.find(place) is not None), None
+        )
         if vague is not None:
             raise InputError(
-                f"Obstacle {obstacle.get('id', '')} in row {obstacle.sourceline} of {path} must have exact states, got "
-                f"sets of them (`{vague}`): a set-based prediction says where a vehicle may be, not where it was."
+                f"Obstacle {obstacle.get('id', '')} in row {obstacle.sourceline} of {path} must "
+                "have exact states, got "
+                f"sets of them (`{vague}`): a set-based prediction says where a vehicle may be, "
+                "not where it was."
             )
-        body = {name: _number(shape.findtext(name), path, shape, name) for name in ("length", "width")}
+        body = {
+            name: _number(shape.findtext(name), path, shape, name) for name in ("length", "width")
+        }
         kind = obstacle.findtext("type", "car")
         for state in known:
             rows.append(
@@ -69,16 +78,21 @@ def read(path: Path) -> Iterator[Found]:
             )
     if not rows and root.find(".//occupancySet") is not None:
         raise InputError(
-            f"{path} must hold a dynamic obstacle with a trajectory, got a set-based prediction (`occupancySet`), "
+            f"{path} must hold a dynamic obstacle with a trajectory, got a set-based prediction "
+            "(`occupancySet`), "
             "which says where a vehicle may be, not where it was."
         )
     if not rows:
-        raise InputError(f"{path} must hold at least one dynamic obstacle with a trajectory, got none.")
+        raise InputError(
+            f"{path} must hold at least one dynamic obstacle with a trajectory, got none."
+        )
     table = pd.DataFrame(rows).assign(recording=root.get("benchmarkID") or path.stem)
     centres = _lane_centres(root, path)
     if len(centres):
         table["offset"] = _offsets(table, centres)
-    notes = tuple(f"{path.name}: {number} obstacles are left out, {why}." for why, number in left_out.items())
+    notes = tuple(
+        f"{path.name}: {number} obstacles are left out, {why}." for why, number in left_out.items()
+    )
     yield Found(table, planar=True, notes=notes)
 
 
@@ -91,22 +105,33 @@ def _why_left_out(obstacle: Any, shape: Any, states: list[Any]) -> str | None:
     if states:
         return None
     sets = obstacle.find("occupancySet") is not None
-    return "which have a set-based prediction and no trajectory" if sets else "which have no trajectory"
+    return (
+        "which have a set-based prediction and no trajectory"
+        if sets
+        else "which have no trajectory"
+    )
 
 
 def _lane_centres(root: Any, path: Path) -> FloatArray:
-    """Points of the centre lines of all lanelets, at most 1 m apart, with their course: rows of x, y, course."""
+    """Points of the centre lines of all lanelets, at most 1 m apart, with their course: rows of x,
+    y, course.
+    """
     points = []
     for lanelet in root.iterchildren("lanelet"):
         sides = [
             np.array(
-                [(_value(point, "x", path), _value(point, "y", path)) for point in lanelet.iterfind(f"{side}/point")]
+                [
+                    (_value(point, "x", path), _value(point, "y", path))
+                    for point in lanelet.iterfind(f"{side}/point")
+                ]
             )
             for side in ("leftBound", "rightBound")
         ]
         if min(len(side) for side in sides) < 2:
             continue
-        even = [_evenly(side, max(2, int(max(_length(side) for side in sides)) + 1)) for side in sides]
+        even = [
+            _evenly(side, max(2, int(max(_length(side) for side in sides)) + 1)) for side in sides
+        ]
         middle = (even[0] + even[1]) / 2
         tangent = np.gradient(middle, axis=0)
         points.append(np.column_stack((middle, np.arctan2(tangent[:, 1], tangent[:, 0]))))
@@ -137,7 +162,8 @@ def parse_xml(path: Path) -> Any:
     """The root of an XML file; a damaged one is refused with its line."""
     try:
         return etree.parse(
-            str(input_file(path, "file")), etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
+            str(input_file(path, "file")),
+            etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True),
         ).getroot()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
@@ -154,5 +180,6 @@ def _number(text: str | None, path: Path, element: Any, what: str) -> float:
         return float(text or "")
     except ValueError:
         raise InputError(
-            f"`{what}` of the element in row {element.sourceline} of {path} must be a number, got {text!r}."
+            f"`{what}` of the element in row {element.sourceline} of {path} must be a number, got "
+            f"{text!r}."
         ) from None

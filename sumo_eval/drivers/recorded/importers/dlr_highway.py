@@ -1,4 +1,5 @@
-"""DLR Highway Traffic dataset (v1.1, `trajectories_*.csv`, 20 Hz): centres in UTM, yaw in degrees counter-clockwise.
+"""DLR Highway Traffic dataset (v1.1, `trajectories_*.csv`, 20 Hz): centres in UTM, yaw in degrees
+counter-clockwise.
 
 The class is the most probable of six. The motorway is curved, so the samples are straightened.
 """
@@ -17,21 +18,30 @@ from sumo_eval.errors import InputError
 
 _CLASSES = ("pedestrian", "bicycle", "motorbike", "car", "van", "truck")
 _NUMBERS = (
-    "id", "center_easting", "center_northing", "velocity_easting", "velocity_northing", "acceleration_easting",
-    "acceleration_northing", "yaw", "dimension_length", "dimension_width", *(f"classifications_{c}" for c in _CLASSES),
+    "id", "center_easting", "center_northing", "velocity_easting", "velocity_northing",
+    "acceleration_easting",
+    "acceleration_northing", "yaw", "dimension_length", "dimension_width",
+    *(f"classifications_{c}" for c in _CLASSES),
 )  # fmt: skip
 
 
 def read(path: Path) -> Iterator[Found]:
     """The recordings of a file."""
-    rows = read_table(path, ("timestamp", *_NUMBERS), usecols=lambda name: name == "timestamp" or name in _NUMBERS)
+    rows = read_table(
+        path, ("timestamp", *_NUMBERS), usecols=lambda name: name == "timestamp" or name in _NUMBERS
+    )
     checked_numbers(rows, _NUMBERS, path)
     time = pd.to_datetime(rows["timestamp"], utc=True, errors="coerce", format="ISO8601")
     if time.isna().any():
         bad = int(np.flatnonzero(time.isna())[0])
-        raise InputError(f"`timestamp` in row {bad + 2} of {path} must be a time, got {rows['timestamp'].iloc[bad]!r}.")
+        raise InputError(
+            f"`timestamp` in row {bad + 2} of {path} must be a time, got "
+            f"{rows['timestamp'].iloc[bad]!r}."
+        )
     likely = np.argmax(rows[[f"classifications_{name}" for name in _CLASSES]].to_numpy(), axis=1)
-    kinds = np.array(_CLASSES)[[np.bincount(likely[index]).argmax() for index in rows.groupby("id").indices.values()]]
+    kinds = np.array(_CLASSES)[
+        [np.bincount(likely[index]).argmax() for index in rows.groupby("id").indices.values()]
+    ]
     kind = dict(zip(rows.groupby("id").indices, kinds, strict=True))
     vx, vy = rows["velocity_easting"], rows["velocity_northing"]
     ax, ay = rows["acceleration_easting"], rows["acceleration_northing"]

@@ -1,4 +1,6 @@
-"""What an importer hands on: samples as the source has them, in SI units, centres, y to the left."""
+"""What an importer hands on: samples as the source has them, in SI units, centres, y to the
+left.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,9 @@ from sumo_eval.errors import InputError
 class Found:
     """Samples of one source at its own rate.
 
-    planar: x, y and heading are those of a map (counter-clockwise) and have to be straightened; else they are road
-    coordinates with lanes already. notes: whole sentences on what was assumed.
+    planar: x, y and heading are those of a map (counter-clockwise) and have to be straightened;
+        else they are road coordinates with lanes already.
+    notes: whole sentences on what was assumed.
     """
 
     table: pd.DataFrame
@@ -24,7 +27,9 @@ class Found:
 
 
 def files_in(path: Path, *patterns: str) -> list[Path]:
-    """The file itself, or the files of a folder that match, by name; a sentence where there is none."""
+    """The file itself, or the files of a folder that match, by name; a sentence where there is
+    none.
+    """
     if not path.exists():
         raise InputError(f"There is no file or folder {path}.")
     if not path.is_dir():

@@ -1,7 +1,9 @@
-"""Any table of positions on a map: a CSV file with a row a vehicle and instant, in SI units, centres, y to the left.
+"""Any table of positions on a map: a CSV file with a row a vehicle and instant, in SI units,
+centres, y to the left.
 
-Needed: `vehicle`, `t`, `x`, `y`. Known: `recording`, `heading` (rad, counter-clockwise from x) or `heading_deg`,
-`speed`, `acceleration`, `length`, `width`, `class`, `driver`. What is missing follows from the motion, or is a car.
+Needed: `vehicle`, `t`, `x`, `y`. Known: `recording`, `heading` (rad, counter-clockwise from x) or
+    `heading_deg`, `speed`, `acceleration`, `length`, `width`, `class`, `driver`. What is missing
+    follows from the motion, or is a car.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ def read(path: Path) -> Iterator[Found]:
     rows = read_table(path, ("vehicle", "t", "x", "y"))
     checked_numbers(rows, ["t", "x", "y", *(name for name in _KNOWN if name in rows)], path)
     notes = []
-    rows["recording"] = rows["recording"].astype(str) if "recording" in rows else path.name.split(".")[0]
+    rows["recording"] = (
+        rows["recording"].astype(str) if "recording" in rows else path.name.split(".")[0]
+    )
     rows["vehicle"] = rows["vehicle"].astype(str)
     for name, size in (("length", LENGTH), ("width", WIDTH)):
         if name not in rows:
@@ -39,6 +43,17 @@ def read(path: Path) -> Iterator[Found]:
     rows = rows[~rows.duplicated(["recording", "vehicle", "t"])].reset_index(drop=True)
     if missing := add_motion(rows, ("heading", "speed"), str(path)):
         notes.append(f"{path.name} has no {' and no '.join(missing)}: from the motion.")
-    columns = ["recording", "vehicle", "t", "x", "y", "heading", "speed", "length", "width", "class"]
+    columns = [
+        "recording",
+        "vehicle",
+        "t",
+        "x",
+        "y",
+        "heading",
+        "speed",
+        "length",
+        "width",
+        "class",
+    ]
     known = [name for name in ("acceleration", "driver") if name in rows]
     yield Found(pd.DataFrame(rows[[*columns, *known]]), planar=True, notes=tuple(notes))

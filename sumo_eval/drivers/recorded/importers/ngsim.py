@@ -1,9 +1,10 @@
-"""NGSIM trajectories in feet: the original 18 columns without a heading, and the 25 columns of data.transportation.gov.
+"""NGSIM trajectories in feet: the original 18 columns without a heading, and the 25 columns of
+data.transportation.gov.
 
-Traps: x, y is the centre of the FRONT; Local_X grows to the right from the left road edge, Local_Y along the road;
-lane 1 is the leftmost, 6 an auxiliary lane, 7 and 8 ramps; vehicle ids are used again, in other recordings of the
-same file and within one; speeds and accelerations are rough differences, so accelerations are derived anew from
-smoothed positions.
+Traps: x, y is the centre of the FRONT; Local_X grows to the right from the left road edge, Local_Y
+    along the road; lane 1 is the leftmost, 6 an auxiliary lane, 7 and 8 ramps; vehicle ids are used
+    again, in other recordings of the same file and within one; speeds and accelerations are rough
+    differences, so accelerations are derived anew from smoothed positions.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from sumo_eval.input_file import input_file
 FOOT = 0.3048  # m
 MAIN_LANES = 5  # of US-101 and I-80
 _ORIGINAL = (
-    "Vehicle_ID", "Frame_ID", "Total_Frames", "Global_Time", "Local_X", "Local_Y", "Global_X", "Global_Y", "v_length",
-    "v_Width", "v_Class", "v_Vel", "v_Acc", "Lane_ID", "Preceding", "Following", "Space_Headway", "Time_Headway",
+    "Vehicle_ID", "Frame_ID", "Total_Frames", "Global_Time", "Local_X", "Local_Y", "Global_X",
+    "Global_Y", "v_length",
+    "v_Width", "v_Class", "v_Vel", "v_Acc", "Lane_ID", "Preceding", "Following", "Space_Headway",
+    "Time_Headway",
 )  # fmt: skip
 _NEEDED = (
     "Vehicle_ID",
@@ -45,14 +48,25 @@ def read(path: Path) -> Iterator[Found]:
     if has_heading:
         rows = read_table(path, ())
         rows = rows.rename(
-            columns={name: known for name in rows for known in _NEEDED if str(name).lower() == known.lower()}
+            columns={
+                name: known
+                for name in rows
+                for known in _NEEDED
+                if str(name).lower() == known.lower()
+            }
         )
         require_columns(rows, _NEEDED, path)
     else:
         rows = read_table(path, (), sep=r"\s+", header=None, names=list(_ORIGINAL))
     checked_numbers(rows, _NEEDED, path, first_row=2 if has_heading else 1)
-    place = rows["Location"].astype(str) if "Location" in rows else pd.Series(path.stem, index=rows.index)
-    rows = rows.assign(place=place).sort_values(["place", "Vehicle_ID", "Global_Time"], kind="stable")
+    place = (
+        rows["Location"].astype(str)
+        if "Location" in rows
+        else pd.Series(path.stem, index=rows.index)
+    )
+    rows = rows.assign(place=place).sort_values(
+        ["place", "Vehicle_ID", "Global_Time"], kind="stable"
+    )
     # Another vehicle under the same id: its clock jumps, or its body is another one.
     same = (rows["Vehicle_ID"].diff() == 0) & (rows["place"] == rows["place"].shift())
     again = same & ((rows["Global_Time"].diff() > 1000.0) | (rows["v_length"].diff().abs() > 0.05))
@@ -78,10 +92,13 @@ def read(path: Path) -> Iterator[Found]:
     table["y"] -= right.median()
     reused = int(again.sum())
     notes = [
-        f"Lane {MAIN_LANES} of {path.name} is the right lane (lane 0); lanes beyond it are auxiliary lanes and ramps."
+        f"Lane {MAIN_LANES} of {path.name} is the right lane (lane 0); lanes beyond it are "
+        "auxiliary lanes and ramps."
     ]
     if reused:
-        notes.append(f"{reused} times {path.name} uses a vehicle id again; each use is a vehicle of its own.")
+        notes.append(
+            f"{reused} times {path.name} uses a vehicle id again; each use is a vehicle of its own."
+        )
     yield Found(table, notes=tuple(notes))
 
 

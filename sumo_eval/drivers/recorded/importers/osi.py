@@ -1,10 +1,11 @@
 """ASAM Open Simulation Interface: `.osi` traces, MCAP files, and omega-prime's tables (`.parquet`).
 
-A trace (`.osi`, also `.osi.gz`, `.osi.xz`) holds messages one behind the other, each after its length in four bytes,
-the lowest first; GroundTruth, or SensorView with a GroundTruth in it (`_sv_` in the file's name). An MCAP file says
-of each message what it is. Of a GroundTruth its time and its moving objects are read, by the field numbers of OSI 3,
-which no release of it may change. Positions are centres, angles counter-clockwise from x, as here. MCAP needs the
-extra `osi`, tables the extra `parquet`.
+A trace (`.osi`, also `.osi.gz`, `.osi.xz`) holds messages one behind the other, each after its
+length in four bytes, the lowest first; GroundTruth, or SensorView with a GroundTruth in it (`_sv_`
+in the file's name). An MCAP file says of each message what it is. Of a GroundTruth its time and its
+moving objects are read, by the field numbers of OSI 3, which no release of it may change. Positions
+are centres, angles counter-clockwise from x, as here. MCAP needs the extra `osi`, tables the extra
+`parquet`.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from sumo_eval.input_file import input_file
 ENDINGS: Final = (".osi", ".osi.gz", ".osi.xz", ".mcap", ".parquet")
 VEHICLE, PEDESTRIAN = 2, 3  # MovingObject.Type
 CLASSES: Final = {
-    2: "car", 3: "car", 4: "car", 5: "car", 6: "van", 7: "truck", 8: "trailer", 9: "trailer", 10: "motorcycle",
+    2: "car", 3: "car", 4: "car", 5: "car", 6: "van", 7: "truck", 8: "trailer", 9: "trailer",
+    10: "motorcycle",
     11: "bicycle", 12: "bus", 16: "truck",
 }  # fmt: skip
 """Classes by VehicleClassification.Type; of all others `other`."""
@@ -39,7 +41,18 @@ _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5  # wire types
 _TRACE_LIMIT: Final = 1 << 28  # bytes of a message; a longer one is no message
 
 Row = tuple[float, int, float, float, float, float, float, float, int, int]
-_COLUMNS: Final = ("t", "vehicle", "x", "y", "length", "width", "heading", "speed", "type", "subtype")
+_COLUMNS: Final = (
+    "t",
+    "vehicle",
+    "x",
+    "y",
+    "length",
+    "width",
+    "heading",
+    "speed",
+    "type",
+    "subtype",
+)
 
 
 def read(path: Path) -> Iterator[Found]:
@@ -67,7 +80,9 @@ def read(path: Path) -> Iterator[Found]:
     notes = [f"{path.name}: moving objects left out: {left_out}."] if left_out else []
     rows = rows[rows["vehicle"].isin(why.index[why == ""])]
     if rows.empty:
-        raise InputError(f"{path} must hold vehicles or pedestrians with a body, got none: {notes[-1]}")
+        raise InputError(
+            f"{path} must hold vehicles or pedestrians with a body, got none: {notes[-1]}"
+        )
     rows = rows.sort_values(["vehicle", "t"], kind="stable", ignore_index=True)
     rows = rows[~rows.duplicated(["vehicle", "t"])].reset_index(drop=True)
     walks = rows["vehicle"].map(kinds["type"]) == PEDESTRIAN
@@ -85,13 +100,15 @@ def read(path: Path) -> Iterator[Found]:
     yield Found(table, planar=True, notes=tuple(notes))
 
 
-# --- files of messages ------------------------------------------------------------------------------------------------
+# --- files of messages ----------------------------------------------------------------------------
 
 
 def _objects(path: Path) -> Iterator[Row]:
     """Every moving object of every GroundTruth of a file."""
     try:
-        for number, (kind, message) in enumerate(_mcap(path) if path.suffix == ".mcap" else _trace(path)):
+        for number, (kind, message) in enumerate(
+            _mcap(path) if path.suffix == ".mcap" else _trace(path)
+        ):
             try:
                 if kind == _SENSOR_VIEW:
                     message = dict(_fields(message)).get(7, b"")
@@ -103,7 +120,10 @@ def _objects(path: Path) -> Iterator[Row]:
 
 
 def _trace(path: Path) -> Iterator[tuple[str, bytes]]:
-    """The messages of a trace. What they are is in the file's name, as OSI asks: `_sv_` or `_gt_`."""
+    """The messages of a trace.
+
+    What they are is in the file's name, as OSI asks: `_sv_` or `_gt_`.
+    """
     opened: Any = {".gz": gzip.open, ".xz": lzma.open}.get(path.suffix, open)
     kind = _SENSOR_VIEW if "_sv_" in path.name else "GroundTruth"
     with opened(path, "rb") as file:
@@ -111,7 +131,10 @@ def _trace(path: Path) -> Iterator[tuple[str, bytes]]:
             size = struct.unpack("<I", header)[0] if len(header) == 4 else _TRACE_LIMIT
             message = file.read(size) if size < _TRACE_LIMIT else b""
             if size >= _TRACE_LIMIT or len(message) < size:
-                raise InputError(f"{path} must be a trace of OSI, each message after its length; it ends within one.")
+                raise InputError(
+                    f"{path} must be a trace of OSI, each message after its length; it ends "
+                    "within one."
+                )
             yield kind, message
 
 
@@ -141,8 +164,9 @@ def _ground_truth(message: bytes) -> Iterator[Row]:
 
 
 def _moving_object(time: float, message: bytes) -> Row:
-    """A MovingObject: 1 id, 2 base, 3 type, 6 vehicle_classification. A base: 1 dimension, 2 position, 3 orientation,
-    4 velocity.
+    """A MovingObject: 1 id, 2 base, 3 type, 6 vehicle_classification.
+
+    A base: 1 dimension, 2 position, 3 orientation, 4 velocity.
     """
     fields = dict(_fields(message))
     base = dict(_fields(fields[2]))
@@ -151,7 +175,18 @@ def _moving_object(time: float, message: bytes) -> Row:
     *_, yaw = _numbers(base.get(3, b""))
     vx, vy, _ = _numbers(base.get(4, b""))
     name, subtype = (int(dict(_fields(fields.get(number, b""))).get(1, 0)) for number in (1, 6))
-    return time, name, x, y, length, width, yaw, math.sqrt(vx * vx + vy * vy), int(fields.get(3, 0)), subtype
+    return (
+        time,
+        name,
+        x,
+        y,
+        length,
+        width,
+        yaw,
+        math.sqrt(vx * vx + vy * vy),
+        int(fields.get(3, 0)),
+        subtype,
+    )
 
 
 def _numbers(message: bytes) -> list[float]:
@@ -161,8 +196,8 @@ def _numbers(message: bytes) -> list[float]:
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, Any]]:
-    """Numbers and values of the fields of a message in the wire format of protocol buffers; of several of one number
-    the last counts.
+    """Numbers and values of the fields of a message in the wire format of protocol buffers; of
+    several of one number the last counts.
     """
     at, end = 0, len(message)
     while at < end:
@@ -193,7 +228,7 @@ def _varint(message: bytes, at: int) -> tuple[int, int]:
         shift += 7
 
 
-# --- tables -----------------------------------------------------------------------------------------------------------
+# --- tables ---------------------------------------------------------------------------------------
 
 
 def _omega_prime(path: Path) -> pd.DataFrame:
@@ -202,7 +237,19 @@ def _omega_prime(path: Path) -> pd.DataFrame:
         duckdb: Any = importlib.import_module("duckdb")
     except ImportError:
         raise needs_extra(f"{path} is a Parquet table, which", "parquet") from None
-    wanted = ("total_nanos", "idx", "x", "y", "length", "width", "yaw", "vel_x", "vel_y", "type", "subtype")
+    wanted = (
+        "total_nanos",
+        "idx",
+        "x",
+        "y",
+        "length",
+        "width",
+        "yaw",
+        "vel_x",
+        "vel_y",
+        "type",
+        "subtype",
+    )
     try:
         with duckdb.connect() as database:
             rows: pd.DataFrame = database.read_parquet(str(path)).df()

@@ -1,7 +1,7 @@
 """SUMO's floating car data (--fcd-output), XML and CSV.
 
-Traps: x, y is the centre of the FRONT bumper; angles are degrees clockwise from north. The output knows no bodies: they
-are SUMO's default passenger car's unless the caller says otherwise.
+Traps: x, y is the centre of the FRONT bumper; angles are degrees clockwise from north. The output
+    knows no bodies: they are SUMO's default passenger car's unless the caller says otherwise.
 """
 
 from __future__ import annotations
@@ -20,14 +20,24 @@ from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 
 LENGTH, WIDTH = 5.0, 1.8  # m, SUMO's default passenger car
-BODIES = {"truck": (7.1, 2.4), "trailer": (16.5, 2.55), "bus": (12.0, 2.5), "motorcycle": (2.2, 0.9)}  # SUMO's defaults
+# SUMO's defaults
+BODIES = {
+    "truck": (7.1, 2.4),
+    "trailer": (16.5, 2.55),
+    "bus": (12.0, 2.5),
+    "motorcycle": (2.2, 0.9),
+}
 _NEEDED = ("x", "y", "angle", "speed")
 
 
 def read(path: Path) -> Iterator[Found]:
     """The recordings of a file."""
     rows = _from_xml(path) if path.suffix == ".xml" else _from_csv(path)
-    known = rows["type"].astype(str).str.lower() if "type" in rows else pd.Series("car", index=rows.index)
+    known = (
+        rows["type"].astype(str).str.lower()
+        if "type" in rows
+        else pd.Series("car", index=rows.index)
+    )
     bodies = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in known])
     heading = np.radians(90.0 - rows["angle"])
     table = pd.DataFrame(
@@ -49,16 +59,23 @@ def read(path: Path) -> Iterator[Found]:
     if "posLat" in rows:
         table["offset"] = pd.to_numeric(rows["posLat"], errors="coerce").fillna(0.0)
     note = (
-        f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x {WIDTH:g} m for a car)."
+        f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x "
+        f"{WIDTH:g} m for a car)."
     )
     yield Found(table, planar=True, notes=(note,))
 
 
 def _from_csv(path: Path) -> pd.DataFrame:
-    rows = read_table(path, ("timestep_time", "vehicle_id", *(f"vehicle_{name}" for name in _NEEDED)), sep=";")
+    rows = read_table(
+        path, ("timestep_time", "vehicle_id", *(f"vehicle_{name}" for name in _NEEDED)), sep=";"
+    )
     rows = rows[rows["vehicle_id"].notna()]  # a step without vehicles is a row without one
-    rows = rows.rename(columns={"timestep_time": "time"}).rename(columns=lambda name: name.removeprefix("vehicle_"))
-    checked_numbers(rows, [name for name in ("time", *_NEEDED, "acceleration") if name in rows], path)
+    rows = rows.rename(columns={"timestep_time": "time"}).rename(
+        columns=lambda name: name.removeprefix("vehicle_")
+    )
+    checked_numbers(
+        rows, [name for name in ("time", *_NEEDED, "acceleration") if name in rows], path
+    )
     return rows
 
 
@@ -66,11 +83,16 @@ def _from_xml(path: Path) -> pd.DataFrame:
     rows: list[dict[str, Any]] = []
     try:
         for _, step in etree.iterparse(
-            str(input_file(path, "file")), tag=("timestep", "fcd-export"), resolve_entities=False, no_network=True
+            str(input_file(path, "file")),
+            tag=("timestep", "fcd-export"),
+            resolve_entities=False,
+            no_network=True,
         ):
             if step.tag == "timestep":
                 for vehicle in step.iterchildren("vehicle"):
-                    rows.append({**vehicle.attrib, "time": step.get("time"), "row": vehicle.sourceline})
+                    rows.append(
+                        {**vehicle.attrib, "time": step.get("time"), "row": vehicle.sourceline}
+                    )
                 step.clear()
             elif not rows:
                 break
@@ -79,13 +101,16 @@ def _from_xml(path: Path) -> pd.DataFrame:
     except etree.XMLSyntaxError as error:
         raise InputError(f"{path} is not well-formed XML: {str(error.msg).rstrip('.')}.") from error
     if not rows:
-        raise InputError(f"{path} must be SUMO's FCD output with at least one vehicle (<fcd-export>), got none.")
+        raise InputError(
+            f"{path} must be SUMO's FCD output with at least one vehicle (<fcd-export>), got none."
+        )
     table = pd.DataFrame(rows)
     for name in ("id", "time", *_NEEDED):
         missing = table.index[table[name].isna()] if name in table else table.index
         if len(missing):
             raise InputError(
-                f"The vehicle in row {table['row'].iloc[missing[0]]} of {path} must have `{name}`, got none."
+                f"The vehicle in row {table['row'].iloc[missing[0]]} of {path} must have "
+                f"`{name}`, got none."
             )
     for name in [name for name in ("time", *_NEEDED, "acceleration") if name in table]:
         numbers = pd.to_numeric(table[name], errors="coerce")

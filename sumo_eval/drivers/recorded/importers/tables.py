@@ -13,11 +13,16 @@ from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
 from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import Trajectory
 
-LARGEST = 2.0**53  # of any number in a recording: identifiers may count ns since 1970; beyond, doubles skip integers
+# of any number in a recording: identifiers may count ns since 1970; beyond, doubles
+# skip integers
+LARGEST = 2.0**53
 
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
-    """A CSV file with at least the `required` columns; `options` go to pandas. Raises InputError with one sentence."""
+    """A CSV file with at least the `required` columns; `options` go to pandas.
+
+    Raises InputError with one sentence.
+    """
     try:
         table: pd.DataFrame = pd.read_csv(input_file(path, "file"), low_memory=False, **options)
     except (OSError, UnicodeDecodeError, EOFError) as error:
@@ -38,34 +43,51 @@ def require_columns(table: pd.DataFrame, required: Sequence[str], path: Path) ->
     if missing:
         known = [str(column) for column in table.columns]
         listed = ", ".join(f"`{name}`" for name in missing)
-        hint = did_you_mean(missing[0], known) if len(missing) == 1 else f" Known: {', '.join(known)[:MOST_KNOWN]}."
+        hint = (
+            did_you_mean(missing[0], known)
+            if len(missing) == 1
+            else f" Known: {', '.join(known)[:MOST_KNOWN]}."
+        )
         what = f"a column `{missing[0]}`" if len(missing) == 1 else f"the columns {listed}"
         raise InputError(f"{path} must have {what}.{hint}")
 
 
-def checked_numbers(table: pd.DataFrame, columns: Sequence[str], path: Path, *, first_row: int = 2) -> None:
-    """Make `columns` finite numbers in place. `first_row`: the line of the file in which the first row stands."""
+def checked_numbers(
+    table: pd.DataFrame, columns: Sequence[str], path: Path, *, first_row: int = 2
+) -> None:
+    """Make `columns` finite numbers in place.
+
+    `first_row`: the line of the file in which the first row stands.
+    """
     for name in columns:
         numbers = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
         bad = np.flatnonzero(~np.isfinite(numbers))
         if bad.size:
             got = table[name].iloc[bad[0]]
             what = "nothing" if pd.isna(got) else repr(str(got))
-            raise InputError(f"`{name}` in row {first_row + int(bad[0])} of {path} must be a number, got {what}.")
+            raise InputError(
+                f"`{name}` in row {first_row + int(bad[0])} of {path} must be a number, got {what}."
+            )
         large = np.flatnonzero(np.abs(numbers) > LARGEST)
         if large.size:
             where, got = first_row + int(large[0]), numbers[large[0]]
-            raise InputError(f"`{name}` in row {where} of {path} must be at most {LARGEST:g} in size, got {got:g}.")
+            raise InputError(
+                f"`{name}` in row {where} of {path} must be at most {LARGEST:g} in size, got "
+                f"{got:g}."
+            )
         table[name] = numbers
 
 
 def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[str]:
-    """Those channels of `names` that a table of tracks, sorted by time, lacks, added from the motion of each track.
+    """Those channels of `names` that a table of tracks, sorted by time, lacks, added from the
+    motion of each track.
 
     owner: names the table in sentences.
     """
     missing = [name for name in names if name not in table]
-    for (_, vehicle), track in table.groupby(["recording", "vehicle"], sort=False) if missing else ():
+    for (_, vehicle), track in (
+        table.groupby(["recording", "vehicle"], sort=False) if missing else ()
+    ):
         try:
             motion = Trajectory(track["t"], track["x"], track["y"])
         except InputError as error:

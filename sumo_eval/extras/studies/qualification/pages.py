@@ -18,7 +18,11 @@ def shown(value: Answer | None) -> str:
     """An answer in at most 9 characters, if it is a number or one of the words of an outcome."""
     if value is None:
         return "nothing"
-    return value if isinstance(value, str) else next(t for n in (5, 4, 3, 2) if len(t := f"{value:z.{n}g}") <= 9)
+    return (
+        value
+        if isinstance(value, str)
+        else next(t for n in (5, 4, 3, 2) if len(t := f"{value:z.{n}g}") <= 9)
+    )
 
 
 def lines(found: Qualification) -> Iterator[str]:
@@ -43,10 +47,15 @@ def lines(found: Qualification) -> Iterator[str]:
 def write_qualification(found: Qualification, folder: Path) -> tuple[Path, Path]:
     """Write `qualification.html` and `qualification.json` into a folder and return their paths."""
     page, plain = folder / "qualification.html", folder / "qualification.json"
-    kinds = [(kind, list(group)) for kind, group in groupby(found.findings, key=lambda item: item.check.kind)]
+    kinds = [
+        (kind, list(group))
+        for kind, group in groupby(found.findings, key=lambda item: item.check.kind)
+    ]
     text = template("qualification.html.j2").render(
         found=found, kinds=kinds, purpose=PURPOSE, domain=DOMAIN, limits=LIMITS, shown=shown,
     )  # fmt: skip
     write_page(page, text, "The qualification")
-    write_page(plain, json.dumps(found.plain(), indent=2, allow_nan=False) + "\n", "The qualification")
+    write_page(
+        plain, json.dumps(found.plain(), indent=2, allow_nan=False) + "\n", "The qualification"
+    )
     return page, plain

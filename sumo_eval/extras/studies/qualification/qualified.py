@@ -17,18 +17,25 @@ from sumo_eval.extras.studies.qualification.table import Answer, Check
 FORMAT_VERSION = 1
 ENTRIES = ("kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error")
 PURPOSE = (
-    "Shows on this machine that this installation of sumo_eval finds what is known: outcomes of drives in closed form, "
+    "Shows on this machine that this installation of sumo_eval finds what is known: outcomes of "
+    "drives in closed form, "
     "values of regulations, equations written a second time, and the same digits again."
 )
 DOMAIN = (
-    "Vehicles on straight roads with lanes at up to 40 m/s: following, braking, cut-in, cut-out and lane change; the "
-    "single-track vehicle model with its brakes; indexes C, D and S and the quantities they are made of."
+    "Vehicles on straight roads with lanes at up to 40 m/s: following, braking, cut-in, cut-out "
+    "and lane change; the "
+    "single-track vehicle model with its brakes; indexes C, D and S and the quantities they are "
+    "made of."
 )
 LIMITS = (
-    "It qualifies the tool, not an ADS and not a scenario space: whether a space holds what matters is not asked.",
-    "Vehicles are rectangles, tyres a friction limit, sensors perfect: what needs more than that is not covered.",
-    "Consensus rows are those where independent readings of the regulation agree; next to the limit they do not.",
-    "Bends, junctions, people on foot and SUMO's own traffic are held by the project's tests, not by this command.",
+    "It qualifies the tool, not an ADS and not a scenario space: whether a space holds what "
+    "matters is not asked.",
+    "Vehicles are rectangles, tyres a friction limit, sensors perfect: what needs more than that "
+    "is not covered.",
+    "Consensus rows are those where independent readings of the regulation agree; next to the "
+    "limit they do not.",
+    "Bends, junctions, people on foot and SUMO's own traffic are held by the project's tests, not "
+    "by this command.",
     "It is valid for the versions and the machine named here, and for no other.",
 )
 
@@ -51,9 +58,17 @@ class Finding:
 
     def plain(self) -> dict[str, Any]:
         """An entry of `qualification.json`; a number that is not finite is written as a word."""
-        told = self.check._asdict() | {"found": self.found, "passed": self.passed, "error": self.error}
+        told = self.check._asdict() | {
+            "found": self.found,
+            "passed": self.passed,
+            "error": self.error,
+        }
         values = {name: told[name] for name in ENTRIES}
-        endless = {name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)}
+        endless = {
+            name
+            for name, value in values.items()
+            if isinstance(value, float) and not math.isfinite(value)
+        }
         return {name: str(value) if name in endless else value for name, value in values.items()}
 
 
@@ -67,7 +82,10 @@ def made(check: Check) -> Finding:
 
 @dataclass(frozen=True, slots=True)
 class Qualification:
-    """findings: in the order of the checks. versions, machine: what they hold for. created: UTC."""
+    """findings: in the order of the checks.
+    versions, machine: what they hold for.
+    created: UTC.
+    """
 
     findings: tuple[Finding, ...]
     versions: dict[str, str]
@@ -82,14 +100,19 @@ class Qualification:
     def plain(self) -> dict[str, Any]:
         """The content of `qualification.json`."""
         return {
-            "format_version": FORMAT_VERSION, "created": self.created, "purpose": PURPOSE, "domain": DOMAIN,
-            "limits": list(LIMITS), "passed": not self.failed, "versions": self.versions, "machine": self.machine,
+            "format_version": FORMAT_VERSION, "created": self.created, "purpose": PURPOSE,
+            "domain": DOMAIN,
+            "limits": list(LIMITS), "passed": not self.failed, "versions": self.versions,
+            "machine": self.machine,
             "checks": [item.plain() for item in self.findings],
         }  # fmt: skip
 
 
 def qualify(checks: Iterable[Check], watch: Callable[[str, int, int], None]) -> Qualification:
-    """Carry out checks, at least one. watch: called with the kind, how many are done and of how many."""
+    """Carry out checks, at least one.
+
+    watch: called with the kind, how many are done and of how many.
+    """
     listed = list(checks)
     findings = []
     for number, check in enumerate(listed):
@@ -98,5 +121,11 @@ def qualify(checks: Iterable[Check], watch: Callable[[str, int, int], None]) -> 
     watch(listed[-1].kind, len(listed), len(listed))
     packages = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn", "numba")
     versions = {"python": sys.version.split()[0], **{name: version(name) for name in packages}}
-    machine = {"system": platform.platform(), "processor": platform.machine(), "node": platform.node()}
-    return Qualification(tuple(findings), versions, machine, datetime.now(UTC).isoformat(timespec="seconds"))
+    machine = {
+        "system": platform.platform(),
+        "processor": platform.machine(),
+        "node": platform.node(),
+    }
+    return Qualification(
+        tuple(findings), versions, machine, datetime.now(UTC).isoformat(timespec="seconds")
+    )

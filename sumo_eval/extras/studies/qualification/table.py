@@ -17,7 +17,11 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import SimulationError
 from sumo_eval.method.anthropomorphic import anthropomorphic_index
-from sumo_eval.method.collision_avoidance import collision_avoidance_index, collision_loss, impact_severity
+from sumo_eval.method.collision_avoidance import (
+    collision_avoidance_index,
+    collision_loss,
+    impact_severity,
+)
 from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc, required_gap
 from sumo_eval.method.score import combined_score
 from sumo_eval.method.trajectory_field import trajectory_field
@@ -25,7 +29,15 @@ from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import run_packs
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.store import open_store
-from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, brake_to_stop, catalogue, constant_lateral
+from sumo_eval.scenario import (
+    Actor,
+    ConcreteScenario,
+    Road,
+    Start,
+    brake_to_stop,
+    catalogue,
+    constant_lateral,
+)
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import RunSettings, SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import Recording, Trajectory
@@ -36,15 +48,20 @@ LENGTH, EGO_X = 4.5, 50.0  # m, of every body and of the ego's start
 ROAD = Road("qualification_road", 1500.0, 2, 3.5, 1000.0)
 EU_ROAD = Road("eu_2022_1426_2x3.5m", 2000.0, 2, 3.5, 200.0)
 G = 9.81  # m/s2
-STRENGTH, BUILD_UP = 9.0, 0.15  # m/s2, s: brakes of the ideal vehicle and of the default vehicle model
+# m/s2, s: brakes of the ideal vehicle and of the default vehicle model
+STRENGTH, BUILD_UP = 9.0, 0.15
 SHORT = SimulationSettings(time_limit=0.5)
-R157 = SimulationSettings(time_limit=35.0, vehicle=VehicleSettings(length=4.3, width=1.9), record_interval=0.1)
+R157 = SimulationSettings(
+    time_limit=35.0, vehicle=VehicleSettings(length=4.3, width=1.9), record_interval=0.1
+)
 
 
 class Check(NamedTuple):
-    """kind: the group it belongs to. name: at most 40 characters. find: finds the answer through the tool, of these
-    arguments. source: of the expected answer. bound: largest difference of numbers that passes, in `unit`; words must
-    be equal.
+    """kind: the group it belongs to.
+    name: at most 40 characters.
+    find: finds the answer through the tool, of these arguments.
+    source: of the expected answer.
+    bound: largest difference of numbers that passes, in `unit`; words must be equal.
     """
 
     kind: str
@@ -60,8 +77,10 @@ class Check(NamedTuple):
 def all_checks() -> Iterator[Check]:
     """Every check that ships."""
     kinds = {
-        "closed forms through SUMO": closed_forms, "equations": equations, "UN R157, consensus rows": consensus,
-        "UN R79, distance S": un_r79, "(EU) 2022/1426, table": eu_2022_1426, "step halving": halving,
+        "closed forms through "
+        "SUMO": closed_forms, "equations": equations, "UN R157, consensus rows": consensus,
+        "UN R79, distance S": un_r79, "(EU) 2022/1426, table": eu_2022_1426,
+        "step halving": halving,
         "determinism": determinism, "libsumo traps": traps,
     }  # fmt: skip
     return (Check(kind, *row) for kind, rows in kinds.items() for row in rows())
@@ -71,10 +90,12 @@ Rows = Iterator[tuple[Any, ...]]
 """Of the table, without their kind."""
 
 
-# --- one drive --------------------------------------------------------------------------------------------------------
+# --- one drive ------------------------------------------------------------------------------------
 
 
-def drive(concrete: ConcreteScenario, ads: ControllerLike, settings: SimulationSettings | None = None) -> Recording:
+def drive(
+    concrete: ConcreteScenario, ads: ControllerLike, settings: SimulationSettings | None = None
+) -> Recording:
     """Raises SimulationError where the drive ended with an error."""
     recording = simulate(concrete, ads, settings)
     if recording.error is not None:
@@ -89,13 +110,17 @@ def behind(speed: float, other: float, gap: float, braking: float = 0.0) -> Conc
     return ConcreteScenario("qualification", {}, 1.0, ROAD, Start(EGO_X, 0.0, speed), (lead,))
 
 
-def impact(concrete: ConcreteScenario, ads: ControllerLike, settings: SimulationSettings | None = None) -> float:
+def impact(
+    concrete: ConcreteScenario, ads: ControllerLike, settings: SimulationSettings | None = None
+) -> float:
     """Relative speed at contact, 0 without one, m/s."""
     collision = drive(concrete, ads, settings).collision
     return 0.0 if collision is None else collision.relative_speed
 
 
-def least_gap(concrete: ConcreteScenario, ads: ControllerLike, settings: SimulationSettings | None = None) -> float:
+def least_gap(
+    concrete: ConcreteScenario, ads: ControllerLike, settings: SimulationSettings | None = None
+) -> float:
     """Smallest distance along the road from the ego's front to the other's rear, m."""
     recording = drive(concrete, ads, settings)
     return float((recording.actors["other"].x - recording.ego.x).min()) - LENGTH
@@ -106,7 +131,7 @@ def rolls(*_: Any) -> Command:
     return Command(0.0)
 
 
-# --- closed forms -----------------------------------------------------------------------------------------------------
+# --- closed forms ---------------------------------------------------------------------------------
 
 DELAYED = (
     (10.0, 0.4, 7.59294, 0.6, 6.7356, 9.51065),
@@ -114,7 +139,8 @@ DELAYED = (
     (20.0, 1.15, 7.59294, 0.6, 27.6132, 19.6595),
     (25.0, 0.4, 9.0, 1e-6, 22.3611, 20.06241),
 )
-"""Closing speed, m/s; delay, s; plateau, m/s2; rise, s; gap, m; impact speed, m/s: integrated apart from this code."""
+"""Closing speed, m/s; delay, s; plateau, m/s2; rise, s; gap, m; impact speed, m/s: integrated apart
+from this code."""
 
 
 class _Delayed:
@@ -128,8 +154,14 @@ class _Delayed:
 
 
 def _delayed(closing: float, delay: float, plateau: float, rise: float, gap: float) -> float:
-    vehicle = VehicleSettings(length=LENGTH, max_deceleration=plateau, brake_build_up=rise, friction=2.0)
-    return impact(behind(closing, 0.0, gap), _Delayed(delay), SimulationSettings(time_limit=60.0, vehicle=vehicle))
+    vehicle = VehicleSettings(
+        length=LENGTH, max_deceleration=plateau, brake_build_up=rise, friction=2.0
+    )
+    return impact(
+        behind(closing, 0.0, gap),
+        _Delayed(delay),
+        SimulationSettings(time_limit=60.0, vehicle=vehicle),
+    )
 
 
 def closed_forms() -> Rows:
@@ -166,7 +198,8 @@ def closed_forms() -> Rows:
             0.1,
             "m/s",
         )
-    # both at v, the lead at once with a: the gap d is used up after sqrt(2 d / a), sqrt(2 d a) m/s apart
+    # both at v, the lead at once with a: the gap d is used up after sqrt(2 d / a), sqrt(2 d a) m/s
+    # apart
     yield (
         "no reaction behind a braking lead",
         impact,
@@ -176,7 +209,8 @@ def closed_forms() -> Rows:
         0.1,
         "m/s",
     )
-    # as hard as the lead, only built up over T: the ego comes to stand v T / 2 - a T^2 / 24 further on
+    # as hard as the lead, only built up over T: the ego comes to stand v T / 2 - a T^2 / 24 further
+    # on
     left = 20.0 - 25.0 * BUILD_UP / 2.0 + STRENGTH * BUILD_UP**2 / 24.0
     stops = SimulationSettings(time_limit=25.0 / STRENGTH + 2.0)
     yield (
@@ -190,7 +224,7 @@ def closed_forms() -> Rows:
     )
 
 
-# --- equations --------------------------------------------------------------------------------------------------------
+# --- equations ------------------------------------------------------------------------------------
 
 
 def _field(x: float, y: float) -> float:
@@ -217,9 +251,23 @@ def equations() -> Rows:
             1e-9,
             "1/s",
         )
-    yield "field 4 m ahead at 20 m/s", _field, (4.0, 0.0), math.exp(0.1) / 2.0, "Eq. 10: exp(0.005 * 20) / 4^0.5", 1e-12
+    yield (
+        "field 4 m ahead at 20 m/s",
+        _field,
+        (4.0, 0.0),
+        math.exp(0.1) / 2.0,
+        "Eq. 10: exp(0.005 * 20) / 4^0.5",
+        1e-12,
+    )
     yield "field 9 m beside", _field, (0.0, 9.0), 1.0 / 3.0, "Eq. 10: 9^-0.5", 1e-12
-    yield "D of identical drives", _identical, (), 1.0, "Eqs. 11-12: whoever drives as people do has 1", 1e-12
+    yield (
+        "D of identical drives",
+        _identical,
+        (),
+        1.0,
+        "Eqs. 11-12: whoever drives as people do has 1",
+        1e-12,
+    )
     for severity, loss in ((0.0, 0.1), (8.0, 0.4), (8.001, 0.7), (15.0, 0.7), (15.001, 1.0)):
         yield (
             f"collision loss of {severity:g} m/s",
@@ -256,17 +304,21 @@ def equations() -> Rows:
     )
 
 
-# --- regulations ------------------------------------------------------------------------------------------------------
+# --- regulations ----------------------------------------------------------------------------------
 
 CUT_INS = ((40, 10, 1.2, 18, 26), (60, 30, 1.2, 18, 26), (100, 70, 1.6, 18, 22))
 """Ego's and other's speed, km/h; lateral speed, m/s; gap, m, with contact and without."""
 CUT_OUTS = ((70, 1.0, 5, 20), (90, 1.5, 20, 30), (130, 1.5, 50, 75))
-"""Speed of both, km/h; lateral speed of the lead, m/s; gap from it to what stands, m, with contact and without."""
+"""Speed of both, km/h; lateral speed of the lead, m/s; gap from it to what stands, m, with contact
+and without."""
 BRAKING = ((30, 0.9, 0.4), (60, 0.9, 0.5), (120, 0.8, 0.6))
 """Speed of both, km/h; braking of the lead 1 s ahead, g, with contact and without."""
 DISTANCES = ((130, 100, 42.7), (130, 80, 59.9), (120, 100, 35.1), (100, 80, 29.6))
 """Speeds behind and of the ego, km/h, and S, m."""
-TABLE = ((SEATED, (0.48, 0.71, 0.94, 1.18, 1.41, 1.64)), (STANDING, (0.74, 1.32, 1.90, 2.47, 3.05, 3.63)))
+TABLE = (
+    (SEATED, (0.48, 0.71, 0.94, 1.18, 1.41, 1.64)),
+    (STANDING, (0.74, 1.32, 1.90, 2.47, 3.05, 3.63)),
+)
 """TTC, s, above which a cut-in must be avoided, at closing speeds of 10, 20 .. 60 km/h."""
 
 
@@ -276,7 +328,9 @@ def _outcome(name: str, values: dict[str, float]) -> str:
 
 
 def consensus() -> Rows:
-    """Neighbouring rows on both sides of the limit, in which independent readings of the careful driver agree."""
+    """Neighbouring rows on both sides of the limit, in which independent readings of the careful
+    driver agree.
+    """
     rows: list[tuple[str, str, dict[str, float], tuple[float, float], str, float]] = []
     for ego, other, lateral, *gaps in CUT_INS:
         values = {"ego_speed": ego / 3.6, "cut_in_speed": other / 3.6, "lateral_speed": lateral}
@@ -289,11 +343,26 @@ def consensus() -> Rows:
     for ego, *brakings in BRAKING:
         values = {"ego_speed": ego / 3.6, "headway": 1.0}
         name = f"lead brakes {ego} km/h, 1 s, {{:g}} g"
-        rows.append((name, "front_vehicle_braking", values, (brakings[0], brakings[1]), "lead_deceleration", G))
+        rows.append(
+            (
+                name,
+                "front_vehicle_braking",
+                values,
+                (brakings[0], brakings[1]),
+                "lead_deceleration",
+                G,
+            )
+        )
     for name, scenario, values, both, varied, unit in rows:
         for value, expected in zip(both, ("contact", "avoided"), strict=True):
             arguments = scenario, {**values, varied: unit * value}
-            yield name.format(value), _outcome, arguments, expected, "independent readings of Annex 3 agree"
+            yield (
+                name.format(value),
+                _outcome,
+                arguments,
+                expected,
+                "independent readings of Annex 3 agree",
+            )
 
 
 def _margin(ego: float, faster: float) -> float:
@@ -301,17 +370,23 @@ def _margin(ego: float, faster: float) -> float:
     margin = catalogue.load("lane_change_rear").margin
     assert margin is not None
     return 100.0 - float(
-        margin({"ego_speed": np.array([ego]), "faster": np.array([faster]), "gap": np.array([100.0])})[0]
+        margin(
+            {"ego_speed": np.array([ego]), "faster": np.array([faster]), "gap": np.array([100.0])}
+        )[0]
     )
 
 
 def _left(ego: float, faster: float, gap: float) -> float:
-    """Time gap, s, that is left of `gap` m when whoever is behind has braked 3 m/s2 from 0.4 s on."""
+    """Time gap, s, that is left of `gap` m when whoever is behind has braked 3 m/s2 from 0.4 s
+    on.
+    """
     content: dict[str, Any] = {
-        "name": "un_r79", "zone": "none", "ego": {"speed": ego, "x": 150.0}, "end": {"x": 600.0, "time": 8.0},
+        "name": "un_r79", "zone": "none", "ego": {"speed": ego, "x": 150.0},
+        "end": {"x": 600.0, "time": 8.0},
         "parameter": [{"name": "gap", "unit": "m", "low": 10.0, "high": 90.0, "step": 10.0}],
         "vehicle": [{"name": "rear", "speed": ego + faster, "gap_behind": "gap", "manoeuvre": [
-            {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego, "acceleration": 3.0}]}],
+            {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego,
+                "acceleration": 3.0}]}],
     }  # fmt: skip
     found = drive(scenario_from(content, "un_r79", Path()).concrete(gap=gap), "no_reaction")
     return float(found.ego.x[-1] - found.actors["rear"].x[-1] - LENGTH) / ego
@@ -344,15 +419,21 @@ def un_r79() -> Rows:
 
 
 def _cut_in(closing: float, ttc: float) -> ConcreteScenario:
-    """A vehicle that crosses at 1 m/s, with that TTC when 0.30 m over the line, 1.15 m from its lane's middle."""
+    """A vehicle that crosses at 1 m/s, with that TTC when 0.30 m over the line, 1.15 m from its
+    lane's middle.
+    """
     speed = 60.0 / 3.6 + 10.0
     start = Start(100.0 + LENGTH + closing * (ttc + 1.15), 3.5, speed - closing)
     other = Actor("other", start, (constant_lateral(0.0, 1.0, -3.5),), slides=True)
-    return ConcreteScenario("eu_2022_1426", {"closing": closing}, 1.0, EU_ROAD, Start(100.0, 0.0, speed), (other,))
+    return ConcreteScenario(
+        "eu_2022_1426", {"closing": closing}, 1.0, EU_ROAD, Start(100.0, 0.0, speed), (other,)
+    )
 
 
 def eu_2022_1426() -> Rows:
-    """0.05 s above each value of the table the demanded vehicle avoids with the margin that its braking gives."""
+    """0.05 s above each value of the table the demanded vehicle avoids with the margin that its
+    braking gives.
+    """
     for granted, values in TABLE:
         for kph, ttc in zip(range(10, 70, 10), values, strict=True):
             # 0.1 m that it keeps, and a tau^2 / 24 that braking built up over tau saves
@@ -368,12 +449,17 @@ def eu_2022_1426() -> Rows:
             )
 
 
-# --- what must not matter ---------------------------------------------------------------------------------------------
+# --- what must not matter -------------------------------------------------------------------------
 
 
-def _moves(find: Callable[..., float], concrete: ConcreteScenario, ads: str, step: float, limit: float) -> float:
+def _moves(
+    find: Callable[..., float], concrete: ConcreteScenario, ads: str, step: float, limit: float
+) -> float:
     """Change of a measure when the step is halved."""
-    coarse, fine = (find(concrete, ads, SimulationSettings(step=size, time_limit=limit)) for size in (step, step / 2.0))
+    coarse, fine = (
+        find(concrete, ads, SimulationSettings(step=size, time_limit=limit))
+        for size in (step, step / 2.0)
+    )
     return fine - coarse
 
 
@@ -436,7 +522,7 @@ def determinism() -> Rows:
         )
 
 
-# --- traps of libsumo -------------------------------------------------------------------------------------------------
+# --- traps of libsumo -----------------------------------------------------------------------------
 
 
 def _tricky(traci: Any, ego: str, time: float) -> None:
@@ -446,7 +532,9 @@ def _tricky(traci: Any, ego: str, time: float) -> None:
 
 
 def _start() -> float:
-    """Where a vehicle stands at t = 0 that starts 1 m behind a slower one, less where it was to stand, m."""
+    """Where a vehicle stands at t = 0 that starts 1 m behind a slower one, less where it was to
+    stand, m.
+    """
     return float(drive(behind(20.0, 10.0, 1.0), rolls, SHORT).ego.x[0]) - EGO_X
 
 
@@ -466,7 +554,9 @@ def _not_a_number() -> str:
 
 
 def _second() -> float:
-    """Largest difference between a drive and the same after another simulation in the process, m."""
+    """Largest difference between a drive and the same after another simulation in the process,
+    m.
+    """
     first = drive(behind(20.0, 15.0, 30.0), rolls, SHORT).ego.x
     drive(behind(30.0, 5.0, 9.0), rolls, SHORT)
     return float(abs(drive(behind(20.0, 15.0, 30.0), rolls, SHORT).ego.x - first).max())
@@ -474,9 +564,45 @@ def _second() -> float:
 
 def traps() -> Rows:
     """What bare libsumo does is in each source."""
-    yield "a start 1 m behind is not delayed", _start, (), 0.0, "libsumo inserts it seconds later", 1e-9, "m"
-    yield "bodies touch across a lane line", _across, (), "contact", "getCollisions does not see them"
+    yield (
+        "a start 1 m behind is not delayed",
+        _start,
+        (),
+        0.0,
+        "libsumo inserts it seconds later",
+        1e-9,
+        "m",
+    )
+    yield (
+        "bodies touch across a lane line",
+        _across,
+        (),
+        "contact",
+        "getCollisions does not see them",
+    )
     # 9 m/s2 for 0.5 s from 20 m/s
-    yield "speed mode 0 stops nobody at once", _stops, (), 15.5, "libsumo brakes with 400 m/s2", 1e-6, "m/s"
-    yield "a command that is no number", _not_a_number, (), "ads_error", "libsumo takes nan in silence"
-    yield "a simulation leaves nothing behind", _second, (), 0.0, "one process, one after the other", 0.0, "m"
+    yield (
+        "speed mode 0 stops nobody at once",
+        _stops,
+        (),
+        15.5,
+        "libsumo brakes with 400 m/s2",
+        1e-6,
+        "m/s",
+    )
+    yield (
+        "a command that is no number",
+        _not_a_number,
+        (),
+        "ads_error",
+        "libsumo takes nan in silence",
+    )
+    yield (
+        "a simulation leaves nothing behind",
+        _second,
+        (),
+        0.0,
+        "one process, one after the other",
+        0.0,
+        "m",
+    )
