@@ -1,5 +1,4 @@
-"""What the linters do not see: circles of imports, unused names, leaning docstrings; words of
-pages, tests, commits.
+"""Check circles of imports, unused names, docstrings, style, and words of pages and commits.
 
     python tools/house_check.py            every finding that is not allowed, one a line; exit status 1 if there is one
     python tools/house_check.py --facts    also lines, files and loose files at the top
@@ -16,10 +15,13 @@ from __future__ import annotations
 
 import argparse
 import ast
+import io
 import re
 import subprocess
 import sys
+import tokenize
 import tomllib
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -36,6 +38,10 @@ _TEXTS = {".j2", ".js", ".toml"}  # within the package: templates and data that 
 _ENTRIES = ("__main__", "__init__")
 _CODE = re.compile(r"```.*?```|`[^`\n]+`", flags=re.S)
 _WORD = re.compile(r"[A-Za-z_]\w*")
+_LAYOUT = {
+    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
+    tokenize.ENDMARKER,
+}  # fmt: skip
 _LONG_LINE = re.compile(r"^.{161,}$", re.M)
 _LONG_TEST = re.compile(r"^ *def test_\w{56,}", re.M)
 
@@ -250,6 +256,8 @@ def wording(root: Path, package: str = PACKAGE) -> tuple[list[str], list[str]]:
         for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
                 seek("English of the package", f"{module}:{node.lineno}", node.value)
+    for kind, place in style(root, package):
+        places.setdefault(kind, []).append(f"{kind}: {place}")
     for test in (root / "tests").rglob("*.py"):
         seek("long test names", test.name, test.read_text(encoding="utf-8"), _LONG_TEST)
     for kind, most in limits["most"].items():
@@ -263,6 +271,30 @@ def wording(root: Path, package: str = PACKAGE) -> tuple[list[str], list[str]]:
     ).stdout.splitlines()
     wrong += [f"subject over 60 characters: {subject}" for subject in subjects if len(subject) > 60]
     return wrong, [hit for kind, hits in places.items() if kind != "words" for hit in hits]
+
+
+def style(root: Path, package: str = PACKAGE) -> Iterator[tuple[str, str]]:
+    """What is longer than a reader can hold: its kind and its place."""
+    for path in sorted((root / package).rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+        rows = [token.start[0] for token in tokens if token.type not in _LAYOUT]
+        for row, line in enumerate(text.splitlines(), 1):
+            if len(line) > 100:
+                yield "lines over 100 characters", f"{path}:{row}"
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                place, given = f"{path}:{node.lineno} {node.name}", node.args
+                if bisect_right(rows, node.end_lineno or 0) - bisect_left(rows, node.lineno) > 150:
+                    yield "functions over 150 tokens", place
+                names = {one.arg for one in (*given.posonlyargs, *given.args, *given.kwonlyargs)}
+                command = any("click" in ast.unparse(it) for it in node.decorator_list)
+                if len(names - {"self", "cls"}) > 7 and not command:
+                    yield "functions over 7 parameters", place
+            elif isinstance(node, ast.Assign) and any(
+                isinstance(target, ast.Tuple) and len(target.elts) > 3 for target in node.targets
+            ):
+                yield "assignments over 3 targets", f"{path}:{node.lineno}"
 
 
 def facts(root: Path, package: str = PACKAGE) -> str:

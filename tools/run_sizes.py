@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from copy import copy
 from dataclasses import fields, replace
 from pathlib import Path
@@ -24,14 +24,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sumo_eval.cases import COLUMNS, CaseResult, CaseTable, encode_rows
-from sumo_eval.evaluation import score, zone_partitions
-from sumo_eval.record import run_folder
-from sumo_eval.record.cases import Case, Outcome, Role
-from sumo_eval.record.facts import space_of
-from sumo_eval.record.kept import KeptRecording, keep
+from sumo_eval.evaluation import evaluate, score, zone_partitions
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.record.recording import Space
-from sumo_eval.record.store import open_store
 from sumo_eval.report.confidence_section import confidence_json
 from sumo_eval.report.evidence import write_evidence
 from sumo_eval.report.found_cases import nearest_cases
@@ -64,88 +58,14 @@ from sumo_eval.settings import (
     SamplingSettings,
     ScenarioSettings,
 )
-from sumo_eval.trajectory import Collision, Recording, Trajectory
 
-SMALL_RUN = 64  # points of the run in which made-up rows take the place of its own
 FEW_REPLICATES = 20  # of 2,000: each costs as much as any other, and they are held some at a time
-AT_ONCE = 2_000  # cases in one transaction
-TIME = np.arange(0.0, 6.0, 0.1)
 BOX = catalogue.load("cut_in").parameters
+# the run in which made-up rows take the place of its own
+SMALL_RUN = ScenarioSettings("cut_in", SamplingSettings("sobol", count=64))
 MADE_UP = EvaluationSettings(
     "made up", (ScenarioSettings("cut_in"),), (AdsSettings("first", "idm"),)
 )
-
-
-def drive(speed: float, offset: float) -> KeptRecording:
-    """Somebody who slows down behind a slower car, a little to one side."""
-    v = np.maximum(speed - 0.5 * TIME, 5.0)
-    x = np.concatenate([[0.0], np.cumsum(0.1 * v[:-1])])
-    ego = Trajectory(
-        TIME, x, np.full(TIME.size, offset), speed=v, acceleration=np.gradient(v, TIME)
-    )
-    lead = Trajectory(TIME, 60.0 + 20.0 * TIME, np.zeros(TIME.size), speed=np.full(TIME.size, 20.0))
-    return keep(Recording(ego, {"lead": lead}, None, "time_limit"))
-
-
-def hit(kept: KeptRecording, speed: float) -> KeptRecording:
-    """That drive with a contact at its end."""
-    pose = (100.0, 0.0, 0.0)
-    collision = Collision(5.9, "lead", (20.0 + speed, 0.0), (20.0, 0.0), 1.0, "front", pose, pose)
-    return kept._replace(collision=collision, end_reason="contact")
-
-
-def outcomes(space: Space, drivers: int) -> Iterator[Outcome]:
-    """Every fifth hazardous point is hit by the ADSs, all of them by who does nothing, none by the
-    ideal vehicle.
-    """
-    drives = [drive(speed, offset) for speed in (25.0, 28.0, 31.0) for offset in (-0.3, 0.0, 0.3)]
-    roles: tuple[tuple[Role, str, str], ...] = (
-        ("ads", "first", "idm"), ("ads", "second", "idm"), ("ideal", "ideal", "ideal_braking"),
-        ("no_reaction", "no_reaction", "no_reaction"),
-    )  # fmt: skip
-    people: list[tuple[Role, str, str]] = [
-        ("human", f"driver_{n:02d}", "synthetic") for n in range(drivers)
-    ]
-    for number in space.numbers:
-        concrete, dangerous = space.concrete(number), bool(space.hazardous[number])
-        for place, (role, driver, controller) in enumerate(
-            (*roles, *(() if dangerous else people))
-        ):
-            kept = drives[(number + place) % len(drives)]
-            collides = dangerous and (
-                role == "no_reaction" or (role == "ads" and (number + place) % 5 == 0)
-            )
-            case = Case(number, concrete, role, driver, controller, fingerprint=f"{number:064x}")
-            yield Outcome(
-                case,
-                "collision" if collides else "ok",
-                hit(kept, 3.0 + place) if collides else kept,
-            )
-
-
-def make(folder: Path, points: int, drivers: int) -> None:
-    """Write the run."""
-    settings = EvaluationSettings(
-        "made up",
-        (ScenarioSettings("cut_in", SamplingSettings("sobol", count=points)),),
-        (AdsSettings("first", "idm"), AdsSettings("second", "idm")),
-        drivers=DriverSettings(count=max(drivers, 2)),
-    )
-    space = space_of(settings.scenario[0], settings, Path.cwd())
-    with run_folder.only_writer(folder, resume=False):
-        run_folder.create(folder, settings, Path.cwd(), [space.concrete(0)])
-        run_folder.write_exposures(folder, {space.logical.name: space.exposure})
-        with open_store(folder / run_folder.FACTS, create=True) as store:
-            waiting: list[Outcome] = []
-            for outcome in outcomes(space, drivers):
-                waiting.append(outcome)
-                if len(waiting) == AT_ONCE:
-                    store.add(*waiting)
-                    waiting = []
-            store.add(*waiting)
-            store.note("shard", "1/1")
-            store.seal()
-            store.note("complete", "yes")
 
 
 def made_up_chunks(cases: int) -> list[KeptChunk]:
@@ -196,8 +116,7 @@ def prepare(folder: Path, cases: int) -> None:
     """
     run = folder / "run"
     if not run.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        make(run, SMALL_RUN, 3)
+        evaluate(replace(MADE_UP, scenario=(SMALL_RUN,), drivers=DriverSettings(count=3)), run)
     method = score(run).settings.method
     made = made_up_run(folder / str(cases), cases)
     (folder / f"{cases}.score").write_bytes(

@@ -120,6 +120,10 @@ words = 35
 "English of the package" = 0
 "long lines" = 0
 "long test names" = 0
+"lines over 100 characters" = 0
+"functions over 7 parameters" = 0
+"assignments over 3 targets" = 0
+"functions over 150 tokens" = 0
 [patterns]
 '\\bnobody\\b' = "name it"
 '^Who' = "noun phrase"
@@ -163,10 +167,19 @@ def test_words_within_their_limits_are_clean_and_listed(worded: Path) -> None:
             f"def test_{'x' * 56}():\n    pass\n",
             "long test names: must be at most 0, are 1 (--words lists them)",
         ),
-        (
-            "sumo_eval/__init__.py",
-            '"""A package for nobody."""\n',
-            "English of the package: must be at most 0, are 1 (--words lists them)",
+        *(
+            (
+                "sumo_eval/__init__.py",
+                f'"""A package."""\n{text}\n',
+                f"{kind}: must be at most 0, are 1 (--words lists them)",
+            )
+            for kind, text in {
+                "English of the package": '"""For nobody."""',
+                "lines over 100 characters": "#" * 101,
+                "functions over 7 parameters": "def _f(a, b, c, d, e, f, g, h): ...\n_f",
+                "assignments over 3 targets": "a, b, c, d = '1234'",
+                "functions over 150 tokens": f"def _f():{' -1;' * 48}\n_f",
+            }.items()
         ),
     ],
 )
