@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from loaded import load
 
 DOCS = Path(__file__).parents[2] / "docs"
 FILES = sorted((DOCS / "measurements").glob("*.json"))
@@ -55,6 +56,11 @@ def test_data_file_is_complete_and_linked(path: Path) -> None:
             assert {len(row) for row in one["rows"]} == {len(one["columns"])}, one["title"]
     pages = "".join(page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md"))
     assert f"measurements/{path.name}" in pages
+
+
+def test_summary_of_the_page_is_the_generated_one() -> None:
+    summary = load("docs/measurements/trust_summary.py").summary()
+    assert summary in (DOCS / "trust.md").read_text(encoding="utf-8")
 
 
 def test_ladder_of_the_page_is_the_measured_one() -> None:
