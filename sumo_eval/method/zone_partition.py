@@ -320,7 +320,17 @@ def partition(
 
     shape = tuple(len(axis) for axis in refined)
     hazard = ((y <= 0.0) & feasible).reshape(shape)
-    labels, count = label(hazard, structure=generate_binary_structure(len(shape), len(shape)))
+    # Regions that the GP alone calls hazardous are no zones: with the most dangerous point on their
+    # own edge, Eq. 16 would weigh a point near them 10^9 times.
+    regions, _ = label(hazard, structure=generate_binary_structure(len(shape), len(shape)))
+    real = np.unique(regions[hazard & ~learnt.wrong.reshape(shape)])
+    spurious = hazard & ~np.isin(regions, real)
+    if spurious.any():
+        share = 100.0 * float(spurious.sum() / feasible.sum())
+        notes.append(f"{share:.2f} % of the space is hazardous for the GP alone, and is no zone.")
+    labels = np.searchsorted(real, regions) + 1
+    labels[~hazard | spurious] = 0
+    count = len(real)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     by_size = np.argsort(-sizes, kind="stable")
     number = np.full(count + 1, -1, dtype=np.intp)

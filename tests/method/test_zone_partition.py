@@ -9,6 +9,7 @@ from twins.spaces import space
 from twins.zone_partition import distance_to_change, posterior_mean
 
 from sumo_eval.errors import InputError
+from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.criticality import critical_gap, ideal_impact_speed, max_inverse_ttc
 from sumo_eval.method.zone_partition import (
     TARGET_TOLERANCE,
@@ -285,6 +286,24 @@ def test_two_zones_are_told_apart_and_ordered_by_size(hill):
         (30, 40),
         (80, 70),
     ]
+
+
+def test_law_a_region_that_the_gp_alone_calls_hazardous_is_no_zone():
+    # Hazardous is x <= 12 alone. From 60 to 80 the gap is 0.02 m more than the critical one, with a
+    # slope on both sides, which the GP rounds to a hazardous hollow. With its worst point on its
+    # own edge, it once gave points near it weights of 10^9.
+    def gap(values):
+        hollow = np.maximum(np.abs(values["x"] - 70.0) - 10.0, 0.02)
+        return 45.102 + np.minimum(values["x"] - 12.0, hollow)
+
+    line = space([("x", 0.0, 100.0, 10.0)], gap)
+    zones = partition(line, QUICK, points=np.arange(0.0, 101.0, 10.0)[:, None])
+    assert zones.hazardous([[70.0]])[0]
+    assert zones.zones == 1
+    assert zones.zone_shares[0] == pytest.approx(0.12, abs=0.01)
+    assert zones.most_dangerous[0]["x"] == 0.0
+    assert "14.51 % of the space is hazardous for the GP alone, and is no zone." in zones.notes
+    assert collision_weight([[100.0]], zones)[0] == pytest.approx(100.0 / 12.0, rel=0.02)
 
 
 def test_a_zone_may_be_safe_on_both_sides():
