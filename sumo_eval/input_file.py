@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, nearest
 from sumo_eval.text import clean, words_of
 
 LARGEST: Final = 500_000_000
@@ -33,7 +33,7 @@ def input_file(path: Path, what: str) -> Path:
     try:
         mode = os.stat(path).st_mode
     except FileNotFoundError:
-        raise InputError(f"There is no {clean(f'{what} {path}')}.") from None
+        raise InputError(f"There is no {clean(f'{what} {path}')}.{_nearest(path)}") from None
     except (OSError, ValueError) as error:  # a path can hold what no path may, too
         raise _unreadable(path, what, error) from error
 
@@ -93,6 +93,18 @@ def hash_of(path: Path, what: str) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise _unreadable(path, what, error) from error
+
+
+def _nearest(path: Path) -> str:
+    """A sentence that names the nearest file of the same folder and ending; "" without one."""
+    try:
+        stems = sorted(it.stem for it in path.parent.iterdir() if it.suffix == path.suffix)
+    except OSError:
+        return ""
+    near = nearest(path.stem, stems)
+    return (
+        "" if near is None else f" Did you mean `{clean(str(path.with_name(near + path.suffix)))}`?"
+    )
 
 
 def named(path: Path, what: str) -> str:

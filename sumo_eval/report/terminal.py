@@ -91,12 +91,12 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         lines += [f"  {_of_a_kind(kind)}" for kind in kinds]
         if rest:
             lines.append(f"  and {rest} more, all in the report.")
-    lines += [
-        f"{score.ads} in {score.scenario}: {score_note(note)}"
-        for score in evaluation.scores
-        for note in score.notes
-        if not isinstance(note, CasesMissing | ReferenceMissing)  # said above, with the cases
-    ]
+    owners: dict[tuple[str, str], list[str]] = {}  # of a note: the ADSs, which may share it
+    for score in evaluation.scores:
+        for note in score.notes:
+            if not isinstance(note, CasesMissing | ReferenceMissing):  # above, with the cases
+                owners.setdefault((score.scenario, score_note(note)), []).append(score.ads)
+    lines += [f"{', '.join(ads)} in {name}: {text}" for (name, text), ads in owners.items()]
     lines += check_lines(evaluation)
     lines += [
         f"The sample of {zone.scenario} leaves out {zone.refused} of "

@@ -693,9 +693,8 @@ _COUNTED = {
     "gentler_than_ideal": "In {hits} the ADS hit more softly than the ideal vehicle; each has the "
     "ratio 1.",
     "references_collide": "The space is called safe at {of_points}, yet drivers or the reference "
-    "car collide at "
-    "{number} of them: check `zone.obstacle` of the scenario, the actor that ideal braking has to "
-    "avoid.",
+    "car collide at {number} of them: a scripted actor does not react and may strike an ego that "
+    "slows down. If another actor is struck, check `zone.obstacle` of the scenario.",
     "ideal_collides_too": "The ideal vehicle has {number} of {of_hits} in the safe zone as well: "
     "C and A count them, D "
     "and H leave them out.",

@@ -96,7 +96,7 @@ def load(name: str) -> LogicalScenario:
 
 
 def options_of(use: str) -> tuple[str, dict[str, str]]:
-    """What stands before the options of `cut_in?a=1&b=2`, and the options by name, as written."""
+    """The part before the options of `cut_in?a=1&b=2`, and the options by name, as written."""
     plain, asks, options = use.partition("?")
     given: dict[str, str] = {}
     for option in options.split("&") if asks else ():

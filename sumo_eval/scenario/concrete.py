@@ -2,7 +2,7 @@
 process to receive.
 
 Positions are vehicle centres in road coordinates: x along the road, y to the left, y = 0 on the
-right lane's centre line, headings from the road's direction. On a road that bends x is the distance
+right lane's centre line, headings from the road's direction. On a curved road x is the distance
 along that line.
 """
 
@@ -46,8 +46,7 @@ class NetworkFile:
 
 @dataclass(frozen=True, slots=True)
 class Road:
-    """A road. The ego is judged from its start to x = `length`; `run_out` lets faster vehicles
-    drive on, m.
+    """A road. Cases end at x = `length`; on `run_out`, m, faster vehicles continue.
 
     network: the user's network that holds it; None: a network is written for it.
     line: the right lane's centre line from x = 0 on, piece by piece, behind which the road is
@@ -146,8 +145,8 @@ class Start:
     lateral_speed: m/s to the left, below `speed`, with which the ego begins; it then heads that
         way.
     way: the lane change that the ego has to make.
-    recorded: where somebody was who drove here in its place, x and y of the centre, m, every
-        `RECORDED_EVERY` s from the start on.
+    recorded: positions of a recorded ego, x and y of the centre, m, every `RECORDED_EVERY` s from
+        the start.
     """
 
     x: float
@@ -300,7 +299,7 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """Another vehicle: keeps its speed along the road until one of its acts says otherwise.
+    """An actor: keeps its speed along the road until one of its acts begins.
 
     slides: it keeps its heading while it moves across, like the upright rectangles that UN R157's
         tables are made with; otherwise it points where it goes.
@@ -308,13 +307,13 @@ class Actor:
     heading: at the start, rad to the left of the road. One with a `model` is driven by SUMO, from
         the start on or from when its act `FOLLOW` begins.
 
-    on_map: on a road that bends, x m, y m and heading rad of its start on the map, from where its
-        line
-    leads straight on the map, and not along the road: who comes across the way of an ego that
-    turns. None: its line is
-    along the road. `start` and `heading` are in the road's frame all the same.
+    on_map: on a curved road, x m, y m and heading rad of its start on the map, if its path is
+        straight on the map instead of along the road: an actor that crosses the path of a turning
+        ego. `start` and `heading` are in the road's frame even then. None: its path is along the
+        road.
 
-    The methods below are of one that is not `lively`; of others they know the start alone.
+    The methods below describe an actor that is not `lively`; of a `lively` one they know the start
+    alone.
     """
 
     name: str
@@ -335,7 +334,7 @@ class Actor:
 
     @property
     def lively(self) -> bool:
-        """Whether what it does is no function of time alone, that can be said before the drive."""
+        """Whether its motion depends on more than time, so that only the drive decides it."""
         if self.model is not None or self.heading != 0.0 or self.on_map is not None:
             return True
         brakes = sum([act.kind == played.SPEED for act in self.acts])
@@ -437,9 +436,10 @@ class ConcreteScenario:
 
     @property
     def lively(self) -> bool:
-        """Whether the others are played, and not SUMO's to move: somebody does what is no function
-        of time alone, or the lanes are not the same throughout, which SUMO counts from the begin of
-        each edge.
+        """Whether our kernels, not SUMO, move the actors.
+
+        True where an actor's motion depends on more than time, or where lanes open or end: SUMO
+        numbers lanes from the beginning of each edge.
         """
         return (
             self.road.shaped
@@ -449,7 +449,7 @@ class ConcreteScenario:
 
     @property
     def script_end(self) -> float:
-        """When the others have done all that they do, s; inf where that is not known."""
+        """When the actors' last acts end, s; inf where the drive decides it."""
         return (
             math.inf
             if self.lively
@@ -458,7 +458,7 @@ class ConcreteScenario:
 
     @property
     def reacts(self) -> bool:
-        """Whether somebody in it is driven by a model of SUMO's."""
+        """Whether a SUMO model drives any actor."""
         return any(actor.model is not None for actor in self.actors)
 
     @property

@@ -1,4 +1,4 @@
-"""How often the values of a parameter are met: a distribution of scipy.stats by its name there, cut
+"""How often the values of a parameter occur: a distribution of scipy.stats by its name there, cut
 to the range.
 
 scipy.stats is imported when a distribution is used: it takes 0.7 s, and every child process imports

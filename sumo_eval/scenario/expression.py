@@ -26,7 +26,7 @@ from sumo_eval.text import clean, shown
 LONGEST = 1_000  # characters of an expression
 DEEPEST = 50  # brackets within brackets
 UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError)
-"""What Python's parser raises for what is no expression."""
+"""Exceptions of Python's parser for invalid text."""
 
 
 def _quiet(function: Callable[..., Any]) -> Callable[..., float]:

@@ -138,7 +138,7 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
             f"Vehicle `{name}` comes to the end of the road, x = {end:g} m, before the ego is at "
             f"x = {logical.road.length:g} m at {len(times)} of {len(points)} points, after "
             f"{time:.1f} s at {where}: "
-            "a case that still lasts goes on without it, and records `actor_left_the_network`."
+            "the case then continues without it and records `actor_left_the_network`."
         )
 
 
@@ -162,8 +162,8 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
             name = actor.acts[index].name or f"number {index + 1}"
             raise InputError(
                 f"The condition of manoeuvre {name} of vehicle `{actor.name}` of scenario "
-                f"`{logical.name}` at "
-                f"{concrete.label} can never hold, whoever drives: the manoeuvre would never begin."
+                f"`{logical.name}` at {concrete.label} can never hold, whatever the ego does: the "
+                "manoeuvre would never begin."
             )
     if logical.approach is not None:
         logical.approach(logical.columns(points))

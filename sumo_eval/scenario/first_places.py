@@ -1,6 +1,4 @@
-"""Whether everybody is where a body can be at the start: on the road, on a lane, and clear of all
-others.
-"""
+"""Check that all vehicles start on the road, on a lane, and clear of each other."""
 
 from __future__ import annotations
 
@@ -36,7 +34,7 @@ class Misplaced(NamedTuple):
 def misplaced(
     road: Road, ego: Start, ego_body: EgoBody, actors: Sequence[Actor]
 ) -> Iterator[Misplaced]:
-    """Who begins where nobody can be, and whose path leaves the map."""
+    """Vehicles with an impossible start, and paths that leave the map."""
     end = road.length + road.run_out
     furthest = max([_BESIDE, *(crossing.reach for crossing in road.crossings)])
     bodies = [

@@ -1,4 +1,4 @@
-"""Scenario files of other formats than ours: each format is an entry point of the group
+"""Scenario files of other formats than TOML: each format is an entry point of the group
 `sumo_eval.scenarios`.
 
 Its name is the ending, `xosc`; its object a `Format`, or a function `(path, options) ->
@@ -26,7 +26,7 @@ Entries = tuple[ScenarioSettings, ...]
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """What reads the scenario files of one ending.
+    """A reader of the scenario files of one ending.
 
     read: the scenario of a file, by its path and the options behind its name.
     expand: the entries in place of one, for files and catalogues that hold several scenarios.
@@ -71,9 +71,7 @@ def expanded(entries: Entries, folder: Path) -> Entries:
 
 
 def _form_of(use: str) -> Format | None:
-    """The format of an entry's file or catalogue; None for a shipped name, a file of ours and
-    Python.
-    """
+    """The format of an entry's file or catalogue; None for a shipped name, TOML and Python."""
     plain = use.partition("?")[0]
     if "." in plain or ":" in plain or plain in scenario_files():
         return format_of(plain)

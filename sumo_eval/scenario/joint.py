@@ -1,5 +1,5 @@
-"""How often points of a space are met, from events that were met: densities that keep how
-parameters go together.
+"""How often points of a space occur, by recorded events: densities that keep the dependence
+between parameters.
 
 Two kinds over the same events, both cut to the box of the space:
 

@@ -31,7 +31,7 @@ class Parameter:
     """One axis of a space: [low, high] in `unit`, sampled every `step` by default.
 
     values: the only values it can take, ascending, from low to high; empty: any value of the range.
-    distribution: how often values are met, where that is known.
+    distribution: how often values occur, where that is known.
     """
 
     name: str
@@ -105,7 +105,7 @@ class Constraint:
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """What the criticality of a point depends on: arrays that broadcast to one shape (Eqs. 1-6).
+    """The quantities that decide a point's criticality: arrays that broadcast (Eqs. 1-6).
 
     ego_speed, obstacle_speed: at t = 0, m/s.
     gap: bumper to bumper at t = 0, m.
@@ -132,19 +132,15 @@ class Approach:
 
 
 class Search(Protocol):
-    """What zones are searched from: the motion of one of the others while the ego brakes ideally
-    along its path.
-    """
+    """A zone rule by search: the motion of one actor while the ego brakes ideally."""
 
     @property
     def obstacle(self) -> int:
-        """Its number among the others."""
+        """Index of that actor."""
 
     @property
     def conflict(self) -> bool:
-        """Whether the time until both would touch on their ways counts, and not the gap along the
-        road.
-        """
+        """Whether the time until both paths collide counts, instead of the gap along the road."""
 
     def delay(self, values: Mapping[str, float]) -> float:
         """From its first move, or the start where it makes none, until ideal braking, s."""
@@ -166,7 +162,7 @@ class ZoneCoordinates:
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """A number that whoever names the scenario may give: `cut_in?lateral_acceleration=1.5`."""
+    """A number that `use` may set: `cut_in?lateral_acceleration=1.5`."""
 
     name: str
     unit: str
@@ -175,9 +171,7 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class NamedSample:
-    """A list of points that somebody prescribes, rows in the order of
-    `LogicalScenario.parameters`.
-    """
+    """A list of prescribed points, rows in the order of `LogicalScenario.parameters`."""
 
     name: str
     about: str
@@ -186,7 +180,7 @@ class NamedSample:
 
 @dataclass(frozen=True, slots=True)
 class Counterpart:
-    """Which events of recordings a scenario is met as.
+    """The events of recordings that are this scenario.
 
     event: kind of event.
     columns: (parameter, column of the events).
@@ -204,7 +198,7 @@ class Counterpart:
 
 @dataclass(frozen=True, slots=True)
 class Met:
-    """How often a scenario was met on the road.
+    """How often a scenario occurred on the road.
 
     vehicle_km: driven by all vehicles that might have met it.
     """
@@ -215,7 +209,7 @@ class Met:
 
 
 def uniform_exposure(values: Values) -> FloatArray:
-    """Every concrete scenario is met equally often."""
+    """Equal exposure of every concrete scenario."""
     return np.ones(np.broadcast_shapes(*map(np.shape, values.values())))
 
 
@@ -231,15 +225,13 @@ class LogicalScenario:
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
     ego_body, time_limit, standstill_time: as in `ConcreteScenario`.
     samples: prescribed points.
-    default_sample: how points are chosen where nobody says: `grid`, or the name of one of
-        `samples`.
+    default_sample: method of sampling by default: `grid`, or the name of one of `samples`.
     zone_coordinates: what the zones' GP sees instead of the parameters.
     options: what may be given where the scenario is named.
     notes: sentences that stand with its zones in every report.
-    recorded: the events of recordings that it is met as;
-    met: how often it was; None: nobody says.
-    has_drivers: whether the synthetic drivers know the scene; where not, only recorded ones make a
-        D.
+    recorded: the events of recordings that are this scenario; None: unknown.
+    met: how often it occurred; None: unknown.
+    has_drivers: whether synthetic drivers can drive it; if not, only recorded ones make a D.
     requirements: what must hold in every drive; None: nothing.
     """
 
@@ -274,7 +266,7 @@ class LogicalScenario:
             check_name("`name`", f"a parameter of scenario `{self.name}`", parameter.name)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: what happens, and the parameters with their ranges."""
+        """HTML for notebooks: the description, and the parameters with their ranges."""
         rows = "".join(
             f"<tr><th>{escape(item.name)}</th><td>{item.low:g} to {item.high:g} "
             f"{escape(item.unit)}</td>"
@@ -391,7 +383,7 @@ class LogicalScenario:
         return replace(self.placed(point), exposure=exposure)
 
     def placed(self, point: Mapping[str, float]) -> ConcreteScenario:
-        """The scene at values by name, which nobody checks: constraints may forbid it.
+        """The scene at values by name, unchecked: constraints may forbid it.
 
         Its exposure is 1.
         """

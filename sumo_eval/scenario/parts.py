@@ -207,7 +207,7 @@ class Quantities:
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """What formulas and conditions of a file may name.
+    """The names that formulas and conditions of a file may use.
 
     where: how errors call the file.
     owner: how they call the scenario.
@@ -240,7 +240,7 @@ class Names:
     def quantities(self, table: Any, what: str, **others: Limits) -> Quantities:
         """The formulas that a table has.
 
-        others: limits of keys, in the place of those in their annotations.
+        others: limits of keys, instead of those in their annotations.
         """
         found = []
         # every class can be hashed

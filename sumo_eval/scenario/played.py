@@ -37,7 +37,7 @@ AT_ONCE, HANDED_OVER = 1, 2  # since when SUMO drives a vehicle
     DIVIDE, NEGATE, SMALLER,
     LARGER, ABSOLUTE, BELOW, AT_MOST, AND, OR, DEPARTED,
 ) = range(24)  # fmt: skip
-"""What a step of a condition's program does, on a stack."""
+"""Operations of a condition's program, on a stack."""
 DEEPEST = 24  # values on the stack of a condition
 
 ACT = np.dtype(
@@ -92,13 +92,13 @@ PLAY = np.dtype(
         ),
     ]
 )
-"""How a vehicle drives at the moment.
+"""Present motion of a vehicle.
 
-x, y, heading: where its line begins and leads; on_map: 1 if that is said on the map of a road that
-bends, and not along and across it. line_s, line_time: what it had
-driven by then, and when. since, s, v: from when its pieces count, what it had driven, how fast it
-was. first_begin: when its first move began, s. model: `AT_ONCE` if SUMO drives it from the start,
-`HANDED_OVER` if it does by now."""
+x, y, heading: beginning and direction of its line; on_map: 1 if these are on the map of a curved
+road, 0 if along and across the road. line_s, line_time: distance driven and time when the line
+began. since, s, v: time from which its pieces count, distance and speed then. first_begin: begin of
+its first move, s. model: `AT_ONCE` if SUMO drives it from the start, `HANDED_OVER` if it does now.
+"""
 
 
 class Act(NamedTuple):
@@ -216,7 +216,7 @@ def lasts(play: Any, pieces: Any) -> float:
 
 @kernel
 def on_line(play: Any, table: Any, s: float) -> tuple[float, float, float]:
-    """The point of the line and its direction, after so many metres of it."""
+    """x, y and direction of the line, s m along it."""
     x, y, heading = play.x, play.y, play.heading
     left = s - play.line_s
     for q in range(play.path, play.path + play.points):
@@ -240,11 +240,9 @@ def place(
 
     line: the road's, of no knots if it is straight.
 
-    On a bend its place and its line are along and across the road, as scripts are: a metre along
-    the road's line is
-    1 - curvature y metres of ground, so heading and speed are those over the ground. One whose line
-    is on the map is
-    looked for in the frame beside where it was last, its heading without a jump.
+    On a curve, position and line are along and across the road, as scripts are: a metre along the
+    road's line is 1 - curvature y metres of ground, so heading and speed are those over the ground.
+    A position on the map is sought in the frame near the last one; its heading does not jump.
     """
     s, v, a = driven(play, pieces, time)
     x, y, heading = on_line(play, table, s)
@@ -561,9 +559,9 @@ def wake(
     now: float, before: float,
     stack: Any, line: Any,
 ) -> int:  # fmt: skip
-    """Look at every waiting move of a case at the end of a step; how many began.
+    """Begin the waiting moves of a case whose conditions hold at the end of a step; how many began.
 
-    Who has begun is placed anew.
+    Vehicles whose moves began are placed again.
     """
     count = 0
     for j in range(len(others)):
@@ -621,7 +619,7 @@ def play_rows(
     steps: int,
     step: float, line: Records,
 ) -> None:  # fmt: skip
-    """Move the others of every live case to the end of so many steps."""
+    """Move the actors of every live case to the end of `steps` steps."""
     for i in range(len(egos)):
         if egos[i].live == 0 or egos[i].reason != 0:
             continue

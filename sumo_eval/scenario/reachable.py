@@ -1,5 +1,4 @@
-"""Whether a condition can come to hold at all, as far as that can be known before anybody has
-driven.
+"""Whether a condition can become true at all, as far as that is known before a drive.
 
 Every number of the moment is taken as the range that it can ever have (time up to the case's end,
 the ego between its start and the end of the road, distances not below 0, a script no faster than

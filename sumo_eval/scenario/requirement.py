@@ -31,15 +31,15 @@ SERIES = {
     "thw": "gap over the ego's speed, s; inf without one ahead",
     "ttc": "gap over the closing speed, s; inf where the gap does not close",
 }
-"""What a requirement may ask of each moment."""
+"""Quantities of each moment that a requirement may use."""
 OUTCOMES = {
-    "collided": "1 if the ego touched somebody, else 0",
+    "collided": "1 if the ego touched an actor, else 0",
     "reached_end": "1 if it came to the end of the scenario's road, else 0",
 }
-"""What it may ask of the whole."""
+"""Quantities of the whole drive that it may use."""
 OF_OTHERS = ("x", "y", "speed", "lateral_speed")
-"""What it may ask of another vehicle at each moment, as `x(lead)`; y and lateral_speed are across
-the road, to the left of the right lane's centre line."""
+"""Quantities of an actor at each moment that it may use, as `x(lead)`; y and lateral_speed are
+across the road, to the left of the right lane's centre line."""
 _OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {
     "min": np.min,
     "max": np.max,
@@ -64,7 +64,7 @@ class Requirement:
 
     @property
     def expressions(self) -> tuple[Expression, ...]:
-        """What it is worked out from."""
+        """The expressions that it depends on."""
         return (self.outer, *(inner for _, _, inner in self.parts))
 
     def holds(self, series: Mapping[str, FloatArray], known: Mapping[str, float]) -> bool:
@@ -85,7 +85,7 @@ class Requirement:
 
 
 class Numbers(Protocol):
-    """What works out the definitions of a scenario at a point."""
+    """Definitions of a scenario at a point."""
 
     def at(self, values: Mapping[str, float]) -> dict[str, float]:
         """The values and the definitions at them."""
@@ -109,7 +109,7 @@ def requirement(
     """The requirement in a text.
 
     known: names of parameters, options and definitions;
-    vehicles: of the others.
+    vehicles: names of the actors.
 
     InputError with what is wrong.
     """

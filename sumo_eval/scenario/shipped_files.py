@@ -1,7 +1,6 @@
-"""Where the shipped files are: SUMO networks and routes, and the shipped scenarios written as
-scenario files.
+"""Paths of the shipped files: SUMO networks and routes, and the shipped scenario files.
 
-Networks and routes are inside the package once installed, beside it in the source tree.
+Networks and routes are inside the package once installed, next to it in the source tree.
 """
 
 from __future__ import annotations

@@ -22,9 +22,7 @@ MOST = 200  # vehicles of one stream
 
 @dataclass(frozen=True, slots=True)
 class StreamTable(Checked):
-    """Traffic of a given density: vehicles one behind the other in a lane, each driven by a model
-    of SUMO's.
-    """
+    """Traffic of a given density: a lane of vehicles, each driven by a SUMO model."""
 
     name: Annotated[
         str, MinLen(1), About("name; its vehicles are name_1, name_2, ... from the foremost back")
@@ -36,7 +34,7 @@ class StreamTable(Checked):
     end: Annotated[Formula, About("its end at the front, ahead of the ego's centre", "m")]
     density: Annotated[Formula, ABOVE_0, About("vehicles on a kilometre of the lane", "1/km")]
     speed: Annotated[
-        Formula, ABOVE_0, About("mean speed, which each keeps where nobody is in its way", "m/s")
+        Formula, ABOVE_0, About("mean speed, which each keeps while its lane is free", "m/s")
     ]
     speed_spread: Annotated[
         float, Ge(0.0), About("speeds differ by at most that, evenly", "m/s")
@@ -73,8 +71,7 @@ class StreamTable(Checked):
         The draws depend on the seed and on the vehicle's number alone, so that a point of the space
         changes nothing but what its parameters say.
 
-        Raises InputError for a stream that is denser than its lane holds, or longer than anybody
-        needs.
+        Raises InputError for a stream that is denser than its lane holds, or too long.
         """
         owner, body, wanted = f"stream `{self.name}`", BODIES[self.body], numbers["speed"]
         begin, end, mean = numbers["begin"], numbers["end"], 1000.0 / numbers["density"]

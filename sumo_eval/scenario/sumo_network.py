@@ -1,10 +1,10 @@
 """A road inside a SUMO network of the user's: found, checked, and laid along the x axis.
 
-Everything in this package drives along x with the right lane's centre line at y = 0. Where the
-chosen edges are straight, the whole network is turned and moved, as one rigid body, until they lie
-there; its topology stays as it is. Where they bend, the line along their lanes is fitted
+All vehicles drive along x with the right lane's centre line at y = 0. Where the chosen edges are
+straight, the whole network is turned and moved, as one rigid body, until they lie there; its
+topology stays as it is. Where they are curved, the line along their lanes is fitted
 (`fitted_line`), and the road is one with that line, for which a network is written as for every
-other that bends. The outermost lanes may begin and end where edges meet: square, as SUMO has them.
+other curved road. The outermost lanes may begin and end where edges meet: square, as SUMO has them.
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ class _Lane:
 
 
 def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
-    """The road along `edges` of a .net.xml, judged until x = `end`, m from the begin of the first
+    """The road along `edges` of a .net.xml; cases end at x = `end`, m from the begin of the first
     edge.
 
-    Raises InputError where the file is no network, an edge is not in it, or the edges are not one
-    road with the same lanes throughout.
+    Raises InputError where the file is not a network, an edge is not in it, or the edges are not
+    one road with the same lanes throughout.
     """
     path = path.resolve()
     owner = f"network {path.name}"
@@ -216,7 +216,7 @@ def _is_straight(lanes: Sequence[Sequence[_Lane]]) -> bool:
     )  # fmt: skip
 
 
-# -- a road that bends -----------------------------------------------------------------------------
+# -- a curved road ---------------------------------------------------------------------------------
 
 
 def _bent_road(
@@ -227,7 +227,7 @@ def _bent_road(
     owner: str,
     bare: str,
 ) -> Road:
-    """The road along edges that bend, of the line along a lane that all of them have."""
+    """The road along curved edges: its line follows a lane that all of them have."""
     edges, width = network.edges, lanes[0][0].width
     links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
     shifts = list(itertools.accumulate((link.shift for link in links), initial=0))
@@ -305,8 +305,10 @@ def _line_along(way: FloatArray, what: str) -> tuple[tuple[Piece, ...], Pose]:
 
 
 class _Link(NamedTuple):
-    """How the lanes of an edge go on in the next one: the index of each is greater by `-shift`; the
-    lanes within the junction between, by the index before it.
+    """Connection of the lanes of an edge to those of the next one.
+
+    shift: index before the junction less the index behind it.
+    vias: the lanes within the junction, by the index before it.
     """
 
     shift: int
@@ -333,7 +335,7 @@ def _links(root: etree._Element, one: str, other: str, owner: str) -> _Link:
 
 
 def _vias(root: etree._Element, via: str | None) -> tuple[str, ...]:
-    """The lanes within a junction, one behind the other, from the first on."""
+    """The lanes within a junction, in order from the first."""
     found: list[str] = []
     while via is not None and via not in found:
         found.append(via)

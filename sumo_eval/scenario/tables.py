@@ -1,6 +1,4 @@
-"""What may stand in a scenario file: its tables and keys, each with its unit, and what each table
-makes of itself.
-"""
+"""Tables and keys of a scenario file, each with its unit; each table builds its own value."""
 
 from __future__ import annotations
 
@@ -64,7 +62,7 @@ class ParameterTable(Checked):
     distribution: Annotated[
         dict[str, str | float] | None,
         About(
-            "how often values are met: `name` of a continuous distribution of scipy.stats, and "
+            "how often values occur: `name` of a continuous distribution of scipy.stats, and "
             "its arguments"
         ),
     ] = None
@@ -160,8 +158,8 @@ class RoadTable(Checked):
     opendrive_road: Annotated[
         str | tuple[str, ...] | None,
         About(
-            "id of the road in that file, where it has several; or of those to drive along one "
-            "behind the other"
+            "id of the road in that file, where it has several; or of those to drive along, in "
+            "order"
         ),
     ] = None
     lane: Annotated[
@@ -172,9 +170,9 @@ class RoadTable(Checked):
     def read(
         self, end: float, options: Mapping[str, float], where: str, folder: Path, *, reacts: bool
     ) -> Road:
-        """The road, judged to x = `end`, m.
+        """The road; cases end at x = `end`, m.
 
-        reacts: whether a model of SUMO's drives somebody on it.
+        reacts: whether a SUMO model drives any actor on it.
         """
         owner = f"[road] of {where}"
         for source in ("network", "opendrive"):
@@ -244,13 +242,13 @@ class RoadTable(Checked):
 
 
 def _hashed(shape: object) -> str:
-    """What the shape of a road adds to its name."""
+    """The part of a road's name for its shape."""
     return f"_{hashlib.sha256(repr(shape).encode()).hexdigest()[:6]}"
 
 
 @dataclass(frozen=True, slots=True)
 class EndTable(Checked):
-    """When a case is over, besides contact, standstill and leaving the road."""
+    """Further ends of a case, after contact, standstill and leaving the road."""
 
     x: Annotated[float, Positive, About("the ego's centre reaches this place", "m")] = 600.0
     time: Annotated[
@@ -260,8 +258,8 @@ class EndTable(Checked):
         float | None,
         Positive,
         About(
-            "how long the ego must stand, for scenes in which it has to go on; default: the "
-            "simulation's own",
+            "how long the ego must stand, for scenes in which it has to drive off again; default: "
+            "the simulation's own",
             "s",
         ),
     ] = None
@@ -269,9 +267,7 @@ class EndTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class SampleTable(Checked):
-    """Points that somebody prescribes: rows, at each value of further parameters, with others
-    worked out.
-    """
+    """Prescribed points: rows, at each value of further parameters, with others computed."""
 
     name: Annotated[str, MinLen(1), About("name, for `method` of an evaluation's sampling")]
     points: Annotated[tuple[tuple[float, ...], ...], About("the rows")]
@@ -340,7 +336,7 @@ class SampleTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class GivenTable(Checked):
-    """What else is different where an option is given."""
+    """Changes to the scenario where an option is given."""
 
     suffix: Annotated[
         str | None,
@@ -355,21 +351,19 @@ class GivenTable(Checked):
     ] = None
     road: Annotated[RoadTable | None, About("the road then, instead of the scenario's own")] = None
     vehicle: Annotated[
-        tuple[VehicleTable, ...], About("who is there then, besides the scenario's own")
+        tuple[VehicleTable, ...], About("further vehicles then, in addition to the scenario's own")
     ] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class OptionTable(Checked):
-    """A number that whoever uses the scenario may give: `use =
-    "cut_in?lateral_acceleration=1.5"`.
-    """
+    """A number that `use` may set: `use = "cut_in?lateral_acceleration=1.5"`."""
 
     name: Annotated[str, MinLen(1), About("name, for expressions and in `use`")]
     unit: Annotated[str, MinLen(1), About("unit; `1` for a share")]
     about: Annotated[str, About("what it is")] = ""
     default: Annotated[
-        float | None, About("its value where nobody gives one; default: infinite")
+        float | None, About("its value if `use` does not set it; default: infinite")
     ] = None
     above: Annotated[float | None, About("what is given must be greater than that")] = None
     given: Annotated[GivenTable, About("what else is different where it is given")] = field(
@@ -379,7 +373,7 @@ class OptionTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class JointTable(Checked):
-    """How often points are met, by events that were met: keeps how parameters go together."""
+    """How often points occur, by recorded events: keeps the dependence between parameters."""
 
     events: Annotated[
         str,
@@ -406,8 +400,7 @@ class JointTable(Checked):
             if item.distribution is not None or item.values:
                 raise InputError(
                     f"Parameter `{item.name}` of {where} must have a range and no distribution: "
-                    "[joint] says how often "
-                    "its values are met."
+                    "[joint] says how often its values occur."
                 )
         box = [item.low for item in parameters], [item.high for item in parameters]
         return read_joint(
@@ -417,7 +410,7 @@ class JointTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class MetTable(Checked):
-    """How often the scenario was met on the road, whatever its parameters were."""
+    """How often the scenario occurred on the road, whatever its parameters were."""
 
     events: Annotated[int, Ge(0), About("how many times")]
     vehicle_km: Annotated[
@@ -428,7 +421,7 @@ class MetTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class RecordedTable(Checked):
-    """Which events of recordings are this scenario, met on the road."""
+    """The events of recordings that are this scenario."""
 
     event: Annotated[
         Literal["approach", "cut_out", "cut_in", "lead_braking"],
@@ -470,7 +463,7 @@ class RecordedTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class RequireTable(Checked):
-    """What must hold in every drive; cases that miss it are counted beside the scores."""
+    """A condition on every drive; cases that miss it are counted next to the scores."""
 
     check: Annotated[
         str,
@@ -499,16 +492,14 @@ class ScenarioFile(Checked):
             "zone rule; `none`: no zone can be defined, everything is safe, C and A are by outcome"
         ),
     ]
-    vehicle: Annotated[tuple[VehicleTable, ...], About("the others")] = ()
+    vehicle: Annotated[tuple[VehicleTable, ...], About("the actors")] = ()
     stream: Annotated[tuple[StreamTable, ...], About("traffic of a given density")] = ()
-    about: Annotated[str, About("what happens, in one sentence")] = ""
+    about: Annotated[str, About("what happens, a sentence")] = ""
     source: Annotated[str, About("where it comes from")] = "a scenario file"
     define: Annotated[
         dict[str, Formula], About("names for expressions, each may use those above it")
     ] = field(default_factory=dict)
-    option: Annotated[
-        tuple[OptionTable, ...], About("numbers that whoever uses the scenario may give")
-    ] = ()
+    option: Annotated[tuple[OptionTable, ...], About("numbers that `use` may set")] = ()
     constraint: Annotated[tuple[ConstraintTable, ...], About("which points of the box exist")] = ()
     exposure: Annotated[
         str | None, About("density, an expression; multiplies the parameters' distributions")
@@ -516,7 +507,7 @@ class ScenarioFile(Checked):
     joint: Annotated[
         JointTable | None, About("density by events, instead of the parameters' distributions")
     ] = None
-    met: Annotated[MetTable | None, About("how often it was met on the road")] = None
+    met: Annotated[MetTable | None, About("how often it occurred on the road")] = None
     recorded: Annotated[
         RecordedTable | None, About("the events of recordings that are this scenario")
     ] = None
@@ -583,7 +574,7 @@ class ScenarioFile(Checked):
     def _names(
         self, parameters: Sequence[Parameter], options: Mapping[str, float], where: str
     ) -> tuple[Names, Definitions]:
-        """What formulas may name, and the definitions."""
+        """The names that formulas may use, and the definitions."""
         for option in self.option:
             check_unit(
                 option.unit, f"option `{option.name}` of {where}", {"default": option.default}
@@ -629,7 +620,7 @@ class ScenarioFile(Checked):
         return replace(place, definitions=definitions.needed_by(*names.scene))
 
     def _reacts(self) -> bool:
-        """Whether somebody in it is driven by a model of SUMO's."""
+        """Whether a SUMO model drives any actor."""
         vehicles = [*self.vehicle, *(it for option in self.option for it in option.given.vehicle)]
         return bool(self.stream) or any(
             move.do == "follow" for it in vehicles for move in it.manoeuvre

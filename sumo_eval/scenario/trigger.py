@@ -31,7 +31,7 @@ FUNCTIONS = {
     "thw": "thw(a, b): gap over a's speed, s; inf behind b",
     "ended": "ended(a, m): whether a's manoeuvre of the name m is over",
 }
-"""What a condition may ask of vehicles, `ego` among them."""
+"""Functions of vehicles that a condition may use, `ego` among them."""
 _ARITHMETIC: dict[type[ast.operator], int] = {
     ast.Add: played.ADD, ast.Sub: played.SUBTRACT, ast.Mult: played.MULTIPLY,
     ast.Div: played.DIVIDE,

@@ -1,8 +1,6 @@
-"""What the others do while the ego keeps its speed, or brakes ideally along its path: no
-simulation, the scripts alone.
+"""Motion of the actors while the ego keeps its speed, or brakes ideally: scripts, no simulation.
 
-Whoever reacts is taken to keep its speed here: what SUMO's models would do is known only once SUMO
-has driven them.
+Actors with a SUMO model are assumed to keep their speed: only SUMO knows what its models would do.
 """
 
 from __future__ import annotations
@@ -45,10 +43,10 @@ CHANNELS = ("x", "y", "heading", "speed", "across")
 
 
 class Tracks(NamedTuple):
-    """Where everybody is at times k * step: (n, T, 5) of the egos, (n, m, T, 5) of the others;
-    channels `CHANNELS`.
+    """Motion at times k * step: (n, T, 5) of the egos, (n, m, T, 5) of the actors; channels
+    `CHANNELS`.
 
-    begins: when each of the others made its first move, s, inf where it made none, (n, m).
+    begins: when each actor made its first move, s, inf where it made none, (n, m).
     """
 
     egos: FloatArray
@@ -64,7 +62,7 @@ def tracks(
     *,
     in_python: bool = False,
 ) -> Tracks:
-    """Tracks of cases with as many others each, while the egos keep their speed.
+    """Tracks of cases with equally many actors, while the egos keep their speed.
 
     bodies: of each, length and width.
 
@@ -92,13 +90,12 @@ def meetings(
     until: float,
     deceleration: float, obstacle: int, delays: Sequence[float],
 ) -> FloatArray:  # fmt: skip
-    """What becomes of each case if its ego brakes ideally: largest inverse TTC, 1/s, impact speed,
-    m/s, and the
-    smallest gap while the obstacle is in the ego's way, m: (n, 3).
+    """Largest inverse TTC, 1/s, impact speed, m/s, and smallest gap, m, if the ego brakes ideally.
 
-    The ego brakes to a standstill with `deceleration` m/s2 from the first move of the other number
-    `obstacle` plus its delay (s, one a case) on; from the start on where that one waits for
-    nothing. The inverse TTC is inf where both touch.
+    (n, 3), one row a case; the gap counts while the obstacle is in the ego's path. The ego brakes
+    to a standstill with `deceleration` m/s2 from the first move of actor number `obstacle` plus its
+    delay (s, one a case); from the start where that actor waits for nothing. The inverse TTC is inf
+    where both touch.
 
     step: s between two looks.
     """
@@ -119,7 +116,7 @@ def _looks(until: float, step: float) -> int:
 def _begun(
     concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]]
 ) -> tuple[Records, Records, Players]:
-    """Everybody at the start."""
+    """All vehicles at the start."""
     n, m = len(concretes), len(concretes[0].actors)
     egos, others = np.zeros(n, _EGO), np.zeros((n, m), _OTHER)
     for i, (concrete, (length, width)) in enumerate(zip(concretes, bodies, strict=True)):
@@ -218,9 +215,7 @@ def _meet_rows(
     delays: FloatArray,
     stack: FloatArray, line: Records,
 ) -> None:  # fmt: skip
-    """What becomes of every row: nothing more once its ego stands, has touched the obstacle, or is
-    past it for good.
-    """
+    """Results of every row; a row ends once its ego stands, touched the obstacle, or is past it."""
     for i in range(len(egos)):
         ego, other = egos[i], others[i][obstacle]
         met[i, 0], met[i, 1], met[i, 2] = 0.0, 0.0, math.inf

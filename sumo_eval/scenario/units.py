@@ -43,7 +43,7 @@ def spelt(unit: str) -> str:
 
 
 def factor_to(own: str, unit: str, column: str) -> float:
-    """What numbers in a unit are multiplied by to be in the unit `own`.
+    """The factor from numbers in a unit to the unit `own`.
 
     column: what errors name.
     """

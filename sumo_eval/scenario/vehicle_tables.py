@@ -54,7 +54,7 @@ _NEEDS = {
     "path": ((), ("points", "lanes", "places")),
     "follow": (("model",), ("speed", "acceleration", "deceleration", "headway", "min_gap")),
 }
-"""Keys that a manoeuvre must have and those it may have, besides `begin`."""
+"""Keys that a manoeuvre must have and those it may have, other than `begin`."""
 _KINDS = {
     "keep_speed": played.KEEP, "accelerate": played.SPEED, "speed_profile": played.BY_TIME,
     "sinus": played.SINUS,
@@ -98,9 +98,8 @@ class EgoTable(Checked):
     recorded: Annotated[
         tuple[tuple[float, float], ...],
         About(
-            "where somebody was who drove here in its place: its centre along and across the "
-            "road, every 0.1 s from "
-            "the start on; `departed` in a condition is the ego's distance from it",
+            "positions of a recorded ego: its centre along and across the road, every 0.1 s from "
+            "the start; `departed` in a condition is the ego's distance from it",
             "m",
         ),
     ] = ()
@@ -154,7 +153,7 @@ class EgoTable(Checked):
     def _way(self, goal: int, begin: float, y: float, road: Road, owner: str) -> Way:
         """The lane change of an ego that starts at y.
 
-        Raises InputError for one that nobody can make.
+        Raises InputError for an impossible one.
         """
         lane = min(max(round(y / road.lane_width), 0), road.lanes - 1)
         if abs(lane - goal) != 1:
@@ -182,7 +181,7 @@ class EgoTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ManoeuvreTable(Checked):
-    """What another vehicle does, from `begin` on."""
+    """Manoeuvre of an actor, from `begin` on."""
 
     do: Annotated[
         Literal[
@@ -400,7 +399,7 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class VehicleTable(Checked):
-    """Another vehicle: keeps its speed, unless a manoeuvre says otherwise."""
+    """An actor: keeps its speed until one of its manoeuvres begins."""
 
     name: Annotated[str, MinLen(1), About("name")]
     speed: Annotated[Formula, NOT_BELOW_0, About("speed at the start", "m/s")]
@@ -441,7 +440,7 @@ class VehicleTable(Checked):
     on_map: Annotated[
         bool,
         About(
-            "x, y and heading are on the map of a road that bends, from the line's beginning: it "
+            "x, y and heading are on the map of a curved road, from the line's beginning: it "
             "drives straight there"
         ),
     ] = False
@@ -491,7 +490,7 @@ class VehicleTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """Another vehicle that was read."""
+    """An actor that was read."""
 
     table: VehicleTable
     numbers: Quantities
@@ -499,7 +498,7 @@ class Vehicle:
 
     @property
     def lively(self) -> bool:
-        """Whether what it does is no function of time alone."""
+        """Whether its motion depends on more than time."""
         table = self.table
         turned = table.heading is not None or table.lateral_speed is not None
         return turned or table.on_map or any(move.table.lively for move in self.moves)
@@ -567,11 +566,11 @@ class Place:
 
     @property
     def lively(self) -> bool:
-        """Whether vehicles do what is no function of time alone."""
+        """Whether the motion of any vehicle depends on more than time."""
         return bool(self.streams) or any(vehicle.lively for vehicle in self.vehicles)
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
-        """Where everybody starts and what everybody does."""
+        """The start of the ego, and the actors."""
         known = self.definitions.at(values)
         ego = self.ego.start(self.numbers.at(known), self.road, self.owner)
         actors = [vehicle.actor(ego, self.ego, self.road, known) for vehicle in self.vehicles]

@@ -18,9 +18,7 @@ from sumo_eval.trajectory import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class ZoneTable(Checked):
-    """What the zones are computed from: the approach to one vehicle under ideal braking (Eqs. 1-6),
-    or a margin.
-    """
+    """The zone rule: the approach to one vehicle under ideal braking (Eqs. 1-6), or a margin."""
 
     obstacle: Annotated[str, About("the vehicle that is in the way")] = ""
     margin: Annotated[
@@ -128,10 +126,11 @@ class Margin:
 
 @dataclass(frozen=True, slots=True)
 class SearchRule:
-    """What zones are searched from where somebody is played: the number of the obstacle among the
-    others, and the delay between its first move and ideal braking; from the start on where it makes
-    none.
+    """Zone rule by search, for moves that depend on more than time.
 
+    obstacle: index of the actor.
+    formulas: the delay between its first move and ideal braking, s; from the start where it makes
+        none.
     conflict: as in `ZoneTable`.
     """
 

@@ -1,4 +1,4 @@
-"""The base of all settings: what a setting means, and how a value outside its bounds is refused.
+"""The base of all settings: their meaning, unit and bounds, and the refusal of other values.
 
 The `Annotated` bounds of a setting are the only place where a limit is written: direct construction
 checks them here, and `sumo_eval.settings.config` hands the same annotations to the reader of
@@ -31,7 +31,7 @@ from sumo_eval.errors import must_be
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What a setting means, for the documentation, the schema and the report."""
+    """Meaning of a setting, for the documentation, the schema and the report."""
 
     text: str
     unit: str = ""
@@ -101,7 +101,7 @@ class Checked:
 
 
 class _Rule(NamedTuple):
-    """What the annotation of a setting demands of its value."""
+    """Demands of a setting's annotation on its value."""
 
     name: str
     optional: bool
@@ -113,7 +113,7 @@ class _Rule(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def _rules(cls: Any) -> tuple[_Rule, ...]:
-    """Worked out once for a class: settings are made for every case."""
+    """The rules of a class, computed once: settings are made for every case."""
     found = []
     for item in fields(cls):
         hint = hints_of(cls)[item.name]

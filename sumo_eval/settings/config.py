@@ -29,7 +29,7 @@ SUITES = Path(__file__).with_name("suites")
 """Frozen lists of scenarios, samples, drivers and seed, a file each."""
 _SUITE = "suite:"
 _FIXED = ("seed", "scenario", "drivers", "simulation", "method")
-"""What a suite fixes in an evaluation."""
+"""Settings of an evaluation that a suite fixes."""
 
 Settings = TypeVar("Settings", bound=Checked)
 
@@ -46,7 +46,7 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
 
 
 def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """An evaluation with the scenarios of a frozen suite in the place of `use = "suite:NAME"`.
+    """An evaluation with the scenarios of a frozen suite instead of `use = "suite:NAME"`.
 
     A suite stands alone and brings its own seed and drivers, so that every score of it means the
     same.
@@ -214,7 +214,7 @@ def mistakes(error: ValidationError, where: str, root: type, file: Path | None =
     """Everything that pydantic found, one sentence a line. `root`: the settings class that was
     being read.
 
-    What a value that may be one of several kinds is not, is one mistake.
+    Findings on one value that may be of several kinds make one mistake.
 
     file: to tell lines of.
     """
@@ -243,7 +243,7 @@ def _is_branch(part: object) -> bool:
 
 
 def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) -> str:
-    """What pydantic found at one place, in the project's sentence shape."""
+    """Error message for pydantic's findings at one place."""
     item, location = items[0], list(_place(items[0]))
     if line is not None:
         where = f"{where} (line {line})"
@@ -289,9 +289,7 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
 
 
 def _demand(item: Any) -> str:
-    """What a value must be, from one of pydantic's findings, in the words of a setting's own
-    refusal.
-    """
+    """The demand on a value, from one of pydantic's findings, in the words of `Checked`."""
     if item["type"] in _DEMANDS:
         return _DEMANDS[item["type"]].format(**item.get("ctx", {}))
     return str(item["msg"]).removeprefix("Input should be ")
@@ -310,7 +308,7 @@ _DEMANDS = {
     "less_than": "less than {lt:g}",
     "less_than_equal": "at most {le:g}",
 }
-"""Pydantic's demands in the words of `Checked`; others are told in its own."""
+"""Pydantic's demands in the words of `Checked`; other demands keep pydantic's words."""
 
 _UNION_BRANCHES = {"int", "float", "str", "dict[str,int]"}
 

@@ -12,12 +12,10 @@ from sumo_eval.settings.checked import About, Checked, NotNegative, Positive
 
 @dataclass(frozen=True, slots=True)
 class PopulationSettings(Checked):
-    """The synthetic drivers, as far as they may be told to differ from the recorded ones that they
-    were fitted to.
-    """
+    """Differences of the synthetic drivers from the recorded ones that they were fitted to."""
 
     overtake_share: Annotated[
-        float, NotNegative, Le(1.0), About("share who overtake a slower leader")
+        float, NotNegative, Le(1.0), About("share who overtake a slower lead vehicle")
     ] = 0.771
     headway_scale: Annotated[
         float, Positive, About("factor on everybody's desired time headway (IDM)", symbol="T")

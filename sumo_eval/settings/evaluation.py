@@ -80,7 +80,7 @@ class SamplingSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class DeclaredDistribution(Checked):
-    """How one parameter is distributed on the road, as somebody declares it."""
+    """Declared distribution of one parameter on the road."""
 
     distribution: Annotated[Literal["normal", "lognormal", "uniform"], About("which family")]
     first: Annotated[float, About("mean; mean of the logarithm; low")]
@@ -103,7 +103,7 @@ class DeclaredDistribution(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ExposureSettings(Checked):
-    """How often the concrete scenarios of a space are met on the road: p_i of Eq. 13."""
+    """How often the concrete scenarios of a space occur on the road: p_i of Eq. 13."""
 
     kind: Annotated[
         Literal["scenario", "uniform", "recorded", "declared"],
@@ -167,7 +167,7 @@ class AdsSettings(Checked):
     ] = None
     options: Annotated[
         dict[str, Any],
-        About("keyword arguments of the class; a program of `exec:` is told them in its reset"),
+        About("keyword arguments of the class; an `exec:` program receives them in its reset"),
     ] = field(default_factory=dict)
     files: Annotated[
         tuple[str, ...],

@@ -23,8 +23,7 @@ def load_object(locator: str, folder: Path | None, kind: str) -> Any:
 
     `folder`: where paths start and modules are looked for; `kind`: for errors.
 
-    Raises InputError with one sentence when there is no such file, module or name, or when
-    importing it fails.
+    Raises InputError when there is no such file, module or name, or when importing it fails.
     """
     place, colon, name = locator.rpartition(":")
     owner = f"{kind} `{locator}`"

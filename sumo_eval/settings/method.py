@@ -117,9 +117,8 @@ class AnthropomorphicSettings(Checked):
         float | None,
         Positive,
         About(
-            "in place of that angle: the operation begins at the wheel angle that gives this "
-            "lateral acceleration at "
-            "the speed driven (wheel)",
+            "instead of that angle: the operation begins when the wheel angle gives this lateral "
+            "acceleration at the speed driven (wheel)",
             "m/s2",
             equation="12",
         ),
@@ -199,8 +198,7 @@ class CollisionSettings(Checked):
         str,
         MinLen(1),
         About(
-            "what stands in the place of U: severity (U of Eq. 15), eq14 (its class L), "
-            "injury:car_driver, "
+            "replacement for U: severity (U of Eq. 15), eq14 (its class L), injury:car_driver, "
             "injury:pedestrian, injury:cyclist, or package.module:function from a Contact to a "
             "loss in 0..1",
             symbol="U",
@@ -252,14 +250,13 @@ class CollisionSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class PlausibilitySettings(Checked):
-    """Plausibility, a factor of H: how many people go to such extremes."""
+    """Plausibility, a factor of H: the share of drivers who reach such extremes."""
 
     table: Annotated[
         Literal["motorway", "recorded"],
         About(
-            "the people: 213 on a motorway, or the recorded drivers of the run in the same "
-            "scenario (20 people at the "
-            "least, or the motorway's stand in, and the scores say so)"
+            "the drivers: 213 on a motorway, or those recorded in the run's scenario (at least 20 "
+            "of them; else the motorway's replace them, and a note reports it)"
         ),
     ] = "motorway"
 

@@ -12,7 +12,7 @@ from sumo_eval.settings.checked import About, Checked
 
 @dataclass(frozen=True, slots=True)
 class ReportSettings(Checked):
-    """What the report and the JUnit file show. Scores do not depend on it."""
+    """Content of the report and the JUnit file. Scores do not depend on it."""
 
     reference: Annotated[
         str,

@@ -84,9 +84,9 @@ class VehicleSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ConditionSettings(Checked):
-    """What stands between the world and the ADS under test.
+    """Conditions between the world and the ADS: limited perception, delays, late commands.
 
-    By default nothing: all is seen, and obeyed, at once.
+    By default none: the ADS sees everything, and the ego obeys, at once.
 
     The first seven hold for controllers that are given an `Observation` (`act(obs)`, `exec:`,
     `fmu:`): TraCI shows everything. Neither the ideal vehicle nor the human drivers are under these
@@ -176,9 +176,7 @@ class PlantSettings(FmuSettings):
 
 @dataclass(frozen=True, slots=True)
 class TrackerSettings(Checked):
-    """How the vehicle carries out what an ADS asks for where that is no acceleration and no wheel
-    angle.
-    """
+    """The controller that turns wanted speeds and positions into pedal and wheel commands."""
 
     speed_time: Annotated[
         float,

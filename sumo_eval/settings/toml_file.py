@@ -1,4 +1,4 @@
-"""The one reader of TOML from outside: whatever is wrong with a file is a sentence."""
+"""The one reader of TOML from outside: every mistake in a file is an error message."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
 
 
 def _instead_of(folder: Path) -> str:
-    """What somebody who named a folder may have meant, as a closing half-sentence."""
+    """Suggestion for a folder in place of a file, as the end of an error message."""
     if not os.path.isdir(folder):  # False for what no path may be, too
         return ""
     if (folder / "manifest.json").is_file():

@@ -275,7 +275,7 @@ def test_a_condition_that_can_never_hold_is_refused_before_anybody_drives(
     if held:
         check_points(logical, np.array([[20.0]]))
         return
-    with pytest.raises(InputError, match="can never hold, whoever drives"):
+    with pytest.raises(InputError, match="can never hold, whatever the ego does"):
         check_points(logical, np.array([[20.0]]))
 
 

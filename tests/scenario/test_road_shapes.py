@@ -188,8 +188,7 @@ GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
         ({"road": {**ROAD, "crossing": [{"x": 2000.0}]}}, "must be within the road's 900 m"),
         (
             {"road": {**ROAD, "crossing": [{"x": 400.0, "reach": 280.0}], "line": [BEND]}},
-            "`reach` of [[road.crossing]] of t must be at most 270.0 m, 0.9 of the bend's radius "
-            "there",
+            "`reach` of [[road.crossing]] of t must be at most 270.0 m, 0.9 of the radius there",
         ),
         ({"vehicle": [{"name": "other", "speed": 20.0, "x": 52.0, "y": 0.5}]}, "must be clear of "
                                                                                "`ego` at the start"),

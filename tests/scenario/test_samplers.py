@@ -227,7 +227,7 @@ def test_points_from_a_csv_in_any_order_of_columns(tmp_path):
     assert chosen.points.tolist() == [[20.0, 5.0, 60.0], [30.0, 0.0, 100.5]]
     assert chosen.refused.tolist() == [[10.0, 10.0, 30.0]]  # the obstacle must be slower
     assert chosen.exposure.tolist() == [0.25, 2.0]
-    assert chosen.notes == ("Columns of points.csv that are no parameters: name.",)
+    assert chosen.notes == ("Columns of points.csv that name no parameter: name.",)
 
 
 @pytest.mark.parametrize(
@@ -301,7 +301,7 @@ def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_pat
         ("grid", {"count": 5}, "does nothing in method `grid`, which takes `levels`, `steps`"),
         ("combinations", {"strength": 4}, "within 1..3, its parameters"),
         ("file", {}, "`file` of the sampling of scenario `front_vehicle_cut_out` is missing"),
-        ("exposure_danger", {"count": 5}, "Nobody says how dangerous"),
+        ("exposure_danger", {"count": 5}, "needs a danger of each point"),
         ("soboll", {"count": 5}, "Did you mean `sobol`?"),
     ],
 )

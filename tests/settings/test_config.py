@@ -98,6 +98,9 @@ def test_a_wrong_value_is_refused_with_its_path(
 def test_a_missing_file_and_a_binary_one_are_refused_with_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="There is no evaluation file"):
         read_evaluation(tmp_path / "none.toml")
+    (tmp_path / "evaluation.toml").write_text(SMALLEST)
+    with pytest.raises(InputError, match=r"Did you mean `.*evaluation\.toml`"):
+        read_evaluation(tmp_path / "evaluatoin.toml")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(InputError, match="cannot be read"):
         read_evaluation(tmp_path / "binary.toml")

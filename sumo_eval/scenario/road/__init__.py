@@ -1,3 +1,1 @@
-"""Roads that bend: their reference line, and where a place along and across the road lies on the
-map.
-"""
+"""Curved roads: their reference line, and positions along and across the road on the map."""

@@ -1,6 +1,4 @@
-"""The line of a road that somebody drew as a polyline: its curvature goes linearly from knot to
-knot.
-"""
+"""The line of a road along a polyline: its curvature is linear from knot to knot."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""Which lanes a road has where: lanes that open, end, come in from a ramp or leave as one; roads
-that cross it.
+"""Lanes that open, end, come in from a ramp or leave as one; roads that cross.
 
 A lane that is not there throughout is the outermost one of its side. It opens and ends over a
-taper, along which the road's edge moves in a straight line. Where it is a ramp, a line that nobody
-may cross parts it from the lane beside it.
+taper, along which the road's edge moves in a straight line. Where it is a ramp, a line that must
+not be crossed separates it from the adjacent lane.
 """
 
 from __future__ import annotations
@@ -50,8 +49,8 @@ class LaneSpan:
 @dataclass(frozen=True, slots=True)
 class Crossing:
     """A straight road that crosses at a right angle: its middle at x = `at`, `width` m wide,
-    `reach` m to both sides of the right lane's centre line. Where the road bends it is straight on
-    the map, too: x stays the same along it.
+    `reach` m to both sides of the right lane's centre line. It is straight on the map even where
+    this road is curved: x stays the same along it.
     """
 
     at: float
@@ -78,13 +77,15 @@ class LaneTable(Checked):
     ramp_until: Annotated[
         float | None,
         About(
-            "an on-ramp until there: nobody may cross its line; behind it an acceleration lane", "m"
+            "an on-ramp until there: its line must not be crossed; behind it an acceleration lane",
+            "m",
         ),
     ] = None
     ramp_from: Annotated[
         float | None,
         About(
-            "an exit ramp from there: nobody may cross its line; before it a deceleration lane", "m"
+            "an exit ramp from there: its line must not be crossed; before it a deceleration lane",
+            "m",
         ),
     ] = None
 
@@ -140,7 +141,7 @@ def spans_of(
             if place is None:
                 continue
             if not within:
-                side = "begins with" if key == "ramp_until" else "goes on to the end of"
+                side = "begins with" if key == "ramp_until" else "continues to the end of"
                 raise InputError(
                     f"{owner.capitalize()} has a `{key}`, so it must be one that {side} the road."
                 )
@@ -164,7 +165,7 @@ def spans_of(
     return tuple(sorted(found, key=lambda span: span.lane))
 
 
-INNERMOST = 0.9  # of a bend's radius: how far into the bend a road that crosses may go
+INNERMOST = 0.9  # of a curve's radius: how far into the curve a road that crosses may go
 
 
 def crossings_of(
@@ -172,7 +173,7 @@ def crossings_of(
 ) -> tuple[Crossing, ...]:
     """The roads that cross.
 
-    Raises InputError for one that is not within the road, or goes beyond a bend's centre.
+    Raises InputError for one that is not within the road, or goes beyond a curve's centre.
     """
     for table in tables:
         owner, half = f"[[road.crossing]] of {where}", 0.5 * table.width
@@ -180,7 +181,7 @@ def crossings_of(
             raise must_be("`x`", owner, f"within the road's {length:g} m", table.x)
         sharpest = float(np.abs(curvatures(line, [table.x - half, table.x, table.x + half])).max())
         if table.reach * sharpest > INNERMOST:
-            most = f"at most {INNERMOST / sharpest:.1f} m, {INNERMOST:g} of the bend's radius there"
+            most = f"at most {INNERMOST / sharpest:.1f} m, {INNERMOST:g} of the radius there"
             raise must_be("`reach`", owner, most, table.reach)
     return tuple(Crossing(table.x, table.width, table.reach) for table in tables)
 

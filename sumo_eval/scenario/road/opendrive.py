@@ -3,9 +3,9 @@ as they are.
 
 Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes of constant width,
     lane sections in which the outermost lane opens or ends along a straight edge, and several roads
-    one behind the other, as through a junction. What else shapes a road (slopes, lane offsets and
-    other widths that change) is refused by name, and nothing is left out in silence but what has no
-    shape: marks, objects, signals, speeds.
+    in order, as through a junction. Anything else that shapes a road (slopes, lane offsets and
+    other widths that change) is refused by name. Only content without shape is left out silently:
+    marks, objects, signals, speeds.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, bends, length_of
 from sumo_eval.scenario.xml_file import read_xml
 
-_JOINT = 0.01  # m and rad that a geometry may begin beside the end of the one before it
+_JOINT = 0.01  # m and rad that a geometry may begin off the end of the one before it
 _PART = 2.0  # m: a spiral's offset is no spiral, and is drawn in parts of it
 _SAME = 1e-6  # m, widths closer than this are one
-_MEETS = 0.05  # m and rad that a road of a chain may begin beside the end of the one before it
+_MEETS = 0.05  # m and rad that a road of a chain may begin off the end of the one before it
 _MOST_ROADS = 8  # of a chain
 _DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
 
 
 @dataclass(frozen=True, slots=True)
 class ReadRoad:
-    """The right-hand driving lane's centre line, how many driving lanes lie beside each other from
-    there, their width and the line's length, m.
+    """The right-hand driving lane's centre line, the number of adjacent driving lanes from there,
+    their width and the line's length, m.
     """
 
     line: tuple[Piece, ...]
@@ -60,8 +60,8 @@ class _Stretch(NamedTuple):
 
 
 def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadRoad:
-    """A road of the file by its id, or several by theirs that are driven one behind the other, in
-    the direction in which they meet; the only one where none is named.
+    """A road of the file by its id, or several by theirs that are driven in order, in the direction
+    in which they meet; the only one where none is named.
 
     Raises InputError with what cannot be read.
     """
@@ -90,8 +90,8 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
 
 
 def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
-    """The roads one behind the other, each along or against its own direction, whichever meets the
-    one before it.
+    """The roads in order, each along or against its own direction, whichever meets the one before
+    it.
     """
     for first in (False, True):
         chain: list[_Stretch] = []
@@ -120,9 +120,7 @@ def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
         if (stretch.lanes, stretch.spans) != (chain[0].lanes, ()) or abs(
             stretch.width - chain[0].width
         ) > _SAME:
-            wanted = (
-                "of one number and width throughout, where roads are driven one behind the other"
-            )
+            wanted = "of one number and width throughout, where several roads are driven in order"
             raise must_be(
                 "The driving lanes", owner, wanted, [(it.lanes, it.width) for it in chain]
             )
@@ -216,7 +214,7 @@ def _cubic(shape: etree._Element, length: float, owner: str) -> Cubic:
         raise must_be(
             "A <paramPoly3>", owner, f"one that begins at its <geometry>, within {_JOINT:g} m and "
                                      "rad",
-            f"{off:.3f} m and {turned:.3f} rad beside it",
+            f"{off:.3f} m and {turned:.3f} rad off",
         )  # fmt: skip
     return Cubic(along, left, kinds[kind])
 
@@ -233,12 +231,12 @@ def _check_joint(pieces: list[Piece], begin: Pose, place: Pose, owner: str) -> N
         raise must_be(
             f"The <geometry> at s = {s:g}", owner, "where the one before it ends, within "
                                                    f"{_JOINT:g} m and rad",
-            f"{off:.3f} m and {turned:.3f} rad beside it",
+            f"{off:.3f} m and {turned:.3f} rad off",
         )  # fmt: skip
 
 
 PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
-"""What makes a road another one than its map."""
+"""Elements by which a road differs from its map."""
 
 
 def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> float:
@@ -290,7 +288,7 @@ def _driving_lanes(
             f"{owner} has no driving lane to the {side} of its reference line.".capitalize()
         )
     if most != list(range(most[0], most[0] + len(most))):
-        raise must_be("The driving lanes", owner, "beside each other", most)
+        raise must_be("The driving lanes", owner, "adjacent", most)
     outer = most[-1]
     knots: list[tuple[float, float]] = []  # width of the outermost lane along the road
     ramps: list[tuple[float, float, str]] = []
@@ -300,7 +298,7 @@ def _driving_lanes(
         end = begins[section + 1] if section + 1 < len(begins) else length
         driven = [_rank(lane) for lane in lanes if lane.get("type") in _DRIVEN]
         if driven not in (most, most[:-1]):
-            wanted = f"the same throughout but for the outermost, {outer}"
+            wanted = f"the same throughout, except the outermost, {outer}"
             raise must_be("The driving lanes", f"{owner} at s = {begin:g}", wanted, driven)
         offset = 0.0
         for lane in lanes:
@@ -433,7 +431,7 @@ def beside(reference: tuple[Piece, ...], offset: float, owner: str) -> tuple[Pie
     found = []
     for piece in reference:
         if max(piece.begin * offset, piece.end * offset) >= 1.0:
-            raise must_be("A bend", owner, "wider than its lanes", f"{piece}")
+            raise must_be("A curve", owner, "wider than its lanes", f"{piece}")
         count = 1 if piece.begin == piece.end else math.ceil(piece.length / _PART)
         rate = (piece.end - piece.begin) / count
         for part in range(count):

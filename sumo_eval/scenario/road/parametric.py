@@ -70,7 +70,7 @@ def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
     u, v = cubic.at(np.linspace(0.0, cubic.last, 200), 1)
     if not np.hypot(u, v).min() > 0.0:
         raise InputError(
-            f"A <paramPoly3> of {owner} stands still: its derivative is 0 where it should go on."
+            f"A <paramPoly3> of {owner} stands still: its derivative is 0 where it should continue."
         )
     count = max(math.ceil(length / _FIRST), 1)
     for _ in range(_MOST):
@@ -102,5 +102,5 @@ def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
             return found
         count *= 2
     raise InputError(
-        f"A <paramPoly3> of {owner} bends too sharply for pieces of {length / count:.3f} m."
+        f"A <paramPoly3> of {owner} curves too sharply for pieces of {length / count:.3f} m."
     )

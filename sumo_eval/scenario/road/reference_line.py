@@ -6,7 +6,7 @@ line, d m to the left of it; a heading in the frame is the one on the map less t
 map the line begins at the origin and goes along x. Before its beginning and behind its end it goes
 straight on.
 
-A line of no pieces is straight: frame and map are the same numbers, and nothing here is asked.
+On a line of no pieces, a straight one, frame and map are the same numbers.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Piece:
 
 
 def arc(length: float, radius: float) -> Piece:
-    """A piece that bends with one radius, m; positive: to the left."""
+    """A piece of constant radius, m; positive: to the left."""
     if not (math.isfinite(radius) and radius != 0.0):
         raise must_be("`radius`", "an arc", "finite and not 0 m", radius)
     return Piece(length, 1.0 / radius, 1.0 / radius)
@@ -294,8 +294,8 @@ def _each(
 def drawn_points(
     pieces: tuple[Piece, ...], begin: float, end: float, longest: float = 1.0
 ) -> FloatArray:
-    """s of the points between which a polyline follows a line from `begin` to `end`, m: at most
-    `longest` m apart where it bends, and where its pieces meet.
+    """s of the corners of a polyline along a line from `begin` to `end`, m: at most `longest` m
+    apart where the line is curved, and where its pieces meet.
     """
     found, s = [begin], 0.0
     for piece in pieces:

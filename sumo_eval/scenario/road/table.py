@@ -13,7 +13,7 @@ from sumo_eval.scenario.expression import checked_names, number
 from sumo_eval.scenario.road.reference_line import Piece, bends, length_of, tightest
 from sumo_eval.settings import About, Checked, Positive, VehicleSettings
 
-_LEAST_EDGE = 1.0  # m from the centre of a bend to the road's inner edge, at least
+_LEAST_EDGE = 1.0  # m from the centre of a curve to the road's inner edge, at least
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ def line_of(
 ) -> tuple[Piece, ...]:
     """The line of a road, () where all of it is straight.
 
-    Raises InputError for one that nobody could drive along.
+    Raises InputError for one that cannot be driven.
     """
     pieces = []
     for place, table in enumerate(tables, 1):
@@ -82,7 +82,7 @@ def _curvature(radius: str | float | None, options: Mapping[str, float], owner: 
     )
     if math.isnan(found) or found == 0.0:
         raise must_be("The radius", owner, "a number other than 0 m", found)
-    return 1.0 / float(found)  # 0 where an option that nobody gives is infinite
+    return 1.0 / float(found)  # 0 where an option without a value is infinite
 
 
 def check_line(
@@ -125,7 +125,7 @@ def _check_radius(
 
 
 def bend_name(line: Sequence[Piece], *, named: bool) -> str:
-    """What a bend adds to the name of a road, "" for a straight one.
+    """The part of a road's name for its curves, "" for a straight one.
 
     named: the road has a name of its own.
     """

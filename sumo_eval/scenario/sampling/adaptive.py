@@ -1,16 +1,16 @@
-"""Points in rounds: each round goes more often to the cells of the space in which the earlier ones
-differed most.
+"""Points in rounds: each round samples more from cells of the space where earlier results differed
+most.
 
-The candidates, an even sample of the possible points, are halved again and again across the widest
-side, down to cells that hold as many of them each. A cell's candidates stand in an order drawn
-once, and whoever wants n more points of that cell gets the next n. So a table of how many each
-round takes from each cell is all that the points follow from.
+The candidates, an even sample of the possible points, are halved repeatedly across the widest
+side, down to cells that hold equally many of them. A cell's candidates stand in an order drawn
+once, and the next n points of that cell are the next n in this order. So a table of the points that
+each round takes from each cell determines all points.
 
-A point of round k in cell h stands for m_k V_h / n_kh points of an even sample: m_k points has the
-round, n_kh of them the cell, whose share of the space is V_h. Every round draws from every cell,
-how many is known before any of them is looked at, and what a round weighs, m_k, does not hang on
-what was found. So the weighted mean of anything over one round has the space's mean as its
-expectation whatever the earlier rounds found, and so has that of all rounds. (Weights V_h / n_h of
+A point of round k in cell h stands for m_k V_h / n_kh points of an even sample: the round has m_k
+points, n_kh of them in the cell, whose share of the space is V_h. Every round draws from every
+cell, their numbers are fixed before any of them is evaluated, and the weight of a round, m_k, does
+not depend on results. So the weighted mean of anything over one round has the space's mean as its
+expectation, whatever the earlier rounds found, and so has that of all rounds. (Weights V_h / n_h of
 a cell's points from all rounds would not: a cell that shows a collision early gets more points,
 which thin it out, and one that shows none by luck keeps showing none.)
 """
@@ -33,7 +33,7 @@ from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
 LEAST_IN_CELL = 2
-"""Points of a round in a cell: of one point nobody knows how much points differ there."""
+"""Points of a round in a cell, at least: one point alone shows no deviation."""
 
 SMALLEST_ROUND = 8
 MOST_CELLS = 512
@@ -136,7 +136,7 @@ def size_of_next(budget: int, size: int, done: int) -> int:
 
 
 def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, ...]:
-    """How many of so many points each cell gets, (H,): in proportion to `attention`, but at least
+    """Points of each cell, (H,), `points` in all: in proportion to `attention`, but at least
     `LEAST_IN_CELL`.
 
     attention: V_h s_h, its share of the space times the deviation within it, (H,). With n points

@@ -29,8 +29,8 @@ def sequence(name: str) -> Callable[[LogicalScenario, Request], Drawn]:
     """The method that takes the first `count` points of a sequence: `latin_hypercube`, `sobol` or
     `halton`.
 
-    Of a Latin hypercube there is one point in each of `count` layers of every axis. The others are
-    scrambled.
+    A Latin hypercube has one point in each of `count` layers of every axis. Sobol and Halton
+    sequences are scrambled.
     """
 
     def first_points(logical: LogicalScenario, request: Request) -> Drawn:
@@ -64,7 +64,7 @@ def by_exposure_and_danger(logical: LogicalScenario, request: Request) -> Drawn:
     to a factor.
     """
     if request.danger is None:
-        raise InputError(f"Nobody says how dangerous the points in {owner_of(logical)} are.")
+        raise InputError(f"`exposure_danger` in {owner_of(logical)} needs a danger of each point.")
     danger = request.danger
     points, drawn_more = _drawn(
         logical, request, "exposure_danger", lambda rows: LEAST_DANGER + danger(rows)

@@ -1,4 +1,4 @@
-"""Points that somebody else chose: a CSV file, or a function of the user's."""
+"""Points that the user chose: a CSV file, or a Python function."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
         )
     ignored = [name for name in header if name not in columns]
     notes: tuple[str, ...] = (
-        (f"Columns of {path.name} that are no parameters: {clean(', '.join(ignored))}.",)
+        (f"Columns of {path.name} that name no parameter: {clean(', '.join(ignored))}.",)
         if ignored
         else ()
     )
@@ -104,7 +104,7 @@ def _columns(
 
 
 def from_function(logical: LogicalScenario, request: Request, locator: str) -> Drawn:
-    """What the user's function `(space, n, rng) -> points` returns."""
+    """The points that the user's function `(space, n, rng) -> points` returns."""
     count = request.wanted(logical)
     function = load_object(locator, request.folder, "Sampler")
     if not callable(function):
@@ -126,7 +126,7 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
             f"an (n, {len(logical.names)}) array with a column for each of "
             f"{', '.join(logical.names)}"
         )
-        raise must_be("What it returns", f"sampler `{locator}`", wanted, points.shape)
+        raise must_be("The result", f"sampler `{locator}`", wanted, points.shape)
     _check_box(logical, points, f"sampler `{locator}`")
     notes = (
         ()

@@ -1,4 +1,4 @@
-"""What a way of choosing points is asked for, and what it answers."""
+"""Request to a sampling method, and its answer."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Request:
 
     @property
     def given(self) -> frozenset[str]:
-        """The keys that somebody gave."""
+        """The keys that are set."""
         names = ("levels", "count", "strength", "file", "round", "aim", "until")
         present = {name for name in names if getattr(self, name) is not None}
         return frozenset(present | {name for name in ("steps", "rounds") if getattr(self, name)})
@@ -83,10 +83,10 @@ def owner_of(logical: LogicalScenario) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawn:
-    """What a method answers: points (n, k), possible or not.
+    """Answer of a method: points (n, k), possible or not.
 
     exposure: (n,) how much each counts; None: the scenario's own exposure.
-    notes: sentences about what it could not do as asked.
+    notes: sentences on requests that it could not fulfil.
     stands_for: (n,) how many points of an even sample each stands for; None: one.
     stratum: (n,) points with one number may stand for each other; None: the method says it
         (`sumo_eval.scoring.confidence.resamples.strata`).
