@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 )
 @flag("--accept-differences", help="Compare although settings or versions differ; they are shown.")
 @path_option("--page", help="Write the comparison as a page of its own.")
-@flag("--report", "with_report", help="Write NEW/report.html anew, with the comparison first.")
+@flag("--report", "with_report", help="Rewrite NEW/report.html, with the comparison first.")
 @trusting
 def compare(
     base: Path,
@@ -191,9 +191,10 @@ def accept(history: Path, run: str | None, reason: str, until: datetime | None) 
     from sumo_eval.nightly.bases import accept as accept_night
 
     last_day = None if until is None else until.date().isoformat()
-    night, failed = accept_night(history, run, reason, last_day)
+    night, accepted, remaining = accept_night(history, run, reason, last_day)
     tell(f"Night {night.night} is accepted{f' until {last_day}' if last_day else ''}: {reason}")
-    say(f"  accepted: {sentence}" for sentence in failed)
+    say(f"  accepted: {sentence}" for sentence in accepted)
+    say(f"  not accepted, change the gate: {sentence}" for sentence in remaining)
 
 
 @click.command(epilog="Example: sumo-eval trend nights")

@@ -1,4 +1,4 @@
-"""What a night is compared with: the last good night, and the accepted one."""
+"""Bases of a night: the last good night, and the accepted one."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.evaluation import score
@@ -22,7 +23,7 @@ NIGHT = "night.json"
 
 @dataclass(frozen=True, slots=True)
 class Bases:
-    """What a night is compared with.
+    """The nights that a night is compared with.
 
     good, accepted: the last good night and the accepted one.
     comparison: with the former.
@@ -95,14 +96,21 @@ def pin_of(lines: History) -> Accepted | None:
     return next(iter(reversed(in_force(lines.accepted()))), None)
 
 
-def accept(
-    history: Path, night: str | None, reason: str, until: str | None
-) -> tuple[Night, list[str]]:
-    """Accept a night as a base, by default the newest: the night, and the failures and cases that
-    are accepted.
+class Acceptance(NamedTuple):
+    """An accepted night, its accepted failures and cases, and the failures that no base changes."""
+
+    night: Night
+    accepted: list[str]
+    remaining: list[str]
+
+
+def accept(history: Path, night: str | None, reason: str, until: str | None) -> Acceptance:
+    """Accept a night as a base, by default the newest.
 
     until: the last day on which that counts.
-    Raises InputError.
+
+    Raises InputError, also for a night that fails by limits on its own values alone: the next night
+    would fail all the same.
     """
     if not reason.strip():
         raise InputError("--reason must say why the night is accepted, got an empty text.")
@@ -121,24 +129,39 @@ def accept(
                 f"The folder of night {name} is gone; only a night whose folder is kept can be a "
                 "base."
             )
-        lines.accept(Accepted(name, _now(), reason, until, itself=False))
+        limits = _limits(history / nights[name].folder / NIGHT)
+        own = {limit["sentence"] for limit in limits if limit.get("own")}
         failed = [gate for gate in lines.gates() if gate.night == name and gate.passed is False]
-    sentences = [f"{gate.ads} in {gate.scenario}: {gate.sentence}" for gate in failed]
-    return nights[name], [*sentences, *_named(history / nights[name].folder / NIGHT)]
-
-
-def _named(told: Path) -> list[str]:
-    """The worst cases of a night's failed limits, as its `night.json` has them; none without that
-    file.
-    """
-    if not told.is_file():
-        return []
-    limits = json.loads(told.read_text(encoding="utf-8"))["failed"]
-    names = ("case", "point", "before", "after")
+        accepted, remaining = (
+            [
+                f"{gate.ads} in {gate.scenario}: {gate.sentence}"
+                for gate in failed
+                if (gate.sentence in own) is kind
+            ]
+            for kind in (False, True)
+        )
+        if remaining and not accepted:
+            raise InputError(
+                f"Night {name} fails by limits on its own values alone, which no accepted night "
+                f"changes: change the gate. {'; '.join(remaining)}."
+            )
+        lines.accept(Accepted(name, _now(), reason, until, itself=False))
     changes = [
-        CaseChange(*(case[name] for name in names)) for limit in limits for case in limit["cases"]
+        CaseChange(case["case"], case["point"], case["before"], case["after"])
+        for limit in limits
+        if not limit.get("own")
+        for case in limit["cases"]
     ]
-    return [f"{one.case}: {one.words}" for one in changes]
+    accepted += [f"{change.case}: {change.words}" for change in changes]
+    return Acceptance(nights[name], accepted, remaining)
+
+
+def _limits(record: Path) -> list[dict[str, Any]]:
+    """A night's failed limits, as its `night.json` has them; none without that file."""
+    if not record.is_file():
+        return []
+    limits: list[dict[str, Any]] = json.loads(record.read_text(encoding="utf-8"))["failed"]
+    return limits
 
 
 UNITS = {"m": "minutes", "h": "hours", "d": "days"}

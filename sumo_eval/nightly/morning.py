@@ -1,4 +1,4 @@
-"""What a night leaves for programs and for the morning: night.json, a Markdown summary, GitHub
+"""Results of a night for programs and for the morning: night.json, a Markdown summary, GitHub
 annotations.
 """
 
@@ -30,7 +30,7 @@ MOST_IN_CHAT = 5  # failed limits
 
 @dataclass(frozen=True, slots=True)
 class NightResult:
-    """What became of a night.
+    """Result of a night.
 
     notes: sentences on what was cleared away, not compared, or left out.
     """
@@ -87,6 +87,7 @@ def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
         "scenario": gate.scenario,
         "sentence": gate.sentence,
         "against": gate.against or "last good night",
+        "own": gate.own,
         "since": since.night,
         "nights": since.nights,
         "cases": [asdict(one) | _places(one.case, folder) for one in gate.worst],
@@ -115,7 +116,7 @@ def markdown_lines(line: Night, judged: Judged, folder: Path) -> Iterator[str]:
             yield f"  - `{case.case}`: {_escaped(case.point)}: {_escaped(case.words)}"
         for way in ways_to(folder, gate.worst[0].case).values() if gate.worst else ():
             yield f"  - `{way}`"
-    yield from (f"- {_escaped(words)}" for words in _besides(judged))
+    yield from (f"- {_escaped(words)}" for words in _context(judged))
 
 
 def chat_text(line: Night, judged: Judged) -> str:
@@ -129,11 +130,11 @@ def chat_text(line: Night, judged: Judged) -> str:
             f"{gate.sentence}{worst}"
         )
     lines += [f"and {len(bad) - MOST_IN_CHAT} more"] if len(bad) > MOST_IN_CHAT else []
-    return "\n".join(map(one_line, [*lines, *_besides(judged)]))
+    return "\n".join(map(one_line, [*lines, *_context(judged)]))
 
 
-def _besides(judged: Judged) -> list[str]:
-    """Builds, and what differs besides the ADS."""
+def _context(judged: Judged) -> list[str]:
+    """Builds, and differences in anything but the ADS."""
     comparison = judged.bases.comparison
     differing = [one.words for one in comparison.differences] if comparison else []
     return [
@@ -152,7 +153,7 @@ def github_annotations(gates: Sequence[GateResult]) -> list[str]:
 
 
 def morning_lines(result: NightResult) -> list[str]:
-    """The first screen of a night: what differs besides the ADS, the verdict, new failures
+    """The first screen of a night: differences in anything but the ADS, the verdict, new failures
     first.
     """
     judged, comparison = result.judged, result.judged.bases.comparison

@@ -5,6 +5,7 @@ itself.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -33,8 +34,8 @@ def judge_cases(
         paired = compared.changed.paired
         before[paired.new_rows] = column(paired.base, limit.quantity)
 
-    for beyond, words in _beyond(limit, before, after):
-        yield _result(limit, cases, score, (before, after, beyond), words)
+    for beyond, words, own in _beyond(limit, before, after):
+        yield replace(_result(limit, cases, score, (before, after, beyond), words), own=own)
 
 
 def column(cases: CaseTable, name: str) -> FloatArray:
@@ -44,17 +45,19 @@ def column(cases: CaseTable, name: str) -> FloatArray:
 
 def _beyond(
     limit: LimitSettings, before: FloatArray, after: FloatArray
-) -> Iterator[tuple[FloatArray, str]]:
-    """By how much each case is beyond each bound, (n,); nan where it has no value to judge."""
+) -> Iterator[tuple[FloatArray, str, bool]]:
+    """By how much each case is beyond each bound, (n,), nan where it has no value; the bound in
+    words; whether it is on the case's own value.
+    """
     worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before
     if limit.at_least is not None:
-        yield limit.at_least - after, f"below {limit.at_least:g}"
+        yield limit.at_least - after, f"below {limit.at_least:g}", True
     if limit.at_most is not None:
-        yield after - limit.at_most, f"above {limit.at_most:g}"
+        yield after - limit.at_most, f"above {limit.at_most:g}", True
     if limit.worse_by is not None:
-        yield worse - limit.worse_by, f"worse by more than {limit.worse_by:g}"
+        yield worse - limit.worse_by, f"worse by more than {limit.worse_by:g}", False
     if (percent := limit.worse_by_percent) is not None:
-        yield worse - np.abs(before) * percent / 100.0, f"worse by more than {percent:g} %"
+        yield worse - np.abs(before) * percent / 100.0, f"worse by more than {percent:g} %", False
 
 
 def _result(

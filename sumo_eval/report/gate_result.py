@@ -40,6 +40,7 @@ class GateResult:
     cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`.
     worst: the worst of them.
     against: the accepted night where only the comparison with that one failed.
+    own: whether it bounds a value of the new run alone, so that no base changes it.
     """
 
     quantity: str
@@ -52,6 +53,7 @@ class GateResult:
     cases: tuple[str, ...] = ()
     worst: tuple[CaseChange, ...] = ()
     against: str = ""
+    own: bool = False
 
     @property
     def name(self) -> tuple[str, str, str]:

@@ -89,7 +89,7 @@ def _judge(
         )
         return
     value = _value(quantity, score, compared)
-    changed = _cases(quantity, compared)
+    changed, own = _cases(quantity, compared), quantity not in OF_THE_COMPARISON
     for bound, sign, words in ((limit.at_least, 1.0, "at least"), (limit.at_most, -1.0, "at most")):
         if bound is None:
             continue
@@ -100,15 +100,15 @@ def _judge(
                 f"{quantity} is not computed; it must be {words} {bound:g}",
                 None,
                 bound,
+                own=own,
             )
             continue
         ok = sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
         sentence = f"{quantity} is {_number(quantity, value)}; it must be {words} {bound:g}"
         keys = () if ok else tuple(item.new.case for item in changed[:MOST_KEYS])
         named = () if ok else _worst(quantity, compared)
-        yield GateResult(
-            *where, ok, sentence if ok else sentence + _named(changed), value, bound, keys, named
-        )
+        sentence += "" if ok else _named(changed)
+        yield GateResult(*where, ok, sentence, value, bound, keys, named, own=own)
     for bound, percent in ((limit.worse_by, False), (limit.worse_by_percent, True)):
         if bound is not None:
             yield _judge_change(limit, score, compared, bound, percent, confidence)

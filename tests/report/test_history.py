@@ -59,7 +59,7 @@ def test_an_expired_acceptance_gives_way_to_the_one_before() -> None:
 def test_accept_keeps_what_when_and_why(evaluation: Evaluation, tmp_path: Path) -> None:
     add(tmp_path, TODAY, evaluation)
     add(tmp_path, LATER, evaluation, FAILED)
-    night, accepted = accept(tmp_path, None, "softer on purpose", None)
+    night, accepted, _ = accept(tmp_path, None, "softer on purpose", None)
     assert night.night == LATER
     assert accepted == [f"{builders.CALM} in {builders.SCENARIOS[0]}: smallest gap: 1 nearer"]
     with open_history(tmp_path) as lines:

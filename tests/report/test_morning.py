@@ -12,13 +12,14 @@ import junitparser
 import pytest
 from report_cases import pick, with_case
 
+from sumo_eval.errors import InputError
 from sumo_eval.nightly.bases import Bases, accept, pin_of
 from sumo_eval.nightly.history import Night, open_history
 from sumo_eval.nightly.judged import Judged, Since, new_first, new_pin
 from sumo_eval.nightly.morning import github_annotations, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.report.comparison import Comparison, compare
-from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.gate_settings import GateSettings, LimitSettings
 from sumo_eval.report.gates import failed, judge
 from sumo_eval.report.junit import comparison_suites, write_junit
 from sumo_eval.report.rule import Noise, Repeats
@@ -121,9 +122,34 @@ def test_accept_lists_the_cases_that_it_accepts(
     with open_history(history, create=True) as lines:
         lines.add(night(SECOND, 1), evaluation, judged.gates)
     (gate,) = failed(judged.gates)
-    _, accepted = accept(history, None, "closer on purpose", None)
+    _, accepted, remaining = accept(history, None, "closer on purpose", None)
     sentence = f"{gate.ads} in {gate.scenario}: {gate.sentence}"
     assert accepted == [sentence, f"{gate.worst[0].case}: 0.92 -> 0.32"]
+    assert not remaining
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_a_limit_on_own_values_is_not_accepted(
+    alone: bool, judged: Judged, folder: Path, evaluation: Evaluation
+) -> None:
+    """`S` of at least 101 fails whatever the base; only a limit beside it can be accepted."""
+    limit = GateSettings(limit=(LimitSettings("S", ads=builders.CALM, at_least=101.0),))
+    own = failed(judge(evaluation, None, limit))
+    gates = own if alone else (*own, *failed(judged.gates))
+    since = {gate.name: Since(SECOND, 1) for gate in gates}
+    write_night(
+        folder.parents[1], night(SECOND, 1), "worse", replace(judged, gates=gates, since=since), ()
+    )
+    with open_history(folder.parents[1], create=True) as lines:
+        lines.add(night(SECOND, 1), evaluation, gates)
+    if alone:
+        with pytest.raises(InputError, match="fails by limits on its own values alone"):
+            accept(folder.parents[1], None, "on purpose", None)
+    else:
+        accepted = accept(folder.parents[1], None, "on purpose", None)
+        assert len(accepted.remaining) == len(own)
+        assert all("S is" in sentence for sentence in accepted.remaining)
+        assert len(accepted.accepted) == 2
 
 
 def test_an_annotation_is_one_line_for_github(judged: Judged) -> None:

@@ -82,7 +82,7 @@ def test_another_format_and_another_file_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="format version 99"), open_history(tmp_path, create=True):
         pass
     (tmp_path / HISTORY).write_bytes(b"no database at all, only words" * 100)
-    with pytest.raises(InputError, match="is no history"), open_history(tmp_path):
+    with pytest.raises(InputError, match="is not a history"), open_history(tmp_path):
         pass
 
 
