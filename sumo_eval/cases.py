@@ -33,7 +33,7 @@ _CASE = "sumo_eval.report.notebook:case_html"
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases whose outcome counts; all others could not be evaluated."""
 OUTCOMES = ("no contact", "collision", "off road", "not evaluated")
-"""What became of a case, in the order in which the report shows it."""
+"""Outcomes of a case, in the order in which the report shows them."""
 GAVE_UP = ("ads_error", "ads_timeout", "timeout", "crashed", "rejected")
 """Statuses of cases that their ADS gave up: they count in T, A, A', H and S+ all the same."""
 
@@ -216,9 +216,9 @@ class CaseResult(Outcome):
     min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2,
     max_jerk m/s3 and delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not
     defined or has no bound. largest_offset m, overshoot m, over_line_time s and settling_time s:
-    how the lane was kept. conflict_pet s: PET of the drive where somebody's way conflicts with the
+    how the lane was kept. conflict_pet s: PET of the drive where an actor's way conflicts with the
     ego's; undisturbed_pet s and time_to_conflict s: PET of both, and how long until the ego is at
-    the conflict area, where nobody reacts.
+    the conflict area, if neither reacts.
 
     struck_from_behind: a vehicle that reacts ran into the ego's rear and is at fault; such a case
         is not `collided`.
@@ -310,7 +310,7 @@ class CaseResult(Outcome):
     latency_relative: float | None = None
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """The table for a notebook."""
         shown: str = load_object(_CASE, None, "Case")(self)
         return shown
 
@@ -376,7 +376,7 @@ def _real(data: bytes, rows: int) -> FloatArray:
 
 
 def _listed(data: bytes, rows: int) -> tuple[tuple[Any, ...], IntArray]:
-    """What occurs in a column, and which of it each row has, (n,)."""
+    """Distinct values of a column, and which of them each row has, (n,)."""
     body = zlib.decompress(data)
     return decoded(body[4 * rows :], _RECORDS), np.frombuffer(body[: 4 * rows], dtype="<u4").astype(
         np.intp

@@ -25,7 +25,7 @@ def encoded(value: object) -> bytes:
 
 
 def decoded(data: bytes, classes: Classes) -> Any:
-    """What `encoded` wrote.
+    """The object that `encoded` wrote.
 
     classes: those of its records, by name.
     """
@@ -51,7 +51,7 @@ def plain(value: Any) -> Any:
 
 
 def record_of(value: Any, classes: Classes) -> Any:
-    """What `plain` was given.
+    """The object that `plain` received.
 
     classes: those of its records, by name.
     """

@@ -20,7 +20,7 @@ class SumoEvalError(Exception):
 
 
 class InputError(SumoEvalError, ValueError):
-    """What the user gave cannot be used (exit status 2)."""
+    """The user's input cannot be used (exit status 2)."""
 
 
 class NotInstalledError(InputError, ImportError):
@@ -45,7 +45,7 @@ class SimulationError(SumoEvalError):
 class StoppedError(SumoEvalError):
     """The work was stopped on request, by Ctrl-C or SIGTERM.
 
-    Its text says what is kept and how to go on.
+    Its text says what is kept and how to continue.
     """
 
 

@@ -59,10 +59,10 @@ def evaluate(
         paper's.
 
     workers, engine, scheduler: instead of those in `[run]`.
-    resume: go on with the run in `out`, whose own evaluation is what None then means.
+    resume: continue the run in `out`, whose own evaluation is what None then means.
     ads: what to drive in place of the evaluation's own ADSs: locators, whose relative paths start
         in the current folder, or classes, functions and objects, of a notebook's cell too.
-    Raises StoppedError when `stopping` said so; what was done by then is kept.
+    Raises StoppedError when `stopping` asks for it; what was done by then is kept.
 
     The folder is the one that `sumo-eval run` leaves, with `scores.json`, `cases.csv` and
     `junit.xml`; its page,
@@ -94,8 +94,7 @@ def record_rounds(
     """Simulate an evaluation into a run folder, and where a scenario is sampled in rounds, one
     round after the other.
 
-    Each round is scored before the next one is chosen. A run that was stopped goes on in the round
-    in which it was.
+    Each round is scored before the next one is chosen. A stopped run continues in its round.
 
     shard: which share i of n is simulated, if not all; an evaluation in rounds has no shares.
     """

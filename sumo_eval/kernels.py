@@ -2,7 +2,7 @@
 
 A rule is written once, for one vehicle, as a plain function of records and floats (`@kernel`), and
 a short loop calls it for every row of structured arrays (`@rows`). One case is a row count of 1, so
-the bits of a case do not depend on how many others are driven beside it.
+the bits of a case do not depend on the number of cases in its batch.
 
 With SUMO_EVAL_INTERPRETED=1 in the environment every loop runs as plain Python, line by line, for a
 debugger: the same bits, fifty times slower. tests/test_kernels.py holds the rules that make both
@@ -51,8 +51,8 @@ _waiting: list[Callable[..., Any]] = []
 
 
 def kernel(function: Function) -> Function:
-    """A rule or a part of one: plain Python to whoever calls it from Python, machine code within a
-    loop of rows.
+    """A rule or a part of one: plain Python if called from Python, machine code within a loop of
+    rows.
     """
     if "numba" in sys.modules and not INTERPRETED:
         _register(function)
@@ -81,7 +81,7 @@ class Loop:
         self.codes: dict[tuple[Any, ...], Callable[..., Any]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
-        """What the loop itself does."""
+        """The loop itself."""
         if self.compiled is None:
             # set by update_wrapper
             self.compiled = _compiled(self.__wrapped__)  # type: ignore[attr-defined]
@@ -114,10 +114,10 @@ def interpreted(loop: Function) -> Function:
 
 
 def bound(loop: Function, *arguments: Any) -> Function:
-    """A loop over rows for whoever calls it at every step, with arguments of one kind: a third of a
-    call's cost.
+    """A loop over rows for a caller at every step, with arguments of one kind: a third of a call's
+    cost.
 
-    Only for arrays of the same types and layout as these: nobody looks whether they are.
+    Only for arrays of the same types and layout as these: they are not checked.
     """
     return cast("Function", loop.of(*arguments)) if isinstance(loop, Loop) else loop
 
@@ -158,7 +158,7 @@ def cache_folder() -> Path:
     """Where machine code is kept: a folder for each processor, numba, state of the sources, and
     place of theirs.
 
-    numba itself looks at the file of the loop alone, and would go on with old code of a rule that
+    numba itself looks at the file of the loop alone, and would keep using old code of a rule that
     another file holds.
     """
     digest = hashlib.sha256(bytes(_PACKAGE))

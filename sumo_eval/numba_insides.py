@@ -1,12 +1,11 @@
-"""Insides of numba that this package borrows, which numba promises nobody. Tried with numba 0.68.
+"""Insides of numba that this package borrows, which are not part of numba's interface. Tried with
+numba 0.68.
 
 - `as_part`: rules are compiled as parts of their loops alone. The loops of the paper's evaluation
-  take 50 s of
-  processor time in place of 64 s, once on a machine. Other versions of numba do without, to the
-  same bits.
+  take 50 s of processor time instead of 64 s, once on a machine. Other versions of numba do
+  without, to the same bits.
 - `kept_code`: machine code is kept in one sealed file for each loop. numba's own index mixes kinds
-  of arguments up
-  where two processes write at once, and trusts damaged files.
+  of arguments up where two processes write at once, and trusts damaged files.
 
 SUMO_EVAL_PLAIN=1 leaves both out.
 """
@@ -81,7 +80,7 @@ def kept_code() -> Any:
 
 
 def _seal(content: bytes) -> bytes:
-    """What stands before machine code on disk, and tells what was damaged."""
+    """Header of machine code on disk, which reveals damage."""
     return hashlib.sha256(content[_SEAL:]).digest()
 
 
@@ -93,8 +92,8 @@ def as_part() -> dict[str, Any]:
     By itself numba makes every function machine code of its own, optimised, and then once more
     within each that calls it. A rule is only ever called by rules and loops, so it is enough to
     optimise it, and make machine code of it, as a part of a loop: a third of the time of compiling
-    everything. That takes what numba promises nobody, so numbas whose insides are not known here do
-    as they like.
+    everything. That is not part of numba's interface, so versions whose insides are not known here
+    do as they like.
     """
     numba = importlib.import_module("numba")
     if not numba.__version__.startswith(_KNOWN):

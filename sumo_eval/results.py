@@ -1,4 +1,4 @@
-"""What an evaluation finds out: a record for each case, one for each ADS in each scenario, plain
+"""Results of an evaluation: a record for each case, one for each ADS in each scenario, plain
 values throughout.
 """
 
@@ -35,8 +35,8 @@ class NotComputed:
 
 @dataclass(frozen=True, slots=True)
 class DrivesLeftOut:
-    """Drivers' drives that are no reference, since a skilled driver's safe case ends well: how
-    many, by status.
+    """Drivers' drives that cannot be references, since a skilled driver's safe case ends well:
+    how many, by status.
     """
 
     left_out: int
@@ -65,14 +65,15 @@ class DrivenInBlocks:
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """A number of cases, collisions or points, of so many.
+    """A number of cases, collisions or points, of a total.
 
-    actors_left: cases that lasted longer than an actor was on the road. outside_support: cases in
-        which no recorded event is like the concrete scenario. struck_from_behind: cases in which a
-        vehicle that reacts ran into the ego's rear, its own fault and no collision here.
-        gentler_than_ideal: collisions in which the ADS was gentler than the ideal vehicle.
-        references_collide: points of the safe zone at which drivers or the reference car collide.
-        ideal_collides_too: collisions in the safe zone that the ideal vehicle has as well.
+    actors_left: cases that lasted longer than an actor was on the road.
+    outside_support: cases in which no recorded event is like the concrete scenario.
+    struck_from_behind: cases in which a vehicle that reacts ran into the ego's rear, its own fault
+        and no collision here.
+    gentler_than_ideal: collisions in which the ADS was gentler than the ideal vehicle.
+    references_collide: points of the safe zone at which drivers or the reference car collide.
+    ideal_collides_too: collisions in the safe zone that the ideal vehicle has as well.
     """
 
     what: Literal[
@@ -110,11 +111,12 @@ class ThinReferences:
 
 @dataclass(frozen=True, slots=True)
 class PlausibleTo:
-    """Whose drives say how plausible a drive is, where the recorded drivers of the run were asked
-    for.
+    """Drivers that plausibility is measured against, where the recorded drivers of the run were
+    asked for.
 
-    people: how many recorded drivers the run has in the scenario, with so many drives.
-    least: how many a table needs;
+    people: how many recorded drivers the run has in the scenario.
+    drives: of all of them.
+    least: how many drivers a table needs.
     instead: the people of the default table who stand in where they are fewer, else None.
     """
 
@@ -189,7 +191,7 @@ ScoreNote = (
     | WorstAndBest
     | RequirementMissed
 )
-"""What a reader must know of a score."""
+"""Kinds of remarks on a score."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,13 +271,13 @@ class ScenarioResult:
 
     @property
     def nobody_compared(self) -> bool:
-        """Whether the scenario has nobody to compare an ADS with, so that there is no D and no H
-        for anybody in it.
+        """Whether the scenario has no drivers to compare an ADS with, so that no ADS has D or H
+        in it.
         """
         return self.h_reason == NotComputed("no_drivers")
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """The table for a notebook."""
         shown: str = load_object(_SCORE, None, "Score")(self)
         return shown
 
@@ -344,8 +346,7 @@ class Ranking:
     weights: of every scenario.
     level: of the intervals.
     pairs: all, by the order of `ads`.
-    without_people: scenarios that weigh and in which nobody is there to compare with: there H
-        counts 0.
+    without_people: scenarios that weigh and have no drivers to compare with: there H counts 0.
     without_task: scenarios that weigh and have no safe point, so no S+: they have no part in the
         order.
     """
@@ -359,7 +360,7 @@ class Ranking:
 
     @property
     def with_people(self) -> int:
-        """How many scenarios that weigh have somebody to compare with."""
+        """Number of scenarios that weigh and have drivers to compare with."""
         return sum(weight > 0.0 for weight in self.weights.values()) - len(self.without_people)
 
     def pair(self, above: str, below: str) -> RankedPair:
@@ -413,8 +414,8 @@ class Evaluation:
         return sum(score.not_evaluated for score in self.scores)
 
     def exposure_known(self, scenario: str | None = None) -> bool:
-        """Whether somebody declared or measured how often the concrete scenarios of one scenario,
-        or of any, are met.
+        """Whether the frequency of the concrete scenarios of one scenario, or of any, was declared
+        or measured.
 
         Else a mean over them is one over the points, and no share of encounters.
         """
@@ -440,7 +441,7 @@ class Evaluation:
         )
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """The table for a notebook."""
         table: str = load_object(_TABLE, None, "Table")(self)
         return table
 

@@ -76,7 +76,7 @@ def clean_log(text: str) -> str:
 
 
 def last_lines(log: str, most: int) -> str:
-    """The end of a log, at most so many lines, each cut to what a sentence may have."""
+    """The end of a log, at most `most` lines, each cut to what a sentence may have."""
     lines = log.rstrip().splitlines()
     left_out = [f"[{len(lines) - most} lines left out]"] if len(lines) > most else []
     return "\n".join([*left_out, *(clean(line) for line in lines[-most:])])
@@ -89,14 +89,14 @@ def _replaced(text: str, *, lines: bool) -> str:
 
 
 def words_of(value: object, most: int = WORDS) -> str:
-    """What an exception, or any other object of a user's, says of itself, cleaned; whatever its
-    `__str__` does.
+    """Text of an exception, or of any other object of a user's, cleaned, whatever its `__str__`
+    does.
     """
     try:
         return clean(str(value), most)
     # `__str__` is the user's code
     except BaseException as error:  # noqa: BLE001
-        return f"(its text cannot be had: __str__ raised {kind_of(error)})"
+        return f"(its text is not available: __str__ raised {kind_of(error)})"
 
 
 def shown(value: object) -> str:
@@ -119,7 +119,7 @@ def traceback_of(error: BaseException) -> str:
         return clean_log("".join(traceback.format_exception(error)))
     # an exception's attributes are the user's, and memory may be short
     except BaseException as fault:  # noqa: BLE001
-        return f"(the traceback of {kind_of(error)} cannot be had: {kind_of(fault)})\n"
+        return f"(the traceback of {kind_of(error)} is not available: {kind_of(fault)})\n"
 
 
 def cell(value: Any) -> Any:
@@ -133,7 +133,7 @@ def cell(value: Any) -> Any:
 
 
 def from_cell(value: Any) -> Any:
-    """What `cell` was given."""
+    """The value that `cell` received."""
     if isinstance(value, str) and value.startswith("'") and cell(value[1:]) == value:
         return value[1:]
     return value
@@ -145,7 +145,7 @@ def cells(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def without_quotes(table: pd.DataFrame) -> pd.DataFrame:
-    """What `cells` was given."""
+    """The table that `cells` received."""
     return _each_text(table, from_cell)
 
 

@@ -1,4 +1,4 @@
-"""What the two halves exchange: SUMO makes trajectories, the paper's equations read them.
+"""Trajectories, which the two halves exchange: SUMO makes them, the paper's equations read them.
 
 Positions are the vehicle's centre in road coordinates: x along the road, y to the left, y = 0 on
 the centre line of the right-hand lane. Headings are mathematical (0 along the road,
@@ -98,7 +98,7 @@ class Trajectory:
     @classmethod
     def of_block(cls, block: FloatArray, *, length: float, width: float) -> Trajectory:
         """From one (7, n) array that holds every channel, in the order of `CHANNELS`, and that
-        nobody else changes.
+        is not changed elsewhere.
 
         Checks what the constructor does, in a fifth of its time.
         """
@@ -230,7 +230,7 @@ _ALONE: dict[AloneReason, str] = {
     "draws": "The ADS draws from the global random generators, so that its cases have to follow "
     "one another.",
     "together_failed": "Cases that were driven together failed: {}.",
-    "pack_lost": "Its pack was lost. {}",
+    "pack_lost": "Its batch was lost. {}",
     "block_lost": "The block of cases that its policy over arrays drives together was lost, so "
     "the policy was shown "
     "this case alone, which may change the last bits of its answers. {}",

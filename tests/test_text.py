@@ -123,7 +123,7 @@ class SpeaksOddlyError(Exception):
 
 
 ODD = {
-    SpeechlessError(): "SpeechlessError: (its text cannot be had: __str__ raised "
+    SpeechlessError(): "SpeechlessError: (its text is not available: __str__ raised "
     "KeyboardInterrupt)",
     SurrogateError(): r"SurrogateError: \ud800",
     NamelessError("words"): "NamelessError: words",

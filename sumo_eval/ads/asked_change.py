@@ -71,7 +71,7 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
 @kernel
 def road_left(path: Any, way: Any, me: Any) -> float:
     """Road until where the ego waits if it cannot change, from its front, m: a shortest change
-    before the end of its lane; inf where that goes on, or the change has begun.
+    before the end of its lane; inf where that lane continues, or the change has begun.
     """
     if way.ends == 0 or not is_waiting(path, way):
         return math.inf

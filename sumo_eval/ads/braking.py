@@ -1,9 +1,9 @@
-"""Brakes in continuous time, for drivers that are asked once a step.
+"""Brakes in continuous time, for rules that are called once a step.
 
-A driver's braking is a path: a deceleration over time that may begin, rise, hold and end anywhere
-within a step. The vehicle model's brakes move to a told level at a finite rate, from the beginning
-of the step on, and then hold it. So a level is told for the speed that it takes off, not for what
-is wanted at some instant of the step.
+A rule's braking is a path: a deceleration over time that may begin, rise, hold and end anywhere
+within a step. The vehicle model's brakes move to a commanded level at a finite rate, from the
+beginning of the step on, and then hold it. So a level is commanded for the speed that it takes off,
+not for its value at some instant of the step.
 """
 
 from __future__ import annotations
@@ -57,15 +57,15 @@ def moved(level: float, target: float, rate: float, duration: float) -> Braked:
 
 @kernel
 def switched(level: float, target: float, wait: float, rate: float, step: float) -> float:
-    """What to tell brakes in a step, m/s2, that shall leave `level` for `target` only `wait` s from
+    """Command for a step, m/s2, of brakes that shall leave `level` for `target` only `wait` s from
     its beginning.
 
     With h the step, j the brakes' rate, D = |target - level|, b = D / j:
 
         change = j / 2 (h + b - sqrt((h + b)^2 - 4 b (h - wait)))
 
-    Brakes that change so much at once, hold that to the end of the step and go on to `target` after
-    it have in the end taken off the same speed as brakes that leave `level` `wait` s late.
+    Brakes that change so much at once, hold that to the end of the step and continue to `target`
+    after it have in the end taken off the same speed as brakes that leave `level` `wait` s late.
     """
     if wait >= step:
         return level
@@ -79,8 +79,8 @@ def switched(level: float, target: float, wait: float, rate: float, step: float)
 
 @kernel
 def mean_level(level: float, mean: float, rate: float, step: float) -> float:
-    """What to tell brakes at `level`, m/s2, for a mean over the step of `mean`, or as near to it as
-    they can come.
+    """Command for brakes at `level`, m/s2, whose mean over the step is `mean`, or as near to it
+    as they can come.
     """
     change = abs(mean - level)
     if change == 0.0:
@@ -92,11 +92,11 @@ def mean_level(level: float, mean: float, rate: float, step: float) -> float:
 
 @kernel
 def released_level(level: float, lost: float, rate: float, step: float, most: float) -> float:
-    """What to tell brakes that are at `level`, m/s2, so that they lose `lost` m/s until they are
+    """Command for brakes that are at `level`, m/s2, so that they lose `lost` m/s until they are
     open; up to `most`.
 
-    They go at `rate` j to the told level c, hold it to the end of the step h, and go on to 0 after
-    it. Where they only open:
+    They go at `rate` j to the commanded level c, hold it to the end of the step h, and then go to
+    0. Where they only open:
 
         lost = level^2 / (2 j) + c (h - (level - c) / j)
 
@@ -131,12 +131,13 @@ def path_towards(path: Any, target: float, duration: float, rise: float, vehicle
 def path_command(
     path: Any, lost: float, releases: bool, brakes: Any, vehicle: Any, step: float
 ) -> float:
-    """What to tell the vehicle, m/s2, where the coming step shall take off `lost` m/s.
+    """Command for the vehicle, m/s2, where the coming step shall take off `lost` m/s.
 
     Call once a step.
 
-    releases: the braking ends in it, or has ended. Brakes that rise no faster than the driver asks
-        (`brakes.jerk`, m/s3) may be told more than its `brakes.braking` m/s2, to be even with it.
+    releases: the braking ends in it, or has ended. Brakes that rise no faster than the rule asks
+        (`brakes.jerk`, m/s3) may be commanded more than its `brakes.braking` m/s2, to be even with
+        it.
     """
     before, fall = path.brakes, vehicle.brake_jerk
     if releases and before == 0.0 and lost == 0.0:
@@ -223,14 +224,16 @@ def follow_demand(
     vehicle: Any,
     step: float,
 ) -> float:
-    """What to tell the vehicle for the coming step, m/s2: brakes `response` s after the first
-    demand, rising at `jerk` m/s3, up to `braking` m/s2, which `brakes` holds. Call once a step.
+    """Command for the vehicle in the coming step, m/s2: brakes `response` s after the first demand,
+    rising at `jerk` m/s3, up to `braking` m/s2, which `brakes` holds. Call once a step.
 
     demand: called with the scene and a time (s) after now, from one and a half steps before now to
         a step after it, the deceleration that is demanded then, as far as it can be foreseen, m/s2;
-        0 for none. The first demand is looked for half a step ago, where speeds that are told from
-        positions are known; one that began with a jump began with the last step. The reaction is
-        waited for once: who has been alarmed stays alert.
+        0 for none.
+
+    The first demand is looked for half a step ago, where speeds that follow from positions are
+    known; one that began with a jump began with the last step. The reaction is waited for once:
+    after an alarm the rule stays alert.
     """
     path, jerk = braking.path, brakes.jerk
     if braking.is_alarmed == 0 and braking.looks == 0:

@@ -143,13 +143,12 @@ def constant_speed_heuristic(speed: float, gap: float, lead_speed: float) -> flo
 def constant_acceleration_heuristic(
     speed: float, gap: float, lead_speed: float, lead_braking: float
 ) -> float:
-    """CAH: acceleration that just avoids a lead which goes on braking with b_l > 0 until it stands.
-    m/s2.
+    """CAH: acceleration, m/s2, that just avoids a lead which keeps braking with b_l > 0 until it
+    stands.
 
     v^2 a_l / (v_l^2 - 2 s a_l) if v_l (v - v_l) <= -2 s a_l (the lead stands first), else a_l -
-    dv^2 / (2 s) with
-    dv = max(v - v_l, 0), a_l = -b_l. Source: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368,
-    4585 (2010).
+    dv^2 / (2 s) with dv = max(v - v_l, 0), a_l = -b_l. Source: Kesting, Treiber, Helbing, Phil.
+    Trans. R. Soc. A 368, 4585 (2010).
     """
     distance = max(gap, MIN_GAP)
     if lead_speed * (speed - lead_speed) <= 2.0 * distance * lead_braking:
@@ -218,7 +217,7 @@ def in_half_a_step(
 
 
 FOLLOWED = fields("accepted")
-"""What a follower remembers of each vehicle: the headway accepted behind it, s, nan before."""
+"""A follower's memory of each vehicle: the headway accepted behind it, s, nan before."""
 
 
 @kernel
@@ -230,9 +229,9 @@ def follow(
     """The enhanced IDM with a memory of the headway accepted behind a lead, m/s2; call once a step
     and lead.
 
-    Whoever finds a lead closer than his own headway T accepts that headway at first, and lets it
-    grow back to T: dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp. Res. Rec.
-    2316 (2012), LMRS.
+    A follower that finds a lead closer than its own headway T accepts that headway at first, and
+    lets it grow back to T: dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp. Res.
+    Rec. 2316 (2012), LMRS.
     """
     own, accepted = idm.headway, followed.accepted
     if math.isnan(accepted):
@@ -250,8 +249,8 @@ def change_as_asked(
     """The most that an ego that has to change lanes accelerates, m/s2; may begin the change in
     `path`.
 
-    It follows by the IDM whom it will be behind, no harder than comfortably until the change has
-    begun, and waits before the end of its lane.
+    It follows by the IDM the vehicle that it will be behind, no harder than comfortably until the
+    change has begun, and waits before the end of its lane.
     """
     changing = change_if_free(path, way, me, others, scenario)
     most = math.inf
@@ -275,8 +274,8 @@ PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
 def idm(
     ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
 ) -> None:
-    """Acceleration and steering wheel angle, decided once a cycle: whoever comes into the path is
-    the lead from one cycle to the next.
+    """Acceleration and steering wheel angle, decided once a cycle: a vehicle entering the path
+    becomes the lead from one cycle to the next.
     """
     me = ego.seen
     if own.steps == 0:
@@ -294,7 +293,7 @@ def _decide(
 ) -> tuple[float, float]:
     """IDM behind the lead in the path, in the middle of the cycle, along the lane's centre.
 
-    Who watches takes whoever comes into the path for the lead, if that one is nearer.
+    A watchful follower takes a vehicle entering the path for the lead, if that one is nearer.
     """
     lead, p = lead_in_path(me, others), memory.p.idm
     if memory.p.watches:
@@ -352,13 +351,13 @@ class Idm(Compiled):
 
 
 class Attentive(Idm):
-    """ADS `attentive`: the IDM that brakes for who will be in its path, above all for people who
-    cross the road.
+    """ADS `attentive`: the IDM that also brakes for road users about to enter its path, above all
+    for pedestrians who cross the road.
 
-    Whoever is ahead and moves towards the path, seen past what stands nearer, is the lead as soon
+    A road user ahead that moves towards the path, seen past what stands nearer, is the lead as soon
     as both would be in the same place within a second of each other
-    (`perception.coming_into_path`); who crosses in time before or behind the ego is left to go. A
-    reference driver of ours; no regulation names one for people on foot.
+    (`perception.coming_into_path`); one that crosses in time before or behind the ego is ignored. A
+    baseline of this project; no regulation names one for pedestrians.
     """
 
     watches = True

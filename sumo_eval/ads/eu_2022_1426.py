@@ -1,5 +1,5 @@
-"""ADSs `eu_2022_1426`, `eu_2022_1426_bus`: what Regulation (EU) 2022/1426 demands of an automated
-vehicle at the least.
+"""ADSs `eu_2022_1426`, `eu_2022_1426_bus`: the least that Regulation (EU) 2022/1426 demands of an
+automated vehicle.
 
 A cut-in must be avoided when its TTC, 0.30 m inside the lane, is above v_rel / (2 a) + tau / 2 +
 0.1 s: the vehicle may take 0.1 s, build its braking up over tau and brake with a. With standing or

@@ -1,9 +1,9 @@
-"""What the ideal vehicle of Eq. 17 knows before a case begins: whom it would touch, and from when
-on it can know so.
+"""Knowledge of the ideal vehicle of Eq. 17 before a case begins: which vehicles it would touch, and
+from when on it can know this.
 
 Everything is worked out in continuous time from the scripts of the other vehicles, so that it does
-not depend on the simulation's step; only whether bodies touch is asked step by step, as the harness
-asks it.
+not depend on the simulation's step; only whether bodies touch is checked step by step, as the
+harness does it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _Moving = Callable[[float], "_Shape"]
 
 
 class Foresight(NamedTuple):
-    """What is known of one other vehicle.
+    """Knowledge of one other vehicle.
 
     noticed: when its first change of state can be seen, s; inf where it never can.
     meets: whether an ego that keeps its speed would touch it.
@@ -67,8 +67,8 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
 
     settings: those of the case, its ego's body among them.
 
-    They do what they do while the ego keeps its speed; whoever reacts is taken to keep its speed,
-    too.
+    They do what they do while the ego keeps its speed; a vehicle that reacts is assumed to keep its
+    speed, too.
     """
     ego, vehicle, step, told = concrete.ego, settings.vehicle, settings.step, []
     on_the_road = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
@@ -100,11 +100,11 @@ def evasion(
     """The path (`PATH`) of an ideal vehicle that steers to the lane on its left, of offset 0 where
     it brakes.
 
-    It steers where a steady vehicle shows so late, from behind another one, that braking with
+    It steers where a steady vehicle shows so late, from behind a nearer one, that braking with
     `deceleration` (m/s2) from then on hits it, and where a lane change from then on at the speed it
-    has, as quick as those of the drivers that ship, is clear of everybody to the end: by 0.3 m
-    across, and along the road of whoever is no such vehicle by `FOLLOWING_GAP` to the one ahead and
-    2 m to the one behind.
+    has, as quick as those of the synthetic drivers, is clear of all vehicles to the end: by 0.3 m
+    across, and along the road of each that is not steady by `FOLLOWING_GAP` to the one ahead and 2
+    m to the one behind.
 
     settings: those of the case.
     """
@@ -175,7 +175,7 @@ class _Track:
         self.actor, self.step, self.rows = actor, step, rows
 
     def body(self, k: int) -> Body:
-        """The body after so many steps."""
+        """The body after k steps."""
         x, y, heading, speed, across = self.rows[k].tolist()
         return Body(x, y, heading, speed, self.actor.length, self.actor.width, across)
 
@@ -271,10 +271,10 @@ def first_sight(
 def _hides(
     ego: Start, settings: SimulationSettings, nearer: _Shape, it: _Shape, time: float
 ) -> bool:
-    """Whether one hides another from the ego, as those see who ship (`perception.is_in_sight`):
-    looking along the road at who is in its way, else along the line to him. One that has come up to
-    another hides it no longer: bodies are solid, and a collision is seen, also where a script
-    drives through.
+    """Whether one vehicle hides a farther one from the ego, as for the baselines
+    (`perception.is_in_sight`): looking along the road at a vehicle in its way, else along the
+    line to the vehicle. One that has come up to the other hides it no longer: bodies are solid,
+    and a collision is seen, also where a script drives through.
     """
     eye = ego.x + ego.speed * time
     if not eye < nearer.x < it.x - nearer.half_length - it.half_length:
@@ -298,7 +298,7 @@ def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> 
     """The ego's body on the map.
 
     Where it steers its rear axle is on the way, square to it, and it takes `_STEERED` more room to
-    each side: it brakes for whom it would miss by less.
+    each side: it brakes for vehicles that it would miss by less.
     """
     room = 2.0 * _STEERED if ego.way is not None else 0.0
     half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0

@@ -2,7 +2,7 @@
 3).
 
 Two surrogate safety metrics between 0 (safe) and 1 (unsafe) set the braking: PFS supposes that the
-lead may brake hard, CFS that both go on as they are. Source: the regulation, and Mattas et al.,
+lead may brake hard, CFS that both continue as they are. Source: the regulation, and Mattas et al.,
 Accid. Anal. Prev. 148, 105794 (2020); constants as in the JRC's implementation. docs/baselines.md
 lists the readings.
 """
@@ -125,7 +125,7 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
 
 @kernel
 def fuzzy_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2.
+    """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
 
     scene: as `brake` makes it.
     """
@@ -149,7 +149,7 @@ def fuzzy_demand(scene: Any, after: float) -> float:
 def fuzzy_safety_model(
     ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
 ) -> None:
-    """The strongest braking that any vehicle ahead demands, decided once a cycle.
+    """The strongest braking that any lead vehicle demands, decided once a cycle.
 
     CFS asks for more the harder the ego brakes already, so beside a limit of it the demand goes up
     and down from look to look.

@@ -39,8 +39,8 @@ def _no_reaction(
 
 
 class NoReaction(Compiled):
-    """ADS `no_reaction`: keeps its speed and its wheel straight, whatever is ahead; where the road
-    bends, its lane.
+    """ADS `no_reaction`: keeps its speed and its wheel straight, whatever is ahead; on a curve,
+    its lane.
     """
 
     loop = staticmethod(each_row(_no_reaction))
@@ -59,7 +59,9 @@ _KNOWN = fields("noticed", "meets", "speed", "hidden")
 def is_too_close_to_see(
     me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float
 ) -> bool:
-    """Whether the vehicle ahead hides somebody whom it would touch, and is nearer than is safe."""
+    """Whether the lead vehicle hides a vehicle that the ego would touch, and is nearer than is
+    safe.
+    """
     lead = lead_in_path(me, others)
     if lead < 0:
         return False
@@ -73,12 +75,12 @@ def is_too_close_to_see(
 
 @kernel
 def full_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float) -> float:
-    """Full braking for anybody who calls for it, from within the step in which he first does, as an
-    acceleration, m/s2.
+    """Full braking for any vehicle that calls for it, from within the step in which it first does,
+    as an acceleration, m/s2.
 
-    Before that, too close behind the vehicle that hides him, it brakes as hard.
+    Before that, too close behind the vehicle that hides it, it brakes as hard.
 
-    known: of each of the others, a `Foresight`.
+    known: a `Foresight` of each actor.
     """
     level = p.deceleration if is_too_close_to_see(me, others, known, p, scenario, time) else 0.0
     began = begins = math.inf
@@ -123,21 +125,21 @@ class IdealBraking(Compiled):
     """ADS `ideal_braking`, the reference Ug of Eq. 17: perfect perception, immediate braking at the
     road's limit.
 
-    It knows what the others will do (`foresight`). From the first change of state that it can see
+    It knows what the actors will do (`foresight`). From the first change of state that it can see
     of a vehicle that it would touch if it kept its speed, it brakes as hard as the road allows,
-    until it is neither faster than that vehicle will ever be again nor beside it; it never drives
-    faster again. Where keeping its speed touches nobody, it keeps it: braking may only then cause a
-    contact. Once slower it brakes, besides, while it closes on anybody in its path: who keeps his
-    speed leaves earlier, and what others do later than that is not foreseen.
+    until it is neither faster than that vehicle will ever be again nor alongside; it never drives
+    faster again. Where keeping its speed touches no vehicle, it keeps it: braking may only then
+    cause a contact. Once slower it also brakes while it closes on any vehicle in its path: one that
+    keeps its speed leaves earlier, and later acts are not foreseen.
 
-    What a vehicle ahead hides it does not know, and therefore keeps a safe distance to that vehicle
+    It does not know what a lead vehicle hides, and therefore keeps a safe distance to that vehicle
     (`safe_gap`, with its own brakes and the time that they need): as long as it is nearer it brakes
-    as hard. Without that, whoever opens such a gap at once, as `idm` does, is slower than it when
+    as hard. Without that, an ADS that opens such a gap at once, as `idm` does, would be slower when
     what was hidden shows.
 
     Where what was hidden shows so late that no braking stops short of it, it steers round it
-    instead, if the lane on the left is free for sure (`evasion`): `lane_changer` would, and nobody
-    is to be gentler.
+    instead, if the lane on the left is free for sure (`evasion`): `lane_changer` would, and no ADS
+    may be gentler.
 
     The pressure build-up is the vehicle model's (`VehicleSettings.brake_build_up`, 0.15 s), as far
     as `deceleration` is the strongest that the vehicle has. So its impact speed behind a vehicle
@@ -165,7 +167,7 @@ class IdealBraking(Compiled):
         class.
         """
         raise ControllerError(
-            "The ideal vehicle must be told the scripts of the others; only `ideal_braking` is"
+            "The ideal vehicle must know the scripts of the actors; only `ideal_braking` does"
         )
 
     @classmethod

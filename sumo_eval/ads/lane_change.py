@@ -1,7 +1,7 @@
-"""Where to be across the road, as a path over x, and the steering that follows it.
+"""Paths across the road over x, and the steering that follows them.
 
 A path is a function of the position along the road, not of time: a vehicle that brakes during its
-lane change needs no sharper curve, and the place where it is clear of the vehicle ahead stays where
+lane change needs no sharper curve, and the place where it is clear of the lead vehicle stays where
 it was planned.
 """
 
@@ -53,7 +53,7 @@ def path_y(path: Any, x: float) -> float:
 
 @kernel
 def path_at(path: Any, x: float) -> tuple[float, float, float]:
-    """A path at x: y, m; slope dy/dx; bend d2y/dx2, 1/m."""
+    """A path at x: y, m; slope dy/dx; curvature d2y/dx2, 1/m."""
     if path.offset == 0.0:
         return path.start, 0.0, 0.0
     s = (x - path.begin) / path.length
@@ -80,8 +80,8 @@ def keep_lane(path: Any, me: Any, road: Any) -> None:
 @kernel
 def curvature_kept(path: Any, me: Any) -> float:
     """The curvature, 1/m, that the rear axle has on a path beside the road's line at an even
-    distance: how the wheel stands where a drive begins. Who took it to be straight there would
-    steer anew, by more the longer a step is.
+    distance: how the wheel stands where a drive begins. A wheel assumed to be straight there
+    would steer again, by more the longer a step is.
     """
     line = line_curvature(me)
     return float(line / (1.0 - line * path.start))
@@ -89,8 +89,8 @@ def curvature_kept(path: Any, me: Any) -> float:
 
 @kernel
 def line_curvature(me: Any) -> float:
-    """Curvature, 1/m, of the road's line itself, from that beside it at the offset where somebody
-    is.
+    """Curvature, 1/m, of the road's line itself, from that of the parallel line at a vehicle's
+    offset.
     """
     return float(me.curvature / (1.0 + me.curvature * me.y))
 
@@ -117,16 +117,18 @@ def steering(
     The rear axle is led along y(x) (the centre then runs on it as well, up to wheelbase^2/8 times
     the curvature):
 
-    kappa = kappa_path + (w/v)^2 e_y + 2 (w/v) e_psi,    steering = ratio * atan(wheelbase * kappa)
+    kappa = kappa_path + (w/v)^2 e_y + 2 (w/v) e_psi,   steering = ratio * atan(wheelbase * kappa)
 
     kappa_path = y'' / (1 + y'^2)^(3/2); e_y = y_path - y, e_psi = atan(y') - heading, both at the
     rear axle at the end of the coming step, predicted with the curvature now steered. The feedback
     is critically damped with the rate w, per second; below `SLOW` it becomes one per metre, so that
     a stopping vehicle does not turn its wheel without end.
 
-    memory: holds the `curvature`, 1/m. Single-track model: Rajamani, Vehicle Dynamics and Control
-        (2012), ch. 2. On a road that bends the path is y(x) in the road's frame, and the curvature
-        of the line beside the road on which the path lies is steered ahead of the feedback.
+    memory: holds the `curvature`, 1/m.
+
+    Single-track model: Rajamani, Vehicle Dynamics and Control (2012), ch. 2. On a curved road the
+    path is y(x) in the road's frame, and the curvature of the line beside the road on which the
+    path lies is steered ahead of the feedback.
     """
     memory.curvature = steered(memory.curvature, me, path_y, slope, bend, scenario)
     return float(
@@ -173,9 +175,10 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
 
 @kernel
 def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, float]:
-    """What a move by (ahead, left) m in the axes of an arc is beside it: how far to its left, m,
-    and by which angle the arc has turned, rad. (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 +
-    l^2) - 2 k l)), atan2(k a, 1 - k l).
+    """A move by (ahead, left) m in the axes of an arc, seen from the arc: how far to its left, m,
+    and by which angle the arc has turned, rad.
+
+    (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 + l^2) - 2 k l)), atan2(k a, 1 - k l).
     """
     square = ahead * ahead + left * left
     root = math.sqrt(max(1.0 + curvature * (curvature * square - 2.0 * left), 0.0))
@@ -186,9 +189,9 @@ def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, f
 
 @kernel
 def lane_kept(ego: Any, scenario: Any) -> float:
-    """Steering wheel angle, rad, of those whose rule is for the pedals: on a road that bends they
-    keep to the line on which they began; who has to change lanes does so at the fixed place of the
-    way; else they leave the wheel alone.
+    """Steering wheel angle, rad, of rules for the pedals: on a curved road they keep to the line
+    on which they began; one that has to change lanes does so at the fixed place of the way; else
+    they leave the wheel alone.
     """
     if scenario.road.bent == 0 and ego.way.asked == 0:
         return 0.0

@@ -37,7 +37,7 @@ def _remember(to: Any, decided: Any) -> None:
 
 @kernel
 def _foresee_ego(then: Any, me: Any, acceleration: float, time: float) -> None:
-    """Write into `then` the ego `time` s from now, if it goes on with an acceleration, m/s2."""
+    """Write into `then` the ego `time` s from now, if it continues with an acceleration, m/s2."""
     take(then, me)
     gained = max(acceleration * time, -me.along)
     then.x, then.y = me.x + (me.along + 0.5 * gained) * time, me.y + me.across * time
@@ -107,10 +107,10 @@ def _turn_in(scene: Any, step: float) -> float:
 
 @kernel
 def _decide(scene: Any) -> float:
-    """What to tell the vehicle in the coming cycle, m/s2.
+    """Command for the vehicle in the coming cycle, m/s2.
 
-    What is wanted counts as in the middle of the parts of the cycle before and after the instant at
-    which it jumps or the lane change begins; that begins at that instant.
+    The wanted acceleration counts as in the middle of the parts of the cycle before and after the
+    instant at which it jumps or the lane change begins; that begins at that instant.
     """
     me, memory, _, _, _, scenario = scene
     step, vehicle = scenario.step, scenario.vehicle
@@ -135,8 +135,8 @@ def lane_changer(
     """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided
     on.
 
-    Beside a lead that it passes the rule brakes or does not: who is just clear is let go, and is
-    not clear any more.
+    Beside a lead that it passes the rule brakes or does not: once just clear of the lead it follows
+    it no more, and is then not clear any more.
     """
     me = ego.seen
     if own.steps == 0:

@@ -58,9 +58,9 @@ REAR_HEADWAY = 1.0  # s
 
 @dataclass(frozen=True, slots=True)
 class OvertakingHabits:
-    """When someone overtakes.
+    """Conditions under which an ego overtakes.
 
-    inclined: whether he overtakes at all when not in danger.
+    inclined: whether it overtakes at all when not in danger.
     onset_headway, onset_ttc: s, the change begins at the first of the two.
     duration: s, of the whole smooth step when there is no hurry.
     worth: m/s by which the lead must be slower than the ego was at the start.
@@ -93,8 +93,9 @@ passing: the lane change has begun, and something ahead in the old lane is not w
 changing: the lane change has begun (it may have ended since).
 """
 WATCHED = [*FOLLOWED, *fields("gap", "closing"), *flags("leads")]
-"""What is remembered of each vehicle, and of this step: bumper gap, m, closing speed, m/s, whether
-it is in the way."""
+"""Memory of each vehicle, and of this step: bumper gap, m, closing speed, m/s, whether it is in
+the way.
+"""
 
 
 @kernel
@@ -106,8 +107,8 @@ def overtake(
     """Acceleration wanted in this step, m/s2; may begin the lane change, which then shows in
     `memory.path`.
 
-    Follows what is in the way, or changes to the lane left of the start, once and for good. Who has
-    to change lanes (`way`) does that and overtakes nobody.
+    Follows what is in the way, or changes to the lane left of the start, once and for good. An ego
+    that has to change lanes (`way`) does that and never overtakes.
 
     others: the vehicles known.
     desired_speed: m/s.
@@ -174,8 +175,8 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
 def _comes_towards(others: Any, watched: Any) -> bool:
     """Whether something in the way comes towards the ego.
 
-    Nobody overtakes that, nor evades it to the left, which is its own side and where it will go
-    back to.
+    The ego does not overtake that, nor evade it to the left, which is that vehicle's own side and
+    where it will go back to.
     """
     found = False
     for j in range(len(others)):

@@ -1,8 +1,8 @@
-"""Brakes and drive in continuous time, for drivers that are asked once a step and also speed up.
+"""Brakes and drive in continuous time, for rules that are called once a step and also speed up.
 
-As in `sumo_eval.ads.braking`, what a driver means is a path: an acceleration over time that may
-change anywhere within a step. The vehicle is told, at the beginning of the step, what takes its
-speed to where that path has it at the end.
+As in `sumo_eval.ads.braking`, a rule's command is a path: an acceleration over time that may change
+anywhere within a step. At the beginning of the step the vehicle receives what takes its speed to
+where that path has it at the end.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ def gained_towards(pedals: Any, target: float, duration: float, vehicle: Any) ->
 
 @kernel
 def pedal_command(pedals: Any, speed: float, gained: float, vehicle: Any, step: float) -> float:
-    """What to tell a vehicle at `speed` (m/s), m/s2, where the coming step shall gain `gained` m/s.
+    """Command for a vehicle at `speed` (m/s), m/s2, where the coming step shall gain `gained` m/s.
 
     Call once a step.
 
-    Brakes and drive bound it; who comes to a standstill owes nothing.
+    Brakes and drive bound it; a vehicle that comes to a standstill owes nothing.
     """
     told = mean_level(pedals.given, (gained + pedals.owed) / step, vehicle.brake_jerk, step)
     told = min(max(told, -vehicle.max_deceleration), vehicle.max_acceleration)

@@ -1,4 +1,4 @@
-"""What rules tell from what is seen: gaps, overlaps, who is ahead, who is hidden.
+"""Perception of rules: gaps, overlaps, which vehicle is ahead, which one is hidden.
 
 Everything along and across the road.
 
@@ -22,8 +22,8 @@ CROSSES = 0.1  # m/s towards the path, below which nobody crosses
 
 @kernel
 def bumper_gap(me: Any, other: Any) -> float:
-    """Free road from the ego's front to the rear of a vehicle ahead, m; negative when they are side
-    by side.
+    """Free road from the ego's front to the rear of a lead vehicle, m; negative when they are
+    side by side.
     """
     return float(other.x - me.x - other.half_length - me.half_length)
 
@@ -47,9 +47,9 @@ def lateral_overlap(me: Any, other: Any) -> float:
 
 @kernel
 def lead_in_path(me: Any, others: Any) -> int:
-    """Index of the nearest vehicle ahead whose body reaches into the strip of road that the ego's
-    body sweeps straight ahead, -1: none. A vehicle behind that lead is not the lead: it is hidden
-    until the first one has left the strip.
+    """Index of the lead: the nearest vehicle in front whose body reaches into the strip of road
+    that the ego's body sweeps straight ahead, -1: none. A vehicle behind that lead is not the
+    lead: it is hidden until the first one has left the strip.
     """
     nearest = -1
     for j in range(len(others)):
@@ -65,9 +65,9 @@ def lead_in_path(me: Any, others: Any) -> int:
 
 @kernel
 def coming_into_path(me: Any, others: Any) -> int:
-    """Index of the nearest one ahead who comes into the strip of road that the ego's body sweeps
-    straight ahead while the ego is there, or within `COURTESY` of it, both at the speeds that they
-    have, -1: nobody. Who is hidden to more than half by a nearer one is not seen.
+    """Index of the nearest road user ahead that comes into the strip of road that the ego's body
+    sweeps straight ahead while the ego is there, or within `COURTESY` of it, both at the speeds
+    that they have, -1: none. One that a nearer vehicle hides to more than half is not seen.
     """
     nearest = -1
     for j in range(len(others)):
@@ -92,7 +92,7 @@ def coming_into_path(me: Any, others: Any) -> int:
 
 @kernel
 def next_ahead(me: Any, others: Any, last: int) -> int:
-    """Index of the nearest vehicle ahead that is beyond number `last` (-1: of all ahead), -1:
+    """Index of the nearest vehicle beyond number `last` (-1: of all in front of the ego), -1:
     none.
     """
     found = -1
@@ -144,7 +144,7 @@ def safe_gap(speed: float, lead_speed: float, deceleration: float, response: flo
 
 @kernel
 def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
-    """Whether no single nearer vehicle ahead covers more than `hiding_share` of a vehicle's width.
+    """Whether no single nearer vehicle covers more than `hiding_share` of a vehicle's width.
 
     Lines of sight run along the road: seen from far away, a vehicle hides what lies straight behind
     it. With 0 a vehicle is seen once nothing covers any of it (a sensor that needs the whole
@@ -163,11 +163,11 @@ def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
 
 @kernel
 def is_in_sight(me: Any, others: Any, index: int, hiding_share: float) -> bool:
-    """Whether no single nearer vehicle ahead covers more than `hiding_share` of a vehicle's width.
+    """Whether no single nearer vehicle covers more than `hiding_share` of a vehicle's width.
 
-    Who reaches into the strip of road that the ego's body sweeps is looked at along the road
-    (`is_visible`). Who is beside it is looked at along the line from the ego to his middle: between
-    parked cars nobody is seen over them.
+    A vehicle that reaches into the strip of road that the ego's body sweeps is looked at along the
+    road (`is_visible`), any other along the line from the ego to its middle: between parked cars
+    the ego sees nothing over them.
     """
     other = others[index]
     if math.isnan(other.x) or other.x <= me.x or lateral_overlap(me, other) > 0.0:
@@ -228,7 +228,7 @@ def take(to: Any, other: Any) -> None:
 
 @kernel
 def carry_on(mover: Any, time: float) -> None:
-    """Move a vehicle to where it is `time` s later if it keeps its velocity, or goes on braking
+    """Move a vehicle to where it is `time` s later if it keeps its velocity, or keeps braking
     until it stands.
     """
     if mover.braking <= 0.0:

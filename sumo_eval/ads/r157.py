@@ -1,4 +1,4 @@
-"""What the reference drivers of UN Regulation No. 157 share: brakes that build up, headways along
+"""Common parts of the baselines of UN Regulation No. 157: brakes that build up, headways along
 and across.
 """
 
@@ -97,10 +97,12 @@ SAFETY_MEMORY = [
     *fields("told"),
     *flags("steps"),
 ]
-"""What a driver with safety braking remembers; all 0 at the beginning.
+"""Memory of a baseline with safety braking; all 0 at the beginning.
 
-me: the ego as it is, with the driver's braking. then: where the ego is foreseen to be at some
-instant. told: acceleration of this cycle, m/s2. steps: driven so far.
+me: the ego as it is, with the baseline's braking.
+then: where the ego is foreseen to be at some instant.
+told: acceleration of this cycle, m/s2.
+steps: driven so far.
 """
 BRAKES = ("brakes", fields("response", "braking", "jerk"))
 
@@ -141,7 +143,7 @@ def sight(sighting: Any, other: Any, step: float) -> None:
 
 @kernel
 def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
-    """Write into `then` the vehicle `time` s from now, if it goes on as now, or before that."""
+    """Write into `then` the vehicle `time` s from now, if it continues as now, or before that."""
     take(then, sighting.mover)
     carry_on(then, time)
     if sighting.gain != 0.0 and not math.isnan(sighting.gain):

@@ -1,13 +1,13 @@
 """ADS `careful_driver`: the careful and competent human of UN Regulation No. 157 (performance model
 1).
 
-It perceives an event, evaluates it for 0.4 s, and 0.75 s after braking is judged necessary its
+It perceives an event, evaluates it for 0.4 s, and 0.75 s after braking is found necessary its
 brakes begin to act: 0 to 0.774 g in 0.6 s. Between events it keeps its speed and its wheel
 straight. It sees the positions and speeds of the other vehicles up to now, nothing else; a crossed
 threshold is dated between two looks, by linear interpolation.
 
 Source: UN R157, Annex 4, Appendix 3 (original series), Annex 3 (amended); AEB stage as in esmini's
-    R157 controllers. docs/baselines.md lists the readings.
+R157 controllers. docs/baselines.md lists the readings.
 """
 
 from __future__ import annotations
@@ -76,7 +76,8 @@ def needed_deceleration(
 def ramped(
     level: float, path: Any, begins: float, ends: float, vehicle: Any, step: float
 ) -> Braked:
-    """What a brake ramp takes off in a step, m/s, and the deceleration at the step's end, m/s2.
+    """Speed that a brake ramp takes off in a step, m/s, and the deceleration at the step's end,
+    m/s2.
 
     level: of the ramp, m/s2.
     path: of the driver's braking so far.
@@ -97,13 +98,15 @@ def ramped(
 _WATCHED = fields(
     "lane", "offset", "time", "speed", "strayed", "braking", "braked", "evaluated", "necessary"
 )  # fmt: skip
-"""What the driver remembers of another vehicle, nan where there is nothing.
+"""The driver's memory of one vehicle, nan where there is nothing.
 
 lane: y of the centre of the lane where it was first seen, or of the place where it stood then, m.
-    offset, time, speed: of the last look. strayed: when it was further off there than wandering
-    explains, s. braking: its deceleration of the last step, m/s2. braked: when that exceeded the
-    driver's threshold, s. evaluated: when an event of it has been evaluated, s. necessary: when
-    braking for it became necessary, s.
+offset, time, speed: of the last look.
+strayed: when it was further off there than wandering explains, s.
+braking: its deceleration of the last step, m/s2.
+braked: when that exceeded the driver's threshold, s.
+evaluated: when an event of it has been evaluated, s.
+necessary: when braking for it became necessary, s.
 """
 
 
@@ -141,7 +144,7 @@ def careful_driver(
 def _braking_necessary(
     own: Any, others: Any, watched: Any, later: Any, scenario: Any, time: float
 ) -> float:
-    """When braking became necessary for any vehicle ahead, s; nan when nothing calls for it."""
+    """When braking became necessary for any lead vehicle, s; nan when nothing calls for it."""
     me, p = own.me, own.p
     for j in range(len(others)):
         if not math.isnan(others[j].x):
@@ -309,7 +312,7 @@ def _brakes_end(me: Any, others: Any, watched: Any, step: float) -> float:
 
 @kernel
 def _aeb_ttc(me: Any, other: Any) -> float:
-    """TTC to a vehicle ahead that fully overlaps the ego's path, s; inf to others."""
+    """TTC to a lead vehicle that fully overlaps the ego's path, s; inf to any other."""
     full = 2.0 * min(me.half_width, other.half_width) - FULL_OVERLAP
     return (
         math.inf
@@ -320,8 +323,8 @@ def _aeb_ttc(me: Any, other: Any) -> float:
 
 @kernel
 def _aeb_demand(scene: Any, after: float) -> float:
-    """1 where the AEB stage demands braking `after` s from now, if everybody goes on as now, else
-    0.
+    """1 where the AEB stage demands braking `after` s from now, if all vehicles continue as now,
+    else 0.
     """
     own, known, others, step = scene
     foresee_all(own, known, others, after, step)
@@ -359,9 +362,9 @@ def _watch_over(others: Any, own: Any, known: Any, later: Any, step: float, time
 class CarefulDriver(Compiled):
     """ADS `careful_driver` (with `aeb`: `careful_driver_aeb`), performance model 1 of UN R157.
 
-    wander: lateral distance from the lane centre that is no lane change yet, m.
+    wander: lateral distance from the lane centre that does not count as a lane change, m.
     evaluation: s.
-    reaction: from judging braking necessary to its beginning, s.
+    reaction: from finding braking necessary to its beginning, s.
     lead_braking: deceleration of a lead above which it is perceived as braking, m/s2.
     in_path_limit: deceleration, m/s2, that approaching a vehicle already in the path must come to
         need before it is an event; the regulation has no such case.

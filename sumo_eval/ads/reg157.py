@@ -36,8 +36,8 @@ INTRUSION = 0.3  # m, of the tyre beyond the lane marking
 
 @dataclass(frozen=True, slots=True)
 class LastMoment:
-    """What a regulation grants before a collision has to be avoided: `braking` m/s2, `response` s,
-    `build_up` s.
+    """Allowance of a regulation before a collision has to be avoided: `braking` m/s2, `response`
+    s, `build_up` s.
     """
 
     ads: str
@@ -81,7 +81,7 @@ def demands_braking(me: Any, other: Any, p: Any, scenario: Any) -> bool:
 
 @kernel
 def reg157_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2.
+    """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
 
     scene: as `brake` makes it.
     """
@@ -99,7 +99,7 @@ def reg157_demand(scene: Any, after: float) -> float:
 def reg157(
     ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
 ) -> None:
-    """Braking while a vehicle ahead demands it, else the speed is kept; decided once a cycle."""
+    """Braking while a lead vehicle demands it, else the speed is kept; decided once a cycle."""
     brake(reg157_demand, ego, others, own, known, later, scenario, time)
 
 
@@ -137,5 +137,5 @@ class Reg157(Compiled):
 
     @property
     def brakes(self) -> LastMoment:
-        """What is granted."""
+        """The allowance."""
         return self.last_moment

@@ -63,7 +63,7 @@ def lateral_safe_distance(lateral_speed: float) -> float:
 
 @kernel
 def rss_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2.
+    """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
 
     scene: as `brake` makes it.
     """
@@ -92,8 +92,8 @@ def responsibility_sensitive_safety(
 
 
 class ResponsibilitySensitiveSafety(Compiled):
-    """ADS `rss`: full braking while a vehicle ahead violates both distances, `RESPONSE` s after one
-    first did.
+    """ADS `rss`: full braking while a lead vehicle violates both distances, `RESPONSE` s after
+    one first did.
     """
 
     loop = staticmethod(each_row(responsibility_sensitive_safety))

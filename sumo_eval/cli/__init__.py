@@ -53,7 +53,7 @@ TASKS: Final = {
     "Believe the tool": ("qualify",),
     "Write an ADS or a scenario": ("import", "check", "schema", "bench"),
 }
-"""What people do, and the commands for it."""
+"""Tasks of users, and the commands for each."""
 
 FURTHER: Final = "From other packages"
 
@@ -195,8 +195,8 @@ def commands() -> list[str]:
 
 @cache
 def _plugins() -> dict[str, EntryPoint]:
-    """Commands that installed packages bring, by name; the first of each name, none in the place of
-    ours.
+    """Commands that installed packages bring, by name; the first of each name, none instead of
+    our own.
     """
     found: dict[str, EntryPoint] = {}
     for point in entry_points(group=GROUP):
@@ -238,7 +238,7 @@ def _one_thread() -> None:
 
 
 def _give_memory_back() -> None:
-    """Large arrays go back to the system when they are let go of.
+    """Return large arrays to the system when they are released.
 
     The GNU C library keeps what it has once given, in holes between smaller things: 100 MB of a
     page of a million cases. Other C libraries have no such setting.

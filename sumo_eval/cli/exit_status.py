@@ -1,4 +1,4 @@
-"""What the exit status of a command means."""
+"""Meanings of exit statuses."""
 
 from typing import Final
 

@@ -1,6 +1,4 @@
-"""What every scoring command does last: files for people and machines, the table, the exit
-status.
-"""
+"""Last step of every scoring command: files for people and machines, the table, the exit status."""
 
 from __future__ import annotations
 

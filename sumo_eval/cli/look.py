@@ -19,7 +19,7 @@ from sumo_eval.cli.sentences import open_in_browser, say, tell
 @RUN
 @trusting
 def report(run: Path) -> None:
-    """Write RUN/report.html anew from the recorded facts."""
+    """Rewrite RUN/report.html from the recorded facts."""
     from sumo_eval.evaluation import score as score_run
     from sumo_eval.report.assessed import write_assessed_report
 

@@ -22,7 +22,7 @@ _BURST = 1.0  # s within which what gets done came from one pack, and began long
 
 
 class _Burst(NamedTuple):
-    """What was done within a moment.
+    """Work done within a moment.
 
     begin, end: its first and last report, s.
     done: of the stage, at its end.

@@ -18,7 +18,7 @@ WHOLE: Final = 200
 
 
 def say(lines: Iterable[str], *, err: bool = False, fg: str | None = None) -> None:
-    """Print lines; on a terminal what is wider is broken between words, and goes on indented.
+    """Print lines; on a terminal a wider one is broken between words and continues indented.
 
     A file or a pipe gets every line as it is, so a search finds a whole sentence.
 

@@ -1,7 +1,7 @@
 """Ctrl-C once: finish what runs, keep everything. Twice: stop at once, and still keep everything.
 
-SIGTERM: what runs has a few seconds to end, whatever it is doing; whoever sends it mostly sends
-    SIGKILL next.
+SIGTERM: running work has a few seconds to end, whatever it is; the sender mostly sends SIGKILL
+next.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> Non
 
 
 def _refuse_a_folder(named: str) -> None:
-    """Say which files of a folder can be checked where somebody named the folder."""
+    """Name the files of a folder that can be checked, where a folder was named."""
     from sumo_eval.errors import InputError
     from sumo_eval.text import shown
 
@@ -107,7 +107,7 @@ def _refuse_a_folder(named: str) -> None:
 
 
 def refuse_a_bare_file(locator: str) -> None:
-    """Say which ADSs a file of Python offers where somebody named the file alone."""
+    """Name the ADSs that a file of Python offers, where the file alone was named."""
     import ast
 
     from sumo_eval.errors import InputError
@@ -121,7 +121,7 @@ def refuse_a_bare_file(locator: str) -> None:
     try:
         body = ast.parse(content, str(file)).body
     except (SyntaxError, ValueError) as error:
-        raise InputError(f"{shown(locator)} is no Python that can be read: {error}.") from None
+        raise InputError(f"{shown(locator)} is not readable Python: {error}.") from None
     kinds = (ast.ClassDef, ast.FunctionDef)
     names = [
         item.name for item in body if isinstance(item, kinds) and not item.name.startswith("_")

@@ -240,7 +240,7 @@ class History:
         return set(self._read("shaky", ShakyCase))
 
     def builds(self) -> dict[str, dict[str, str]]:
-        """What build of which ADS drove in each night."""
+        """Build of each ADS by night."""
         found: dict[str, dict[str, str]] = {}
         for line in self._read("builds", Build):
             found.setdefault(line.night, {})[line.ads] = line.build
@@ -321,7 +321,7 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
         _check(connection, path)
         version = int(connection.execute("PRAGMA user_version").fetchone()[0])
         if version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-            raise InputError(f"{path} is no history: it is a database of something else.")
+            raise InputError(f"{path} is not a history: it is a database of something else.")
         # a history without the table of begun nights gets one
         if version in (0, FORMAT_VERSION) and create:
             connection.executescript(
@@ -352,7 +352,7 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
     try:
         found = str(connection.execute("PRAGMA integrity_check(1)").fetchone()[0])
     except sqlite3.DatabaseError as error:
-        raise InputError(f"{path} is no history, or a damaged one: {error}. {_MEND}") from error
+        raise InputError(f"{path} is not a history, or is damaged: {error}. {_MEND}") from error
     if found != "ok":
         raise InputError(f"The history {path} is damaged: {found.splitlines()[-1]}. {_MEND}")
 
@@ -373,7 +373,7 @@ def near_misses(cases: CaseTable) -> int:
 
 
 def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, float | None]:
-    """What a night keeps of one ADS in one logical scenario."""
+    """Quantities of one ADS in one logical scenario that the history keeps."""
     cases = evaluation.cases_of(score.ads, score.scenario)
     return {
         **{name: getattr(score, field) for name, (field, _) in SCORES.items()},

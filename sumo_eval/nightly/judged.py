@@ -76,7 +76,7 @@ def judge_night(
     gates = list(judge(done, bases.comparison, gate, noise))
     if bases.unusable:
         missing = (
-            "no earlier good night can be compared with, so nothing was judged. If this is "
+            "no earlier good night can be compared with, so no limit was evaluated. If this is "
             f"meant: {accept}"
         )
         gates.append(GateResult("pairs", "every ADS", EVERYWHERE, False, missing, 0.0, None))

@@ -4,9 +4,9 @@ line of history.
 DIR/nights/<time>/ is a night, DIR/history.sqlite the history. A night is there once the history has
 its line, which is written last and in one transaction, so nothing half done is ever compared. The
 history also notes which nights began: the folder of one that began and has no line is what a killed
-night left. The next start goes on with it where it is told to, and else removes the folder, unless
-its run is complete; it says so. Only what the history knows to be a night of its own is ever
-removed.
+night left. The next start continues it with `--resume`, and else removes the folder, unless its run
+is complete; it reports either. A folder is removed only if the history lists it as a night of its
+own.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def run_night(
     """Run a night.
 
     keep: newest nights whose folders stay.
-    resume: go on with the night that was stopped, if one was.
+    resume: continue the night that was stopped, if one was.
     stopping: gives, while cases are driven, what says whether to stop.
     """
     # a mistake in the file is said before anything is locked, removed or simulated
@@ -94,13 +94,14 @@ def run_night(
             name = next(name for name in _names(began) if name not in taken)
             lines.begin(name)
             notes += _clock_note(lines, name)
-            notes += ["No night was stopped before its end; this one began anew."] if resume else []
+            notes += (
+                ["No night was stopped before its end; this one is a new one."] if resume else []
+            )
         else:
             name = stopped
             notes.append(
-                f"Night {name} was stopped before its end and has gone on: what had been recorded "
-                "was not driven "
-                "again. How long the night took is not known."
+                f"Night {name} was stopped before its end and continued: recorded cases were not "
+                "rerun. How long the night took is not known."
             )
         folder = history / NIGHTS / name
         try:
@@ -126,7 +127,7 @@ def run_night(
             if _full(error):
                 # what fills a full disk must not stay there until tomorrow
                 shutil.rmtree(folder, ignore_errors=True)
-                left = "What this one had recorded was removed."
+                left = "Its recorded cases were removed."
             raise InputError(
                 f"The night could not be finished: {said(error)}. Earlier nights are as they "
                 f"were. {left}"
@@ -170,7 +171,7 @@ def _evaluated(
     stopping: Callable[[], AbstractContextManager[Stopping]],
 ) -> tuple[Evaluation, tuple[str, ...]]:
     """The night's cases driven, those that are not recorded yet, and scored; sentences on cases
-    driven again.
+    that were rerun.
     """
     try:
         settings, source = resolve(evaluation, folder, resume, workers=workers)
@@ -182,9 +183,8 @@ def _evaluated(
         if not resume:
             raise
         raise InputError(
-            f"Night {folder.name} has not gone on: {error} It stays; without --resume it is "
-            "removed and another "
-            "one begins."
+            f"Night {folder.name} was not continued: {error} It stays; without --resume it is "
+            "removed and a new one begins."
         ) from error
     done = score(folder, progress=progress)
     let_go(done)
@@ -194,7 +194,7 @@ def _evaluated(
 def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
     """Add finished runs to a history as nights of the time they were recorded.
 
-    None is a base: no gate judged them.
+    None is a base: no gate evaluated them.
     """
     added = []
     with _only_one(history), open_history(history, create=True) as lines:
@@ -202,7 +202,11 @@ def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet)
             done = score(run, progress=progress)
             created = datetime.fromisoformat(str(done.manifest["created"])).astimezone(UTC)
             night = _line(
-                done, _name(created), str(run.resolve()), IMPORTED, "Imported; no gate judged it."
+                done,
+                _name(created),
+                str(run.resolve()),
+                IMPORTED,
+                "Imported; no gate evaluated it.",
             )
             lines.add(night, done, ())
             added.append(night)
@@ -221,8 +225,8 @@ def _only_one(history: Path) -> AbstractContextManager[None]:
 
 
 def _refuse_without_history(history: Path) -> None:
-    """A history that got lost is not begun anew beside its nights: each of them would look like
-    nobody's.
+    """Raise InputError for nights without their history: in a new one none of them would be
+    known.
     """
     nights = sorted((history / NIGHTS).glob("*"))
     if nights and not is_begun(history):
@@ -249,10 +253,10 @@ def _stopped(history: Path, lines: History) -> str | None:
 
 
 def _clear_away(history: Path, lines: History, but: str | None = None) -> list[str]:
-    """Remove what killed nights left.
+    """Remove the folders of killed nights.
 
-    Nobody knows what stopped them, so their cases are used where one is asked to go on with the
-    night (`but`) and nowhere else.
+    The cause of their end is unknown, so their cases are used only where the night `but` is
+    resumed.
 
     A folder that the history does not know, as a night or as one that began, stays, and is named.
     """
@@ -282,7 +286,7 @@ def _clear_away(history: Path, lines: History, but: str | None = None) -> list[s
 
 
 def _is_complete(folder: Path) -> bool:
-    """Whether all cases of a run are recorded, whoever stopped what came after."""
+    """Whether all cases of a run are recorded, whatever stopped the night after that."""
     try:
         with closing(Store(folder / FACTS)) as store:
             return store.sealed
@@ -323,7 +327,7 @@ def _line(done: Evaluation, name: str, folder: str, status: int, verdict: str) -
 def _room(history: Path, lines: History, stopped: str | None = None) -> None:
     """Refuse to begin what would fill the disk.
 
-    stopped: a night that goes on, whose files are there already.
+    stopped: a night that continues, whose files are there already.
     """
     finished = [history / night.folder for night in lines.nights() if not night.imported]
     last = next((folder for folder in reversed(finished) if folder.is_dir()), None)
@@ -358,7 +362,7 @@ def _prune(history: Path, lines: History, keep: int) -> list[str]:
     own = [night for night in old if _is_own(history, night)]
     removed = [night for night in own if _removed(history / night.folder)]
     notes = [
-        f"{history / n.folder} is no folder of night {n.night}; it was left."
+        f"{history / n.folder} is not a folder of night {n.night}; it was left."
         for n in old
         if n not in own
     ]

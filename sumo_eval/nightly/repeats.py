@@ -61,7 +61,7 @@ def repeats_of(
 
     noisy = {ads for ads, equal in alike.items() if not all(equal)}
     keys = [case.key for case in sample if case.driver in noisy]
-    rows = _driven_anew(done, keys, place) if keys else {}
+    rows = _rerun(done, keys, place) if keys else {}
     return {
         ads: Repeats(
             len(equal), sum(equal), _floors(done, ads, rows, settings) if ads in noisy else {}
@@ -71,7 +71,7 @@ def repeats_of(
 
 
 def _sample(done: Evaluation, plan: Planner, number: int) -> list[Case]:
-    """The cases of all ADSs at so many points, drawn by the run's seed."""
+    """The cases of all ADSs at `number` points, drawn by the run's seed."""
     entries = enumerate(done.settings.scenario)
     spaces = [
         space_of(entry, done.settings, plan.source, offset=offset) for offset, entry in entries
@@ -86,8 +86,8 @@ def _sample(done: Evaluation, plan: Planner, number: int) -> list[Case]:
     return cases
 
 
-def _driven_anew(done: Evaluation, cases: Collection[str], place: Path) -> dict[str, CaseResult]:
-    """Rows of cases from a copy of a run in which they were driven anew."""
+def _rerun(done: Evaluation, cases: Collection[str], place: Path) -> dict[str, CaseResult]:
+    """Rows of cases from a copy of a run in which they were rerun."""
     shutil.rmtree(place, ignore_errors=True)
     try:
         shutil.copytree(done.folder, place)
@@ -128,7 +128,7 @@ def bad_again(
     bases = dict(_newly_bad_rows(comparisons, noise, settings))
     bad = dict.fromkeys(bases, 1)
     for _ in range(settings.outcome.repeats if bases else 0):
-        for case, row in _driven_anew(done, bases, place).items():
+        for case, row in _rerun(done, bases, place).items():
             old, new = (Ends.of(CaseTable.of([one])) for one in (bases[case], row))
             limit = severity_limit(settings, noise.of(row.ads))
             bad[case] += any(flags.any() for flags in worse_ends(old, new, limit).values())
@@ -147,7 +147,7 @@ def _newly_bad_rows(
 
 
 def shaky_cases(done: Evaluation, bad: Mapping[str, int], settings: GateSettings) -> set[ShakyCase]:
-    """Those of the cases driven again that were not bad in all of their drives."""
+    """Those of the rerun cases that were not bad in all of their drives."""
     some = {case for case, drives in bad.items() if drives <= settings.outcome.repeats}
     rows = (row for row in done.cases if row.case in some) if some else ()
     return {ShakyCase(row.ads, row.scenario, point(row.values)) for row in rows}

@@ -327,7 +327,7 @@ def test_only_the_ideal_vehicle_itself_is_told_the_scripts():
 
     recording = simulate(case(actor("lead", 40.0, 0.0)), Mine)
     assert recording.end_reason == "ads_error"
-    assert "The ideal vehicle must be told the scripts of the others" in recording.error
+    assert "The ideal vehicle must know the scripts of the actors" in recording.error
 
 
 def test_the_safe_gap_by_hand():

@@ -223,19 +223,19 @@ def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(
 
     done = sumo_eval("nightly", file, "--history", history, "--resume")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert f"Night {left.name} was stopped before its end and has gone on" in done.stdout.replace(
+    assert f"Night {left.name} was stopped before its end and continued" in done.stdout.replace(
         "\n", " "
     )
     (night,) = nights(history)
     assert (night.night, night.folder, night.wall_time) == (left.name, f"nights/{left.name}", None)
-    assert "has gone on" in (left / "report.html").read_text()
+    assert "before its end and continued" in (left / "report.html").read_text()
     with sqlite3.connect(left / "facts.sqlite") as facts:
         assert 0 < kept < facts.execute("SELECT count(*) FROM facts").fetchone()[0]
     assert len(json.loads((left / "manifest.json").read_text())["resumed"]) == 1
 
     after = sumo_eval("nightly", file, "--history", history, "--resume")
     assert after.returncode == 0
-    assert "No night was stopped before its end; this one began anew." in after.stdout.replace(
+    assert "No night was stopped before its end; this one is a new one." in after.stdout.replace(
         "\n", " "
     )
     assert after.stdout.startswith("THE SAME as")
@@ -254,7 +254,7 @@ def test_a_night_of_another_evaluation_does_not_go_on_and_stays(tmp_path: Path) 
     file.write_text(file.read_text().replace('"mine"', '"theirs"'))
     done = sumo_eval("nightly", file, "--history", history, "--resume")
     assert done.returncode == 2
-    assert f"Night {left.name} has not gone on:" in done.stderr.replace("\n", " ")
+    assert f"Night {left.name} was not continued:" in done.stderr.replace("\n", " ")
     assert "It stays; without --resume" in done.stderr.replace("\n", " ")
     assert (left / "facts.sqlite").is_file()
     assert len(nights(history)) == 1
@@ -291,7 +291,7 @@ def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
     result = run_night(
         folder / "evaluation.toml", history, GateSettings(resamples=100), resume=True
     )
-    assert any("has gone on" in note for note in result.notes)
+    assert any("before its end and continued" in note for note in result.notes)
     assert len(nights(history)) == before + 1
 
 

@@ -344,7 +344,7 @@ def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):
     assert set(found.table["vehicle"]) == {"1"}
     assert set(found.notes) == {
         "a.xml: 1 obstacles are left out, which stand.",
-        "a.xml: 1 obstacles are left out, whose body is no rectangle.",
+        "a.xml: 1 obstacles are left out, whose body is not a rectangle.",
         "a.xml: 1 obstacles are left out, which have a set-based prediction and no trajectory.",
         "a.xml: 1 obstacles are left out, which have no trajectory.",
     }

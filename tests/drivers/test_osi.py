@@ -135,11 +135,11 @@ def test_an_mcap_file_is_read(tmp_path):
     ("name", "content", "words"),
     [
         ("a.osi", b"\x05\x00\x00\x00abc", "it ends within one"),
-        ("a.osi", trace([b"\xff\xff\xff"]), "Message 0 of .* is no GroundTruth of OSI 3"),
+        ("a.osi", trace([b"\xff\xff\xff"]), "Message 0 of .* is not a GroundTruth of OSI 3"),
         ("a.osi", b"", "must hold GroundTruth with moving objects, got none"),
         ("a.osi.gz", b"plain", "cannot be read"),
         ("a.csv", b"t,x\n", "must end in .osi"),
-        ("a.parquet", b"no table", "is no Parquet table"),
+        ("a.parquet", b"no table", "is not a Parquet table"),
     ],
 )  # fmt: skip
 def test_a_damaged_file_is_refused_in_a_sentence(tmp_path, name, content, words):

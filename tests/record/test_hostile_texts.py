@@ -19,7 +19,7 @@ from sumo_eval.text import LOG, SENTENCE
 
 ADSS = {
     "Long": "ValueError: xxxxxxxx",
-    "Speechless": "SpeechlessError: (its text cannot be had: __str__ raised ValueError)",
+    "Speechless": "SpeechlessError: (its text is not available: __str__ raised ValueError)",
     "Surrogate": r"SurrogateError: lost \ud800 half",
     "Controls": r"ValueError: nul \x00 escape \x1b[31m turned \u202e <script>alert(1)</script> "
     r"second line",

@@ -117,7 +117,7 @@ def test_what_a_pack_prints_and_how_it_ended_stands_in_the_logs() -> None:
     assert first.log.startswith("Printed by its pack of 9 cases:\na word from the faulty point\n")
     assert not any(outcome.log for outcome in others)
     (first, *others) = run_cases(cases("faulty_policies.py:Exits"), setup(workers=1))
-    why = f"{ALONE}Its pack was lost. The process that ran it died with exit code 7.\n"
+    why = f"{ALONE}Its batch was lost. The process that ran it died with exit code 7.\n"
     assert first.log == f"{why}Printed by its pack of 9 cases:\nlast words before leaving\n"
     assert {outcome.log for outcome in others if outcome.case.point != FAULTY} == {why}
 
@@ -342,7 +342,7 @@ def test_a_score_says_which_drives_left_their_pack(tmp_path: Path) -> None:
     )
     mine, idm = sumo_eval.evaluate(settings, tmp_path / "run").scores
     (note,) = (text for note in mine.notes if "pack" in (text := score_note(note)))
-    lost = "Its pack was lost. The process that ran it died with exit code 7."
+    lost = "Its batch was lost. The process that ran it died with exit code 7."
     assert (
         note == f"{mine.cases} drives could not share one simulation with others and ran alone, "
         f"which changes results of policies over arrays only. {mine.cases} x: {lost}"

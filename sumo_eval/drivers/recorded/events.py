@@ -1,18 +1,16 @@
-"""Events in recorded driving: approaches to a slower leader, cut-outs, cut-ins, braking leaders,
-lane changes.
+"""Events in recorded driving: approaches to a slower lead, cut-outs, cut-ins, braking leads, lane
+changes.
 
-Rules (bumper-to-bumper gaps; lanes count once they are kept for 1 s; leader: the next vehicle ahead
-in the same lane):
+Rules (bumper-to-bumper gaps; lanes count once they are kept for 1 s; lead: the next vehicle in
+front in the same lane):
 
-- approach: t = 0 at the first sample of a stretch behind one leader with a closing speed of at
-  least 2 m/s, a gap of at
-  most max(3.5 s * speed, 30 m) and more than 2 m; kept where the least TTC of the stretch is at
-  most 20 s.
-- cut_out: a leader changes lane, at most max(4 s * speed, 30 m) ahead; t = 0 when its lane number
-  changes. `revealed`
-  is the next vehicle ahead within 300 m.
+- approach: t = 0 at the first sample of a stretch behind one lead with a closing speed of at least
+  2 m/s, a gap of at most max(3.5 s * speed, 30 m) and more than 2 m; kept where the least TTC of
+  the stretch is at most 20 s.
+- cut_out: a lead changes lane, at most max(4 s * speed, 30 m) ahead; t = 0 when its lane number
+  changes. `revealed` is the next vehicle in front within 300 m.
 - cut_in: a vehicle changes into the lane of another, at most max(3 s * speed, 25 m) ahead of it.
-- lead_braking: a leader brakes with at least 1 m/s2 and loses at least 2 m/s.
+- lead_braking: a lead brakes with at least 1 m/s2 and loses at least 2 m/s.
 
 Dropped as ghosts of the tracker: a least TTC under 1 s, a gap under 1 m, accelerations beyond 6
 m/s2, cut-ins with a lateral speed over 2 m/s.
@@ -77,7 +75,7 @@ class Events:
     ghosts: dict[str, int] = field(default_factory=dict)
 
     def sentences(self) -> list[str]:
-        """What was found, in words."""
+        """The findings in words."""
         counts = ", ".join(
             f"{len(self.tables[kind])} {kind} ({self.ghosts.get(kind, 0)} ghosts dropped)"
             for kind in KINDS
@@ -90,8 +88,8 @@ class Events:
 
 
 class Traffic:
-    """A recording indexed for questions: each vehicle's arrays, and who leads and follows whom at
-    each instant.
+    """A recording indexed for questions: each vehicle's arrays, and which vehicle is in front of
+    and behind each one at each instant.
     """
 
     def __init__(self, table: pd.DataFrame) -> None:
@@ -268,7 +266,7 @@ def find_lane_changes(traffic: Traffic) -> list[RecordedLaneChange]:
 
 
 def _stretches(traffic: Traffic) -> list[tuple[int, int]]:
-    """First and last-plus-one row of every stretch in which a vehicle stays behind one leader in
+    """First and last-plus-one row of every stretch in which a vehicle stays behind one lead in
     one lane.
     """
     rows = traffic.rows

@@ -1,4 +1,4 @@
-"""Exposure p_i: how often a concrete scenario is met on the road, from recorded events or as
+"""Exposure p_i: how often a concrete scenario occurs on the road, from recorded events or as
 declared.
 
 scipy and the recordings' pandas take 1 s to import; they are, where an exposure needs them.
@@ -75,13 +75,11 @@ class Exposure:
 
     @property
     def known(self) -> bool:
-        """Whether somebody declared or measured it; else every concrete scenario counts the
-        same.
-        """
+        """Whether it was declared or measured; else every concrete scenario counts the same."""
         return self.density is not uniform_exposure
 
     def plain(self, points: FloatArray) -> dict[str, Any]:
-        """What a run keeps of it, for JSON.
+        """Its record for a run's JSON.
 
         points: (n, k), the concrete scenarios of the run.
         """

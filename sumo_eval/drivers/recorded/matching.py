@@ -1,7 +1,8 @@
-"""Which recorded events are a logical scenario met on the road, and which of their columns are its
+"""Recorded events that show a logical scenario on the road, and which of their columns are its
 parameters.
 
-A scenario file may say so itself ([recorded]); for shipped scenarios that do not it is said here.
+A scenario file may state this itself ([recorded]); for shipped scenarios that do not it stands
+here.
 """
 
 from __future__ import annotations
@@ -66,12 +67,12 @@ MATCHES: Final[Mapping[str, Match]] = {
 
 
 STARTS: Final[Mapping[str, str]] = {"approach": "t"}
-"""The column with the time at which a scenario begins, by kind of event; of the others `start`."""
+"""The column with the time at which a scenario begins, by kind of event; `start` of any other."""
 
 
 def known_match(scenario: str, recorded: Counterpart | None = None) -> Match | None:
-    """The match of a scenario, by what it says itself (`recorded`), else by its name; None where
-    nobody says.
+    """The match of a scenario, from its own `recorded`, else by its name; None where neither has
+    one.
     """
     if recorded is None:
         return MATCHES.get(scenario)

@@ -93,14 +93,14 @@ def reference(
     settings: DriverSettings,
     recorded: Counterpart | None = None,
 ) -> Reference:
-    """Everybody who was recorded in a concrete scenario: named drives as they are, else events like
-    it, nearest first.
+    """All drives recorded in a concrete scenario: named drives as they are, else events like it,
+    nearest first.
 
     An event counts when each parameter is within its tolerance, and when its recording covers
     `settings.coverage` of the road or ends in standstill. A driver counts once. Positions begin at
     the ego's start; lateral ones are stretched from the recorded lanes' width to the scenario's.
 
-    recorded: which events the scenario says it is met as.
+    recorded: the events as which the scenario occurs on the road.
     """
     named = _named_drives(concrete, people)
     if named is not None:

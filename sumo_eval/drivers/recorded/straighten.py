@@ -124,8 +124,8 @@ def _chained(longest: str, paths: dict[str, FloatArray]) -> FloatArray:
 
 
 def _continuation(line: FloatArray, lines: dict[str, FloatArray]) -> FloatArray | None:
-    """What the path that reaches furthest past the end of a line adds to it; None where none
-    does.
+    """The part that the path reaching furthest past the end of a line adds to it; None where
+    none does.
     """
     end, course = line[-1], line[-1] - line[-min(6, len(line))]
     course = course / np.hypot(*course)

@@ -1,1 +1,1 @@
-"""Skilled synthetic drivers: a population, and each of them at the wheel."""
+"""Skilled synthetic drivers: a population, and the control of an ego by each of them."""

@@ -49,10 +49,9 @@ FOCUS_TIME = 0.3
 PEDAL_DEVIATION = 0.39
 """Wander of the pedals, m/s2.
 
-The drive that comes of it is steadier, because the driver holds his speed: with this the
-acceleration of those who overtake changes within 0.5, 1, 2, 3 and 4 s by as much as that of 64
-recorded overtakers, to 3 % (root mean square 0.09, 0.18, 0.33, 0.44 and 0.51 m/s2; DLR Highway
-Traffic).
+The resulting drive is steadier, because the driver holds the speed: with this the acceleration of
+drivers who overtake changes within 0.5, 1, 2, 3 and 4 s by as much as that of 64 recorded
+overtakers, to 3 % (root mean square 0.09, 0.18, 0.33, 0.44 and 0.51 m/s2; DLR Highway Traffic).
 """
 PEDAL_CORRELATION_TIME = 2.0  # s (DLR Highway Traffic: the correlation is 0.59 at 2 s, 0.28 at 3 s)
 SPEED_RELAXATION = 8.0  # s in which a driver approaches the speed at which he settles
@@ -79,11 +78,11 @@ def attend(
     """Look at the true scene at `time`, and write what the driver acts upon to `known`; nan: not
     known.
 
-    He knows each vehicle as it was one reaction time ago, carried on to now as it moved then. So a
-    steady vehicle is perceived exactly, and a change (a new vehicle, braking, a lane change) one
-    reaction time late: the human driver model's delay with anticipation (Treiber, Kesting, Helbing,
-    Physica A 360, 71 (2006)). The reaction time is the alerted one from the moment at which a
-    vehicle ahead crosses, is closed upon or appears.
+    The driver knows each vehicle as it was one reaction time ago, extrapolated to now as it moved
+    then. So a steady vehicle is perceived exactly, and a change (a new vehicle, braking, a lane
+    change) one reaction time late: the human driver model's delay with anticipation (Treiber,
+    Kesting, Helbing, Physica A 360, 71 (2006)). The reaction time is the alerted one from the
+    moment at which a vehicle in front crosses, is closed upon or appears.
     """
     if attention.attends == 0:
         attention.attends, attention.delay = 1, p.reaction_time
@@ -157,7 +156,7 @@ def synthetic_driver(
 
 @kernel
 def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[float, float, float]:
-    """The path, with the driver's own place in the lane and his wander on top.
+    """The path, with the driver's own place in the lane and wander on top.
 
     The wander runs on a clock of its own, which stands while the driver steers closely past
     something.
@@ -200,8 +199,8 @@ def synthetic_driver_rows(
 
 
 class SyntheticDriver(Compiled):
-    """A driver at the wheel in one concrete scenario: the same (seed, driver, scenario) drives the
-    same to the bit.
+    """A driver that controls the ego in one concrete scenario: the same (seed, driver, scenario)
+    drives the same to the bit.
     """
 
     loop = staticmethod(synthetic_driver_rows)

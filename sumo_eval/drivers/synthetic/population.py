@@ -1,10 +1,10 @@
 """A population of skilled drivers, drawn from distributions fitted to recorded motorway driving.
 
 Numbers: `population_summary.json` of the project's fits (2026), from the DLR Highway Traffic
-    dataset v1.1.0 (motorway near Braunschweig, 2024-10-07, 445 vehicles, 11.4 vehicle hours); the
-    reaction time is the literature value given below. The IDM parameters come from the same
-    recording (233 followers), because it is the only free-flowing motorway among the five sources:
-    NGSIM I-80 is stop-and-go at 6 m/s, and OpenACC is a test track behind a leader with ACC.
+dataset v1.1.0 (motorway near Braunschweig, 2024-10-07, 445 vehicles, 11.4 vehicle hours); the
+reaction time is the literature value given below. The IDM parameters come from the same recording
+(233 followers), because it is the only free-flowing motorway among the five sources: NGSIM I-80 is
+stop-and-go at 6 m/s, and OpenACC is a test track behind a lead with ACC.
 
 Every distribution is cut off at bounds, so that ten skilled drivers hold no freak; a value outside
 is drawn again.
@@ -53,9 +53,10 @@ FREE_SPEED_DEVIATION = 6.5  # m/s
 FREE_SPEED_BOUNDS = 20.8, 46.8  # m/s, two deviations
 
 SPEED_SPREAD = 0.087
-"""Deviation between drivers of (speed at the end / speed at the start) of an approach that ends in
-overtaking; its mean is 0.994 (77 cars and vans that came up to a slower leader in the right lane,
-DLR Highway Traffic)."""
+"""Deviation between drivers of (speed at the end / speed at the start) of an approach that ends
+in overtaking; its mean is 0.994 (77 cars and vans that came up to a slower lead in the right
+lane, DLR Highway Traffic).
+"""
 
 REACTION = LogNormal(math.log(1.2), 0.35, 0.6, 1.8)
 """Perception-reaction time in unexpected hazards, s.
@@ -71,9 +72,9 @@ LANE_OFFSET_DEVIATION = 0.19  # m, between drivers, of the mean position in the 
 LANE_OFFSET_BOUND = 0.45  # m
 
 AS_RECORDED = PopulationSettings()
-"""As the recorded drivers: 77.1 % of those who come up to a slower leader in the right lane
-overtake it, and lane changes last 1.1 times as long as they are drawn below. Measured as people's
-are, in drives, those would be a tenth too quick; the factor was chosen on each half of the
+"""As the recorded drivers: 77.1 % of those who come up to a slower lead in the right lane
+overtake it, and lane changes last 1.1 times as long as they are drawn below. Measured in drives,
+as recorded ones are, those would be a tenth too quick; the factor was chosen on each half of the
 recording and holds on the other (docs/explanation/drivers.md).
 """
 
@@ -81,11 +82,11 @@ ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which people'
 ONSET_TTC = LogNormal(2.345, 0.399, 4.5, 25.0)  # s, TTC at which they begin
 HEADWAY_LIMIT = LogNormal(0.680, 0.317, 0.98, 3.88)  # s
 TTC_LIMIT = LogNormal(2.366, 0.433, 4.27, 27.6)  # s
-"""A driver begins to pass where he comes below the first of two limits, his headway or his TTC.
+"""Limits of headway and TTC: a driver begins to pass below the first of the two.
 
-These are the limits by which he then begins where people do, most likely of all; the two above are
-where people begin, and
-taken for limits they would make everybody begin too early.
+These are the limits at which drives begin to pass where recorded ones do, most likely of all; the
+two above are where recorded drivers begin, and used as limits they would make every driver begin
+too early.
 """
 LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of the offset
 
@@ -94,12 +95,12 @@ LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of
 class Driver:
     """One driver's own parameters.
 
-    idm: his car following.
+    idm: car following.
     free_speed: m/s, alone on the motorway.
-    reaction_time: s, when nothing has warned him.
+    reaction_time: s, without a warning.
     lane_offset: m to the left of the lane's centre on average.
-    overtakes: whether he passes a slower leader or follows it.
-    onset_headway, onset_ttc: s, at which he begins to pass.
+    overtakes: whether the driver passes a slower lead or follows it.
+    onset_headway, onset_ttc: s, at which the driver begins to pass.
     lane_change_10_90: s, from 10 % to 90 % of a lane change without hurry.
     """
 
@@ -115,7 +116,7 @@ class Driver:
 
     @property
     def lane_change_duration(self) -> float:
-        """Whole duration of his smooth step, s: its 10-90 % part is 0.506 of it."""
+        """Whole duration of the driver's smooth step, s: its 10-90 % part is 0.506 of it."""
         return self.lane_change_10_90 / (1.0 - 2.0 * share_of_duration(0.1))
 
     @property
@@ -125,8 +126,8 @@ class Driver:
 
     @property
     def gain(self) -> float:
-        """The speed at which he settles over the one at which a case begins: faster drivers gain,
-        slower ones lose.
+        """Settled speed over the speed at which a case begins: faster drivers gain, slower ones
+        lose.
         """
         return 1.0 + SPEED_SPREAD * (self.free_speed - FREE_SPEED_MEAN) / FREE_SPEED_DEVIATION
 

@@ -25,7 +25,7 @@ from sumo_eval.trajectory import FloatArray
 _SETS = ("time/intervalStart", "position/rectangle", "position/circle", "position/polygon",
     "position/lanelet",
          "orientation/intervalStart", "velocity/intervalStart")  # fmt: skip
-"""What states have that are sets, in place of exact values."""
+"""Elements of states that hold sets instead of exact values."""
 
 
 def read(path: Path) -> Iterator[Found]:
@@ -97,11 +97,11 @@ def read(path: Path) -> Iterator[Found]:
 
 
 def _why_left_out(obstacle: Any, shape: Any, states: list[Any]) -> str | None:
-    """Why an obstacle is no vehicle that was driven; None: it is one."""
+    """Why an obstacle is not a vehicle that was driven; None: it is one."""
     if obstacle.tag == "staticObstacle" or obstacle.findtext("role", "dynamic") != "dynamic":
         return "which stand"
     if shape is None:
-        return "whose body is no rectangle"
+        return "whose body is not a rectangle"
     if states:
         return None
     sets = obstacle.find("occupancySet") is not None

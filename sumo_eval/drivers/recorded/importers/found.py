@@ -1,6 +1,4 @@
-"""What an importer hands on: samples as the source has them, in SI units, centres, y to the
-left.
-"""
+"""Result of an importer: samples as the source has them, in SI units, centres, y to the left."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def read(path: Path) -> Iterator[Found]:
             notes.append(f"{path.name} has no {name} of the vehicles: {size:g} m are assumed.")
     if "class" not in rows:
         rows["class"] = "car"
-        notes.append(f"{path.name} has no classes: all are taken to be cars.")
+        notes.append(f"{path.name} has no classes: all are assumed to be cars.")
     if "heading_deg" in rows and "heading" not in rows:
         rows["heading"] = np.radians(rows["heading_deg"])
     rows = rows.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)

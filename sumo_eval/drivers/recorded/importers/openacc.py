@@ -2,9 +2,9 @@
 platoon.
 
 Position k has Speed{k}, E{k}, N{k}; IVS{k} is the bumper gap between vehicle k and the one behind
-it. The vehicles drive one behind the other, so x is the distance along the leader's path and
-follows from the gaps: x_(k+1) = x_k - IVS_k - length. Lateral positions are those of a point on a
-curved track and are not read: y = 0. Only runs whose `ACC` is 0 are people.
+it. The vehicles drive in one line, so x is the distance along the path of the first one and follows
+from the gaps: x_(k+1) = x_k - IVS_k - length. Lateral positions are those of a point on a curved
+track and are not read: y = 0. Only runs whose `ACC` is 0 are human drives.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def read(path: Path) -> Iterator[Found]:
     notes = [
         f"{path.name} has no vehicle sizes and no lateral positions: {LENGTH:g} m x {WIDTH:g} m "
         "and y = 0 are assumed.",
-        f"{path.name} is recorded as {chains} platoons: gaps to the vehicle ahead are known only "
+        f"{path.name} is recorded as {chains} platoons: gaps to the lead vehicle are known only "
         "inside each.",
     ]
     engaged = next((value for value in head["ACC"] if value), "0")

@@ -1,11 +1,10 @@
 """ASAM Open Simulation Interface: `.osi` traces, MCAP files, and omega-prime's tables (`.parquet`).
 
-A trace (`.osi`, also `.osi.gz`, `.osi.xz`) holds messages one behind the other, each after its
-length in four bytes, the lowest first; GroundTruth, or SensorView with a GroundTruth in it (`_sv_`
-in the file's name). An MCAP file says of each message what it is. Of a GroundTruth its time and its
-moving objects are read, by the field numbers of OSI 3, which no release of it may change. Positions
-are centres, angles counter-clockwise from x, as here. MCAP needs the extra `osi`, tables the extra
-`parquet`.
+A trace (`.osi`, also `.osi.gz`, `.osi.xz`) holds messages in order, each after its length in four
+bytes, the lowest first; GroundTruth, or SensorView with a GroundTruth in it (`_sv_` in the file's
+name). An MCAP file names the kind of each message. Of a GroundTruth its time and its moving objects
+are read, by the field numbers of OSI 3, which no release of it may change. Positions are centres,
+angles counter-clockwise from x, as here. MCAP needs the extra `osi`, tables the extra `parquet`.
 """
 
 from __future__ import annotations
@@ -114,7 +113,7 @@ def _objects(path: Path) -> Iterator[Row]:
                     message = dict(_fields(message)).get(7, b"")
                 yield from _ground_truth(message)
             except (IndexError, KeyError, struct.error, ValueError, TypeError) as error:
-                raise InputError(f"Message {number} of {path} is no {kind} of OSI 3.") from error
+                raise InputError(f"Message {number} of {path} is not a {kind} of OSI 3.") from error
     except (OSError, EOFError, lzma.LZMAError) as error:
         raise InputError(f"{path} cannot be read: {error}.") from error
 
@@ -152,7 +151,7 @@ def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
                 if kind in ("GroundTruth", _SENSOR_VIEW):
                     yield kind, message.data
         except (wrong, ValueError, struct.error) as error:
-            raise InputError(f"{path} is no MCAP file, or a damaged one: {error}.") from error
+            raise InputError(f"{path} is not an MCAP file, or a damaged one: {error}.") from error
 
 
 def _ground_truth(message: bytes) -> Iterator[Row]:
@@ -254,7 +253,7 @@ def _omega_prime(path: Path) -> pd.DataFrame:
         with duckdb.connect() as database:
             rows: pd.DataFrame = database.read_parquet(str(path)).df()
     except duckdb.Error as error:
-        raise InputError(f"{path} is no Parquet table: {str(error).splitlines()[0]}.") from error
+        raise InputError(f"{path} is not a Parquet table: {str(error).splitlines()[0]}.") from error
     missing = [name for name in wanted if name not in rows]
     if missing:
         raise InputError(f"{path} must be a table of omega-prime; it has no column `{missing[0]}`.")

@@ -1,4 +1,4 @@
-"""Read a table that somebody else wrote; whatever is wrong with it is named with file and row."""
+"""Read a foreign table; every fault is named with file and row."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LARGEST = 2.0**53
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
     """A CSV file with at least the `required` columns; `options` go to pandas.
 
-    Raises InputError with one sentence.
+    Raises InputError for a file that is not such a table.
     """
     try:
         table: pd.DataFrame = pd.read_csv(input_file(path, "file"), low_memory=False, **options)
@@ -30,7 +30,9 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
     except InputError:
         raise
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
-        raise InputError(f"{path} is no such table: {str(error).strip().rstrip('.')}.") from error
+        raise InputError(
+            f"{path} is not such a table: {str(error).strip().rstrip('.')}."
+        ) from error
     require_columns(table, required, path)
     if table.empty:
         raise InputError(f"{path} must have at least one row, got none.")
@@ -98,6 +100,6 @@ def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[st
 
 
 def require(condition: bool, path: Path, sentence: str) -> None:
-    """Refuse a file with a sentence that says what must be."""
+    """Refuse a file, with a sentence that states what must be."""
     if not condition:
         raise InputError(f"{path} {sentence}.")
