@@ -43,7 +43,11 @@ def misplaced(
     ]
     for name, start, length, reach in bodies:
         if not (length / 2 <= start.x <= end - length / 2):
-            yield Misplaced(f"Vehicle `{name}`", name, "on the road", start.x)
+            must = (
+                f"on the road, its centre at x = {length / 2:g} to {end - length / 2:g} m "
+                f"(the ego's starts at {ego.x:g} m)"
+            )
+            yield Misplaced(f"Vehicle `{name}`", name, must, start.x)
         if not road.right_edge_at(start.x) - reach <= start.y <= road.left_edge_at(start.x) + reach:
             yield Misplaced(f"Vehicle `{name}`", name, "on a lane", start.y)
     for item in actors:
