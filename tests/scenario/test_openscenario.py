@@ -257,9 +257,13 @@ def test_what_cannot_be_played_is_refused_in_one_sentence(tmp_path: Path, senten
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(("where", "must"), [
-    ('dLane="0" ds="2"', "clear of `ego` at the start"), ('dLane="1" ds="-19"', r"on the road, its centre at x = 3 to [\d.]+ m \(the ego's starts at .+\)"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("where", "must"),
+    [
+        ('dLane="0" ds="2"', "clear of `ego` at the start"),
+        ('dLane="1" ds="-19"', r"on the road, its centre at x = 3 to [\d.]+ m \(the ego's .+\)"),
+    ],
+)
 def test_points_at_which_nobody_can_be_do_not_play(tmp_path: Path, where: str, must: str) -> None:
     """The other's body, 6 m long: 2 m ahead of the ego's centre inside it; with its centre 2.5 m
     behind the road's beginning half a metre over it. UN R157 has such points: a truck of 18.75 m
