@@ -175,12 +175,13 @@ class IdealBraking(Compiled):
         cls,
         together: Sequence[Any],
         cases: Sequence[ConcreteScenario],
-        settings: SimulationSettings,
+        settings: Sequence[SimulationSettings],
     ) -> tuple[Records, ...]:
         """`arrays`, with the evasion of each case and what is known of its others."""
-        known, own = [foresee(concrete, settings) for concrete in cases], cls.own_records(together)
-        for i, (ads, concrete, others) in enumerate(zip(together, cases, known, strict=True)):
-            own[i]["path"] = evasion(concrete, settings, others, ads.deceleration)
+        known, own = list(map(foresee, cases, settings)), cls.own_records(together)
+        of_each = zip(together, cases, settings, known, strict=True)
+        for i, (ads, concrete, its, others) in enumerate(of_each):
+            own[i]["path"] = evasion(concrete, its, others, ads.deceleration)
         told = np.array([[tuple(other) for other in others] for others in known], dtype=_KNOWN)
         told = told.reshape(len(cases), len(cases[0].actors))
         return own, told, np.zeros(told.shape, MOVER)

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sumo_eval.cosim.records import BODY, EGO, MOVER, Layout, Records, fields, flags
-from sumo_eval.cosim.step_rules import show_body
+from sumo_eval.cosim.step_rules import first_of, show_body
 from sumo_eval.cosim.sumo.insides import vehicles
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import described, write_way
@@ -51,7 +51,9 @@ def each_row(rule: Callable[..., None]) -> Callable[..., None]:
     ) -> None:
         for i in range(len(egos)):
             if egos[i].live:
-                rule(egos[i], seen[i], own[i], known[i], later[i], scenario, time)
+                at = first_of(scenario, i)
+                its = scenario[at : at + 2]
+                rule(egos[i], seen[i], own[i], known[i], later[i], its, time)
 
     return loop
 

@@ -172,8 +172,8 @@ def note_unlimited(world: World) -> None:
     """Put on record that an ADS sees the world as it is where the conditions ask for something
     else.
     """
-    if not sees_all(world.settings.conditions):
-        for case in range(len(world.cases)):
+    for case, its in enumerate(world.each):
+        if not sees_all(its.conditions):
             world.note(case, "perception_not_limited", 1.0, 0.0)
 
 
@@ -306,27 +306,21 @@ class _Delayed:
     """
 
     def __init__(self, world: World, plant: FmuPlant | None) -> None:
-        conditions = world.settings.conditions
-        self._direct = conditions.actuation_delay == 0.0 and conditions.step_budget is None
         self._plant = plant
-        self._of = [
-            Actuation(
-                conditions,
-                lambda what, asked, got, case=case: world.note(  # type: ignore[misc]
-                    case, what, asked, got
-                ),
-            )
-            for case in range(0 if self._direct else len(world.cases))
-        ]
+        self._of = {
+            case: Actuation(its.conditions, partial(world.note, case))
+            for case, its in enumerate(world.each)
+            if its.conditions.actuation_delay or its.conditions.step_budget is not None
+        }
 
     def pass_on(self, world: World, time: float, took: Callable[[int], float]) -> None:
         """Put the commands that reach the vehicles in place of those that were given.
 
         took: of a case, s.
         """
-        if not self._direct:
-            for row in np.flatnonzero(world.egos["live"]).tolist():
-                case = int(world.rows[row])
+        for row in np.flatnonzero(world.egos["live"]).tolist() if self._of else ():
+            case = int(world.rows[row])
+            if case in self._of:
                 arrived = self._of[case].pass_on(
                     Command(*world.egos["command"][row].tolist()), time, took(case)
                 )
@@ -362,7 +356,7 @@ def arrays(ads: Sequence[Compiled], world: World) -> tuple[Records, ...]:
     """
     own: Any = type(ads[0])
     if knows_the_scripts(ads[0]):
-        return own.foreseeing(ads, world.cases, world.settings)  # type: ignore[no-any-return]
+        return own.foreseeing(ads, world.cases, world.each)  # type: ignore[no-any-return]
     return own.arrays(ads, world.scenario, world.seen.shape[1])  # type: ignore[no-any-return]
 
 
@@ -414,24 +408,26 @@ class Policies(Driver):
         super().begin(world, stage)
         self._road, self._alone = world.cases[0].road, len(world.cases) == 1
         stage.take_charge(world)
-        conditions = world.settings.conditions
         GUARD.begin(
             (actor.name for actor in world.cases[0].actors) if self._alone else (),
             world.settings.step,
-            conditions.interference, heeding(world.cases[0]),
+            world.settings.conditions.interference, heeding(world.cases[0]),
         )  # fmt: skip
-        self._usual = sees_all(conditions)
         self._tasks = [task_of(concrete) for concrete in world.cases]
         self._kinds = [dict(enumerate(kinds_of(concrete).values(), 1)) for concrete in world.cases]
-        self._senses = [
-            Senses(it.road, conditions, f"{seed}/{it.scenario}/{it.label}", task, kinds_of(it))
-            for it, seed, task in zip(world.cases, self._seeds, self._tasks, strict=True)
-            if not self._usual
-        ]
+        self._senses = {
+            case: Senses(
+                it.road, its.conditions, f"{seed}/{it.scenario}/{it.label}", self._tasks[case],
+                kinds_of(it),
+            )
+            for case, (it, its, seed) in enumerate(zip(world.cases, world.each, self._seeds,
+                strict=True))
+            if not sees_all(its.conditions)
+        }  # fmt: skip
         self._took = [0.0] * len(world.cases)
         self._wheels = [
-            Wheel(world.settings, partial(world.note, case), concrete.road.line)
-            for case, concrete in enumerate(world.cases)
+            Wheel(its, partial(world.note, case), world.cases[case].road.line)
+            for case, its in enumerate(world.each)
         ]
         self.keep(world, world.rows)
 
@@ -471,7 +467,7 @@ class Policies(Driver):
         self, world: World, case: int, time: float, me: list[float], others: list[Any]
     ) -> Observation:
         acceleration = me.pop()
-        if self._usual:
+        if case not in self._senses:
             look = _look(Look, (me, list(enumerate(others, 1))))
             return Observation(
                 time, self._road, me, acceleration, look, self._tasks[case], self._kinds[case]
@@ -522,7 +518,7 @@ class OneEach(Policies):
             if case in world.errors:
                 continue
             try:
-                policy.reset(told(world.cases[case], world.settings, self._terms), TRACI, EGO)
+                policy.reset(told(world.cases[case], world.each[case], self._terms), TRACI, EGO)
             # the user's; an ADS's own is put in words by the watch over it
             except KeyboardInterrupt:
                 raise
@@ -636,7 +632,7 @@ class Batch(Policies):
         super().begin(world, stage)
         note_unlimited(world)  # arrays are of the world as it is
         self._held = len(world.cases)
-        briefing = told(world.cases[0], world.settings, self._terms)
+        briefing = told(world.cases[0], world.each[0], self._terms)
         try:
             self._policy.reset(replace(briefing, values=None), TRACI, EGO)
         except KeyboardInterrupt:

@@ -124,6 +124,10 @@ class Pack:
         )
 
     def _check(self, concrete: ConcreteScenario) -> None:
+        if concrete.changes:
+            raise InputError(
+                "Learning needs cases that change no setting (`conditions`, `vehicle`)."
+            )
         if concrete.lively:
             raise InputError(
                 f"Scenario `{concrete.scenario}` must have scripts that depend on time alone to "

@@ -18,6 +18,7 @@ import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -50,7 +51,7 @@ from sumo_eval.cosim.traffic import Traffic
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import traceback_of
 from sumo_eval.trajectory import Alone, Recording
 
@@ -267,7 +268,8 @@ def simulate_together(
     else:
         terms = terms._replace(every=_steps_between(controller, None, basis))
         riders = [_rider(controller, folder, wrap, batches)] * len(cases)
-    as_usual = basis.plant is None and basis.conditions == ConditionSettings()
+    # a plant moves one ego, and a step's wall time is one case's own
+    as_usual = basis.plant is None and basis.conditions.step_budget is None
 
     def kind(index: int) -> tuple[object, ...] | None:
         concrete, rider = cases[index], riders[index]
@@ -285,7 +287,9 @@ def simulate_together(
             tuple([(it.body, it.model is None,
                 it.follows_at_once) for it in concrete.actors if concrete.lively]),
         )  # fmt: skip
-        return (*body, rider.kind)
+        # SUMO's models and a policy over arrays know of one vehicle for all
+        one = bool(concrete.changes) and (concrete.reacts or rider.over_arrays)
+        return (*body, rider.kind, concrete.simulation(basis).vehicle if one else None)
 
     for window in _chunks(list(range(len(cases))), SORTED_AT_ONCE):
         found: dict[int, Recording | Alone] = {}
@@ -296,7 +300,7 @@ def simulate_together(
             if key is None:
                 found.update({index: riders[index].why or NOT_TOGETHER for index in members})
                 continue
-            resolved = cases[members[0]].simulation(basis)
+            resolved = replace(cases[members[0]], changes=()).simulation(basis)
             order = sorted(
                 members,
                 key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided),
@@ -319,11 +323,13 @@ class _Rider(NamedTuple):
     """How a case is driven: `make` gives its driver, those of one kind can share a simulation.
 
     why: it drives alone.
+    over_arrays: one policy drives all of them.
     """
 
     kind: type | None
     make: Callable[[], Any]
     why: Alone | None = None
+    over_arrays: bool = False
 
 
 def _rider(
@@ -367,7 +373,9 @@ def _rider(
         return _Rider(type(ads), lambda: ads)
     if takes_arrays(ads.target):
         all_of_them = wrap(ads)
-        return _Rider(type(ads), lambda: all_of_them) if batches else alone(BATCH)
+        if not batches:
+            return alone(BATCH)
+        return _Rider(type(ads), lambda: all_of_them, over_arrays=True)
     if ads.target is None or isinstance(found, type):
         return _Rider(type(ads), lambda: wrap(make()))
     return alone(ONE_OBJECT)

@@ -144,6 +144,12 @@ def _tell(tell: Any, told: int, number: int, body: Any, line: Any, along: float)
     return told + 1
 
 
+@kernel
+def first_of(scenario: Any, row: int) -> int:
+    """Place of the first of the two `SCENARIO` records of a row: most worlds have two for all."""
+    return 2 * row if len(scenario) > 2 else 0
+
+
 # -- samples ---------------------------------------------------------------------------------------
 
 
@@ -236,9 +242,9 @@ def move_rows(
     line: the road's, of no knots if it is straight. Returns how many rows of `tell` there are.
     """
     told = 0
-    step, limits = scenario[0].step, scenario[0].vehicle
+    step = scenario[0].step
     for i in range(len(egos)):
-        ego = egos[i]
+        ego, limits = egos[i], scenario[first_of(scenario, i)].vehicle
         if ego.live == 0 or ego.reason != 0:
             continue
         _keep_before(ego)

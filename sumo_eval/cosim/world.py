@@ -97,12 +97,15 @@ class World:
 
     rows: the numbers of the cases that are held, in the order of the arrays; some of them may have
         ended.
+    each: the settings of each case.
+    scenario: two `SCENARIO` records, or two for each row where the cases change the vehicle.
     """
 
     def __init__(
         self, cases: Sequence[ConcreteScenario], settings: SimulationSettings, placed: int = MODEL
     ) -> None:
         self.cases, self.settings = cases, settings
+        self.each = [concrete.simulation(settings) for concrete in cases]
         n, m = len(cases), len(cases[0].actors)
         self.rows = np.arange(n)
         self.steps = 0
@@ -114,7 +117,12 @@ class World:
         self.left: dict[int, Alone] = {}
         self.released: set[int] = set()  # cases whose driver has been released
         self.latencies = Latencies(n)
-        self.scenario = described(cases[0].road, settings.vehicle, settings.step, settings)
+        vehicles = [its.vehicle for its in self.each]
+        alike = vehicles.count(vehicles[0]) == n
+        self.scenario = np.concatenate([
+            described(cases[0].road, vehicle, settings.step, settings)
+            for vehicle in (vehicles[:1] if alike else vehicles)
+        ])  # fmt: skip
         self.line = knots_of(cases[0].road.line)
         self.egos = _egos(cases, settings.vehicle, placed)
         self.others = _others(cases)
@@ -299,6 +307,8 @@ class World:
         """Hold only these rows, in this order."""
         for name in ("rows", "egos", "others", "clips", "seen", "shown", "samples"):
             setattr(self, name, getattr(self, name)[rows])
+        if len(self.scenario) > 2:
+            self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
         self.players, self._codes = self.players.of(rows), None
 
     def end(self, row: int) -> int:

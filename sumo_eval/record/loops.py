@@ -135,7 +135,7 @@ def _load_rule(ads: Compiled) -> None:
     kind = type(ads)
     told = knows_the_scripts(ads)
     law: Any = kind
-    own = law.foreseeing([ads], [concrete], settings) if told else law.arrays([ads], scenario, 1)
+    own = law.foreseeing([ads], [concrete], [settings]) if told else law.arrays([ads], scenario, 1)
     kind.loop(np.zeros(0, EGO), np.zeros((0, 1), MOVER), *own, scenario, 0.0)
 
 

@@ -144,7 +144,7 @@ class Planner:
         """One of the references at every point, whatever the ADSs did there."""
         controller = self._controllers[role]
         for number in space.numbers:
-            case = Case(number, space.concrete(number), role, role, controller)
+            case = Case(number, space.concrete(number).without_ads, role, role, controller)
             # Without an identity of its own: an ADS that is called by the same locator must not
             # change a reference.
             yield with_fingerprint(case, self.settings.simulation, "", self.harness)
@@ -152,7 +152,8 @@ class Planner:
     def humans(self, space: Space) -> Iterator[Case]:
         """Every synthetic driver at every safe point of a scene that they know."""
         for number in space.safe if space.logical.has_drivers else ():
-            yield from self.synthetic(number, space.concrete(number), self.settings.drivers.count)
+            concrete = space.concrete(number).without_ads
+            yield from self.synthetic(number, concrete, self.settings.drivers.count)
 
     def synthetic(self, number: int, concrete: ConcreteScenario, count: int) -> Iterator[Case]:
         """The first `count` synthetic drivers at one point."""
@@ -296,7 +297,7 @@ def _record_people(
     known: set[str] = set()
     fill: list[Case] = []
     for done, number in enumerate(safe, start=1):
-        concrete = space.concrete(number)
+        concrete = space.concrete(number).without_ads
         found = list(drives(number, concrete))
         for outcome in found:
             known.add(outcome.case.key)

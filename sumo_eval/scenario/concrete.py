@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import must_be
+from sumo_eval.errors import must_be, unknown
 from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.played import Act
@@ -394,6 +394,17 @@ class Actor:
         return sum([motion.lateral_speed(move, time) for move in self.lateral_moves])
 
 
+OF_THE_WORLD = ("vehicle.friction",)
+"""Settings of a case that hold for every ego, those of the references and of the drivers too."""
+CHANGES = (
+    "conditions.perception_delay", "conditions.dropout", "conditions.position_noise",
+    "conditions.speed_noise", "conditions.sensor_range", "conditions.field_of_view_deg",
+    "conditions.actuation_delay", "vehicle.max_deceleration", "vehicle.brake_build_up",
+    *OF_THE_WORLD,
+)  # fmt: skip
+"""Settings of the simulation that a case can have for itself."""
+
+
 @dataclass(frozen=True, slots=True)
 class EgoBody:
     """The ego's body where a scenario prescribes it, m."""
@@ -412,6 +423,7 @@ class ConcreteScenario:
         holds as well.
     standstill_time: how long the ego must stand for the case to be over, s; None: the simulation's
         own.
+    changes: settings that hold in this case alone, (name, value): names of `CHANGES`.
     """
 
     scenario: str
@@ -423,8 +435,12 @@ class ConcreteScenario:
     ego_body: EgoBody | None = None
     time_limit: float | None = None
     standstill_time: float | None = None
+    changes: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
+        for name, _ in self.changes:
+            if name not in CHANGES:
+                raise unknown("setting that a case can change", name, CHANGES)
         names = ["ego", *(actor.name for actor in self.actors)]
         if len(set(names)) < len(names):
             raise must_be(
@@ -473,10 +489,21 @@ class ConcreteScenario:
             return vehicle
         return _with_body(vehicle, body)
 
+    @property
+    def without_ads(self) -> ConcreteScenario:
+        """The case as references and drivers have it: only changes of the world hold for them."""
+        if not self.changes:
+            return self
+        return replace(self, changes=tuple(it for it in self.changes if it[0] in OF_THE_WORLD))
+
     def simulation(self, settings: SimulationSettings) -> SimulationSettings:
-        """The settings with which this case is simulated: the given ones, with the scenario's ego
-        and time limit.
+        """The settings with which this case is simulated: the given ones, with its changes, ego and
+        time limit.
         """
+        for name, value in self.changes:
+            group, _, setting = name.partition(".")
+            changed = replace(getattr(settings, group), **{setting: value})
+            settings = replace(settings, **{group: changed})
         limit = (
             settings.time_limit
             if self.time_limit is None

@@ -19,8 +19,8 @@ from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.worker import run_case
 from sumo_eval.scenario import Actor, Start, brake_to_stop, catalogue, constant_lateral, lane_change
-from sumo_eval.scenario.sampling.samples import sample
-from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.scenario.sampling.samples import Request, sample
+from sumo_eval.settings import ConditionSettings, RunSettings, SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Alone, Recording
 
 simulating = importlib.import_module("sumo_eval.cosim.simulation")
@@ -73,6 +73,82 @@ def test_packed_recordings_are_the_unpacked_ones_bit_for_bit(ads, scenario, ever
     together = [everything(recording) for recording in simulate_many(cases, ads, settings)]
     assert not alone
     assert together == [everything(simulate(concrete, ads, settings)) for concrete in cases]
+
+
+class EasyBraking:
+    """Keeps 1.5 s to the lead, under whatever conditions it sees it."""
+
+    def act(self, observation):
+        lead = observation.lead
+        return 0.0 if lead is None or lead.gap > 1.5 * observation.ego.speed else -6.0
+
+
+ALL_CHANGES = {
+    "conditions.perception_delay": (0.1, 0.8), "conditions.sensor_range": (30.0, 60.0),
+    "conditions.dropout": (0.1, 0.5), "conditions.position_noise": (0.2, 1.0),
+    "conditions.actuation_delay": (0.05, 0.4), "vehicle.max_deceleration": (3.0, 7.0),
+    "vehicle.friction": (0.2, 0.6),
+}  # fmt: skip
+
+
+def changed(cases, rng):
+    """The cases with one to three changes each; every fourth has none."""
+    for i, concrete in enumerate(cases):
+        names = rng.choice(list(ALL_CHANGES), (i % 4), replace=False)
+        yield replace(
+            concrete, changes=tuple((str(it), rng.uniform(*ALL_CHANGES[it])) for it in names)
+        )
+
+
+@pytest.mark.parametrize(
+    ("share", "scenarios"),
+    [
+        pytest.param(1, ["cut_in", "r157_cut_out", "front_vehicle_braking", "curve_cut_in",
+            "stop_and_go_stream"], id="whole", marks=pytest.mark.campaign),
+        pytest.param(6, ["cut_in"], id="some"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("ads", ["careful_driver", "idm", EasyBraking])
+def test_packed_cases_with_own_changes_are_as_alone(ads, scenarios, share, alone):
+    """Delay, range, dropout, noise, actuation, brakes and friction mixed by row: 42 drives of
+    each scenario and ADS, or more."""
+    rng = np.random.default_rng(7)
+    driven = different = 0
+    for name in scenarios:
+        logical = catalogue.load(name)
+        request = Request(count=72 // share, seed=1)
+        drawn = logical.concretes(sample(logical, "latin_hypercube", request=request).points)
+        cases = list(changed(drawn, rng))
+        together = [everything(recording) for recording in simulate_many(cases, ads, DECIDED)]
+        assert not alone
+        assert together == [everything(simulate(concrete, ads, DECIDED)) for concrete in cases]
+        usual = simulate_many([replace(it, changes=()) for it in cases], ads, DECIDED)
+        different += sum(map(lambda one, two: one != everything(two), together, usual))
+        driven += len(cases)
+    assert driven >= len(scenarios) * 42 // share
+    assert different > 0.2 * driven
+
+
+def test_conditions_of_the_run_leave_cases_together(alone):
+    """A change of every case is the same condition of the run, to the bit."""
+    conditions = ConditionSettings(perception_delay=0.5, actuation_delay=0.2)
+    cases = points("cut_in", 401)
+    own = (("conditions.perception_delay", 0.5), ("conditions.actuation_delay", 0.2))
+    changed = [replace(concrete, changes=own) for concrete in cases]
+    run = simulate_many(cases, EasyBraking, replace(DECIDED, conditions=conditions))
+    assert list(map(everything, run)) == list(
+        map(everything, simulate_many(changed, EasyBraking, DECIDED))
+    )
+    assert not alone
+
+
+def test_changes_of_the_world_hold_for_references_too():
+    (concrete,) = points("cut_in", 10**9)
+    both = (("conditions.dropout", 0.5), ("vehicle.friction", 0.3))
+    concrete = replace(concrete, changes=both)
+    assert concrete.without_ads.changes == (("vehicle.friction", 0.3),)
+    with pytest.raises(InputError, match=r"conditions\.delay"):
+        replace(concrete, changes=(("conditions.delay", 0.5),))
 
 
 @pytest.mark.parametrize("ads", ["ideal_braking", "no_reaction"])

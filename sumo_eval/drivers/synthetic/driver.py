@@ -21,6 +21,7 @@ from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabi
 from sumo_eval.ads.perception import carry_on, is_visible, take
 from sumo_eval.cosim.compiled import Compiled, unknown
 from sumo_eval.cosim.records import MOVER, Records, fields, flags
+from sumo_eval.cosim.step_rules import first_of
 from sumo_eval.drivers.synthetic.population import AS_RECORDED, Driver, draw_driver
 from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at, noise_value
 from sumo_eval.errors import must_be
@@ -194,7 +195,7 @@ def synthetic_driver_rows(
             command.acceleration, command.steering = synthetic_driver(
                 egos[i].seen, seen[i], memory[i], looks[i], memories[i], known[i], watched[i],
                 waves[i], parameters[i],
-                egos[i].way, scenario[0], time,
+                egos[i].way, scenario[first_of(scenario, i)], time,
             )  # fmt: skip
 
 
