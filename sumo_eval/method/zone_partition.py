@@ -65,6 +65,7 @@ FEW_POINTS = 8  # asked for at once, whose distances are taken without scipy
 NUDGE = 1e-6  # unit-box lengths, for derivatives of a scenario's own coordinates
 EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
 ERROR_WORTH_A_NOTE = 0.01  # share of the space
+SHALLOW = 0.02  # of -1..0: a zone whose most dangerous point has a y above that is noted
 
 
 class Nearest:
@@ -347,6 +348,14 @@ def partition(
         most_dangerous = tuple(
             search.most_dangerous(index, grid[zone == index], training) for index in range(count)
         )
+        deepest = surface.value(logical.to_unit([logical.row(worst) for worst in most_dangerous]))
+        notes += [
+            f"The GP has the most dangerous point {one} near its zone's edge: the weights r near "
+            "that zone are uncertain."
+            for one in (
+                _words(most_dangerous[index]) for index in np.flatnonzero(deepest > -SHALLOW)
+            )
+        ]
     return ZonePartition(
         logical=logical,
         settings=settings,
@@ -362,6 +371,11 @@ def partition(
         zone_index=zone[in_zone],
         boundary_tree=boundary,
     )
+
+
+def _words(point: dict[str, float]) -> str:
+    """A point as `gap=3, speed=20`."""
+    return ", ".join(f"{name}={value:g}" for name, value in point.items())
 
 
 def refuse_impossible_zones(
