@@ -153,6 +153,8 @@ def test_a_declared_exposure_is_a_product_of_its_distributions(tmp_path):
         exposure_of(LOGICAL, wrong, DriverSettings(), tmp_path)
     with pytest.raises(InputError, match="greater than 0"):
         DeclaredDistribution("normal", 25.0, 0.0)
+    with pytest.raises(InputError, match="greater than `first` \\(25\\), got"):
+        DeclaredDistribution("uniform", 25.0, 25.0)
 
 
 def test_events_that_do_not_vary_are_refused():

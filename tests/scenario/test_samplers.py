@@ -183,6 +183,12 @@ def test_drawn_by_exposure_a_parameter_has_its_distribution():
     assert stats.kstest(points[:, 1], "uniform").pvalue > 0.05
 
 
+def test_shares_of_a_distribution_are_of_its_range():
+    # F(x) = 1 - exp(-x) is 0.5 at ln 2, so half of 0..ln 2 lies below -ln(1 - 0.25)
+    decay = Distribution.of("expon", {"scale": 1.0}, "a test")
+    assert decay.quantile(0.5, 0.0, math.log(2.0)) == pytest.approx(-math.log(0.75))
+
+
 def test_an_exposure_that_no_parameter_has_alone_is_drawn_as_well():
     # p(a, b) ~ a b on the unit square: E[a] = 2/3, E[a b] = 4/9
     both = space(axis("a"), axis("b"), exposure=lambda values: values["a"] * values["b"])
