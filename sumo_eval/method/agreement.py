@@ -1,5 +1,5 @@
-"""Do people agree with the scores, and with each other: rank correlation and Kendall's coefficient
-of concordance.
+"""Agreement of people with the scores, and with each other: rank correlation and Kendall's
+coefficient of concordance.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ The t distribution gives p = 0 for four that agree.
 
 
 class Agreement(NamedTuple):
-    """A coefficient and the probability of one as large without any agreement;
+    """A coefficient of agreement.
 
-    n: what it was computed from.
+    value: -1..1, or 0..1 for Kendall's W; nan where it does not exist.
+    p_value: probability of a value as large without any agreement.
+    n: pairs or raters that it was computed from.
     """
 
     value: float
@@ -35,10 +37,12 @@ class Agreement(NamedTuple):
 def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
     """Spearman's rho of n scores and n opinions, -1..1; nan where either is constant.
 
-    Raises InputError under 3 pairs.
+    scores, opinions: (n,), n at least 3.
 
     p: of up to 8 pairs the share of all n! orders with as large a |rho|, ties included; of more by
         Student's t.
+
+    Raises InputError under 3 pairs.
     """
     first, second = np.asarray(scores, dtype=np.float64), np.asarray(opinions, dtype=np.float64)
     if first.shape != second.shape or first.ndim != 1 or first.size < 3:
@@ -65,6 +69,10 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
 def rank_interval(rho: float, n: int, level: float = 0.95) -> tuple[float, float] | None:
     """Interval of Spearman's rho of n pairs: tanh(atanh rho -+ z sqrt((1 + rho^2/2) / (n - 3))).
 
+    rho: -1..1 or nan.
+    n: pairs.
+    level: share that the interval covers.
+
     None under 4 pairs, for |rho| = 1, and where rho is nan: nothing is known of its spread then.
 
     Source: Bonett and Wright, Psychometrika 65, 23 (2000).
@@ -77,13 +85,15 @@ def rank_interval(rho: float, n: int, level: float = 0.95) -> tuple[float, float
 
 
 def concordance(ratings: ArrayLike) -> Agreement:
-    """Kendall's W of m raters (rows) who each rated the same n items (columns), 0..1, with the
-    correction for ties:
+    """Kendall's W of m raters (rows) who each rated the same n items (columns), 0..1, corrected for
+    ties.
 
-    W = 12 S / (m^2 (n^3 - n) - m sum(t^3 - t)),   S = sum((R_i - mean R)^2),   chi^2 = m (n - 1) W
+        W = 12 S / (m^2 (n^3 - n) - m sum(t^3 - t)), S = sum((R_i - mean R)^2), chi^2 = m (n - 1) W
 
-    (Kendall, Babington Smith, Ann. Math. Stat. 10, 275 (1939)). nan where every rater gave one
-    score to all.
+    ratings: (m, n).
+
+    nan where every rater gave one score to all. Source: Kendall, Babington Smith, Ann. Math. Stat.
+    10, 275 (1939).
 
     Raises InputError for fewer than 2 raters or items, or a rating that is missing.
     """

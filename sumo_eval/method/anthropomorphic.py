@@ -3,20 +3,17 @@ concrete scenario.
 
 Readings of the paper (docs/method.md) that this file is built on:
 - A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
-- What lies beyond the road's end belongs to no trajectory: each is read up to its first sample at
-  or past the end.
-- A length ends where the vehicle stopped, else at the road's end, also for who was still driving
-  when the time was up
-  or the recording ended; who left the road has the length driven. Slices end where the vehicle was
-  last seen, or where the drivers were on average: beyond there is nobody to compare with. A
-  recording whose next sample would lie past the road's end has reached it.
+- A trajectory ends at its first sample at or past the road's end.
+- A length ends where the vehicle stopped, else at the road's end, also for a vehicle still driving
+  at the time limit or at the end of the recording; a vehicle that left the road has the length
+  driven. Slices end where the vehicle was last seen, or where the drivers were on average: beyond
+  there is no driver to compare with. A recording whose next sample would lie past the road's end
+  has reached it.
 - A driver who did not get as far as a slice has no centre there. Where fewer than two got there,
-  the others stand in
-  with their last lateral position, as a deviation needs two.
+  the remaining drivers stand in with their last lateral position, as a deviation needs two.
 - In mixture mode (`settings.mode`) the drivers are those who made the ADS's manoeuvre
-  (`method.manoeuvres`), and the
-  similarity is multiplied by how usual that manoeuvre is.
-- What an operation is stands in `method.operations`.
+  (`method.manoeuvres`), and the similarity is multiplied by how usual that manoeuvre is.
+- `method.operations` defines an operation.
 - Beside D_i stands the human-likeness of a case (`Likeness`), whose similarity is that of mixture
   mode in any mode.
 """
@@ -70,9 +67,10 @@ NoteKind = Literal[
 
 @dataclass(frozen=True, slots=True)
 class IndexNote:
-    """Where a reading or a floor had to step in for a D_i: what, at how many of how many slices,
-    points, trajectories or drivers;
+    """A reading or a floor that had to step in for a D_i.
 
+    kind: which one.
+    count, of: at how many of how many slices, points, trajectories or drivers.
     manoeuvre: the ADS's, of the first two kinds.
     """
 
@@ -84,8 +82,8 @@ class IndexNote:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """What a safe case without a collision brings to the human-likeness H, besides its
-    plausibility, 0..1 each.
+    """Factors of H that a safe case without a collision has in addition to its plausibility, 0..1
+    each.
 
     length_factor: f_L over all drivers.
     operation_tolerance: f_n+ (`operation_tolerance`).
@@ -104,11 +102,15 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class Ingredients:
-    """What the factors of a D_i were made of, for whoever explains them. Lengths m; means over all
-    `drivers`.
+    """Quantities behind the factors of a D_i, for an explanation of it.
 
+    drivers: how many.
+    ads_length, mean_length: L, m, of the ADS and mean of all drivers.
+    ads_operations, mean_operations: n, likewise.
+    slices: how many.
     centre_similarity, field_similarity: as in `AnthropomorphicIndex`.
-    lowest: the smallest similarity of the `slices` slices, and lowest_at: where that one is, m.
+    lowest: the smallest similarity of a slice.
+    lowest_at: x of that slice, m.
     """
 
     drivers: int
@@ -125,19 +127,22 @@ class Ingredients:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnthropomorphicIndex:
-    """D_i of one ADS in one concrete scenario, and everything it was made of.
+    """D_i of one ADS in one concrete scenario, Eq. 12, and its ingredients.
 
     value: D_i = length_factor * operation_factor * similarity, 0..1.
-    similarity: the mean over all sample points of centre term times field term;
-    centre_similarity and field_similarity: the mean of each alone.
-    slices: x of the m slices, m;
-    slice_similarity: the mean over each slice's points, (m,). Lengths m.
+    length_factor: f_L.
+    operation_factor: f_n.
+    similarity: mean over all sample points of centre term times field term; in mixture mode times
+        `usual`.
+    centre_similarity, field_similarity: the mean of each term alone.
+    slices: x of the m slices, m.
+    slice_similarity: the mean over each slice's points, (m,).
+    ads_length, driver_lengths: L, m.
+    ads_operations, driver_operations: n.
     notes: where a reading or a floor had to step in.
-
-    In mixture mode similarity is multiplied by `usual`: how usual the ADS's manoeuvre is among the
-    drivers, over the most usual one;
-
-    share: of the drivers who made it. Both are 1, and the manoeuvre is empty, in gaussian mode.
+    manoeuvre: the ADS's in mixture mode, else empty.
+    share: of the drivers who made it; 1 in gaussian mode.
+    usual: `share` over that of the most usual manoeuvre; 1 in gaussian mode.
     likeness: None where it was not asked for.
     """
 
@@ -161,7 +166,7 @@ class AnthropomorphicIndex:
 
     @property
     def ingredients(self) -> Ingredients:
-        """What is worth keeping of all that it was made of."""
+        """The quantities of it that are worth keeping."""
         worst = int(np.argmin(self.slice_similarity))
         return Ingredients(
             len(self.driver_lengths), float(self.ads_length), float(np.mean(self.driver_lengths)),
@@ -173,9 +178,11 @@ class AnthropomorphicIndex:
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """Who is judged against whom, as places in a list of trajectories; slices lie `spacing` apart,
-    m.
+    """An ADS and the drivers it is compared with, as places in a list of trajectories.
 
+    ads: its place.
+    drivers: their places.
+    spacing: of the slices, m.
     likeness: whether the terms of the human-likeness are wanted beside D_i.
     """
 
@@ -197,9 +204,11 @@ def anthropomorphic_index(
     f_L = min(1, L / mean human L); f_n = min(1, mean human n / n); the mean is over all points of
     all slices between the ADS's start and min(L, mean human L).
 
-    ads: in road coordinates.
-    drivers: at least two, in the same concrete scenario.
+    ads: its trajectory in road coordinates.
+    drivers: trajectories of at least two, in the same concrete scenario.
     road: its end ends the slices, its edges narrow them.
+    settings: `[method.anthropomorphic]`.
+
     Raises InputError for fewer drivers and for an ADS that starts past the road's end.
     """
     pairing = Pairing(0, tuple(range(1, 1 + len(drivers))), settings.slice_spacing, likeness=True)
@@ -213,13 +222,17 @@ def indexes_by_group(
     road: Road,
     settings: AnthropomorphicSettings = DEFAULTS,
 ) -> list[list[AnthropomorphicIndex]]:
-    """`anthropomorphic_index` of each pairing among the trajectories of one concrete scenario, by
-    group.
+    """Eqs. 11-12: `anthropomorphic_index` of each pairing among the trajectories of one concrete
+    scenario, by group.
 
-    What all pairings have in common is computed once: what is known of a trajectory and what its
-    far samples add to fields; and in a group the lateral positions at slices, and the drivers'
-    fields, at the points of all its pairings together. A group's indexes are the same to the last
-    bit whatever other groups there are, provided that these name no driver that it does not.
+    trajectories: in road coordinates.
+    groups: pairings, whose places count the trajectories.
+    road, settings: as in `anthropomorphic_index`.
+
+    Shared work is done once: lengths, operations and far fields of each trajectory, and in a group
+    the lateral positions at slices and the drivers' fields at the points of all its pairings
+    together. A group's indexes are the same to the last bit whatever other groups there are,
+    provided that these add no driver.
     """
     pairings = [pairing for group in groups for pairing in group]
     for pairing in pairings:
@@ -253,7 +266,7 @@ def indexes_by_group(
     )
     across = 2 * settings.points_per_side + 1
     expected = int(stretch.length / settings.slice_spacing) * across
-    fields = SharedFields([drive.judged for drive in drives], stretch, settings.field, expected)
+    fields = SharedFields([drive.on_road for drive in drives], stretch, settings.field, expected)
     return [_indexes(drives, group, fields, road, settings) for group in groups]
 
 
@@ -284,7 +297,7 @@ def _indexes(
     ends = np.cumsum([len(x) for x in slices.values()])[:-1]
     needed = sorted({place for pairing in pairings for place in (pairing.ads, *pairing.drivers)})
     lateral = {
-        place: np.split(lateral_position(drives[place].judged, everywhere), ends)
+        place: np.split(lateral_position(drives[place].on_road, everywhere), ends)
         for place in needed
     }
     number = {where: order for order, where in enumerate(slices)}
@@ -384,6 +397,7 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
 
     values: D_i, (n,).
     exposure: p_i, naturalistic probability of each, (n,), at least 0 and not all 0.
+
     Raises InputError for arguments outside these meanings.
     """
     indices, weights = np.asarray(values, dtype=np.float64), np.asarray(exposure, dtype=np.float64)
@@ -414,8 +428,8 @@ def driven_length(
     """Eq. 12: L, m, from the start to where the vehicle stopped, else to the road's end; never
     further.
 
-    Who is still driving when the time is up has not stopped, so L goes to the road's end. A vehicle
-    that left the road for its side has the length it drove.
+    A vehicle still driving at the time limit has not stopped, so L goes to the road's end. A
+    vehicle that left the road for its side has the length it drove.
     """
     ended = _has_stopped(trajectory, settings) or _left_the_road(trajectory, road)
     if ended and not _reached_the_end(trajectory, road):
@@ -432,14 +446,13 @@ def _reach(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings
 
 
 def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
-    """f_n+ of the human-likeness: 1 up to the drivers' mean number, above it min(1, exp(2 - z^2 /
-    2)).
+    """f_n+ of H: 1 up to the drivers' mean number of operations, above it min(1, exp(2 - z^2 / 2)).
 
     z = (n - mean) / max(deviation, 0.5), the sample deviation over the drivers: the tolerance that
     Eq. 11 gives to everything else.
 
     operations: `most_operations` of the ADS.
-    of_drivers: of each driver, at least two.
+    of_drivers: `most_operations` of each driver, at least two.
     """
     drivers = np.asarray(of_drivers, dtype=np.float64)
     deviation = max(float(drivers.std(ddof=1)), OPERATION_DEVIATION_FLOOR)
@@ -455,13 +468,17 @@ _Points = tuple[int, tuple[float, float, float]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drive:
-    """What is known of one trajectory: as a whole, and as far as it is judged.
+    """One trajectory as a whole, and as far as it counts.
 
+    whole: as recorded.
+    on_road: up to the road's end.
+    length: L, m.
     reach: how far it was seen, m.
+    operations, most_operations: n of D_i and of H.
     """
 
     whole: Trajectory
-    judged: Trajectory
+    on_road: Trajectory
     length: float
     reach: float
     operations: int
@@ -491,18 +508,18 @@ class _Comparison:
 
 
 def _drive(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> _Drive:
-    judged = _up_to_the_end(trajectory, road)
+    on_road = _up_to_the_end(trajectory, road)
     ends_on_its_way = not _reached_the_end(trajectory, road) and not _has_stopped(
         trajectory, settings
     )
     left = _left_the_road(trajectory, road)
     return _Drive(
         whole=trajectory,
-        judged=judged,
-        length=driven_length(judged, road, settings),
-        reach=_reach(judged, road, settings),
-        operations=count_operations(judged, settings),
-        most_operations=most_operations(judged, settings),
+        on_road=on_road,
+        length=driven_length(on_road, road, settings),
+        reach=_reach(on_road, road, settings),
+        operations=count_operations(on_road, settings),
+        most_operations=most_operations(on_road, settings),
         manoeuvre=manoeuvre_of(trajectory, road, settings.manoeuvre_time),
         still_driving=ends_on_its_way and not left,
         left_the_road=ends_on_its_way and left,
@@ -706,7 +723,7 @@ def _field_term(
 
 
 def _choice_notes(choice: Choice | None) -> list[IndexNote]:
-    """What mixture mode compared with."""
+    """Remarks on the drivers that mixture mode compares with."""
     if choice is None:
         return []
     if choice.usual == 0.0:
@@ -748,7 +765,7 @@ def _trajectory_notes(
 ) -> list[IndexNote]:
     """Where a reading had to step in for a trajectory as a whole."""
     late = [driver.whole.x[0] > ads.whole.x[0] + settings.slice_spacing for driver in drivers]
-    beyond = [drive.judged is not drive.whole for drive in (ads, *drivers)]
+    beyond = [drive.on_road is not drive.whole for drive in (ads, *drivers)]
     driving = [driver.still_driving for driver in drivers]
     return [
         *_note(beyond, "past_the_road"),

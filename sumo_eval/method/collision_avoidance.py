@@ -32,6 +32,7 @@ def collision_loss(u: ArrayLike) -> FloatArray:
     """Eq. 14: L = 1 if U > 15, 0.7 if 8 < U <= 15, 0.4 if 0 < U <= 8, 0.1 otherwise.
 
     u: U, severity of a collision, m/s, any shape.
+
     Raises InputError for values that are negative or not finite.
     """
     severity = _not_negative("u", u)
@@ -44,10 +45,12 @@ def impact_severity(
 ) -> FloatArray:
     """Eq. 15: U = |v_ego - v_obstacle| / w at first contact, m/s.
 
-    ego_velocity, obstacle_velocity: (..., 2) m/s in one frame.
-    overlap: w, share of the ego's bumper width that faces the obstacle, (...), 0..1. The paper has
-        w in [0.5, 1]: a smaller share counts as 0.5, so that a graze is at most twice as severe as
-        a full hit, never without limit.
+    ego_velocity, obstacle_velocity: (..., 2), m/s, in one frame.
+    overlap: w, share of the ego's bumper width that faces the obstacle, (...), 0..1.
+
+    The paper has w in [0.5, 1]: a smaller share counts as 0.5, so that a graze is at most twice as
+    severe as a full hit, never without limit.
+
     Raises InputError for velocities that are not finite pairs and for an overlap outside 0..1.
     """
     ego, obstacle = (
@@ -65,14 +68,18 @@ def impact_severity(
 def collision_weight(
     point: Mapping[str, float] | ArrayLike, partition: ZonePartition
 ) -> FloatArray:
-    """Eq. 16: r_i = |x_i - x*| / |b - x*| in the unit box: how far from the most dangerous point it
-    happened.
+    """Eq. 16: r_i = |x_i - x*| / |b - x*| in the unit box: distance of a collision from the most
+    dangerous point.
 
     point: x_i by name, or a row (k,) or rows (n, k) in the order of the space; a float or (n,)
-        comes back. x*: most dangerous point of the zone nearest to x_i. b: the first point of the
-        ray from x* through x_i that leaves the zone: into the safe zone, over a constraint, or over
-        the edge of the box. So r is 0 at x*, 1 at that exit, and above 1 beyond it, as for every
-        collision in the safe zone. Without a hazardous zone r = 1.
+        comes back.
+    partition: the zones of the space.
+
+    x*: most dangerous point of the zone nearest to x_i. b: the first point of the ray from x*
+        through x_i that leaves the zone: into the safe zone, over a constraint, or over the edge of
+        the box. So r is 0 at x*, 1 at that exit, and above 1 beyond it, as for every collision in
+        the safe zone. Without a hazardous zone r = 1.
+
     Raises InputError for points outside the box and for missing or unknown names.
     """
     rows = _rows(point, partition)
@@ -98,13 +105,15 @@ def collision_avoidance_index(
 ) -> float:
     """Eq. 17: C = sum(r_i Ug_i / U_i) / sum(r_i) over the collisions; 1 if there are none.
 
-    u: U_i of the ADS, (n,) m/s.
-    u_ideal: Ug_i of the ideal vehicle in the same concrete scenarios, 0 where it avoids.
-    weights: r_i.
-    loss: "severity" compares U as printed, "class" the loss L of Eq. 14 of both. An ADS that hits
-        no harder than the ideal vehicle, at 0 m/s included, counts 1. If all weights are 0, every
-        collision weighs the same. With "class" an ideal vehicle that avoids still has L = 0.1 (Eq.
-        14).
+    u: U_i of the ADS, (n,), m/s.
+    u_ideal: Ug_i of the ideal vehicle in the same concrete scenarios, (n,), 0 where it avoids.
+    weights: r_i, (n,).
+    loss: "severity" compares U as printed, "class" the loss L of Eq. 14 of both.
+
+    An ADS that hits no harder than the ideal vehicle, at 0 m/s included, counts 1. If all weights
+    are 0, every collision weighs the same. With "class" an ideal vehicle that avoids still has L =
+    0.1 (Eq. 14).
+
     Raises InputError for arrays of different lengths and for values that are negative or not
     finite.
     """

@@ -3,9 +3,8 @@ to it, PET.
 
 A way is a function of the place along the road; on it the ego has a speed. The time to collision on
 conflicting ways is the time after which the bodies would touch if the ego kept its speed on its way
-while the other does what its script does (Hayward 1972: on a collision course, whatever the angle).
-Bodies are upright rectangles, as wide and long as the turned bodies reach along and across the
-road.
+while the actor follows its script (Hayward 1972: on a collision course, whatever the angle). Bodies
+are upright rectangles, as wide and long as the turned bodies reach along and across the road.
 """
 
 from __future__ import annotations
@@ -33,15 +32,14 @@ _WAY = np.dtype([(name, "f8") for name in ("y", "offset", "begin", "length")])
 
 
 class Conflict(NamedTuple):
-    """How two undisturbed ways conflict.
+    """Conflict of two undisturbed ways; all nan where the actor never comes into the ego's strip.
 
-    begin, end: of the stretch of the ego's way over which the other passes, x, m.
-
-    enters, leaves: when the other's body is in the ego's strip, s; it leaves at inf where their
-        ways join.
+    begin, end: of the stretch of the ego's way over which the actor passes, x, m.
+    enters, leaves: when the actor's body is in the ego's strip, s; it leaves at inf where the ways
+        join.
     time_to: until the ego's front is at `begin` at its speed, s.
-    pet: from the one's leaving the area, or `begin` where ways join, until the other's entering, s;
-        0 where both are there at once. All nan where the other never comes into the ego's strip.
+    pet: from the first one's leaving the area, or `begin` where ways join, until the second one's
+        entering, s; 0 where both are there at once.
     """
 
     begin: float
@@ -55,9 +53,11 @@ class Conflict(NamedTuple):
 def crossing_conflict(
     concrete: ConcreteScenario, other: int, size: tuple[float, float]
 ) -> Conflict:
-    """The conflict with number `other` that crosses the ego's way, nobody reacting.
+    """The conflict with actor `other`, which crosses the ego's way, if neither reacts.
 
-    size: the ego's body, m.
+    concrete: the concrete scenario.
+    other: the actor's number.
+    size: length and width of the ego's body, m.
     """
     ego = concrete.ego
     until = min((concrete.road.length - ego.x) / max(ego.speed, 1.0), _LONGEST)
@@ -99,8 +99,8 @@ _ACROSS = 0.5  # sine of the angle to the road from which on somebody crosses it
 
 
 def conflicting(logical: LogicalScenario, concrete: ConcreteScenario) -> int | None:
-    """The number of the one whose way conflicts with the ego's: the obstacle of zones of conflicts,
-    or of others where it crosses the road; None without one.
+    """Number of the actor whose way conflicts with the ego's: the obstacle of zones of
+    conflicts, or of other zones where it crosses the road; None without one.
     """
     search = logical.search
     if search is None or not (
@@ -111,7 +111,7 @@ def conflicting(logical: LogicalScenario, concrete: ConcreteScenario) -> int | N
 
 
 def conflict_at(logical: LogicalScenario, values: Mapping[str, float]) -> Conflict | None:
-    """The conflict of a concrete scenario in which nobody reacts, None where no way conflicts with
+    """The conflict of a concrete scenario without any reaction; None where no way conflicts with
     the ego's.
     """
     concrete = logical.placed(values)
@@ -135,13 +135,18 @@ def conflict_criticality(
     size: tuple[float, float],
     settings: ZoneSettings,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Max ITTC, 1/s, impact speed, m/s, and the smallest distance of the bodies, m, of cases with
-    one scenario.
+    """Eqs. 2 and 5-6 on conflicting ways: max ITTC, 1/s, impact speed, m/s, smallest distance of
+    bodies, m.
 
-    The ego keeps its way and brakes ideally to a standstill from the first move of number `other`
-    plus its delay on, or keeps its speed where that leads into nobody: 0 then. Max ITTC is the
-    largest inverse time to collision on the conflicting ways, with any of the others but those who
-    react and come from behind; inf where ideal braking hits.
+    placed: n cases of one scenario.
+    other: number of the actor whose first move makes the ego brake.
+    delays: s, (n,), from that move to the braking.
+    size: length and width of the ego's body, m.
+    settings: `[method.zones]`.
+
+    The ego keeps its way and brakes ideally to a standstill, or keeps its speed where that touches
+    no actor: 0 then. Max ITTC is the largest inverse time to collision on the conflicting ways,
+    with any actor except those that react and come from behind; inf where ideal braking hits.
     """
     strength = settings.deceleration
     speeds = np.array([concrete.ego.speed for concrete in placed])
@@ -170,7 +175,7 @@ def _with_all(
     begins: FloatArray, strength: float,
     horizon: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Max ITTC, impact speed and smallest distance of the bodies, of the others the most critical.
+    """Max ITTC, impact speed and smallest distance of the bodies, with the most critical actor.
 
     begins: when each ego begins to brake, s.
     horizon: looks ahead.
@@ -194,8 +199,8 @@ def _with_all(
 
 
 def _let_the_ego_in(placed: Sequence[ConcreteScenario]) -> BoolArray:
-    """Who reacts and comes from behind the ego, (others, n): no braking of the ego averts what such
-    a one does, and SUMO alone knows what that is.
+    """Actors that react and come from behind the ego, (others, n): no braking of the ego averts
+    their acts, which SUMO alone knows.
     """
     react = [[actor.model is not None for actor in concrete.actors] for concrete in placed]
     behind = [[actor.start.x < concrete.ego.x for actor in concrete.actors] for concrete in placed]

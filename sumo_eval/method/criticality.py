@@ -2,7 +2,7 @@
 
 One ego drives at `ego_speed` towards a vehicle `gap` ahead of it (bumper to bumper) that keeps
 `lead_speed`. It keeps its speed for `delay`, then brakes until it is as fast as the lead.
-Everything has a closed form, except where the vehicle ahead brakes or comes in from the side:
+Everything has a closed form, except where the lead vehicle brakes or comes in from the side:
 `searched_criticality` looks along the time axis. Arrays broadcast.
 """
 
@@ -24,6 +24,7 @@ def time_to_collision(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLik
     ego_speed: v2, m/s.
     lead_speed: v1, m/s.
     gap: d, bumper to bumper, m; 0 or less is contact.
+
     Raises InputError for numbers that are not finite and for negative speeds.
     """
     inverse = inverse_ttc(ego_speed, lead_speed, gap)
@@ -39,6 +40,7 @@ def inverse_ttc(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLike) -> 
     ego_speed: v2, m/s.
     lead_speed: v1, m/s.
     gap: d, bumper to bumper, m; 0 or less is contact.
+
     Raises InputError for numbers that are not finite and for negative speeds.
     """
     closing, distance = np.broadcast_arrays(
@@ -64,6 +66,7 @@ def ideal_braking_speed(
     time: t >= 0, s.
     deceleration: a, m/s2.
     delay: s before braking.
+
     Raises InputError for numbers outside these meanings.
     """
     closing = _closing_speed(ego_speed, lead_speed)
@@ -92,7 +95,10 @@ def ideal_braking_gap(
     gap: d0, m.
     time: t >= 0, s.
     deceleration: a, m/s2.
-    delay: s. Once the ego is as fast as the lead the gap stays.
+    delay: s before braking.
+
+    Once the ego is as fast as the lead the gap stays.
+
     Raises InputError for numbers outside these meanings.
     """
     closing = _closing_speed(ego_speed, lead_speed)
@@ -121,7 +127,7 @@ def max_inverse_ttc(
     lead_speed: v1, m/s.
     gap: d0, m; 0 or less is contact.
     deceleration: a, m/s2.
-    delay: s.
+    delay: s before braking.
 
     Relative speed u while braking leaves the gap c + u^2/(2a), c = d0 - rel delay - rel^2/(2a). So
     ITTC(u) = u / (c + u^2/(2a)), with its peak sqrt(a/(2c)) at u = sqrt(2ac), or at u = rel if that
@@ -154,7 +160,7 @@ def critical_gap(
     closing_speed: D = v0 - v1, m/s.
     deceleration: a, m/s2.
     critical_inverse_ttc: k, 1/s.
-    delay: s.
+    delay: s before braking.
 
     D/k + D delay while D <= a/k (the peak is where braking begins), else D^2/(2a) + a/(2k^2) + D
     delay; 0 where not closing.
@@ -208,8 +214,8 @@ def ideal_impact_speed(
     delay: ArrayLike = 0.0,
     build_up: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Relative speed at contact under ideal braking, m/s; 0 where it is avoided. Times its 1/w this
-    is Ug of Eq. 17.
+    """Eq. 17: relative speed at contact under ideal braking, m/s, 0 where it is avoided; over w it
+    is Ug.
 
     ego_speed: v0, m/s.
     lead_speed: v1, m/s.
@@ -266,21 +272,24 @@ def searched_criticality(
     conflict_begin: ArrayLike = 0.0,
     passing_length: float = math.inf,
 ) -> tuple[FloatArray, FloatArray]:
-    """Max ITTC, 1/s, and impact speed, m/s, of ideal braking behind a vehicle of any motion, by
-    search over time.
+    """Eqs. 5-6 searched over time: max ITTC, 1/s, and impact speed, m/s, of ideal braking behind
+    any motion.
 
-    ego_speed: v0 (n,), m/s.
-    gap: d0 (n,), m.
-    lead_speed, lead_distance: the vehicle ahead at times (n, m).
-    deceleration, delay: of the ego, which after the delay brakes to a standstill.
-    conflict_begin: s before which the other is not in the way, so that neither ITTC nor contact
+    ego_speed: v0, (n,), m/s.
+    gap: d0, (n,), m.
+    lead_speed: v1 at times (n, m), m/s.
+    lead_distance: driven by the lead until times (n, m), m.
+    deceleration: a, m/s2, of the ego, which after the delay brakes to a standstill.
+    delay: s before braking.
+    conflict_begin: s before which the lead is not in the way, so that neither ITTC nor contact
         counts.
     passing_length: m, both bodies: with a gap below -passing_length at the conflict's begin the ego
-        has passed, and nothing counts any more; with one between that and 0 the other moves into
-        its side. Returns max ITTC (inf where it hits, 0 where it never closes) and the relative
-        speed at contact (0 where avoided), as `max_inverse_ttc` and `ideal_impact_speed` do.
+        has passed, and nothing counts any more; with one between that and 0 the lead moves into its
+        side.
 
-    Agrees with those two to 1e-3 (relative) where both apply.
+    Max ITTC is inf where it hits, 0 where it never closes; the relative speed at contact is 0 where
+    avoided. Both agree with `max_inverse_ttc` and `ideal_impact_speed` to 1e-3 (relative) where
+    these apply.
 
     Raises InputError for numbers outside these meanings.
     """

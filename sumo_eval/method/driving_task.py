@@ -26,8 +26,10 @@ stands."""
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """The first recorded sample at which a corner of the body is off the road: time s, speed
-    m/s.
+    """The first recorded sample at which a corner of the body is off the road.
+
+    time: s.
+    speed: m/s.
     """
 
     time: float
@@ -35,7 +37,7 @@ class Departure:
 
 
 def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | None:
-    """Departure: the first sample with a corner more than `margin` m beyond the drivable area; None
+    """Departure: the first sample with a corner more than `margin` beyond the drivable area; None
     without one.
 
     ego: the drive, in road coordinates.
@@ -72,9 +74,10 @@ def _off_road(x: FloatArray, y: FloatArray, road: Road, margin: float) -> BoolAr
 
 
 def roadside_contact(departure: Departure, overlap: float) -> Collision:
-    """A departure as a contact: with a standing car, at the speed of the departure.
+    """A departure as a contact: U = |v| / w with a standing car, at the speed of the departure.
 
-    overlap: `roadside_overlap` w, share of the bumper's width; U = |v| / w.
+    departure: its v, m/s.
+    overlap: `roadside_overlap` w, share of the bumper's width.
     """
     pose = (0.0, 0.0, 0.0)
     return Collision(
@@ -160,11 +163,13 @@ def task_share(
 ) -> float:
     """t_i: mean over the asked way of min(1, time of the slowest reference there / own time there).
 
-    0 at places never reached, and behind a lane change that was asked for and missed.
-
-    way: that lane change; None without one.
+    ego: the drive, in road coordinates.
+    asked: the way, with the references' times.
+    way: a lane change that is asked for; None without one.
     incident: any contact, departure or giving up: t_i = 0.
     excused: the way ends where the ego stands.
+
+    0 at places never reached, and behind a lane change that was asked for and missed.
     """
     if incident:
         return 0.0

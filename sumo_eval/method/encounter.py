@@ -1,11 +1,11 @@
-"""Criticality of an encounter with somebody who moves in two dimensions, under ideal braking: Eqs.
+"""Criticality of an encounter with an actor that moves in two dimensions, under ideal braking: Eqs.
 2 and 5-6 searched.
 
 The ego keeps its path and brakes ideally to a standstill from the obstacle's first move plus the
-scenario's delay on; the obstacle does what its script then does. While both overlap across the road
-and the obstacle is ahead, its inverse TTC counts; where the bodies touch it is infinite. Whoever
-reacts is taken to keep its speed. Where ways conflict (`conflict = true`) the time until both would
-touch on them counts instead (`method.conflict`).
+scenario's delay on; the obstacle follows its script. While both overlap across the road and the
+obstacle is ahead, its inverse TTC counts; where the bodies touch it is infinite. An actor that
+reacts is assumed to keep its speed. Where ways conflict (`conflict = true`) the time until both
+would touch on them counts instead (`method.conflict`).
 """
 
 from __future__ import annotations
@@ -29,8 +29,12 @@ _LONGEST = 60.0  # s that are looked at, at most
 def encounter(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Max ITTC, 1/s, impact speed, m/s, and the smallest gap while the obstacle is in the way, m,
-    at points (n, k).
+    """Eqs. 2 and 5-6: max ITTC, 1/s, impact speed, m/s, and smallest gap while the obstacle is in
+    the way, m.
+
+    logical: a scenario with a `search`.
+    points: (n, k), in the parameters' units.
+    settings: `[method.zones]`.
 
     Max ITTC is inf where ideal braking hits, 0 where the obstacle is never closed upon in the ego's
     way; the gap is inf where it is never in the way. Sampled every 0.02 s, so an ITTC below its

@@ -1,11 +1,11 @@
-"""The covariance of the zones' Gaussian process, and the search for its hyperparameters by marginal
-likelihood.
+"""Covariance of the zones' Gaussian process, Eq. 7, and the search for its hyperparameters by
+marginal likelihood.
 
 A smooth part with a length scale for each coordinate and a common noise: K = sf^2 exp(-|(x -
-x')/sl|^2 / 2) + sn^2 I, and a variance of its own for each training value beside that. The
-likelihood is Rasmussen & Williams (2006), Alg. 2.1 and Eq. 5.9. scikit-learn's regressor has the
-same (the tests compare), in four times the time: it inverts K by solving for a unit matrix and sums
-over whole gradients.
+x')/sl|^2 / 2) + sn^2 I, and a variance of its own for each training value. The likelihood is
+Rasmussen & Williams (2006), Alg. 2.1 and Eq. 5.9. scikit-learn's regressor has the same (the tests
+compare), in four times the time: it inverts K by solving for a unit matrix and sums over whole
+gradients.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from sumo_eval.trajectory import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Hyperparameters:
-    """signal: sf^2.
+    """Eq. 7: the constants of the covariance.
+
+    signal: sf^2.
     length_scales: sl, one a coordinate.
     noise: sn^2.
     """
@@ -44,7 +46,11 @@ class Hyperparameters:
 
 
 def covariance(points: FloatArray, parameters: Hyperparameters) -> FloatArray:
-    """K of training points (n, k): (n, n), without the training values' own variances."""
+    """Eq. 7: K of training points, (n, n), without the training values' own variances.
+
+    points: x, (n, k), in unit boxes.
+    parameters: sf^2, sl, sn^2.
+    """
     between = pdist(points / np.array(parameters.length_scales), "sqeuclidean")
     between *= -0.5
     np.exp(between, out=between)
@@ -105,11 +111,14 @@ def most_likely(
     restarts: int,
     seed: int,
 ) -> tuple[FloatArray, list[str]]:
-    """The logarithms of the likeliest hyperparameters, and what the searches that stopped early
-    said.
+    """The logarithms of the likeliest hyperparameters, and the messages of searches that stopped
+    early.
 
-    bounds: of each logarithm, (k + 2, 2). The first search begins at `start`, the others anywhere
-        within the bounds, at scikit-learn's places.
+    start: where the first search begins; the rest begin anywhere within the bounds, at
+        scikit-learn's places.
+    bounds: of each logarithm, (k + 2, 2).
+    restarts: further searches.
+    seed: of their places.
     """
     low, high = bounds.T
     stream = np.random.RandomState(seed)

@@ -1,5 +1,5 @@
-"""How human the humans are: each driver's D_i against the others, the yardstick beside every D_i of
-an ADS.
+"""Human band of a concrete scenario: each driver's D_i against all other drivers, the yardstick
+beside every D_i of an ADS.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from sumo_eval.settings import AnthropomorphicSettings
 
 @dataclass(frozen=True, slots=True)
 class HumanBand:
-    """What the drivers of one concrete scenario score among themselves.
+    """Scores of the drivers of one concrete scenario among themselves.
 
-    values: D_i of each driver against all others, in the order of the drivers;
-    similarities: its third factor alone. low, mean, high: least, mean and largest of the values.
+    values: D_i of each driver against all other drivers, in the order of the drivers.
+    similarities: its third factor alone.
     """
 
     values: tuple[float, ...]
@@ -26,17 +26,17 @@ class HumanBand:
 
     @property
     def low(self) -> float:
-        """The least human of the humans."""
+        """The least of the values."""
         return min(self.values)
 
     @property
     def mean(self) -> float:
-        """The mean human."""
+        """The mean of the values."""
         return float(np.mean(self.values))
 
     @property
     def high(self) -> float:
-        """The most human of the humans."""
+        """The largest of the values."""
         return max(self.values)
 
 
@@ -46,7 +46,7 @@ def coarse_spacing(settings: AnthropomorphicSettings) -> float:
 
 
 def band_pairings(drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:
-    """Each driver against all the others."""
+    """Each driver against all other drivers."""
     spacing = coarse_spacing(settings)
     return [
         Pairing(one, tuple(place for place in drivers if place != one), spacing) for one in drivers
@@ -66,11 +66,14 @@ def left_out_pairings(
     exchanges: Sequence[tuple[int, int]],
     settings: AnthropomorphicSettings,
 ) -> list[Pairing]:
-    """An ADS against all drivers, and, if that leaves two, against all but one, for each, and then
-    with one counted twice in the place of another, for each exchange: what the choice of drivers
-    does to its D_i and to its human-likeness.
+    """An ADS against all drivers and, if that leaves two, against all but one, for each, then with
+    one driver counted twice instead of another, for each exchange: the effect of the choice of
+    drivers on its D_i and its human-likeness.
 
-    exchanges: places among `drivers` of who is left out and of who counts twice.
+    ads: its place.
+    drivers: their places.
+    exchanges: places among `drivers` of the one left out and of the one that counts twice.
+    settings: `[method.anthropomorphic]`.
     """
     spacing, sets = coarse_spacing(settings), [tuple(drivers)]
     if len(drivers) > 2:

@@ -1,14 +1,13 @@
-"""Which manoeuvre a driver chose, so that those who overtake and those who follow are not averaged
-into one.
+"""Manoeuvre that a driver chose, so that drivers who overtake and drivers who follow are not
+averaged into one.
 
 The paper puts one Gaussian over all drivers. Where some overtake and some follow, that Gaussian is
 so wide that a car which drives straight on through the slower one counts as human (docs/method.md).
-A manoeuvre is the lane in
-which a vehicle begins and the first one to which it changes, if it does; a lane counts once it is
-kept for `manoeuvre_time`. What comes after (back to the right, or to the left again for the next
-vehicle) makes no manoeuvre of its own: it depends on how long somebody is watched. Everything known
-of a trajectory counts, also what lies past the end of the road that is judged: there it shows what
-a driver was about to do.
+A manoeuvre is the lane in which a vehicle begins and the first one to which it changes, if it does;
+a lane counts once it is kept for `manoeuvre_time`. Later changes (back to the right, or to the left
+again for the next vehicle) make no manoeuvre of their own: they depend on the length of the
+recording. The whole trajectory counts, also past the end of the road: there it shows what a driver
+was about to do.
 """
 
 from __future__ import annotations
@@ -30,9 +29,10 @@ Manoeuvre = tuple[int, ...]
 class Choice:
     """The manoeuvre of an ADS among those of the drivers.
 
+    manoeuvre: the ADS's.
     members: which drivers made the same one, (k,); all where none did.
     groups: every driver's manoeuvre as a number, (k,).
-    share: of the drivers who made it;
+    share: of the drivers who made it.
     usual: share over that of the most usual manoeuvre, 0..1.
     """
 
@@ -72,13 +72,16 @@ def chosen(mine: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
 def pooled_deviation(
     values: FloatArray, counted: BoolArray, choice: Choice, pooled_drivers: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean and deviation of the members' values, (...), from all drivers' values, (k, ...).
+    """Mean and deviation of the members' values, (...), in mixture mode.
+
+    values: of all drivers, (k, ...).
+    counted: which values exist, (k, ...).
+    choice: which drivers are members.
+    pooled_drivers: weight of the pooled variance, in drivers.
 
     The members' own variance is completed by the variance within manoeuvres, pooled over all of
     them, which counts as much as `pooled_drivers` drivers: one or two members alone say little of
     how much such drivers differ.
-
-    counted: which values are there, (k, ...).
     """
     squares, freedom = np.zeros(values.shape[1:]), np.zeros(values.shape[1:])
     mean = own = own_freedom = np.zeros(values.shape[1:])

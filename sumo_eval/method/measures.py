@@ -33,15 +33,23 @@ STANDING = 0.1
 
 @dataclass(frozen=True, slots=True)
 class CriticalityMeasures:
-    """How close a case came to a collision, and how hard the ego acted.
+    """Criticality measures of a case: how close it came to a collision, and how hard the ego acted.
 
-    min_ttc s; max_ittc 1/s; min_thw s; min_gap m; max_drac m/s2; pet s; max_deceleration m/s2, 0 if
-    the ego never braked; max_jerk m/s3; delta_v m/s; max_lateral_speed m/s and
-    max_lateral_acceleration m/s2 across the road, to either side (`smooth_motion`), nan in a case
-    that is too short for the derivative. A frontal contact has min_ttc, min_thw, min_gap and pet 0,
-    max_ittc and max_drac inf if the ego was closing. An ego that never closes on the vehicle ahead
-    has min_ttc inf, the other two 0. Without a vehicle ahead in the path all of these are nan;
-    delta_v is nan without a collision.
+    min_ttc: s.
+    max_ittc: 1/s.
+    min_thw: s.
+    min_gap: m.
+    max_drac: m/s2.
+    pet: s.
+    max_deceleration: m/s2, 0 if the ego never braked.
+    max_jerk: m/s3.
+    delta_v: m/s, nan without a collision.
+    max_lateral_speed, max_lateral_acceleration: m/s and m/s2 across the road, to either side
+        (`smooth_motion`), nan in a case that is too short for the derivative.
+
+    A frontal contact has min_ttc, min_thw, min_gap and pet 0, max_ittc and max_drac inf if the ego
+    was closing. An ego that never closes on the lead vehicle has min_ttc inf, max_ittc and max_drac
+    0. Without a lead vehicle in the path these are nan.
     """
 
     min_ttc: float
@@ -59,13 +67,14 @@ class CriticalityMeasures:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothMotion:
-    """Derivatives of a recorded or simulated drive that noise does not reach: m/s2, m/s3, m/s and
-    m/s2, (n,) each.
+    """Derivatives of a recorded or simulated drive that noise does not reach, (n,) each.
 
-    acceleration and jerk belong to the speed, lateral_speed and lateral_acceleration to y, the
-    road's left positive. A drive too short for a derivative has it empty.
+    acceleration: of the speed, m/s2.
+    jerk: m/s3.
+    lateral_speed, lateral_acceleration: of y, the road's left positive, m/s and m/s2.
+    unrest: change of acceleration, up and down, within 2 s, m/s2.
 
-    unrest: how much acceleration changes up and down within 2 s, m/s2.
+    A drive too short for a derivative has it empty.
     """
 
     acceleration: FloatArray
@@ -77,9 +86,13 @@ class SmoothMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """What the measures and the extremes of one drive are both made of: gap m, closing m/s, ttc s
-    and thw s to the nearest vehicle ahead at the ego's samples, (n,) each, and the drive's
-    derivatives.
+    """Common basis of the measures and the extremes of one drive, (n,) each at the ego's samples.
+
+    gap: to the nearest lead vehicle, m.
+    closing: m/s.
+    ttc: s.
+    thw: s.
+    motion: the drive's derivatives.
     """
 
     gap: FloatArray
@@ -92,8 +105,11 @@ class Course:
 def course_of(
     ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
 ) -> Course:
-    """The course of a drive: the ego, the other vehicles by name, and the ego's first contact if
-    any.
+    """The course of a drive.
+
+    ego: its trajectory.
+    actors: the other vehicles by name.
+    collision: the ego's first contact if any.
     """
     gap, closing = vehicle_ahead(ego, actors, collision)
     headway = time_headway(gap, ego.speed * np.cos(ego.heading))
@@ -106,9 +122,11 @@ def measures(
     collision: Collision | None,
     course: Course | None = None,
 ) -> CriticalityMeasures:
-    """The criticality measures of a case: the ego, the other vehicles by name, and the ego's first
-    contact if any.
+    """The criticality measures of a case.
 
+    ego: its trajectory.
+    actors: the other vehicles by name.
+    collision: the ego's first contact if any.
     course: the drive's `course_of`, where it is known already.
     """
     seen = course_of(ego, actors, collision) if course is None else course
@@ -139,8 +157,7 @@ class LaneKeeping:
     overshoot: m beyond the middle, on the other side than the first offset beyond 0.15 m; 0 if it
         never left the middle by more.
     over_line_time: s during which its body reached over a line of the lane.
-    settling_time: s after which it stayed within 0.15 m of the middle; inf where it did not come to
-        that.
+    settling_time: s after which it stayed within 0.15 m of the middle; inf where it never settled.
     """
 
     largest_offset: float
@@ -150,8 +167,9 @@ class LaneKeeping:
 
 
 def lane_keeping(ego: Trajectory, lane_width: float) -> LaneKeeping:
-    """How the ego kept the lane whose middle is nearest at its start, by its samples;
+    """How the ego kept the lane whose middle is nearest at its start, by its samples.
 
+    ego: its trajectory.
     lane_width: m.
     """
     offset = ego.y - lane_width * np.round(ego.y[0] / lane_width)
@@ -180,7 +198,7 @@ def smooth_motion(drive: Trajectory) -> SmoothMotion:
     Speed and y are read every 0.1 s from the start on. A derivative is the slope of the
     least-squares line through 11 samples (1 s), where all of them exist; a second derivative is the
     slope of such slopes (2 s). Windows in which the vehicle stands are left out of acceleration and
-    jerk: letting go of the brake at a standstill is a jump in any car.
+    jerk: releasing the brake at a standstill is a jump in any car.
     """
     clock = drive.time[0] + CLOCK * np.arange(int(drive.duration / CLOCK + 1e-6) + 1)
     speed, y = (np.interp(clock, drive.time, channel) for channel in (drive.speed, drive.y))
@@ -222,12 +240,16 @@ def _slopes(values: FloatArray, samples: int = SLOPE_SAMPLES) -> FloatArray:
 def vehicle_ahead(
     ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Gap d, m, and closing speed, m/s, to the nearest vehicle ahead in the ego's path: (n,) each,
+    """Gap d, m, and closing speed, m/s, to the nearest lead vehicle in the ego's path: (n,) each,
     nan without one.
 
+    ego: its trajectory.
+    actors: the other vehicles by name.
+    collision: the ego's first contact if any; a frontal one is a gap of 0 at its time, because
+        bodies at an angle touch a little before the gap closes.
+
     d = x_other - x_ego - (l_ego + l_other)/2, bumper to bumper, at least 0. Closing speed = v_ego -
-    v_other along the road. A frontal contact is a gap of 0 at its time, because bodies at an angle
-    touch a little before the gap closes.
+    v_other along the road.
     """
     gap, closing = np.full(len(ego), np.inf), np.full(len(ego), np.nan)
     own_speed = ego.speed * np.cos(ego.heading)
@@ -245,22 +267,26 @@ def vehicle_ahead(
 
 
 def time_to_collision(gap: FloatArray, closing: FloatArray) -> FloatArray:
-    """TTC = d / (v_ego - v_other), s: time to contact if both keep their speeds (Hayward 1972).
+    """Eq. 1 of a recorded drive: TTC = d / (v_ego - v_other), s, if both keep their speeds (Hayward
+    1972).
 
-    gap: d, m.
-    closing: v_ego - v_other, m/s. inf where the ego is not closing, 0 where it touches, nan without
-        a gap.
+    gap: d, (n,), m.
+    closing: v_ego - v_other, (n,), m/s.
+
+    inf where the ego is not closing, 0 where it touches, nan without a gap.
     """
     apart = np.divide(gap, closing, out=np.full(gap.shape, np.inf), where=closing > 0.0)
     return np.where(np.isnan(gap), np.nan, np.where((gap < TOUCH) & (closing > 0.0), 0.0, apart))
 
 
 def time_headway(gap: FloatArray, ego_speed: FloatArray) -> FloatArray:
-    """THW = d / v_ego, s: how long the ego takes to where the rear of the vehicle ahead is now (ISO
+    """THW = d / v_ego, s: how long the ego takes to where the rear of the lead vehicle is now (ISO
     15622, time gap).
 
-    gap: d, m.
-    ego_speed: along the road, m/s. inf where the ego does not move forward, nan without a gap.
+    gap: d, (n,), m.
+    ego_speed: along the road, (n,), m/s.
+
+    inf where the ego does not move forward, nan without a gap.
     """
     headway = np.divide(gap, ego_speed, out=np.full(gap.shape, np.inf), where=ego_speed > 0.0)
     return np.where(np.isnan(gap), np.nan, headway)
@@ -270,9 +296,10 @@ def deceleration_to_avoid(gap: FloatArray, closing: FloatArray) -> FloatArray:
     """DRAC = (v_ego - v_other)^2 / (2 d), m/s2: constant braking that just avoids contact (Almqvist
     et al. 1991).
 
-    gap: d, m.
-    closing: v_ego - v_other, m/s. 0 where the ego is not closing, inf where it touches, nan without
-        a gap.
+    gap: d, (n,), m.
+    closing: v_ego - v_other, (n,), m/s.
+
+    0 where the ego is not closing, inf where it touches, nan without a gap.
     """
     open_gap = gap >= TOUCH
     needed = np.divide(closing**2, 2.0 * gap, out=np.full(gap.shape, np.inf), where=open_gap)
@@ -285,10 +312,13 @@ def post_encroachment_time(
     """PET, s: least time from another's rear leaving a place of the road to the ego's front
     reaching it (Allen 1978).
 
+    ego: its trajectory.
+    actors: the other vehicles by name.
+    collision: the ego's first contact if any; 0 for a frontal one.
+
     The places are where the ego's front bumper is at its samples. A place counts where the other's
     rear bumper passed it before, within the recording, and the body then overlapped across the road
-    with the ego's now. nan: there is no such place, as behind a vehicle that never moves. 0:
-    frontal contact.
+    with the ego's now. nan: there is no such place, as behind a vehicle that never moves.
     """
     if collision is not None and collision.side == "front":
         return 0.0
@@ -319,9 +349,12 @@ def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None
     """PET of conflicting ways, s: least time between the ego's body and the other's being at one
     place (Allen 1978).
 
-    Whoever of both comes first, at whatever angle. 0: contact with it; nan: they passed over no
-    common place. Bodies are rectangles. The samples are looked at in pairs, then 0.005 s around the
-    closest pair, where places are linear.
+    ego, other: their trajectories.
+    collision: a contact between them if any; 0 then.
+
+    Either may come first, at whatever angle. nan: they passed over no common place. Bodies are
+    rectangles. The samples are looked at in pairs, then 0.005 s around the closest pair, where
+    places are linear.
     """
     if collision is not None:
         return 0.0

@@ -1,15 +1,13 @@
-"""Operations of an ADS and of drivers, the n of Eq. 12: how often somebody turned the wheel or
-moved the pedals.
+"""Operations of an ADS and of drivers, the n of Eq. 12: turns of the wheel and moves of the pedals.
 
 Readings of the paper:
 - The signal of an operation is neutral at or below its threshold. Neutral time runs from the first
-  neutral sample to
-  the next sample above the threshold. Steering wheel angles that are not known (nan) are left out.
+  neutral sample to the next sample above the threshold. Steering wheel angles that are not known
+  (nan) are left out.
 - One rule counts the steering operations of both sides. By default an operation is a lateral
-  manoeuvre: a move to one
-  side at more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at least 1 m. At motorway
-  speed a lane change turns the wheel by 1 to 7 degrees, so the paper's 10 degrees would count none
-  there.
+  manoeuvre: a move to one side at more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at
+  least 1 m. At motorway speed a lane change turns the wheel by 1 to 7 degrees, so the paper's 10
+  degrees would count none there.
 """
 
 from __future__ import annotations
@@ -35,6 +33,9 @@ MANOEUVRE_WINDOW = 1.0
 
 def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
     """Eq. 12: n, operations of steering and of the pedals, counted separately and added.
+
+    trajectory: of the ADS or of a driver.
+    settings: `[method.anthropomorphic]`.
 
     An operation of the pedals is |acceleration| > 0.5 m/s2 until the signal has stayed neutral for
     0.5 s, so drive and then brake is one; one that still runs at the end counts. One of steering is

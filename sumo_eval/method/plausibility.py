@@ -46,13 +46,15 @@ one."""
 
 @dataclass(frozen=True, slots=True)
 class Quantiles:
-    """How extreme people get: `values[name][k]` is reached by the share `shares[name][k]` of them,
-    most extreme first.
+    """Table of how extreme people get: `values[name][k]` is reached by the share `shares[name][k]`
+    of them.
 
-    Shares ascend. The first value is the most extreme that anybody reached.
-
-    people: how many persons, drives: how many drives of theirs (each person weighs 1).
-    source: whose drives, in words. s, m/s, m/s2, m/s3 as in `extremes_of`.
+    values: s, m/s, m/s2, m/s3 as in `extremes_of`, the most extreme first, which is that of a
+        single person.
+    shares: 0..1, ascending.
+    people: how many persons, who weigh 1 each.
+    drives: how many drives of theirs.
+    source: whose drives, in words.
     """
 
     values: Mapping[str, tuple[float, ...]]
@@ -86,7 +88,7 @@ class Quantiles:
         """Share of people at least as extreme as `value`, 0..1, linear between the table's values.
 
         1 where the table does not know the extreme, where the value is nan (a drive without it, as
-        without a vehicle ahead) and where it is milder than the table's last. Beyond the most
+        without a lead vehicle) and where it is milder than the table's last. Beyond the most
         extreme person the share falls to 0 over as far as it is from the table's second value to
         that person: one more person could have gone there.
         """
@@ -123,8 +125,9 @@ MOTORWAY_PEOPLE: Final = Quantiles(
     source="DLR Highway Traffic v1.1.0, motorway near Braunschweig, 2024-10-07",
 )
 """213 people on a free-flowing motorway of two lanes, 674 encounters, from
-`tools/motorway_people.py`; 1 drive is left out as a ghost of the tracker (3.5 m/s across the road).
-Not for towns: nobody here stops, turns or meets pedestrians. """
+`tools/motorway_people.py`; 1 drive is left out as a ghost of the tracker (3.5 m/s across the
+road). Not for towns: no vehicle here stops, turns or meets pedestrians.
+"""
 
 
 def extremes_of(
@@ -133,16 +136,17 @@ def extremes_of(
     collision: Collision | None = None,
     course: Course | None = None,
 ) -> dict[str, float]:
-    """The seven extremes of a drive: the ego, the other vehicles by name, and the ego's first
-    contact if any.
+    """The seven extremes of a drive.
 
+    ego: its trajectory.
+    actors: the other vehicles by name.
+    collision: the ego's first contact if any.
     course: the drive's `course_of`, where it is known already.
 
     min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_unrest m/s2;
-    max_lateral_speed
-    m/s; max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes. nan: there is no
-    such thing in this
-    drive, as without a vehicle ahead, or in one too short for a derivative.
+    max_lateral_speed m/s; max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes.
+    nan: this drive has no such extreme, as without a lead vehicle, or in a drive too short for a
+    derivative.
     """
     seen = course_of(ego, actors, collision) if course is None else course
     motion = seen.motion
@@ -186,11 +190,13 @@ def quantiles_of(
 ) -> Quantiles:
     """The table of some people's drives.
 
-    people: who drove each; every drive is another person's where not given.
+    drives: the extremes of each.
+    people: the driver of each; every drive is another person's where not given.
+    source: whose drives, in words.
 
     Every person weighs 1, shared by that person's drives. An extreme that a drive does not have
     (nan) leaves the drive out of that extreme; one that fewer than 20 people have is not in the
-    table, and counts for nobody.
+    table, and counts for no drive.
 
     Raises InputError for fewer than 20 people, who cannot show a share of 5 %.
     """

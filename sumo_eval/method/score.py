@@ -44,11 +44,13 @@ def combined_score(
     """Eq. 18: S = a k5 C + b k6 D.
 
     c: C, 0..1, or None: no case could be evaluated.
-    d: D, 0..1, or None: after a collision in the safe zone there is no D. The term of what was not
-        computed counts 0.
+    d: D, 0..1, or None: after a collision in the safe zone there is no D.
     a, b: points for either, not negative, together 100.
     k5, k6: scales, above 0 (1, or see `population_scale`: with other scales S can pass 100, and is
         not cut).
+
+    The term of an index that was not computed counts 0.
+
     Raises InputError for anything else.
     """
     for index, value in (("c", c), ("d", d)):
@@ -84,7 +86,11 @@ class PlusPoints:
 def plus_of(
     task: float | None, grade: float | None, human_likeness: float | None, points: ScoreSettings
 ) -> PlusPoints:
-    """The terms of S+ = T max(A', 0) (a + b H). None: not computed."""
+    """The terms of S+ = T max(A', 0) (a + b H).
+
+    task, grade, human_likeness: T, A' and H; None: not computed.
+    points: a and b.
+    """
     done = (task or 0.0) * max(grade or 0.0, 0.0)
     return PlusPoints(points.a * done, points.b * done * (human_likeness or 0.0))
 
@@ -92,12 +98,13 @@ def plus_of(
 def population_scale(
     values: Sequence[float], share: float = 0.5, *, centre: Literal["median", "mean"] = "median"
 ) -> float:
-    """k5 or k6 of Eq. 18 for a population of ADSs: share / median(C), so that the median ADS scores
-    share * a points.
+    """Eq. 18: k5 or k6 for a population of ADSs, share / median(C): the median ADS scores share * a
+    points.
 
     values: C (or the computed D) of every ADS, 0..1.
     share: 0.5 by the paper, within (0, 1].
     centre: which ADS stands for the population.
+
     Raises InputError if there are no values, or if their centre is 0 (no scale can lift it).
     """
     if len(values) == 0:

@@ -37,13 +37,13 @@ def once(n: int) -> FloatArray:
 
 
 class AskedTerms:
-    """In the place of counts: keeps the terms that sums are asked of, in their order, and answers
-    with one 0 each.
+    """Counts that keep the terms of which sums are taken, in their order, and answer with one 0
+    each.
 
-    Every score is a function of sums over cases, and which sums it asks for hangs on no case. So
-    the terms of some of the cases can be made and summed, in however many samples, those of the
-    next ones added, and the score be made of the sums (`KnownSums`): what is in memory does not
-    grow with the cases.
+    Every score is a function of sums over cases, and which sums it needs does not depend on the
+    data. So the terms of some of the cases can be made and summed, in however many samples, those
+    of the next ones added, and the score be made of the sums (`KnownSums`): what is in memory does
+    not grow with the cases.
     """
 
     def __init__(self) -> None:
@@ -55,7 +55,7 @@ class AskedTerms:
 
 
 class KnownSums:
-    """In the place of counts: answers with sums that are known, (k, m) for k terms, in the order of
+    """Counts that answer with sums that are known, (k, m) for k terms, in the order of
     `AskedTerms`.
     """
 
@@ -86,8 +86,8 @@ def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
     """Eq. 17: Ug_i / U_i of each collision, 1 where the ADS hit no harder than the ideal vehicle;
     nan where one is nan.
 
-    severity: U_i, or the loss in its place.
-    ideal: Ug_i, or its loss. Any one shape.
+    severity: U_i, m/s, or its loss L, of any shape.
+    ideal: Ug_i, or its loss, of the same shape.
     """
     hit, best = np.asarray(severity, dtype=np.float64), np.asarray(ideal, dtype=np.float64)
     return np.asarray(
@@ -102,9 +102,12 @@ def collision_avoidance(
 
     ratio: Ug_i / U_i (`ideal_ratio`), (n,), nan without a collision and where Ug_i is not known.
     weight: r_i, (n,), nan likewise.
-    collided, evaluated: flags (n,). A sample whose collisions all have r = 0 has their plain mean.
-        A sample without a collision has 1 if a case of it was evaluated; without an evaluated case,
-        or with collisions none of which can be compared, it has nan.
+    collided, evaluated: flags (n,).
+    counts: (m, n).
+
+    A sample whose collisions all have r = 0 has their plain mean. A sample without a collision has
+    1 if a case of it was evaluated; without an evaluated case, or with collisions none of which can
+    be compared, it has nan.
     """
     r = np.asarray(weight, dtype=np.float64)
     share = np.where(np.isfinite(r), np.asarray(ratio, dtype=np.float64), np.nan)
@@ -121,6 +124,7 @@ def exposure_mean(values: ArrayLike, exposure: ArrayLike, counts: Counts) -> Flo
 
     values: D_i (or the human-likeness of a case), (n,), nan where there is none.
     exposure: p_i, (n,), at least 0.
+    counts: (m, n).
     """
     return weighted_mean(values, exposure, counts)
 
@@ -133,10 +137,10 @@ def combined(
     first_scale: float = 1.0,
     second_scale: float = 1.0,
 ) -> FloatArray:
-    """Eq. 18: S = a k5 C + b k6 D, points, (m,). What is nan was not computed and counts 0; S is
-    nan where both are.
+    """Eq. 18: S = a k5 C + b k6 D, points, (m,); a term that is nan counts 0, S is nan where both
+    are.
 
-    first, second: C and D, (m,).
+    first, second: C and D, (m,), 0..1.
     a, b: points for either.
     first_scale, second_scale: k5 and k6.
     """
@@ -173,8 +177,10 @@ def ordering_score(
 
 
 def mean_shares(weights: ArrayLike) -> FloatArray:
-    """Eqs. 13 and 17: w_i / sum(w_i), what each case weighs in a mean, (n,); 1/n each where all
+    """Eqs. 13 and 17: w_i / sum(w_i), the weight of each case in a mean, (n,); 1/n each where all
     weights are 0.
+
+    weights: w_i, (n,), at least 0.
     """
     weight = np.asarray(weights, dtype=np.float64)
     if not weight.any():
@@ -183,11 +189,11 @@ def mean_shares(weights: ArrayLike) -> FloatArray:
 
 
 def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
-    """max(0, U_i - Ug_i), m/s, (n,): how much harder than the ideal vehicle; nan where one of both
-    is not known.
+    """max(0, U_i - Ug_i), m/s, (n,): how much harder than the ideal vehicle; nan where either is
+    unknown.
 
-    severity: U_i, m/s, 0 without contact.
-    ideal: Ug_i, m/s, 0 where the ideal vehicle avoids.
+    severity: U_i, (n,), m/s, 0 without contact.
+    ideal: Ug_i, (n,), m/s, 0 where the ideal vehicle avoids.
     """
     beyond = np.asarray(severity, dtype=np.float64) - np.asarray(ideal, dtype=np.float64)
     return np.asarray(np.maximum(beyond, 0.0))  # which is nan where one of both is
@@ -196,16 +202,19 @@ def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
 def avoided_share(
     severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike, counts: Counts
 ) -> FloatArray:
-    """A = 1 - sum(w_i max(0, U_i - Ug_i)) / sum(w_i max(0, U0_i - Ug_i)) over all evaluated points
-    of samples, (m,).
+    """A = 1 - sum(w_i max(0, U_i - Ug_i)) / sum(w_i max(0, U0_i - Ug_i)) over all evaluated points,
+    (m,).
 
-    severity: U_i of the ADS, m/s, (n,), 0 without contact, nan where it could not be evaluated.
-    ideal: Ug_i of the ideal vehicle and unreacting: U0_i of `no_reaction` in the same concrete
-        scenarios, likewise.
-    weights: w_i, (n,). 1: as the ideal vehicle; 0: as doing nothing; below 0: worse than that. A
-        numerator of 0 gives 1; a denominator of 0 under another numerator gives 0. Where the
-        weights of all points of a sample are 0, every point weighs the same. nan where no point of
-        a sample is known. Whoever is no worse in any case and better in one never has a lower A.
+    severity: U_i of the ADS, (n,), m/s, 0 without contact, nan where it could not be evaluated.
+    ideal: Ug_i of the ideal vehicle in the same concrete scenarios, likewise.
+    unreacting: U0_i of `no_reaction`, likewise.
+    weights: w_i, (n,).
+    counts: (m, n).
+
+    1: as the ideal vehicle; 0: as doing nothing; below 0: worse than that. A numerator of 0 gives
+    1; a denominator of 0 under another numerator gives 0. Where the weights of all points of a
+    sample are 0, every point weighs the same. nan where no point of a sample is known. An ADS that
+    is no worse in any case and better in one never has a lower A.
     """
     lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
     known = np.isfinite(lost) & np.isfinite(at_stake)
@@ -221,11 +230,12 @@ def avoided_share(
 def avoided_share_losses(
     severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike
 ) -> FloatArray:
-    """What each point takes from A: w_i max(0, U_i - Ug_i) / sum(w_i max(0, U0_i - Ug_i)), (n,);
-    together 1 - A.
+    """Part of each point in 1 - A: w_i max(0, U_i - Ug_i) / sum(w_i max(0, U0_i - Ug_i)), (n,).
 
-    The arguments are those of `avoided_share`. nan where a point is not known. Where nothing was at
-    stake but something was lost, A is 0 and the points share the 1 by what each lost.
+    severity, ideal, unreacting, weights: as in `avoided_share`.
+
+    nan where a point is not known. Where nothing was at stake but something was lost, A is 0 and
+    the points share the 1 by what each lost.
     """
     lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
     known = np.isfinite(lost) & np.isfinite(at_stake)
@@ -238,13 +248,15 @@ def avoided_share_losses(
 
 
 def product_losses(factors: FloatArray) -> FloatArray:
-    """What each factor takes from a product of factors, (n, k) of (n, k); a row adds up to 1 minus
-    its product.
+    """Part of each factor in 1 minus a product of factors, (n, k); a row adds up to 1 minus its
+    product.
+
+    factors: v_j, (n, k), 0..1.
 
     This is the Shapley value. Setting a factor to 1 gains something, and how much depends on which
-    others have been set to 1 before it. The value is the mean gain over all such orders: (1 - v_j)
-    times the mean of the products over the sets of other factors, each size of a set weighing the
-    same.
+    of the remaining factors have been set to 1 before it. The value is the mean gain over all such
+    orders: (1 - v_j) times the mean of the products over the sets of remaining factors, each size
+    of a set weighing the same.
     """
     k = factors.shape[1]
     losses = np.empty(factors.shape)
@@ -262,8 +274,10 @@ def product_losses(factors: FloatArray) -> FloatArray:
 def regret(severity: ArrayLike, ideal: ArrayLike, weights: ArrayLike, counts: Counts) -> FloatArray:
     """sum(w_i max(0, U_i - Ug_i)) / sum(w_i) over all evaluated points of every sample, m/s, (m,).
 
-    The arguments are those of `avoided_share`. Where all weights of a sample are 0, every point
-    weighs the same; nan where no point of it is known.
+    severity, ideal, weights, counts: as in `avoided_share`.
+
+    Where all weights of a sample are 0, every point weighs the same; nan where no point of it is
+    known.
     """
     lost = excess(severity, ideal)
     mean = weighted_mean(lost, weights, counts)
@@ -284,7 +298,8 @@ def avoidance_grade(avoided: ArrayLike, sharpness: float) -> FloatArray:
 def grade_slope(avoided: float, sharpness: float) -> float:
     """dA'/dA = 1 / ((x0 + x) ln(1 + 1/x0)), x = 1 - A; 0 where A' counts 0.
 
-    Arguments as in `avoidance_grade`.
+    avoided: A, at most 1.
+    sharpness: x0, above 0.
     """
     return (
         0.0 if avoided < 0.0 else 1.0 / ((sharpness + 1.0 - avoided) * math.log1p(1.0 / sharpness))
@@ -300,8 +315,8 @@ def score_plus(
     task: T, (m,), 0..1.
     grade: A', (m,), at most 1.
     human_likeness: H, (m,), 0..1.
-    a, b: points for driving the task without harm, and for doing it as human drivers do, together
-        100.
+    a: points for driving the task without harm.
+    b: points for doing it as human drivers do; a + b = 100.
     """
     likeness = np.nan_to_num(np.asarray(human_likeness, dtype=np.float64))
     safely = np.maximum(np.asarray(grade, dtype=np.float64), 0.0)

@@ -1,20 +1,18 @@
-"""How bad a contact is: the number that stands in the place of U of Eqs. 15-17, and in the avoided
-share A.
+"""Severity of a contact: the number V that replaces U in Eqs. 15-17, and in the avoided share A.
 
 `method.collision.severity` chooses it:
 
 - `severity`: U of Eq. 15, m/s, as the paper prints it;
 - `eq14`: its class L of Eq. 14; without a contact L is 0.1, the equation's "otherwise";
 - `injury:car_driver`, `injury:pedestrian`, `injury:cyclist`: the probability of a serious or fatal
-  injury (MAIS3+ or
-  death) of the person whom, or whose car, the front of a car hits, by closing speed and age (Lubbe,
-  Wu, Jeppsson 2022);
+  injury (MAIS3+ or death) of the person, or of the driver of the car, that the front of a car hits,
+  by closing speed and age (Lubbe, Wu, Jeppsson 2022);
 - `package.module:function` or `file.py:function`: a function of one `Contact` that returns a loss
   within 0..1.
 
-Where U stands in an equation stands V, the chosen number: Ug_i, the ideal vehicle's, and U0_i, that
-of `no_reaction`, are V of their own contacts. Without a contact V is `without_contact`: 0, or 0.1
-of Eq. 14. So C = sum(r V_g/V)/sum(r), and A = 1 - sum w max(0, V - V_g) / sum w max(0, V_0 - V_g).
+V replaces U in every equation: Ug_i, the ideal vehicle's, and U0_i, that of `no_reaction`, are V of
+their own contacts. Without a contact V is `without_contact`: 0, or 0.1 of Eq. 14. So C = sum(r
+V_g/V)/sum(r), and A = 1 - sum w max(0, V - V_g) / sum w max(0, V_0 - V_g).
 """
 
 from __future__ import annotations
@@ -109,11 +107,10 @@ INJURY_CURVES: Final[Mapping[str, InjuryCurve]] = {
     "pedestrian": InjuryCurve(-6.190, 0.078, 0.038, 46.0, 100.0),
     "cyclist": InjuryCurve(-7.467, 0.079, 0.047, 38.0, 100.0),
 }
-"""MAIS3+ or death: N.
-
-Lubbe, Y. Wu, H. Jeppsson, "Safe speeds: fatality and injury risks of pedestrians, cyclists,
-motorcyclists, and car drivers impacting the front of another passenger car as a function of closing
-speed and age", Traffic Safety Research 2, 000006 (2022), on German in-depth accident data (GIDAS).
+"""MAIS3+ or death, from N. Lubbe, Y. Wu, H. Jeppsson, "Safe speeds: fatality and injury risks of
+pedestrians, cyclists, motorcyclists, and car drivers impacting the front of another passenger
+car as a function of closing speed and age", Traffic Safety Research 2, 000006 (2022), on German
+in-depth accident data (GIDAS).
 """
 INJURY_AGES: Final = (15.0, 95.0)
 """Years within which the curves are used without a remark.
@@ -153,12 +150,11 @@ class Severity:
     name: as in the settings.
     unit: of V.
     without_contact: V where there is none.
-
     value: V of a collision.
-    checked: whether that is a user's function, whose answers are looked at.
     beyond: why a collision is outside the range that V is known for, in words; empty inside.
-    sha256: of the file that holds a user's function, so that scores tell which one they were made
-        with; empty for those that ship.
+    checked: whether that is a user's function, whose answers are checked.
+    sha256: of the file that holds a user's function, so that scores identify it; empty for those
+        that ship.
     """
 
     name: str
@@ -172,11 +168,11 @@ class Severity:
     def of(self, collision: Collision, case: str) -> float:
         """V of a collision.
 
-        case: what to call it in a sentence.
+        collision: the first contact.
+        case: its name in an error message.
 
         Raises InputError where a user's function fails, returns anything but a finite number within
-        0..1, or returns
-        two different numbers for one contact.
+        0..1, or returns two different numbers for one contact.
         """
         if not self.checked:
             return self.value(collision)
@@ -208,7 +204,7 @@ class Severity:
 
 
 def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
-    """What stands in the place of U in every row.
+    """The number that replaces U in every row.
 
     The classes of Eq. 14 are taken of U with the scores.
     """

@@ -98,13 +98,13 @@ def prepare() -> None:
 
 
 class SharedFields:
-    """The fields of some trajectories on a stretch of road, to be asked for again and again.
+    """The fields of some trajectories on a stretch of road, for many requests.
 
-    What far samples add is summed once for a trajectory. It depends on the trajectory and the
-    stretch alone, not on the points asked for.
+    Far samples are summed once for a trajectory. Their sum depends on the trajectory and the
+    stretch alone, not on the requested points.
 
-    points: how many a question is expected to have, by which boxes are taken or not for every
-        question alike, so that no answer depends on what else was asked.
+    points: how many a request is expected to have. This decides whether boxes are used, for every
+        request alike, so that no answer depends on earlier ones.
     """
 
     def __init__(
@@ -151,8 +151,8 @@ class SharedFields:
         return self._samples[place]
 
     def _far_of(self, place: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Which samples of one trajectory are near the smallest boxes, and what the others add
-        there.
+        """Samples of one trajectory that are near the smallest boxes, and the sum of the far
+        ones there.
         """
         from sumo_eval.method.field_loops import far_values
 

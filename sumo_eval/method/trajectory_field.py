@@ -5,8 +5,8 @@ Readings of the paper (docs/method.md) that this file is built on:
 - Magnitudes are summed. The printed unit vector would cancel on the path itself, where the paper
   draws the peak.
 - Nearer than 1 m the distance counts as 1 m; the angle stays what it is.
-- A point on the vehicle itself lies dead ahead of it (cos theta = 1), so the field never rises on
-  the way out.
+- A point on the vehicle itself lies straight ahead of it (cos theta = 1), so the field never rises
+  on the way out.
 - The velocity points along the heading.
 
 The sum of magnitudes is compiled by numba, which is imported at first use, because that takes a
@@ -42,15 +42,18 @@ def trajectory_field(
     sample_interval: float = 0.1,
     superposition: Superposition = "magnitude",
 ) -> FloatArray:
-    """Eq. 9: S(p) = sum over the trajectory's samples of s(p), Eq. 10; (n,) for n points.
+    """Eqs. 9-10: S(p) = sum of s(p), s = exp(k2 v cos theta) / max(|r|, 1)^k1, over a trajectory's
+    samples.
 
-    points: p, (n, 2), m.
+    points: p, (n, 2), m; (n,) comes back.
     trajectory: sampled every `sample_interval` s from its first time on; one that already is
         sampled so is used as it is.
     k1: decay with distance.
     k2: growth with speed ahead, s/m.
+    sample_interval: s.
     superposition: "magnitude" sums |s|; "vector" gives |sum of s r/|r||, where a sample on the
         point itself has no direction and adds nothing.
+
     Raises InputError for arguments outside these meanings.
     """
     field: FloatArray = trajectory_fields(
@@ -100,8 +103,8 @@ def trajectory_fields(
 
 
 def samples_of(trajectory: Trajectory, k2: float, interval: float) -> FloatArray:
-    """What the kernels sum: rows of x, y, k2 vx, k2 vy, k2 v, weight; a standing vehicle is one row
-    with a weight.
+    """Samples of a trajectory for the kernels: rows of x, y, k2 vx, k2 vy, k2 v, weight; a
+    standing vehicle is one row with a weight.
     """
     motion = _resampled(trajectory, interval)
     begins = np.flatnonzero(np.append(True, np.any(motion[1:] != motion[:-1], axis=1)))

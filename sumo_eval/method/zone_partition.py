@@ -97,9 +97,9 @@ class Surface:
     """Eqs. 7-8: the GP's posterior mean y(x) = sf^2 sum_i exp(-|(x - x_i)/sl|^2 / 2) weight_i, x in
     a unit box.
 
-    points: x_i (n, m).
+    points: x_i, (n, m).
     weights: (K + sn^2 I + diag(0.1 y_i)^2)^-1 y, (n,).
-    length_scales: sl (m,).
+    length_scales: sl, (m,).
     signal_deviation: sf.
     noise_deviation: sn.
     level: 0, or the constant +1 (safe) or -1 (hazardous) with n = 0 where every training point
@@ -172,16 +172,18 @@ class ZonePartition:
     `logical.parameters`.
 
     training_points: (n, k), sorted.
-    training_inverse_ttc: Eq. 6, (n,) 1/s.
-    training_target: what the GP learnt, (n,).
+    training_inverse_ttc: Eq. 6, (n,), 1/s.
+    training_target: the GP's target y, (n,).
     surface: the GP, in the unit box.
     most_dangerous: one point a zone, name -> value, the largest zone first.
     zone_shares: share of the space that each zone takes.
-    notes: sentences about whatever limits the trust in it.
-    zone_tree, zone_index: the zones' points on the dense grid, unit box, and the zone of each;
-    boundary_tree: where the grid's edges cross the zone boundary. The trees are empty without
-        zones, the last one also without a safe zone. Every method refuses points outside the box:
-        the GP knows nothing there.
+    notes: sentences on limits of the trust in it.
+    zone_tree: the zones' points on the dense grid, unit box; empty without zones.
+    zone_index: the zone of each of them.
+    boundary_tree: where the grid's edges cross the zone boundary; empty without zones and without a
+        safe zone.
+
+    Every method refuses points outside the box: the GP knows nothing there.
     """
 
     logical: LogicalScenario
@@ -233,8 +235,8 @@ class ZonePartition:
         return flat.reshape(rows.shape[:-1])
 
     def nearest_zone(self, points: ArrayLike) -> IntArray:
-        """Number of the zone nearest in the unit box, -1 if there is none; judged on the dense grid
-        of the zones.
+        """Number of the zone nearest in the unit box, -1 if there is none, by the dense grid of
+        the zones.
         """
         unit = _checked_unit(self.logical, points)
         if not self.zones:
@@ -253,10 +255,10 @@ class ZonePartition:
         """Distance to the zone boundary y = 0 in the unit box: positive in the safe zone, negative
         in a hazardous one.
 
-        inf where there is no hazardous zone, -inf where there is no safe one. Edges of the space
-        are no boundary. The sign is exact; the distance is exact to 1e-6 where the nearest boundary
-        point is off the edges of the space; otherwise it is too long, by less than the diagonal of
-        a cell of the dense grid (0.05 for three parameters).
+        inf where there is no hazardous zone, -inf where there is no safe one. Edges of the space do
+        not count as boundary. The sign is exact; the distance is exact to 1e-6 where the nearest
+        boundary point is off the edges of the space; otherwise it is too long, by less than the
+        diagonal of a cell of the dense grid (0.05 for three parameters).
         """
         unit = _checked_unit(self.logical, points)
         rows = unit.reshape(-1, unit.shape[-1])
@@ -298,11 +300,15 @@ def partition(
 ) -> ZonePartition:
     """Eqs. 7-8: split the space of a logical scenario into a safe zone and hazardous zones.
 
+    logical: the scenario.
+    settings: `[method.zones]`.
     points: training points (n, k) in the parameters' units; by default the grid of the parameters'
-        own steps over the whole box. Points that violate a constraint train the GP too (criticality
-        is defined there), but belong to no zone. If all training points agree there is nothing to
-        learn: that outcome then holds everywhere, and no GP is fitted. The order of the points, and
-        repeated ones, change nothing.
+        own steps over the whole box.
+
+    Points that violate a constraint train the GP too (criticality is defined there), but belong to
+    no zone. If all training points agree there is nothing to learn: that outcome then holds
+    everywhere, and no GP is fitted. The order of the points, and repeated ones, change nothing.
+
     Raises InputError for points outside the box.
     """
     from scipy.ndimage import generate_binary_structure, label
@@ -328,7 +334,9 @@ def partition(
     spurious = hazard & ~np.isin(regions, real)
     if spurious.any():
         share = 100.0 * float(spurious.sum() / feasible.sum())
-        notes.append(f"{share:.2f} % of the space is hazardous for the GP alone, and is no zone.")
+        notes.append(
+            f"{share:.2f} % of the space is hazardous for the GP alone, and forms no zone."
+        )
     labels = np.searchsorted(real, regions) + 1
     labels[~hazard | spurious] = 0
     count = len(real)
@@ -381,10 +389,9 @@ def _words(point: dict[str, float]) -> str:
 def refuse_impossible_zones(
     logical: LogicalScenario, settings: ZoneSettings = DEFAULT_SETTINGS
 ) -> None:
-    """Raise what `partition` raises: what it asks of the scenario is asked, and nothing is learnt
-    from it.
+    """Raise the InputErrors of `partition` without learning anything.
 
-    Of a dense grid whose points are searches of their own (`asks_some`), one in eight is asked.
+    Of a dense grid whose points are searches of their own (`asks_some`), one in eight is tried.
     """
     axes, _ = _own_axes(logical)
     _, grid, feasible = _dense_grid(logical, axes, settings)
@@ -440,9 +447,7 @@ _TRAINING = ("training_points", "training_inverse_ttc", "training_target")
 
 @dataclass(frozen=True, slots=True)
 class PartitionParts:
-    """A partition as arrays by name and what else cannot be had from its scenario and its settings
-    without fitting.
-    """
+    """A partition as arrays by name and the rest that a fit alone yields."""
 
     arrays: dict[str, FloatArray]
     numbers: tuple[float, float, float]
@@ -452,7 +457,7 @@ class PartitionParts:
 
 
 def parts_of(zones: ZonePartition) -> PartitionParts:
-    """What `from_parts` makes the partition of again."""
+    """The parts from which `from_parts` makes the partition again."""
     surface = zones.surface
     return PartitionParts(
         {name: getattr(zones, name) for name in _TRAINING}
@@ -469,9 +474,7 @@ def parts_of(zones: ZonePartition) -> PartitionParts:
 def from_parts(
     logical: LogicalScenario, settings: ZoneSettings, parts: PartitionParts
 ) -> ZonePartition:
-    """The partition of a scenario under some settings, from the parts that were taken of it under
-    these.
-    """
+    """The partition of a scenario under some settings, from its parts."""
     arrays = parts.arrays
     seen = (
         _coordinates(logical, arrays["training_points"]) if len(arrays["points"]) else _as_they_are
@@ -495,12 +498,14 @@ def from_parts(
 def squared_time_target(
     inverse_ttc: ArrayLike, impact_speed: ArrayLike, settings: ZoneSettings = DEFAULT_SETTINGS
 ) -> FloatArray:
-    """What the GP learns: y = tanh((T^2 - T*^2) / scale), T = 1 / max ITTC, T* = 1 / ITTC*.
+    """Eq. 7: target of the GP, y = tanh((T^2 - T*^2) / scale), T = 1 / max ITTC, T* = 1 / ITTC*.
 
-    inverse_ttc: max ITTC, 1/s.
-    impact_speed: u, m/s, under the zones' braking a. Where it hits, T^2 := -(u/a)^2, which
-        continues T^2 smoothly through contact: both are 2c/a, c the gap left over. Not closing: T =
-        inf, y = 1.
+    inverse_ttc: max ITTC, (n,), 1/s.
+    impact_speed: u, (n,), m/s, under the zones' braking a.
+    settings: `[method.zones]`: a, ITTC*, scale.
+
+    Where it hits, T^2 := -(u/a)^2, which continues T^2 smoothly through contact: both are 2c/a, c
+    the gap left over. Not closing: T = inf, y = 1.
     """
     inverse, u = np.broadcast_arrays(
         np.asarray(inverse_ttc, float), np.asarray(impact_speed, float)
@@ -527,12 +532,12 @@ def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
     """Compare a partition with the criterion itself (max ITTC >= ITTC*) at n evenly spread points
     of the box.
 
-    n: 50,000 where nobody says; 2,000 where every point is a search of its own.
+    zones: the partition.
+    n: by default 50,000, or 2,000 where every point is a search of its own.
 
-    Max ITTC is in closed form where the scenario has one, else searched over time.
-
-    The points are an additive recurrence (`steadily`). A regular grid would share its lines with
-    the training grid: one partition measures 0.08 % on 40^3 of its points and 0.18 % on 53^3.
+    Max ITTC is in closed form where the scenario has one, else searched over time. The points are
+    an additive recurrence (`steadily`). A regular grid would share its lines with the training
+    grid: one partition measures 0.08 % on 40^3 of its points and 0.18 % on 53^3.
     """
     if n is None:
         n = 50_000 if zones.logical.search is None else 2_000
@@ -605,11 +610,11 @@ def _learn(
 
 
 class Criticality(NamedTuple):
-    """How points end under the zones' ideal braking after the scenario's delay, (n,) each.
+    """Outcome of points under the zones' ideal braking after the scenario's delay, (n,) each.
 
     inverse: Eq. 6, max ITTC, 1/s, inf where it hits.
     impact: speed, m/s.
-    gap: m; where the other comes into the ego's way later, the one left when it does, of either
+    gap: m; where the actor comes into the ego's way later, the one left when it does, of either
         sign.
     target: y on the scale that the GP learns, hazardous where <= 0.
     """
@@ -623,10 +628,14 @@ class Criticality(NamedTuple):
 def criticality(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> Criticality:
-    """Criticality of points (n, k) itself, in closed form or searched over time; without an
-    approach all are safe.
+    """Eqs. 5-6: criticality of points itself, in closed form or searched; without an approach all
+    are safe.
 
-    Where the other comes into the ego's way later, an ego that has passed by then is safe: y =
+    logical: the scenario.
+    points: (n, k), in the parameters' units.
+    settings: `[method.zones]`.
+
+    Where the actor comes into the ego's way later, an ego that has passed by then is safe: y =
     tanh(p / 10 m), p the free road between them, and before that y is the larger of this and of the
     squared-time target. Without p the target would jump from the hardest hit to perfectly safe, and
     no smooth surface follows a jump.
@@ -713,13 +722,13 @@ def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[Float
 
 
 def _steady(speed: FloatArray) -> tuple[Profile, Profile]:
-    """Speed and distance at times of others who keep their speed, (n, 1)."""
+    """Speed and distance at times of leads that keep their speed, (n, 1)."""
     return lambda time: speed, lambda time: speed * time
 
 
 def _braking(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
-    """Speed and distance at times of others, of whom those that decelerate brake from the start on,
-    (n, 1).
+    """Speed and distance at times of leads, (n, 1); those that decelerate brake from the start
+    on.
     """
     brakes = slowing > 0.0
     strength = np.where(brakes, slowing, 1.0)
@@ -732,17 +741,20 @@ def _braking(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
 def exact_target(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> FloatArray:
-    """The criticality of points (n, k) itself, on the scale that the GP learns it: hazardous where
-    <= 0, (n,).
+    """Eqs. 5-7: the criticality of points (n, k) itself, on the scale that the GP learns it:
+    hazardous where <= 0, (n,).
     """
     return criticality(logical, points, settings).target
 
 
 def danger(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
-    """(1 - y) / 2 of the criticality y that the zones are learnt from (Eqs. 5-7): 0.5 on the zone
-    boundary, 1 where ideal braking hits hard, 0 where nothing comes near.
+    """Eqs. 5-7: (1 - y) / 2 of the criticality y that the zones are learnt from, (n,).
 
-    points: (n, k); returns (n,).
+    logical: the scenario.
+    points: (n, k), in the parameters' units.
+    settings: `[method.zones]`.
+
+    0.5 on the zone boundary, 1 where ideal braking hits hard, 0 where nothing comes near.
     """
     return np.asarray((1.0 - exact_target(logical, points, settings)) / 2.0)
 
@@ -750,8 +762,8 @@ def danger(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings)
 def exactly_hazardous(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> BoolArray:
-    """Where max ITTC itself reaches its threshold, at points (n, k) of the box, (n,): without any
-    partition.
+    """Eqs. 5-6: where max ITTC itself reaches its threshold, at points (n, k) of the box, (n,),
+    without any partition.
     """
     return np.asarray(
         criticality(logical, points, settings).inverse >= settings.critical_inverse_ttc

@@ -302,7 +302,7 @@ def test_law_a_region_that_the_gp_alone_calls_hazardous_is_no_zone():
     assert zones.zones == 1
     assert zones.zone_shares[0] == pytest.approx(0.12, abs=0.01)
     assert zones.most_dangerous[0]["x"] == 0.0
-    assert "14.51 % of the space is hazardous for the GP alone, and is no zone." in zones.notes
+    assert "14.51 % of the space is hazardous for the GP alone, and forms no zone." in zones.notes
     assert collision_weight([[100.0]], zones)[0] == pytest.approx(100.0 / 12.0, rel=0.02)
 
 
