@@ -296,3 +296,9 @@ class Recording:
     def simulated_time(self) -> float:
         """Simulated time from the start of the case to its end, s."""
         return float(self.ego.time[-1])
+
+
+def half_extents(heading: FloatArray, length: float, width: float) -> tuple[FloatArray, FloatArray]:
+    """Half of what a turned body reaches along and across the road, m, of the heading's shape."""
+    c, s = np.abs(np.cos(heading)), np.abs(np.sin(heading))
+    return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)

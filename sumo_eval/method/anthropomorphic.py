@@ -29,7 +29,14 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
-from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation
+from sumo_eval.method.manoeuvres import (
+    Choice,
+    Manoeuvre,
+    chosen,
+    everyone,
+    manoeuvre_of,
+    pooled_deviation,
+)
 from sumo_eval.method.operations import count_operations as count_operations
 from sumo_eval.method.operations import most_operations
 from sumo_eval.method.shared_fields import SharedFields, Stretch
@@ -353,8 +360,8 @@ def _index(
     )
     terms = centre_term[:, None] * field_term
 
-    similarity = (1.0 if choice is None else choice.usual) * float(terms.mean())
-    operations = np.array([driver.operations for driver in drivers])[one.compared]
+    similarity = choice.usual * float(terms.mean())
+    operations = np.array([driver.operations for driver in drivers])[choice.members]
     operation_factor = _capped_ratio(np.mean(operations), ads.operations)
 
     return AnthropomorphicIndex(
@@ -377,9 +384,9 @@ def _index(
             *_trajectory_notes(ads, drivers, settings),
             *_note(operation_factor == 0.0, "drivers_without_operation"),
         ),
-        manoeuvre=() if choice is None else choice.manoeuvre,
-        share=1.0 if choice is None else choice.share,
-        usual=1.0 if choice is None else choice.usual,
+        manoeuvre=choice.manoeuvre,
+        share=choice.share,
+        usual=choice.usual,
     )
 
 
@@ -490,14 +497,10 @@ class _Drive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Comparison:
-    """A pairing and what follows from lengths and manoeuvres.
-
-    compared: which of its drivers count, (k,).
-    """
+    """A pairing and what follows from lengths and manoeuvres."""
 
     pairing: Pairing
-    choice: Choice | None
-    compared: BoolArray
+    choice: Choice
     length_factor: float
     where: tuple[float, float, float]
 
@@ -528,14 +531,17 @@ def _drive(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings
 
 def _comparison(drives: Sequence[_Drive], pairing: Pairing, mode: Mode) -> _Comparison:
     ads, drivers = drives[pairing.ads], [drives[place] for place in pairing.drivers]
-    choice = chosen(ads.manoeuvre, [one.manoeuvre for one in drivers]) if mode == MIXTURE else None
-    compared = np.ones(len(drivers), dtype=np.bool_) if choice is None else choice.members
+    choice = (
+        chosen(ads.manoeuvre, [driver.manoeuvre for driver in drivers])
+        if mode == MIXTURE
+        else everyone(len(drivers))
+    )
     mean_length, mean_reach = (
-        float(np.mean(np.array(values)[compared]))
+        float(np.mean(np.array(values)[choice.members]))
         for values in ([driver.length for driver in drivers], [driver.reach for driver in drivers])
     )
     where = (float(ads.whole.x[0]), min(ads.reach, mean_reach), pairing.spacing)
-    return _Comparison(pairing, choice, compared, _capped_ratio(ads.length, mean_length), where)
+    return _Comparison(pairing, choice, _capped_ratio(ads.length, mean_length), where)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -660,7 +666,7 @@ def _centre_term(
     got_there: BoolArray,
     road: Road,
     settings: AnthropomorphicSettings,
-    choice: Choice | None,
+    choice: Choice,
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes.
 
@@ -669,62 +675,56 @@ def _centre_term(
     got_there: which drivers got as far as which slice, (k, m).
     """
     ads, humans = centres[0], centres[1:]
-    fewest = 2
-    if choice is not None:  # the drivers of other manoeuvres only lend their deviation
-        everybody = humans, got_there
-        humans, got_there, fewest = humans[choice.members], got_there[choice.members], 1
-    alone = np.count_nonzero(got_there, axis=0) < fewest
-    counted = got_there | alone
-    number = np.count_nonzero(counted, axis=0)
-    if choice is None:
-        mean = np.sum(humans, axis=0, where=counted) / number
-        deviation = np.sqrt(np.sum((humans - mean) ** 2, axis=0, where=counted) / (number - 1))
-    else:
-        values, there = everybody
-        mean, deviation = pooled_deviation(
-            values, there | (alone & choice.members[:, None]), choice, settings.pooled_drivers
-        )
+    members, there = choice.members, got_there[choice.members]
+    # in mixture mode the drivers of other manoeuvres lend their deviation
+    alone = np.count_nonzero(there, axis=0) < (1 if choice.manoeuvre else 2)
+    mean, deviation = _spread(humans, got_there | (alone & members[:, None]), choice, settings)
     floor = settings.centre_deviation_floor
     term = gaussian_similarity(ads, mean, np.maximum(deviation, floor))
 
     # A gap between neighbours counts when enough drivers stand on each side of it; nan (did not get
     # there) sorts last.
-    ordered = np.sort(np.where(counted, humans, np.nan), axis=0)
-    below = np.arange(1, len(humans))[:, None]
+    ordered = np.sort(np.where(there | alone, humans[members], np.nan), axis=0)
+    number = np.count_nonzero(there | alone, axis=0)
+    below = np.arange(1, len(ordered))[:, None]
     groups = (below >= SPLIT_MEMBERS) & (number - below >= SPLIT_MEMBERS)
     split = np.any(groups & (np.diff(ordered, axis=0) > SPLIT_GAP * road.lane_width), axis=0)
     outside = (ads < _right_edge(road, slices)) | (ads > _left_edge(road, slices))
     return term, [
         *_note(deviation < floor, "centre_floor"),
         *_note(split, "two_groups"),
-        *_note(~got_there.all(axis=0), "driver_not_so_far"),
+        *_note(~there.all(axis=0), "driver_not_so_far"),
         *_note(alone, "drivers_hold_last_y"),
         *_note(outside, "ads_off_road"),
     ]
 
 
 def _field_term(
-    own: FloatArray, humans: FloatArray, settings: AnthropomorphicSettings, choice: Choice | None
+    own: FloatArray, humans: FloatArray, settings: AnthropomorphicSettings, choice: Choice
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes.
 
     own: the ADS's field there, (m, 7).
     humans: the k drivers', (k, m, 7).
     """
-    if choice is None:
-        mean, deviation = humans.mean(axis=0), humans.std(axis=0, ddof=1)
-    else:
-        mean, deviation = pooled_deviation(
-            humans, np.ones(humans.shape, dtype=np.bool_), choice, settings.pooled_drivers
-        )
+    everywhere = np.ones((len(humans), 1, 1), dtype=np.bool_)
+    mean, deviation = _spread(humans, everywhere, choice, settings)
     floor = settings.field_deviation_floor * mean
     term = gaussian_similarity(own, mean, np.maximum(deviation, floor))
     return term, _note(deviation < floor, "field_floor")
 
 
-def _choice_notes(choice: Choice | None) -> list[IndexNote]:
+def _spread(
+    values: FloatArray, counted: BoolArray, choice: Choice, settings: AnthropomorphicSettings
+) -> tuple[FloatArray, FloatArray]:
+    """Eq. 11: mean and deviation of values, (k, ...), over the chosen drivers."""
+    pooled_drivers = settings.pooled_drivers if choice.manoeuvre else 0.0
+    return pooled_deviation(values, counted, choice, pooled_drivers)
+
+
+def _choice_notes(choice: Choice) -> list[IndexNote]:
     """Remarks on the drivers that mixture mode compares with."""
-    if choice is None:
+    if not choice.manoeuvre:
         return []
     if choice.usual == 0.0:
         return [IndexNote("manoeuvre_made_by_nobody", manoeuvre=choice.manoeuvre)]

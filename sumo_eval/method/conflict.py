@@ -21,7 +21,7 @@ from sumo_eval.scenario import ConcreteScenario, LogicalScenario
 from sumo_eval.scenario.motion import quintic
 from sumo_eval.scenario.undisturbed import Tracks, tracks
 from sumo_eval.settings import VehicleSettings, ZoneSettings
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, half_extents
 
 # s between two looks; contact between two is found on the straight line from one to the other
 STEP = 0.1
@@ -134,9 +134,8 @@ def conflict_criticality(
     placed: Sequence[ConcreteScenario], other: int, delays: Sequence[float],
     size: tuple[float, float],
     settings: ZoneSettings,
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Eqs. 2 and 5-6 on conflicting ways: max ITTC, 1/s, impact speed, m/s, smallest distance of
-    bodies, m.
+) -> FloatArray:  # fmt: skip
+    """Eqs. 2 and 5-6 on conflicting ways: max ITTC, 1/s, impact speed, m/s, smallest distance, m.
 
     placed: n cases of one scenario.
     other: number of the actor whose first move makes the ego brake.
@@ -154,28 +153,25 @@ def conflict_criticality(
     found = tracks(placed, [size] * len(placed), STEP, min(until, _LONGEST))
     first = found.begins[:, other]
     from_then = np.where(np.isinf(first), 0.0, first) + np.array(delays)
-    kept, _, nearest = _with_all(placed, found, size, np.full(len(placed), np.inf), strength, 0)
-    inverse, impact = np.zeros(len(placed)), np.zeros(len(placed))
-    at = np.flatnonzero(np.isinf(kept))
+    searched = _with_all(placed, found, size, np.full(len(placed), np.inf), strength, 0)
+    at = np.flatnonzero(np.isinf(searched[0]))
+    searched[:2] = 0.0
     if at.size:
         hit = Tracks(found.egos[at], found.others[at], found.begins[at])
-        inverse[at], impact[at], nearest[at] = _with_all(
-            [placed[i] for i in at.tolist()],
-            hit,
-            size,
-            from_then[at],
-            strength,
-            round(HORIZON / STEP),
+        braking = [placed[i] for i in at.tolist()]
+        searched[:, at] = _with_all(
+            braking, hit, size, from_then[at], strength, round(HORIZON / STEP)
         )
-    return inverse, impact, nearest
+    return searched
 
 
 def _with_all(
     placed: Sequence[ConcreteScenario], found: Tracks, size: tuple[float, float],
     begins: FloatArray, strength: float,
     horizon: int,
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Max ITTC, impact speed and smallest distance of the bodies, with the most critical actor.
+) -> FloatArray:  # fmt: skip
+    """Max ITTC, impact speed and smallest distance of the bodies, (3, n), with the most critical
+    actor.
 
     begins: when each ego begins to brake, s.
     horizon: looks ahead.
@@ -185,17 +181,14 @@ def _with_all(
     braking = np.clip(time - wait, 0.0, v / strength)
     speed = v - strength * braking
     egos = np.stack([x + v * np.minimum(time, wait) + braking * (v + speed) / 2.0, speed], axis=2)
-    of_each = [
-        _with(placed, found, egos, number, size, horizon) for number in range(found.others.shape[1])
-    ]
-    inverse, impact, nearest = (np.array(part) for part in zip(*of_each, strict=True))
-    lets = _let_the_ego_in(placed)
-    inverse, impact, nearest = (
-        np.where(lets, 0.0, inverse),
-        np.where(lets, 0.0, impact),
-        np.where(lets, np.inf, nearest),
-    )
-    return inverse.max(axis=0), impact.max(axis=0), nearest.min(axis=0)
+    each = np.array(
+        [
+            _with(placed, found, egos, number, size, horizon)
+            for number in range(found.others.shape[1])
+        ]
+    ).transpose(1, 0, 2)
+    each[:, _let_the_ego_in(placed)] = np.array([[0.0], [0.0], [np.inf]])
+    return np.stack([each[0].max(axis=0), each[1].max(axis=0), each[2].min(axis=0)])
 
 
 def _let_the_ego_in(placed: Sequence[ConcreteScenario]) -> BoolArray:
@@ -212,8 +205,8 @@ def _with(
     placed: Sequence[ConcreteScenario], found: Tracks, egos: FloatArray, other: int,
     size: tuple[float, float],
     horizon: int,
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Max ITTC, impact speed and smallest distance of the bodies with number `other`.
+) -> FloatArray:  # fmt: skip
+    """Max ITTC, impact speed and smallest distance of the bodies with number `other`, (3, n).
 
     egos: x and speed, (n, T, 2).
     """
@@ -239,11 +232,8 @@ def _with(
     along = speed * np.cos(heading) - across * np.sin(heading)
     sideways = speed * np.sin(heading) + across * np.cos(heading)
     impact[hit] = np.hypot(egos[hit, at, 1] - along, sideways)
-    return (
-        np.where(result[:, 1] >= 0.0, np.inf, result[:, 0]),
-        impact,
-        np.maximum(result[:, 2], 0.0),
-    )
+    inverse = np.where(result[:, 1] >= 0.0, np.inf, result[:, 0])
+    return np.stack([inverse, impact, np.maximum(result[:, 2], 0.0)])
 
 
 def _begins(placed: Sequence[ConcreteScenario], other: int) -> FloatArray:
@@ -267,12 +257,7 @@ def _extents(
     m.
     """
     actor = concrete.actors[other]
-    c, s = np.abs(np.cos(track[:, :, 2])), np.abs(np.sin(track[:, :, 2]))
-    return (
-        track,
-        0.5 * (actor.length * c + actor.width * s),
-        0.5 * (actor.length * s + actor.width * c),
-    )
+    return track, *half_extents(track[:, :, 2], actor.length, actor.width)
 
 
 @kernel

@@ -13,7 +13,7 @@ import numpy as np
 
 from sumo_eval.method.measures import STANDING
 from sumo_eval.scenario.concrete import Road, Way
-from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
+from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory, half_extents
 
 PLACE_SPACING = 1.0
 """m between the places of a way at which times are compared."""
@@ -44,26 +44,22 @@ def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | N
     road: its edges; a road that crosses it is drivable.
     margin: `road_margin`, m, a paved edge strip.
     """
-    away = np.zeros(len(ego), dtype=np.bool_)
-    for along in (0.5, -0.5):
-        for aside in (0.5, -0.5):
-            away |= _off_road(*_corner(ego, along * ego.length, aside * ego.width), road, margin)
-    places = np.flatnonzero(away)
-    return (
-        None
-        if not len(places)
-        else Departure(float(ego.time[places[0]]), float(ego.speed[places[0]]))
-    )
+    away = np.flatnonzero(_off_road(*_corners(ego), road, margin).any(axis=0))
+    if not away.size:
+        return None
+    return Departure(float(ego.time[away[0]]), float(ego.speed[away[0]]))
 
 
-def _corner(ego: Trajectory, along: float, aside: float) -> tuple[FloatArray, FloatArray]:
-    """x and y of a point of the body, so far ahead of its centre and to its left, m, (n,) each."""
+def _corners(ego: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """x and y of the body's four corners, m, (4, n) each."""
+    along = 0.5 * ego.length * np.array([[1.0], [1.0], [-1.0], [-1.0]])
+    aside = 0.5 * ego.width * np.array([[1.0], [-1.0], [1.0], [-1.0]])
     cosine, sine = np.cos(ego.heading), np.sin(ego.heading)
     return ego.x + along * cosine - aside * sine, ego.y + along * sine + aside * cosine
 
 
 def _off_road(x: FloatArray, y: FloatArray, road: Road, margin: float) -> BoolArray:
-    """Whether places (n,) are more than `margin` m beyond the road and every road that crosses
+    """Whether places (...) are more than `margin` m beyond the road and every road that crosses
     it.
     """
     beyond = (y < road.right_edge_at(x) - margin) | (y > road.left_edge_at(x) + margin)
@@ -96,26 +92,14 @@ def is_excused(ego: Trajectory, actors: Mapping[str, Trajectory]) -> bool:
         return False
     moving = np.flatnonzero(ego.speed >= STANDING)
     since = ego.time[moving[-1] + 1 if len(moving) else 0]
-    front, left, right = _reach(ego)
+    x, y = (corners[:, -1] for corners in _corners(ego))
+    front, left, right = float(x.max()), float(y.max()), float(y.min())
     return any(_excuses(actor, since, front, left, right) for actor in actors.values())
-
-
-def _reach(ego: Trajectory) -> tuple[float, float, float]:
-    """x of the standing body's front, y of its left and right side, m."""
-    corners = [
-        (float(x[-1]), float(y[-1]))
-        for along in (0.5, -0.5)
-        for aside in (0.5, -0.5)
-        for x, y in [_corner(ego, along * ego.length, aside * ego.width)]
-    ]
-    return max(x for x, _ in corners), max(y for _, y in corners), min(y for _, y in corners)
 
 
 def _excuses(actor: Trajectory, since: float, front: float, left: float, right: float) -> bool:
     """Whether a road user stood or crept close ahead at some sample from `since` s on."""
-    cosine, sine = np.abs(np.cos(actor.heading)), np.abs(np.sin(actor.heading))
-    long = 0.5 * (actor.length * cosine + actor.width * sine)
-    wide = 0.5 * (actor.length * sine + actor.width * cosine)
+    long, wide = half_extents(actor.heading, actor.length, actor.width)
 
     ahead = (actor.x + long >= front) & (actor.x - long - front <= EXCUSE_AHEAD)
     beside = np.maximum(actor.y - wide - left, right - actor.y - wide) <= EXCUSE_BESIDE

@@ -26,11 +26,9 @@ _AT_ONCE = 500  # points searched together
 _LONGEST = 60.0  # s that are looked at, at most
 
 
-def encounter(
-    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Eqs. 2 and 5-6: max ITTC, 1/s, impact speed, m/s, and smallest gap while the obstacle is in
-    the way, m.
+def encounter(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
+    """Eqs. 2 and 5-6: max ITTC, 1/s, impact speed, m/s, and the smallest gap in the ego's way, m,
+    (3, n).
 
     logical: a scenario with a `search`.
     points: (n, k), in the parameters' units.
@@ -40,17 +38,13 @@ def encounter(
     way; the gap is inf where it is never in the way. Sampled every 0.02 s, so an ITTC below its
     peak by the motion of half a step.
     """
-    n = len(points)
-    inverse, impact, nearest = np.zeros(n), np.zeros(n), np.full(n, np.inf)
-    for begin in range(0, n, _AT_ONCE):
-        part = slice(begin, min(begin + _AT_ONCE, n))
-        inverse[part], impact[part], nearest[part] = _of(logical, points[part], settings)
-    return inverse, impact, nearest
+    parts = (points[begin : begin + _AT_ONCE] for begin in range(0, len(points), _AT_ONCE))
+    return np.concatenate(
+        [np.empty((3, 0)), *(_of(logical, part, settings) for part in parts)], axis=1
+    )
 
 
-def _of(
-    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _of(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
     search = logical.search
     assert search is not None
     size = ego_size(logical)
@@ -69,7 +63,7 @@ def _of(
     met = meetings(
         placed, [size] * len(placed), STEP, until, settings.deceleration, search.obstacle, delays
     )
-    return met[:, 0], met[:, 1], met[:, 2]
+    return met[:, :3].T
 
 
 def _waits(logical: LogicalScenario, placed: Sequence[ConcreteScenario]) -> float:

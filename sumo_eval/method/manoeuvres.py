@@ -29,7 +29,7 @@ Manoeuvre = tuple[int, ...]
 class Choice:
     """The manoeuvre of an ADS among those of the drivers.
 
-    manoeuvre: the ADS's.
+    manoeuvre: the ADS's; empty in gaussian mode.
     members: which drivers made the same one, (k,); all where none did.
     groups: every driver's manoeuvre as a number, (k,).
     share: of the drivers who made it.
@@ -69,42 +69,45 @@ def chosen(mine: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
     return Choice(mine, members, groups, share, counts[mine] / max(counts.values()))
 
 
+def everyone(drivers: int) -> Choice:
+    """All drivers without regard to their manoeuvres, as gaussian mode compares with them."""
+    flags = np.ones(drivers, dtype=np.bool_)
+    return Choice((), flags, np.zeros(drivers), 1.0, 1.0)
+
+
 def pooled_deviation(
     values: FloatArray, counted: BoolArray, choice: Choice, pooled_drivers: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean and deviation of the members' values, (...), in mixture mode.
+    """Eq. 11: mean and deviation of the members' values, (...).
 
     values: of all drivers, (k, ...).
     counted: which values exist, (k, ...).
     choice: which drivers are members.
-    pooled_drivers: weight of the pooled variance, in drivers.
+    pooled_drivers: weight of the pooled variance, in drivers; 0 in gaussian mode.
 
     The members' own variance is completed by the variance within manoeuvres, pooled over all of
     them, which counts as much as `pooled_drivers` drivers: one or two members alone say little of
     how much such drivers differ.
     """
-    squares, freedom = np.zeros(values.shape[1:]), np.zeros(values.shape[1:])
-    mean = own = own_freedom = np.zeros(values.shape[1:])
-    for group in np.unique(choice.groups):
-        inside = counted & _like(choice.groups == group, values)
-        number = inside.sum(axis=0)
-        middle = np.sum(values, axis=0, where=inside) / np.maximum(number, 1)
-        square = np.sum((values - middle) ** 2, axis=0, where=inside)
-        squares += square
-        freedom += np.maximum(number - 1, 0)
-        if choice.members[choice.groups == group].all() and choice.usual > 0.0:
-            mean, own, own_freedom = middle, square, np.maximum(number - 1, 0)
-    if choice.usual == 0.0:  # nobody made this manoeuvre: all drivers are the members
-        number = counted.sum(axis=0)
-        mean = np.sum(values, axis=0, where=counted) / np.maximum(number, 1)
-        own, own_freedom = (
-            np.sum((values - mean) ** 2, axis=0, where=counted),
-            np.maximum(number - 1, 0),
-        )
-    pooled = squares / np.maximum(freedom, 1)
+    mean, own, freedom = _moments(values, counted & _like(choice.members, values))
+    if not pooled_drivers:
+        return mean, np.sqrt(own / np.maximum(freedom, 1e-9))
+    groups = [
+        _moments(values, counted & _like(choice.groups == group, values))[1:]
+        for group in np.unique(choice.groups)
+    ]
+    pooled = sum(square for square, _ in groups) / np.maximum(sum(free for _, free in groups), 1)
     return mean, np.sqrt(
-        (own + pooled_drivers * pooled) / np.maximum(own_freedom + pooled_drivers, 1e-9)
+        (own + pooled_drivers * pooled) / np.maximum(freedom + pooled_drivers, 1e-9)
     )
+
+
+def _moments(values: FloatArray, inside: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean of the values inside, sum of their squared distances from it, degrees of freedom."""
+    number = np.count_nonzero(inside, axis=0)
+    mean = np.sum(values, axis=0, where=inside) / np.maximum(number, 1)
+    squares = np.sum((values - mean) ** 2, axis=0, where=inside)
+    return mean, squares, np.maximum(number - 1, 0)
 
 
 def words(manoeuvre: Manoeuvre) -> str:

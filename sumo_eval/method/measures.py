@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_eval.trajectory import Collision, FloatArray, Trajectory
+from sumo_eval.trajectory import Collision, FloatArray, Trajectory, half_extents
 
 TOUCH = 1e-3
 """Bodies nearer than this touch, m: the last sample before a contact is not the place to divide by
@@ -131,17 +131,17 @@ def measures(
     """
     seen = course_of(ego, actors, collision) if course is None else course
     return CriticalityMeasures(
-        min_ttc=_least(seen.ttc),
-        max_ittc=_most(_inverse(seen.ttc)),
-        min_thw=_least(seen.thw),
-        min_gap=_least(seen.gap),
-        max_drac=_most(deceleration_to_avoid(seen.gap, seen.closing)),
+        min_ttc=(ttc := least(seen.ttc)),
+        max_ittc=1.0 / ttc if ttc else np.inf,
+        min_thw=least(seen.thw),
+        min_gap=least(seen.gap),
+        max_drac=largest(deceleration_to_avoid(seen.gap, seen.closing)),
         pet=post_encroachment_time(ego, actors, collision),
         max_deceleration=max(0.0, -float(ego.acceleration.min())),
-        max_jerk=_most(np.abs(np.diff(ego.acceleration) / np.diff(ego.time))),
+        max_jerk=largest(np.abs(np.diff(ego.acceleration) / np.diff(ego.time))),
         delta_v=np.nan if collision is None else velocity_change(collision),
-        max_lateral_speed=_most(np.abs(seen.motion.lateral_speed)),
-        max_lateral_acceleration=_most(np.abs(seen.motion.lateral_acceleration)),
+        max_lateral_speed=largest(np.abs(seen.motion.lateral_speed)),
+        max_lateral_acceleration=largest(np.abs(seen.motion.lateral_acceleration)),
     )
 
 
@@ -173,9 +173,7 @@ def lane_keeping(ego: Trajectory, lane_width: float) -> LaneKeeping:
     lane_width: m.
     """
     offset = ego.y - lane_width * np.round(ego.y[0] / lane_width)
-    reach = np.abs(offset) + 0.5 * (
-        ego.width * np.abs(np.cos(ego.heading)) + ego.length * np.abs(np.sin(ego.heading))
-    )
+    reach = np.abs(offset) + half_extents(ego.heading, ego.length, ego.width)[1]
     steps = np.diff(ego.time, append=ego.time[-1])
     away = np.flatnonzero(np.abs(offset) > IN_THE_MIDDLE)
     overshoot, settling = 0.0, 0.0
@@ -429,16 +427,11 @@ def _at(time: FloatArray, actor: Trajectory) -> tuple[FloatArray, FloatArray, Fl
     return x, y, speed
 
 
-def _inverse(ttc: FloatArray) -> FloatArray:
-    """ITTC = 1/TTC, 1/s; 0 where not closing, inf at contact."""
-    return np.asarray(np.divide(1.0, ttc, out=np.full(ttc.shape, np.inf), where=ttc != 0.0))
+def least(values: FloatArray) -> float:
+    """The least of values (n,) that are not nan; nan without one."""
+    return float(np.fmin.reduce(values, initial=np.nan))
 
 
-def _least(values: FloatArray) -> float:
-    known = values[~np.isnan(values)]
-    return float(known.min()) if known.size else float("nan")
-
-
-def _most(values: FloatArray) -> float:
-    known = values[~np.isnan(values)]
-    return float(known.max()) if known.size else float("nan")
+def largest(values: FloatArray) -> float:
+    """The largest of values (n,) that are not nan; nan without one."""
+    return float(np.fmax.reduce(values, initial=np.nan))

@@ -22,7 +22,7 @@ from typing import Final
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.method.measures import Course, course_of
+from sumo_eval.method.measures import Course, course_of, largest, least
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory
 
 USUAL_SHARE = 0.05
@@ -151,13 +151,13 @@ def extremes_of(
     seen = course_of(ego, actors, collision) if course is None else course
     motion = seen.motion
     return {
-        "min_ttc": -_largest(-seen.ttc),
-        "min_thw": -_largest(-seen.thw),
-        "max_deceleration": _largest(np.maximum(-motion.acceleration, 0.0)),
-        "max_jerk": _largest(np.abs(motion.jerk)),
-        "max_unrest": _largest(motion.unrest),
-        "max_lateral_speed": _largest(np.abs(motion.lateral_speed)),
-        "max_lateral_acceleration": _largest(np.abs(motion.lateral_acceleration)),
+        "min_ttc": least(seen.ttc),
+        "min_thw": least(seen.thw),
+        "max_deceleration": largest(np.maximum(-motion.acceleration, 0.0)),
+        "max_jerk": largest(np.abs(motion.jerk)),
+        "max_unrest": largest(motion.unrest),
+        "max_lateral_speed": largest(np.abs(motion.lateral_speed)),
+        "max_lateral_acceleration": largest(np.abs(motion.lateral_acceleration)),
     }
 
 
@@ -168,9 +168,7 @@ def plausibility(extremes: Mapping[str, float], people: Quantiles) -> float:
     extremes: those of one drive (`extremes_of`).
     people: the table to compare with.
     """
-    return min(
-        1.0, *(people.share(name, value) / USUAL_SHARE for name, value in _known(extremes).items())
-    )
+    return min(1.0, least_plausible(extremes, people)[1] / USUAL_SHARE)
 
 
 def least_plausible(extremes: Mapping[str, float], people: Quantiles) -> tuple[str, float]:
@@ -252,8 +250,3 @@ def _known(extremes: Mapping[str, float]) -> Mapping[str, float]:
             f"The extremes of a drive must hold at least one of {', '.join(EXTREMES)}, got none."
         )
     return extremes
-
-
-def _largest(values: FloatArray) -> float:
-    known = values[~np.isnan(values)]
-    return float(known.max()) if known.size else float("nan")

@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 
 from sumo_eval.errors import must_be
-from sumo_eval.method import score_terms
 from sumo_eval.settings import ScoreSettings
 
 ROUNDING = 1e-9  # what a mean of shares may be off by
@@ -63,9 +62,8 @@ def combined_score(
             raise must_be(f"`{name}`", "the score", "greater than 0", scale)
     c_points = 0.0 if c is None else a * k5 * c
     d_points = 0.0 if d is None else b * k6 * d
-    first, second = (np.array([np.nan if value is None else value]) for value in (c, d))
-    total = float(score_terms.combined(first, second, a, b, k5, k6)[0])
-    return Score(None if math.isnan(total) else total, c, d, c_points, d_points)
+    total = None if c is None and d is None else c_points + d_points
+    return Score(total, c, d, c_points, d_points)
 
 
 def score_of(c: float | None, d: float | None, points: ScoreSettings) -> Score:

@@ -129,26 +129,6 @@ def exposure_mean(values: ArrayLike, exposure: ArrayLike, counts: Counts) -> Flo
     return weighted_mean(values, exposure, counts)
 
 
-def combined(
-    first: ArrayLike,
-    second: ArrayLike,
-    a: float,
-    b: float,
-    first_scale: float = 1.0,
-    second_scale: float = 1.0,
-) -> FloatArray:
-    """Eq. 18: S = a k5 C + b k6 D, points, (m,); a term that is nan counts 0, S is nan where both
-    are.
-
-    first, second: C and D, (m,), 0..1.
-    a, b: points for either.
-    first_scale, second_scale: k5 and k6.
-    """
-    c, d = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
-    total = a * first_scale * np.nan_to_num(c) + b * second_scale * np.nan_to_num(d)
-    return np.asarray(np.where(np.isnan(c) & np.isnan(d), np.nan, total))
-
-
 @dataclass(frozen=True, slots=True)
 class Worth:
     """How many points a whole index gives to S: C and D (Eq. 18, with k5 and k6)."""
@@ -163,17 +143,34 @@ def worth(points: ScoreSettings) -> Worth:
 
 
 def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray:
-    """Eq. 18: S = a k5 C + b k6 D, points, (m,), with the settings' a, b, k5 and k6; see
-    `combined`.
+    """Eq. 18: S = a k5 C + b k6 D, points, (m,); a term that is nan counts 0, S is nan where both
+    are.
+
+    c: C, (m,), 0..1.
+    d: D, (m,), 0..1.
+    points: a, b, k5 and k6.
     """
-    return combined(c, d, points.a, points.b, points.k5, points.k6)
+    terms = np.asarray([c, d], dtype=np.float64)
+    whole = worth(points)
+    total = whole.c * np.nan_to_num(terms[0]) + whole.d * np.nan_to_num(terms[1])
+    return np.where(np.isnan(terms).all(axis=0), np.nan, total)
 
 
 def ordering_score(
     task: ArrayLike, grade: ArrayLike, human_likeness: ArrayLike, points: ScoreSettings
 ) -> FloatArray:
-    """S+ = T max(A', 0) (a + b H), points, (m,), with the settings' a and b; see `score_plus`."""
-    return score_plus(task, grade, human_likeness, points.a, points.b)
+    """S+ = T max(A', 0) (a + b H), points, (m,). An H that was not computed counts 0; nan without T
+    or A'.
+
+    task: T, (m,), 0..1.
+    grade: A', (m,), at most 1.
+    human_likeness: H, (m,), 0..1.
+    points: a for driving the task without harm, b for doing it as human drivers do; together 100.
+    """
+    likeness = np.nan_to_num(np.asarray(human_likeness, dtype=np.float64))
+    safely = np.maximum(np.asarray(grade, dtype=np.float64), 0.0)
+    done = np.asarray(task, dtype=np.float64) * safely
+    return np.asarray(done * (points.a + points.b * likeness))
 
 
 def mean_shares(weights: ArrayLike) -> FloatArray:
@@ -304,23 +301,6 @@ def grade_slope(avoided: float, sharpness: float) -> float:
     return (
         0.0 if avoided < 0.0 else 1.0 / ((sharpness + 1.0 - avoided) * math.log1p(1.0 / sharpness))
     )
-
-
-def score_plus(
-    task: ArrayLike, grade: ArrayLike, human_likeness: ArrayLike, a: float, b: float
-) -> FloatArray:
-    """S+ = T max(A', 0) (a + b H), points, (m,). An H that was not computed counts 0; nan without T
-    or A'.
-
-    task: T, (m,), 0..1.
-    grade: A', (m,), at most 1.
-    human_likeness: H, (m,), 0..1.
-    a: points for driving the task without harm.
-    b: points for doing it as human drivers do; a + b = 100.
-    """
-    likeness = np.nan_to_num(np.asarray(human_likeness, dtype=np.float64))
-    safely = np.maximum(np.asarray(grade, dtype=np.float64), 0.0)
-    return np.asarray(np.asarray(task, dtype=np.float64) * safely * (a + b * likeness))
 
 
 def _weighted_sum(

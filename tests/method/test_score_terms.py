@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.method import score_terms as terms
+from sumo_eval.settings import ScoreSettings
 
 nan = np.nan
 speed = st.one_of(st.just(0.0), st.floats(0.01, 40.0))
@@ -52,9 +53,10 @@ def test_d_by_hand():
 
 def test_s_by_hand_and_what_was_not_computed_counts_0_unless_nothing_was():
     # 60 * 1.25 * 0.4 + 40 * 0.5 * 0.8 = 30 + 16
-    assert terms.combined([0.4], [0.8], 60.0, 40.0, 1.25, 0.5) == pytest.approx([46.0])
+    points = ScoreSettings(60.0, 1.25, 0.5)
+    assert terms.paper_score([0.4], [0.8], points) == pytest.approx([46.0])
     np.testing.assert_array_equal(
-        terms.combined([0.9, nan, nan], [nan, 0.5, nan], 50.0, 50.0), [45.0, 25.0, nan]
+        terms.paper_score([0.9, nan, nan], [nan, 0.5, nan], ScoreSettings()), [45.0, 25.0, nan]
     )
 
 
@@ -103,7 +105,7 @@ def test_a_is_below_0_for_who_is_worse_than_doing_nothing_and_s_plus_takes_0():
     grade = terms.avoidance_grade(a, 0.01)
     # 1 - ln(1 + 2.5/0.01) / ln(101) = 1 - 5.525 / 4.615
     np.testing.assert_allclose(grade, [-0.1972], atol=1e-4)
-    assert terms.score_plus([1.0], grade, [0.5], 50.0, 50.0) == [0.0]
+    assert terms.ordering_score([1.0], grade, [0.5], ScoreSettings()) == [0.0]
 
 
 def test_a_leaves_out_points_where_somebody_could_not_be_evaluated():
@@ -125,8 +127,8 @@ def test_a_and_the_regret_where_all_weights_are_0_count_every_point_alike():
 def test_s_plus_by_hand():
     # 0.9 * 0.8 * (60 + 40 * 0.5) = 57.6; without H 0.9 * 0.8 * 60 = 43.2; none without T or without
     # A'
-    found = terms.score_plus(
-        [0.9, 0.9, nan, 0.9], [0.8, 0.8, 0.8, nan], [0.5, nan, 0.5, 0.5], 60.0, 40.0
+    found = terms.ordering_score(
+        [0.9, 0.9, nan, 0.9], [0.8, 0.8, 0.8, nan], [0.5, nan, 0.5, 0.5], ScoreSettings(60.0)
     )
     np.testing.assert_allclose(found, [57.6, 43.2, nan, nan])
 
@@ -160,7 +162,8 @@ def test_s_plus_lies_within_0_and_100_and_rises_with_each_part(pair, task, grade
         ((task, grade, low), (task, grade, high)),
     ):  # fmt: skip
         less, more = (
-            float(terms.score_plus(*np.array([parts]).T, 50.0, 50.0)[0]) for parts in (one, other)
+            float(terms.ordering_score(*np.array([parts]).T, ScoreSettings())[0])
+            for parts in (one, other)
         )
         assert 0.0 <= less <= more <= 100.0
 
