@@ -91,10 +91,7 @@ class Loop:
         """The machine code for arguments of the types that these have, which does not look at the
         types again.
         """
-        kinds = tuple(
-            (one.dtype, one.ndim, one.flags.num) if isinstance(one, np.ndarray) else type(one)
-            for one in arguments
-        )
+        kinds = tuple(map(_kind_of, arguments))
         code = self.codes.get(kinds)
         if code is None:
             if self.compiled is None:
@@ -103,6 +100,15 @@ class Loop:
             types = tuple(map(self.compiled.typeof_pyval, arguments))
             code = self.codes[kinds] = self.compiled.compile(types)
         return code
+
+
+def _kind_of(argument: Any) -> Any:
+    """What machine code depends on: types and layout of arrays, alone or in a named tuple."""
+    if isinstance(argument, tuple):
+        return type(argument), tuple(map(_kind_of, argument))
+    if isinstance(argument, np.ndarray):
+        return argument.dtype, argument.ndim, argument.flags.num
+    return type(argument)
 
 
 def interpreted(loop: Function) -> Function:
@@ -197,15 +203,23 @@ def _interpreted(function: Callable[..., Any]) -> Callable[..., Any]:
     def loop(*arguments: Any) -> Any:
         opened = [_opened(argument) for argument in arguments]
         result = function(*opened)
-        for argument, records in zip(arguments, opened, strict=True):
-            if records is not argument and argument.size:
-                argument[...] = _closed(records, argument.dtype)
+        _write_back(arguments, opened)
         return result
 
     return loop
 
 
+def _write_back(arguments: Sequence[Any], opened: Sequence[Any]) -> None:
+    for argument, records in zip(arguments, opened, strict=True):
+        if isinstance(argument, tuple):
+            _write_back(argument, records)
+        elif records is not argument and argument.size:
+            argument[...] = _closed(records, argument.dtype)
+
+
 def _opened(argument: Any) -> Any:
+    if isinstance(argument, tuple):
+        return type(argument)(*map(_opened, argument))
     if not isinstance(argument, np.ndarray) or argument.dtype.names is None:
         return argument
     return _records(argument.tolist(), argument.dtype, argument.ndim)

@@ -45,7 +45,7 @@ from sumo_eval.scenario.played import (
     DEEPEST,
     FOLLOW,
     WAITS,
-    begin_play_rows,
+    Cast,
     play_rows,
     players,
     wake_rows,
@@ -143,19 +143,25 @@ class World:
         for bodies in (self.egos, self.others):
             for name in ("x", "y", "heading", "speed"):
                 bodies["before"][name] = bodies[name]
-        begin_play_rows(self.egos, self.others, *self.players, self._stack, self.line)
+        wake_rows(self.cast, 0.0, 0.0, self._stack, self.line)
+        play_rows(self.cast, 0, settings.step, self.line)
         begin_rows(self.egos, self.others, self.seen, self.samples, self.scenario, self.line)
         self.going = n
         self._codes: Any = None  # the rules of a step as machine code for these arrays
+
+    @property
+    def cast(self) -> Cast:
+        """The vehicles of all rows."""
+        return Cast(self.egos, self.others, *self.players)
 
     def play(self, told: int, *, closely: bool, as_read: bool = False) -> int:
         """Move the others to the end of the coming step; how many rows of `tell` there are then.
 
         as_read: SUMO moves those by itself that only keep their speed.
         """
-        plays, acts, pieces, table, _ = self.players
-        steps, step = self.steps + 1, self.settings.step
-        play_rows(self.egos, self.others, plays, acts, pieces, table, steps, step, self.line)
+        plays, acts = self.players.plays, self.players.acts
+        steps = self.steps + 1
+        play_rows(self.cast, steps, self.settings.step, self.line)
         quiet = as_read and self.timed and not len(self.line)
         return int(tell_others_rows(
             self.egos, self.others, plays, acts, self.tell, self.scenario, self.line, steps, told,
@@ -236,7 +242,7 @@ class World:
     def wake(self, now: float) -> None:
         """Begin the moves whose conditions have come to hold in the step that ends `now`, s."""
         before = self.steps * self.settings.step
-        wake_rows(self.egos, self.others, *self.players, now, before, self._stack, self.line)
+        wake_rows(self.cast, now, before, self._stack, self.line)
         self.put_on_map()
 
     def put_on_map(self) -> None:

@@ -377,21 +377,22 @@ class Actor:
         """Position of the centre along the road at a time, m."""
         if self.braking is None:
             return self.start.x + self.start.speed * time
-        return self.start.x + motion.braked_distance_at(self.braking, self.start.speed, time)
+        return self.start.x + motion.braked(self.braking, self.start.speed, time)[0]
 
     def y(self, time: float) -> float:
         """Lateral position of the centre at a time, m."""
-        return self.start.y + sum([motion.lateral(move, time) for move in self.lateral_moves])
+        moves = [motion.lateral_motion(move, time)[0] for move in self.lateral_moves]
+        return self.start.y + sum(moves)
 
     def speed(self, time: float) -> float:
         """Speed along the road at a time, m/s."""
         if self.braking is None:
             return self.start.speed
-        return motion.braked_speed_at(self.braking, self.start.speed, time)
+        return motion.braked(self.braking, self.start.speed, time)[1]
 
     def lateral_speed(self, time: float) -> float:
         """Lateral speed at a time, m/s."""
-        return sum([motion.lateral_speed(move, time) for move in self.lateral_moves])
+        return sum([motion.lateral_motion(move, time)[1] for move in self.lateral_moves])
 
 
 OF_THE_WORLD = ("vehicle.friction",)

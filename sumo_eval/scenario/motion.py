@@ -11,7 +11,9 @@ from typing import Any
 
 from sumo_eval.kernels import kernel
 
-SMOOTH, CONSTANT, SINUS, COSINE = 0, 1, 2, 3  # kinds of lateral moves
+# kinds of lateral moves
+SMOOTH, CONSTANT = 0, 1
+SINUS, COSINE = 2, 3
 
 
 @kernel
@@ -64,57 +66,39 @@ def swing(move: Any, time: float) -> tuple[float, float, float]:
 
 
 @kernel
-def lateral(move: Any, time: float) -> float:
-    """Offset already covered by a lateral move at a time, m."""
-    if move.kind == CONSTANT:
-        since, rise = max(time - move.begin, 0.0), build_up(move)
-        covered = (
-            0.5 * move.speed * since * since / rise
-            if since < rise
-            else (since - 0.5 * rise) * move.speed
-        )
-        return math.copysign(min(covered, abs(move.offset)), move.offset)
-    if move.kind == SINUS:
-        return swing(move, time)[0]
-    if move.kind == COSINE:
-        return float(0.5 * move.offset * (1.0 - math.cos(math.pi * share_done(move, time))))
-    return float(move.offset * quintic(share_done(move, time)))
+def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
+    """Offset m, speed m/s and acceleration m/s2 to the left of a lateral move at a time.
 
-
-@kernel
-def lateral_speed(move: Any, time: float) -> float:
-    """Lateral speed of a move at a time, m/s; at the very instants at which it jumps, the speed
-    after them.
+    At the very instants at which the speed jumps, the speed after them; jumps take no time.
     """
     if move.kind == CONSTANT:
-        since, rise = time - move.begin, build_up(move)
-        if not 0.0 <= since < move.duration:
-            return 0.0
-        return math.copysign(move.speed * since / rise if since < rise else move.speed, move.offset)
+        return _at_constant_speed(move, time - move.begin)
     if move.kind == SINUS:
-        return swing(move, time)[1]
-    if move.kind == COSINE:
-        return float(
-            0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * share_done(move, time))
-        )
-    return float(move.offset / move.duration * quintic_rate(share_done(move, time)))
+        return swing(move, time)
+    s, rate = share_done(move, time), move.offset / move.duration
+    if move.kind != COSINE:
+        curvature = move.offset / (move.duration * move.duration)
+        return move.offset * quintic(s), rate * quintic_rate(s), curvature * quintic_bend(s)
+
+    half, w, since = 0.5 * move.offset, math.pi / move.duration, time - move.begin
+    speed = 0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * s)
+    going = 0.0 <= since < move.duration
+    acceleration = half * w * w * math.cos(w * since) if going else 0.0
+    return half * (1.0 - math.cos(math.pi * s)), speed, acceleration
 
 
 @kernel
-def lateral_acceleration(move: Any, time: float) -> float:
-    """Lateral acceleration of a move at a time, m/s2; jumps of the speed take no time."""
-    if move.kind == CONSTANT:
-        builds_up = 0.0 <= time - move.begin < min(build_up(move), move.duration)
-        return math.copysign(move.acceleration, move.offset) if builds_up else 0.0
-    if move.kind == SINUS:
-        return swing(move, time)[2]
-    if move.kind == COSINE:
-        if not 0.0 <= time - move.begin < move.duration:
-            return 0.0
-        rate = math.pi / move.duration
-        return float(0.5 * move.offset * rate * rate * math.cos(rate * (time - move.begin)))
-    return float(
-        move.offset / (move.duration * move.duration) * quintic_bend(share_done(move, time))
+def _at_constant_speed(move: Any, since: float) -> tuple[float, float, float]:
+    """`lateral_motion` of a move at constant speed, `since` s after its begin."""
+    rise, going, t = build_up(move), 0.0 <= since < move.duration, max(since, 0.0)
+    covered, speed, acceleration = (t - 0.5 * rise) * move.speed, move.speed, 0.0
+    if t < rise:
+        covered, speed = 0.5 * move.speed * t * t / rise, move.speed * t / rise
+        acceleration = move.acceleration
+    return (
+        math.copysign(min(covered, abs(move.offset)), move.offset),
+        math.copysign(speed, move.offset) if going else 0.0,
+        math.copysign(acceleration, move.offset) if going and t < rise else 0.0,
     )
 
 
@@ -128,30 +112,21 @@ def time_to_stand(brake: Any, speed: float) -> float:
 
 
 @kernel
-def braked_speed_at(brake: Any, speed: float, time: float) -> float:
-    """Speed at a time of a vehicle that began to brake at `speed`, m/s."""
-    rise = brake.acceleration / brake.jerk
-    t = min(max(time - brake.begin, 0.0), time_to_stand(brake, speed))
-    rising = min(t, rise)
-    share = rising / rise if rise > 0.0 else 0.0
-    return float(max(speed - brake.acceleration * (rising * share / 2.0 + (t - rising)), 0.0))
-
-
-@kernel
-def braked_distance_at(brake: Any, speed: float, time: float) -> float:
-    """Distance driven from time 0 until a time, at `speed` m/s until the brake, m."""
+def braked(brake: Any, speed: float, time: float) -> tuple[float, float]:
+    """Distance driven from time 0 until a time, m, and speed then, m/s; at `speed` m/s until the
+    brake.
+    """
     since = time - brake.begin
-    if since < 0.0:
-        return float(speed * brake.begin + speed * since)
     rise = brake.acceleration / brake.jerk
     t = min(max(since, 0.0), time_to_stand(brake, speed))
-    rising = min(t, rise)
+    rising, plateau = min(t, rise), max(t - rise, 0.0)
     share = rising / rise if rise > 0.0 else 0.0
-    plateau = max(t - rise, 0.0)
     lost = brake.acceleration * (
         rising * rising * share / 6.0 + rise * plateau / 2.0 + plateau * plateau / 2.0
     )
-    return float(speed * brake.begin + (speed * t - lost))
+    driven = speed * since if since < 0.0 else speed * t - lost
+    slower = speed - brake.acceleration * (rising * share / 2.0 + (t - rising))
+    return speed * brake.begin + driven, max(slower, 0.0)
 
 
 @kernel

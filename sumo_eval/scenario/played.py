@@ -18,45 +18,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.kernels import kernel, rows
-from sumo_eval.scenario.motion import along_heading, lateral, lateral_acceleration, lateral_speed
+from sumo_eval.scenario import motion
+from sumo_eval.scenario.motion import along_heading, lateral_motion
 from sumo_eval.scenario.road.reference_line import line_at, to_frame
 
 Records = NDArray[Any]
 
-# kinds of moves across the line, as in `scenario.motion`
-SMOOTH, CONSTANT, SINUS, COSINE = 0, 1, 2, 3
-SPEED, BY_TIME, BY_PLACE, PATH, KEEP = 10, 11, 12, 13, 14  # kinds of moves along it
+# kinds of moves across the line
+SMOOTH, CONSTANT = motion.SMOOTH, motion.CONSTANT
+SINUS, COSINE = motion.SINUS, motion.COSINE
+# kinds of moves along it
+SPEED, KEEP, PATH = 10, 14, 13
+BY_TIME, BY_PLACE = 11, 12
 FOLLOW = 15  # from its begin on SUMO drives the vehicle
-# what has become of a move: its begin is not known, is to come, has been
+# state of a move: its begin is unknown, is to come, is past
 WAITS, KNOWN, BEGUN = 0, 1, 2
-ALWAYS, EGO = -1, -1
+EGO = -1
 AT_ONCE, HANDED_OVER = 1, 2  # since when SUMO drives a vehicle
 
-(
-    VALUE, TIME, X, Y, ALONG, ACROSS, GAP, DISTANCE, TTC, THW, ENDED, ADD, SUBTRACT, MULTIPLY,
-    DIVIDE, NEGATE, SMALLER,
-    LARGER, ABSOLUTE, BELOW, AT_MOST, AND, OR, DEPARTED,
-) = range(24)  # fmt: skip
-"""Operations of a condition's program, on a stack."""
+# operations of a condition's program, on a stack; first those that put a value on it
+VALUE, TIME = 0, 1
+X, Y = 2, 3
+ALONG, ACROSS = 4, 5
+GAP, DISTANCE = 6, 7
+TTC, THW = 8, 9
+ENDED, DEPARTED = 10, 23
+ADD, SUBTRACT = 11, 12
+MULTIPLY, DIVIDE = 13, 14
+SMALLER, LARGER = 16, 17
+NEGATE, ABSOLUTE = 15, 18
+BELOW, AT_MOST = 19, 20
+AND, OR = 21, 22
 DEEPEST = 24  # values on the stack of a condition
 
+
+def _fields(kind: str, *names: str) -> list[tuple[str, str]]:
+    return [(name, kind) for name in names]
+
+
 ACT = np.dtype(
-    [
-        *(
-            (name, "f8")
-            for name in (
-                "begin",
-                "duration",
-                "speed",
-                "offset",
-                "acceleration",
-                "jerk",
-                "delay",
-                "end",
-            )
-        ),
-        *((name, "i8") for name in ("kind", "first", "count", "program", "steps", "state")),
-    ]
+    _fields("f8", "begin", "duration", "speed", "offset", "acceleration", "jerk", "delay", "end")
+    + _fields("i8", "kind", "first", "count", "program", "steps", "state")
 )
 """A move.
 
@@ -64,33 +66,15 @@ begin: s, inf while it waits; delay: s after its condition holds. speed: the one
 or of a lateral move its own. first, count: its places in `TABLE`; program, steps: of its condition,
 in `PROGRAM`.
 """
-PIECE = np.dtype([(name, "f8") for name in ("duration", "acceleration", "jerk", "speed")])
+PIECE = np.dtype(_fields("f8", "duration", "acceleration", "jerk", "speed"))
 """A piece of motion: acceleration at its begin, jerk, and the speed at its end."""
-TABLE = np.dtype([("one", "f8"), ("two", "f8")])
-"""Points of a path (x, y), knots of a profile (time or place, speed), or where a recorded ego was
-(x, y)."""
-PROGRAM = np.dtype([("value", "f8"), ("op", "i8"), ("one", "i8"), ("two", "i8")])
+TABLE = np.dtype(_fields("f8", "one", "two"))
+"""Points of a path (x, y), knots of a profile (time or place, speed), or positions of a recorded
+ego (x, y)."""
+PROGRAM = np.dtype([("value", "f8"), *_fields("i8", "op", "one", "two")])
 PLAY = np.dtype(
-    [
-        *(
-            (name, "f8")
-            for name in (
-                "x",
-                "y",
-                "heading",
-                "line_s",
-                "line_time",
-                "since",
-                "s",
-                "v",
-                "first_begin",
-            )
-        ),
-        *(
-            (name, "i8")
-            for name in ("acts", "pieces", "path", "points", "slides", "model", "on_map")
-        ),
-    ]
+    _fields("f8", "x", "y", "heading", "line_s", "line_time", "since", "s", "v", "first_begin")
+    + _fields("i8", "acts", "pieces", "path", "points", "slides", "model", "on_map")
 )
 """Present motion of a vehicle.
 
@@ -127,6 +111,63 @@ class Act(NamedTuple):
         return not self.program and (stops or self.kind in (SMOOTH, CONSTANT, COSINE))
 
 
+class Players(NamedTuple):
+    """The records of played vehicles: (n, m) and what each of them has."""
+
+    plays: Records
+    acts: Records
+    pieces: Records
+    table: Records
+    program: Records
+
+    def of(self, chosen: NDArray[np.intp]) -> Players:
+        """Those of these rows."""
+        return Players(*(array[chosen] for array in self))
+
+    def with_row(self, row: int, other: Players) -> Players:
+        """These with the only row of `other` in place of one, wide enough for both."""
+        plays, joined = self.plays.copy(), []
+        plays[row] = other.plays[0]
+        for own, new in zip(self[1:], other[1:], strict=True):
+            wide = np.zeros((*own.shape[:2], *np.maximum(own.shape, new.shape)[2:]), own.dtype)
+            wide[:, :, : own.shape[-1]] = own
+            wide[row] = np.zeros((), own.dtype)
+            wide[row, :, : new.shape[-1]] = new[0]
+            joined.append(wide)
+        return Players(plays, *joined)
+
+
+class Cast(NamedTuple):
+    """All vehicles of cases and what the played ones have; of one case, arrays of one axis less.
+
+    egos: (n,); of one case (1,).
+    others, plays: (n, m).
+    acts, pieces, table, program: as in `Players`.
+    """
+
+    egos: Records
+    others: Records
+    plays: Records
+    acts: Records
+    pieces: Records
+    table: Records
+    program: Records
+
+
+@kernel
+def case_of(cast: Any, i: int) -> Any:
+    """The vehicles of case i."""
+    return Cast(
+        cast.egos[i : i + 1],
+        cast.others[i],
+        cast.plays[i],
+        cast.acts[i],
+        cast.pieces[i],
+        cast.table[i],
+        cast.program[i],
+    )
+
+
 # -- along the line --------------------------------------------------------------------------------
 
 
@@ -152,12 +193,9 @@ def _put(
 ) -> int:
     if duration <= 0.0:
         return k
-    pieces[k].duration, pieces[k].acceleration, pieces[k].jerk, pieces[k].speed = (
-        duration,
-        acceleration,
-        jerk,
-        speed,
-    )
+    piece = pieces[k]
+    piece.duration, piece.acceleration = duration, acceleration
+    piece.jerk, piece.speed = jerk, speed
     return k + 1
 
 
@@ -250,23 +288,27 @@ def place(
     for q in range(play.acts):
         act = acts[q]
         if act.kind <= COSINE and act.state == BEGUN and act.begin >= play.line_time:
-            aside += lateral(act, time)
-            across += lateral_speed(act, time)
-            sideways += lateral_acceleration(act, time)
+            offset, speed, acceleration = lateral_motion(act, time)
+            aside += offset
+            across += speed
+            sideways += acceleration
     if aside != 0.0:
         x, y = x - aside * math.sin(heading), y + aside * math.cos(heading)
+
     near, last = other.x, other.heading
     other.x, other.y = x, y
-    if play.slides or across == 0.0:
-        other.heading, other.speed, other.across, other.acceleration = heading, v, across, a
-    else:
+    other.heading, other.across = heading, across
+    other.speed, other.acceleration = v, a
+    if not play.slides and across != 0.0:
         other.heading, other.across = heading + math.atan2(across, v), 0.0
         other.speed = math.sqrt(v * v + across * across)
         other.acceleration = along_heading(v, across, a, sideways)
+
     if not len(line):
         return
     if play.on_map:
-        other.x, other.y, turned, _ = to_frame(line, x, y, other.heading, near)
+        at = to_frame(line, x, y, other.heading, near)
+        other.x, other.y, turned = at[0], at[1], at[2]
         other.heading = turned + 2.0 * math.pi * math.floor((last - turned) / (2.0 * math.pi) + 0.5)
     else:
         _over_ground(other, line)
@@ -275,8 +317,7 @@ def place(
 @kernel
 def _over_ground(other: Any, line: Any) -> None:
     """Turn heading and speeds along and across the line into those over the ground."""
-    _, _, _, curvature = line_at(line, other.x)
-    inner = 1.0 - curvature * other.y
+    inner = 1.0 - line_at(line, other.x)[3] * other.y
     c, s = math.cos(other.heading) * inner, math.sin(other.heading)
     stretched = math.sqrt(c * c + s * s)
     c, s = c / stretched, s / stretched
@@ -309,86 +350,63 @@ def _half_along(body: Any, length: float, width: float) -> float:
 
 
 @kernel
-def _between(
-    what: int,
-    one: Any,
-    two: Any,
-    one_length: float,
-    one_width: float,
-    two_length: float,
-    two_width: float,
-) -> float:
-    """A number of two bodies, the first seen as the one that follows: gap m, distance m, TTC s, THW
-    s.
+def _between(op: int, one: Any, two: Any, one_body: Any, two_body: Any) -> float:
+    """A number of two bodies, the first taken as the follower: gap m, distance m, TTC s, THW s.
+
+    one, two: their states; one_body, two_body: their lengths and widths.
     """
-    if what == DISTANCE:
-        dx, dy = two.x - one.x, two.y - one.y
+    dx, dy = two.x - one.x, two.y - one.y
+    if op == DISTANCE:
         return math.sqrt(dx * dx + dy * dy)
-    gap = (
-        two.x
-        - one.x
-        - _half_along(one, one_length, one_width)
-        - _half_along(two, two_length, two_width)
-    )
-    if what == GAP:
+    first = _half_along(one, one_body.length, one_body.width)
+    gap = dx - first - _half_along(two, two_body.length, two_body.width)
+    if op == GAP:
         return float(gap)
     speed = _of(one, ALONG)
-    if what == THW:
-        return float(gap / speed) if gap > 0.0 and speed > 0.0 else math.inf
-    closing = speed - _of(two, ALONG)
-    return float(gap / closing) if gap > 0.0 and closing > 0.0 else math.inf
+    if op == TTC:
+        speed -= _of(two, ALONG)
+    return float(gap / speed) if gap > 0.0 and speed > 0.0 else math.inf
 
 
 @kernel
 def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: int) -> None:
-    """Write to the stack whether a margin was, and is, positive, and at which share of the step it
-    became so.
-    """
+    """Write whether a margin was, and is, positive, and at which share of the step it became so."""
     was = margin_before > 0.0 or (equal != 0 and margin_before == 0.0)
     holds = margin > 0.0 or (equal != 0 and margin == 0.0)
-    stack[k, 0], stack[k, 1], stack[k, 2] = 1.0 if was else 0.0, 1.0 if holds else 0.0, 0.0
+    stack[k, 0], stack[k, 1] = 1.0 if was else 0.0, 1.0 if holds else 0.0
+    stack[k, 2] = 0.0
     if holds and not was:
         share = -margin_before / (margin - margin_before)
         stack[k, 2] = share if 0.0 <= share <= 1.0 else 1.0
 
 
 @kernel
-def holds_from(
-    program: Any,
-    act: Any,
-    ego: Any,
-    others: Any,
-    acts: Any,
-    table: Any,
-    now: float,
-    before: float,
-    stack: Any,
-) -> float:
-    """Share of the step from `before` to `now` at which a condition came to hold, 0 if it held
-    before; -1: it does not.
+def holds_from(cast: Any, j: int, act: Any, now: float, before: float, stack: Any) -> float:
+    """Share of the step from `before` to `now` at which the condition of a move became true.
 
-    Numbers are interpolated linearly between both ends of the step. Where a number was not defined,
-    the end counts.
+    0 if it held before; -1: it does not hold. act: a move of actor j. Numbers are interpolated
+    linearly between both ends of the step; where a number was undefined, the end counts.
     """
+    program, ego, others = cast.program[j], cast.egos[0], cast.others
     k = -1
     for q in range(act.program, act.program + act.steps):
         it = program[q]
         op = it.op
-        if op == VALUE:
+        if op <= ENDED or op == DEPARTED:
             k += 1
+        elif op not in (NEGATE, ABSOLUTE):
+            k -= 1
+        if op == VALUE:
             stack[k, 0], stack[k, 1] = it.value, it.value
         elif op == TIME:
-            k += 1
             stack[k, 0], stack[k, 1] = before, now
         elif op <= ACROSS:
-            k += 1
             if it.one == EGO:
                 stack[k, 0], stack[k, 1] = _of(ego.before, op), _of(ego, op)
             else:
                 other = others[it.one]
                 stack[k, 0], stack[k, 1] = _of(other.before, op), _of(other, op)
         elif op <= THW:
-            k += 1
             if it.one == EGO:
                 _pair(stack, k, op, ego, others[it.two])
             elif it.two == EGO:
@@ -396,26 +414,21 @@ def holds_from(
             else:
                 _pair(stack, k, op, others[it.one], others[it.two])
         elif op == DEPARTED:
-            k += 1
-            stack[k, 0] = departed(act, table, ego.before.x, ego.before.y, before)
-            stack[k, 1] = departed(act, table, ego.x, ego.y, now)
+            stack[k, 0] = departed(act, cast.table[j], ego.before.x, ego.before.y, before)
+            stack[k, 1] = departed(act, cast.table[j], ego.x, ego.y, now)
         elif op == ENDED:
-            k += 1
-            end = acts[it.one][it.two].end
+            end = cast.acts[it.one][it.two].end
             _compare(stack, k, before - end, now - end, 1)
         elif op == NEGATE:
             stack[k, 0], stack[k, 1] = -stack[k, 0], -stack[k, 1]
         elif op == ABSOLUTE:
             stack[k, 0], stack[k, 1] = abs(stack[k, 0]), abs(stack[k, 1])
         elif op in (BELOW, AT_MOST):
-            k -= 1
-            was, isnow = stack[k + 1, 0] - stack[k, 0], stack[k + 1, 1] - stack[k, 1]
-            _compare(stack, k, was, isnow, 1 if op == AT_MOST else 0)
+            was, margin = stack[k + 1, 0] - stack[k, 0], stack[k + 1, 1] - stack[k, 1]
+            _compare(stack, k, was, margin, 1 if op == AT_MOST else 0)
         elif op in (AND, OR):
-            k -= 1
             _join(stack, k, op)
         else:
-            k -= 1
             for end in range(2):
                 stack[k, end] = _arithmetic(op, stack[k, end], stack[k + 1, end])
     return float(stack[0, 2]) if stack[0, 1] > 0.0 else -1.0
@@ -440,28 +453,24 @@ def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
 @kernel
 def _pair(stack: Any, k: int, op: int, one: Any, two: Any) -> None:
     """Write a number of two bodies to the stack, as it was before the step and as it is."""
-    stack[k, 0] = _between(op, one.before, two.before, one.length, one.width, two.length, two.width)
-    stack[k, 1] = _between(op, one, two, one.length, one.width, two.length, two.width)
+    stack[k, 0] = _between(op, one.before, two.before, one, two)
+    stack[k, 1] = _between(op, one, two, one, two)
 
 
 @kernel
 def _join(stack: Any, k: int, op: int) -> None:
-    """And, or of the two conditions on top of the stack: it holds from the later, or the earlier,
-    of both instants.
-    """
+    """And, or of the two conditions on top: true from the later, or earlier, of both instants."""
     a, b = stack[k, 1] > 0.0, stack[k + 1, 1] > 0.0
-    share_a, share_b = stack[k, 2], stack[k + 1, 2]
+    first, second = stack[k, 2], stack[k + 1, 2]
     if op == AND:
         stack[k, 0] = min(stack[k, 0], stack[k + 1, 0])
         stack[k, 1] = 1.0 if a and b else 0.0
-        stack[k, 2] = max(share_a, share_b)
+        stack[k, 2] = max(first, second)
         return
     stack[k, 0] = max(stack[k, 0], stack[k + 1, 0])
     stack[k, 1] = 1.0 if a or b else 0.0
-    if a and b:
-        stack[k, 2] = min(share_a, share_b)
-    elif b:
-        stack[k, 2] = share_b
+    if b:
+        stack[k, 2] = min(first, second) if a else second
 
 
 @kernel
@@ -484,7 +493,7 @@ def _arithmetic(op: int, a: float, b: float) -> float:
 
 @kernel
 def _begin(play: Any, act: Any, pieces: Any, table: Any) -> None:
-    """A move begins: what it leads from is where the vehicle is at that instant."""
+    """Begin a move, from where the vehicle is at that instant."""
     act.state = BEGUN
     play.first_begin = min(play.first_begin, act.begin)
     if act.kind <= COSINE:
@@ -494,14 +503,15 @@ def _begin(play: Any, act: Any, pieces: Any, table: Any) -> None:
         play.model = HANDED_OVER
         act.end = math.inf
         return
+
     s, v, _ = driven(play, pieces, act.begin)
+    x, y, heading = on_line(play, table, s)
     if act.kind == PATH:
-        x, y, heading = on_line(play, table, s)
-        play.x, play.y, play.heading, play.line_s, play.line_time = x, y, heading, s, act.begin
+        play.x, play.y, play.heading = x, y, heading
+        play.line_s, play.line_time = s, act.begin
         play.path, play.points = act.first, act.count
         act.end = math.inf  # until it is there, which depends on its speed
         return
-    x, _, _ = on_line(play, table, s)
     play.since, play.s, play.v = act.begin, s, v
     if act.kind == SPEED:
         play.pieces = _speed_up(pieces, v, act)
@@ -513,9 +523,9 @@ def _begin(play: Any, act: Any, pieces: Any, table: Any) -> None:
 
 
 @kernel
-def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float) -> int:
-    """Begin all moves that are due by a time, in the order of their begins; how many."""
-    count = 0
+def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float) -> bool:
+    """Begin all moves of a vehicle that are due by a time, in order; whether there was any."""
+    begun = False
     while True:
         chosen = -1
         for q in range(play.acts):
@@ -524,51 +534,44 @@ def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float) -> int
             ):  # fmt: skip
                 chosen = q
         if chosen < 0:
-            return count
+            return begun
         _begin(play, acts[chosen], pieces, table)
-        count += 1
+        begun = True
 
 
 @kernel
-def _path_ended(play: Any, acts: Any, pieces: Any, table: Any, before: float, now: float) -> None:
-    """Put down when the path that is driven came to its last point, if it did in this step."""
+def _end_path(play: Any, acts: Any, pieces: Any, table: Any, before: float, now: float) -> None:
+    """Write when the path that is driven came to its last point, if it did in this step."""
     for q in range(play.acts):
         act = acts[q]
-        if (
-            act.kind == PATH
-            and act.state == BEGUN
-            and math.isinf(act.end)
-            and act.first == play.path
-        ):
-            length, x, y = 0.0, play.x, play.y
-            for p in range(play.path, play.path + play.points):
-                dx, dy = table[p].one - x, table[p].two - y
-                length += math.sqrt(dx * dx + dy * dy)
-                x, y = table[p].one, table[p].two
-            s, _, _ = driven(play, pieces, now)
-            was, _, _ = driven(play, pieces, before)
-            if s - play.line_s >= length:
-                moved = s - was
-                share = (length - (was - play.line_s)) / moved if moved > 0.0 else 1.0
-                act.end = before + min(max(share, 0.0), 1.0) * (now - before)
+        ends = act.kind == PATH and act.state == BEGUN and math.isinf(act.end)
+        if not ends or act.first != play.path:
+            continue
+        length, x, y = 0.0, play.x, play.y
+        for p in range(play.path, play.path + play.points):
+            dx, dy = table[p].one - x, table[p].two - y
+            length += math.sqrt(dx * dx + dy * dy)
+            x, y = table[p].one, table[p].two
+        s, was = driven(play, pieces, now)[0], driven(play, pieces, before)[0]
+        if s - play.line_s >= length:
+            moved = s - was
+            share = (length - (was - play.line_s)) / moved if moved > 0.0 else 1.0
+            act.end = before + min(max(share, 0.0), 1.0) * (now - before)
 
 
 @kernel
-def wake(
-    ego: Any, others: Any, plays: Any, acts: Any, pieces: Any, table: Any, program: Any,
-    now: float, before: float,
-    stack: Any, line: Any,
-) -> int:  # fmt: skip
-    """Begin the waiting moves of a case whose conditions hold at the end of a step; how many began.
+def wake(cast: Any, now: float, before: float, stack: Any, line: Any) -> None:
+    """Begin the waiting moves of a case whose conditions hold at the end of a step.
 
     Vehicles whose moves began are placed again.
     """
-    count = 0
+    others, plays = cast.others, cast.plays
+    acts, pieces, table = cast.acts, cast.pieces, cast.table
     for j in range(len(others)):
         for q in range(plays[j].acts):
             act = acts[j][q]
             if act.state == WAITS:
-                share = holds_from(program[j], act, ego, others, acts, table[j], now, before, stack)
+                share = holds_from(cast, j, act, now, before, stack)
                 if share >= 0.0:
                     act.begin = before + share * (now - before) + act.delay
                     act.state = KNOWN
@@ -577,110 +580,45 @@ def wake(
         if play.model:
             continue
         begun = begin_due(play, acts[j], pieces[j], table[j], now)
-        _path_ended(play, acts[j], pieces[j], table[j], before, now)
+        _end_path(play, acts[j], pieces[j], table[j], before, now)
         if begun:
             place(others[j], play, acts[j], pieces[j], table[j], now, line)
-            count += begun
-    return count
+
+
+@kernel
+def move(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float, line: Any) -> None:
+    """Begin the due moves of a played vehicle, and put it where it is at a time."""
+    begin_due(play, acts, pieces, table, time)
+    place(other, play, acts, pieces, table, time, line)
 
 
 # -- rows ------------------------------------------------------------------------------------------
 
 
 @rows
-def begin_play_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records,
-    program: Records,
-    stack: NDArray[np.float64], line: Records,
-) -> None:  # fmt: skip
-    """Begin what begins at the start of the cases, where every vehicle is as it starts."""
-    for i in range(len(egos)):
-        wake(
-            egos[i],
-            others[i],
-            plays[i],
-            acts[i],
-            pieces[i],
-            table[i],
-            program[i],
-            0.0,
-            0.0,
-            stack,
-            line,
-        )
-        for j in range(len(others[i])):
-            if plays[i][j].model == 0:
-                place(others[i][j], plays[i][j], acts[i][j], pieces[i][j], table[i][j], 0.0, line)
-
-
-@rows
-def play_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records,
-    steps: int,
-    step: float, line: Records,
-) -> None:  # fmt: skip
+def play_rows(cast: Cast, steps: int, step: float, line: Records) -> None:
     """Move the actors of every live case to the end of `steps` steps."""
+    egos, others, plays = cast.egos, cast.others, cast.plays
+    acts, pieces, table = cast.acts, cast.pieces, cast.table
     for i in range(len(egos)):
         if egos[i].live == 0 or egos[i].reason != 0:
             continue
         now = (steps - egos[i].begun) * step
         for j in range(len(others[i])):
             play = plays[i][j]
-            if play.model:
-                continue
-            begin_due(play, acts[i][j], pieces[i][j], table[i][j], now)
-            place(others[i][j], play, acts[i][j], pieces[i][j], table[i][j], now, line)
+            if play.model == 0:
+                move(others[i][j], play, acts[i][j], pieces[i][j], table[i][j], now, line)
 
 
 @rows
 def wake_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records,
-    program: Records,
-    now: float, before: float, stack: NDArray[np.float64], line: Records,
-) -> None:  # fmt: skip
-    """Look at the conditions of every live case at the end of a step from `before` to `now`, s."""
+    cast: Cast, now: float, before: float, stack: NDArray[np.float64], line: Records
+) -> None:
+    """Begin moves whose conditions hold at the end of a step from `before` to `now`, s."""
+    egos = cast.egos
     for i in range(len(egos)):
-        if egos[i].live == 0 or egos[i].reason != 0:
-            continue
-        wake(
-            egos[i],
-            others[i],
-            plays[i],
-            acts[i],
-            pieces[i],
-            table[i],
-            program[i],
-            now,
-            before,
-            stack,
-            line,
-        )
-
-
-class Players(NamedTuple):
-    """The records of played vehicles: (n, m) and what each of them has."""
-
-    plays: Records
-    acts: Records
-    pieces: Records
-    table: Records
-    program: Records
-
-    def of(self, chosen: NDArray[np.intp]) -> Players:
-        """Those of these rows."""
-        return Players(*(array[chosen] for array in self))
-
-    def with_row(self, row: int, other: Players) -> Players:
-        """These with the only row of others in place of one, wide enough for both."""
-        found = [self.plays.copy()]
-        found[0][row] = other.plays[0]
-        for own, new in zip(self[1:], other[1:], strict=True):
-            wide = np.zeros((*own.shape[:2], *np.maximum(own.shape, new.shape)[2:]), own.dtype)
-            wide[:, :, : own.shape[-1]] = own
-            wide[row] = np.zeros((), own.dtype)
-            wide[row, :, : new.shape[-1]] = new[0]
-            found.append(wide)
-        return Players(*found)
+        if egos[i].live != 0 and egos[i].reason == 0:
+            wake(case_of(cast, i), now, before, stack, line)
 
 
 def players(cases: Sequence[Sequence[Any]]) -> Players:
@@ -688,37 +626,43 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
 
     cases: the actors of each.
     """
-    n, m = len(cases), len(cases[0])
     actors = [actor for case in cases for actor in case]
-    most = max((len(actor.acts) for actor in actors), default=0)
-    tables = max((sum(len(act.table) for act in actor.acts) for actor in actors), default=0)
-    steps = max((sum(len(act.program) for act in actor.acts) for actor in actors), default=0)
-    found = Players(
-        np.zeros((n, m), PLAY), np.zeros((n, m, max(most, 1)), ACT),
-        np.zeros((n, m, max(tables, 1) + 2), PIECE),
-        np.zeros((n, m, max(tables, 1)), TABLE), np.zeros((n, m, max(steps, 1)), PROGRAM),
-    )  # fmt: skip
+    shape = len(cases), len(cases[0])
+
+    def room(kind: np.dtype[Any], name: str = "", more: int = 0) -> Records:
+        """As many records for each vehicle as the acts of one have at most; "": one an act."""
+        most = [sum(len(getattr(act, name)) if name else 1 for act in it.acts) for it in actors]
+        return np.zeros((*shape, max(most, default=0) + more or 1), kind)
+
+    made = Players(np.zeros(shape, PLAY), room(ACT), room(PIECE, "table", 3), room(TABLE, "table"),
+                   room(PROGRAM, "program"))  # fmt: skip
     for i, case in enumerate(cases):
         for j, actor in enumerate(case):
-            start = actor.start
-            pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
-            found.plays[i, j] = (
-                *pose, 0.0, 0.0, 0.0, 0.0, start.speed, math.inf, len(actor.acts), 0, 0, 0,
-                actor.slides, AT_ONCE if actor.follows_at_once else 0, actor.on_map is not None,
-            )  # fmt: skip
+            made.plays[i, j] = _play_of(actor)
             first = step = 0
             for q, act in enumerate(actor.acts):
-                waits = bool(act.program)
-                found.acts[i, j, q] = (
-                    math.inf if waits else act.begin, act.duration, act.speed, act.offset,
-                    act.acceleration, act.jerk,
-                    act.begin, math.inf, act.kind, first, len(act.table), step, len(act.program),
-                    WAITS if waits else KNOWN,
-                )  # fmt: skip
+                made.acts[i, j, q] = _record_of(act, first, step)
                 for knot in act.table:
-                    found.table[i, j, first] = knot
+                    made.table[i, j, first] = knot
                     first += 1
                 for op, one, two, value in act.program:
-                    found.program[i, j, step] = (value, op, one, two)
+                    made.program[i, j, step] = (value, op, one, two)
                     step += 1
-    return found
+    return made
+
+
+def _play_of(actor: Any) -> tuple[Any, ...]:
+    """A `PLAY` record before the start."""
+    start = actor.start
+    pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
+    driven = (0.0, 0.0, 0.0, 0.0, start.speed, math.inf)
+    model = AT_ONCE if actor.follows_at_once else 0
+    return *pose, *driven, len(actor.acts), 0, 0, 0, actor.slides, model, actor.on_map is not None
+
+
+def _record_of(act: Act, first: int, step: int) -> tuple[Any, ...]:
+    """An `ACT` record before the start, whose table and program begin at these numbers."""
+    begin, state = (math.inf, WAITS) if act.program else (act.begin, KNOWN)
+    numbers = act.duration, act.speed, act.offset, act.acceleration, act.jerk
+    counts = act.kind, first, len(act.table), step, len(act.program)
+    return begin, *numbers, act.begin, math.inf, *counts, state

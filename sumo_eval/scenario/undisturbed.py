@@ -18,10 +18,10 @@ from sumo_eval.scenario.played import (
     BEGUN,
     DEEPEST,
     HANDED_OVER,
-    Players,
+    Cast,
     Records,
-    begin_due,
-    place,
+    case_of,
+    move,
     players,
     wake,
 )
@@ -68,21 +68,25 @@ def tracks(
 
     in_python: for a single case, whose caller shall not wait for machine code.
     """
-    n, m, count = len(concretes), len(concretes[0].actors), _looks(until, step)
-    egos, others, found = _begun(concretes, bodies)
-    way, theirs = np.zeros((n, count, 5)), np.zeros((n, m, count, 5))
+    cast, line = _begun(concretes, bodies), knots_of(concretes[0].road.line)
+    (n, m), count = cast.others.shape, _looks(until, step)
+    found = np.zeros((n, 1 + m, count, 5))
     run = interpreted(_run_rows) if in_python else _run_rows
-    run(
-        egos,
-        others,
-        *found,
-        way,
-        theirs,
-        step,
-        np.zeros((DEEPEST, 3)),
-        knots_of(concretes[0].road.line),
-    )
-    return Tracks(way, theirs, found.plays["first_begin"].copy())
+    run(cast, found, step, np.zeros((DEEPEST, 3)), line)
+    return Tracks(found[:, 0], found[:, 1:], cast.plays["first_begin"].copy())
+
+
+class Braking(NamedTuple):
+    """Ideal braking of egos, each `delays` s after the first move of actor number `obstacle`.
+
+    deceleration: m/s2. step: s between two looks; looks: how many. delays: (n,).
+    """
+
+    deceleration: float
+    obstacle: int
+    delays: FloatArray
+    step: float
+    looks: int
 
 
 def meetings(
@@ -99,13 +103,10 @@ def meetings(
 
     step: s between two looks.
     """
-    egos, others, found = _begun(concretes, bodies)
-    met = np.zeros((len(concretes), 3))
-    _meet_rows(
-        egos, others, *found, met, _looks(until, step), step, deceleration, obstacle,
-        np.array(delays, dtype=np.float64), np.zeros((DEEPEST, 3)),
-        knots_of(concretes[0].road.line),
-    )  # fmt: skip
+    after = np.array(delays, dtype=np.float64)
+    braking = Braking(deceleration, obstacle, after, step, _looks(until, step))
+    met, line = np.zeros((len(concretes), 3)), knots_of(concretes[0].road.line)
+    _meet_rows(_begun(concretes, bodies), braking, met, np.zeros((DEEPEST, 3)), line)
     return met
 
 
@@ -113,20 +114,18 @@ def _looks(until: float, step: float) -> int:
     return max(math.ceil(until / step - 1e-9), 1) + 1
 
 
-def _begun(
-    concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]]
-) -> tuple[Records, Records, Players]:
+def _begun(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]]) -> Cast:
     """All vehicles at the start."""
     n, m = len(concretes), len(concretes[0].actors)
     egos, others = np.zeros(n, _EGO), np.zeros((n, m), _OTHER)
-    for i, (concrete, (length, width)) in enumerate(zip(concretes, bodies, strict=True)):
+    for i, (concrete, body) in enumerate(zip(concretes, bodies, strict=True)):
         ego = concrete.ego
         pose = (ego.x, ego.y, ego.heading, ego.speed, 0.0)
-        egos[i] = (*pose, length, width, pose, ego.x, ego.y, ego.speed, math.inf)
+        egos[i] = (*pose, *body, pose, ego.x, ego.y, ego.speed, math.inf)
         for j, actor in enumerate(concrete.actors):
             pose = (actor.start.x, actor.start.y, actor.heading, actor.start.speed, 0.0)
             others[i, j] = (*pose, actor.length, actor.width, pose, 0.0)
-    return egos, others, players([concrete.actors for concrete in concretes])
+    return Cast(egos, others, *players([concrete.actors for concrete in concretes]))
 
 
 @kernel
@@ -141,16 +140,17 @@ def _braking_from(play: Any, acts: Any, delay: float) -> float:
 
 
 @kernel
-def _look(
-    ego: Any, others: Any, plays: Any, acts: Any, pieces: Any, table: Any, program: Any,
-    now: float, before: float,
-    deceleration: float, stack: Any, line: Any,
-) -> None:  # fmt: skip
-    """Move a case from one look to the next."""
-    was = ego.before
-    was.x, was.y, was.heading, was.speed = ego.x, ego.y, ego.heading, ego.speed
-    t = now - ego.brakes_from
-    way = ego.start_speed * now
+def _keep_before(body: Any) -> None:
+    """Remember the state of a body before a step."""
+    was = body.before
+    was.x, was.y, was.heading = body.x, body.y, body.heading
+    was.speed, was.across = body.speed, body.across
+
+
+@kernel
+def _brake(ego: Any, now: float, deceleration: float) -> None:
+    """Move an ego that keeps its speed, and brakes from `brakes_from` on, to a time."""
+    t, way = now - ego.brakes_from, ego.start_speed * now
     if t > 0.0 and deceleration > 0.0:
         braked = min(t, ego.start_speed / deceleration)
         ego.speed = ego.start_speed - deceleration * braked
@@ -160,74 +160,66 @@ def _look(
     else:  # it began sideways, and holds its wheel straight
         ego.x = ego.start_x + way * math.cos(ego.heading)
         ego.y = ego.start_y + way * math.sin(ego.heading)
+
+
+@kernel
+def _look(case: Any, now: float, before: float, deceleration: float, stack: Any, line: Any) -> None:
+    """Move a case from one look to the next."""
+    ego, others, plays = case.egos[0], case.others, case.plays
+    acts, pieces, table = case.acts, case.pieces, case.table
+    _keep_before(ego)
+    _brake(ego, now, deceleration)
     for j in range(len(others)):
         other, play = others[j], plays[j]
-        last = other.before
-        last.x, last.y, last.heading = other.x, other.y, other.heading
-        last.speed, last.across = other.speed, other.across
+        _keep_before(other)
         if play.model == AT_ONCE:
             other.x = play.x + play.v * now
-            continue
-        if play.model == HANDED_OVER:  # it keeps the speed that it had then
-            other.x, other.heading, other.across = other.x + other.speed * (now - before), 0.0, 0.0
-            continue
-        begin_due(play, acts[j], pieces[j], table[j], now)
-        place(other, play, acts[j], pieces[j], table[j], now, line)
-    wake(ego, others, plays, acts, pieces, table, program, now, before, stack, line)
+        elif play.model == HANDED_OVER:  # it keeps the speed that it had then
+            other.x += other.speed * (now - before)
+            other.heading, other.across = 0.0, 0.0
+        else:
+            move(other, play, acts[j], pieces[j], table[j], now, line)
+    wake(case, now, before, stack, line)
+
+
+@kernel
+def _write(found: Any, i: int, j: int, k: int, body: Any) -> None:
+    """Write the channels of a body at a look."""
+    found[i, j, k, 0], found[i, j, k, 1] = body.x, body.y
+    found[i, j, k, 2], found[i, j, k, 3] = body.heading, body.speed
+    found[i, j, k, 4] = body.across
 
 
 @rows
-def _run_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records,
-    program: Records,
-    way: FloatArray, theirs: FloatArray, step: float, stack: FloatArray, line: Records,
-) -> None:  # fmt: skip
-    """Fill the tracks of every row."""
-    for i in range(len(egos)):
-        ego = egos[i]
-        for k in range(way.shape[1]):
-            _look(
-                ego, others[i], plays[i], acts[i], pieces[i], table[i], program[i], k * step,
-                max(k - 1, 0) * step, 0.0,
-                stack, line,
-            )  # fmt: skip
-            way[i, k, 0], way[i, k, 1], way[i, k, 2], way[i, k, 3] = (
-                ego.x,
-                ego.y,
-                ego.heading,
-                ego.speed,
-            )
-            for j in range(len(others[i])):
-                other = others[i][j]
-                theirs[i, j, k, 0], theirs[i, j, k, 1], theirs[i, j, k, 2] = (
-                    other.x,
-                    other.y,
-                    other.heading,
-                )
-                theirs[i, j, k, 3], theirs[i, j, k, 4] = other.speed, other.across
+def _run_rows(cast: Cast, found: FloatArray, step: float, stack: FloatArray, line: Records) -> None:
+    """Fill the tracks of every row: the ego, then the actors."""
+    for i in range(len(cast.egos)):
+        case = case_of(cast, i)
+        ego, others = case.egos[0], case.others
+        for k in range(found.shape[2]):
+            _look(case, k * step, max(k - 1, 0) * step, 0.0, stack, line)
+            _write(found, i, 0, k, ego)
+            for j in range(len(others)):
+                _write(found, i, 1 + j, k, others[j])
 
 
 @rows
 def _meet_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records,
-    program: Records,
-    met: FloatArray, looks: int, step: float, deceleration: float, obstacle: int,
-    delays: FloatArray,
-    stack: FloatArray, line: Records,
-) -> None:  # fmt: skip
+    cast: Cast, braking: Braking, met: FloatArray, stack: FloatArray, line: Records
+) -> None:
     """Results of every row; a row ends once its ego stands, touched the obstacle, or is past it."""
-    for i in range(len(egos)):
-        ego, other = egos[i], others[i][obstacle]
-        met[i, 0], met[i, 1], met[i, 2] = 0.0, 0.0, math.inf
-        for k in range(looks):
+    obstacle, step = braking.obstacle, braking.step
+    for i in range(len(cast.egos)):
+        case = case_of(cast, i)
+        ego, other = case.egos[0], case.others[obstacle]
+        met[i, 2] = math.inf
+        for k in range(braking.looks):
             now = k * step
             if math.isinf(ego.brakes_from):
-                ego.brakes_from = _braking_from(plays[i][obstacle], acts[i][obstacle], delays[i])
-            _look(
-                ego, others[i], plays[i], acts[i], pieces[i], table[i], program[i], now,
-                max(k - 1, 0) * step,
-                deceleration, stack, line,
-            )  # fmt: skip
+                ego.brakes_from = _braking_from(
+                    case.plays[obstacle], case.acts[obstacle], braking.delays[i]
+                )
+            _look(case, now, max(k - 1, 0) * step, braking.deceleration, stack, line)
             c, s = math.cos(other.heading), math.sin(other.heading)
             reach = 0.5 * (ego.length + other.length * abs(c) + other.width * abs(s))
             wide = 0.5 * (ego.width + other.length * abs(s) + other.width * abs(c))

@@ -741,7 +741,7 @@ def test_law_a_scripted_actor_is_where_its_closed_form_says_at_every_sample(jerk
         assert track.speed[index] == pytest.approx(math.hypot(along, across), abs=1e-6)
         assert track.heading[index] == pytest.approx(math.atan2(across, along), abs=1e-6)
         braking = -min(jerk * (time - 0.42), 4.0) if 0.42 <= time < mover.script_end else 0.0
-        sideways = sum(motion.lateral_acceleration(move, time) for move in moves)
+        sideways = sum(motion.lateral_motion(move, time)[2] for move in moves)
         rate = motion.along_heading(along, across, braking, sideways)
         assert track.acceleration[index] == pytest.approx(rate, abs=1e-9)
     assert track.speed[-1] == 0.0

@@ -149,12 +149,14 @@ def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path
     assert act.program[-1][0] == played.BELOW
     times = np.linspace(0.0, act.duration, 2001)
     move = lane_change(0.0, act.duration, act.offset, cosine=True)
-    speeds = np.array([motion.lateral_speed(move, float(time)) for time in times])
+    speeds = np.array([motion.lateral_motion(move, float(time))[1] for time in times])
     assert np.abs(speeds).max() == pytest.approx(2.0, abs=1e-6)
     along = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(times))])
-    assert along == pytest.approx([motion.lateral(move, float(time)) for time in times], abs=1e-5)
+    assert along == pytest.approx(
+        [motion.lateral_motion(move, float(time))[0] for time in times], abs=1e-5
+    )
     slope = np.gradient(speeds, times)
-    accelerations = [motion.lateral_acceleration(move, float(time)) for time in times]
+    accelerations = [motion.lateral_motion(move, float(time))[2] for time in times]
     assert slope[5:-5] == pytest.approx(accelerations[5:-5], abs=1e-4)
 
 

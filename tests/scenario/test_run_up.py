@@ -37,13 +37,13 @@ def test_a_run_up_by_hand():
     # 1.5 m/s2 to 3 m/s: 2 s, 3 m. The other 4 m take 4/3 s.
     move = constant_lateral(begin=1.0, speed=3.0, offset=-7.0, acceleration=1.5)
     assert move.duration == pytest.approx(2.0 + 4.0 / 3.0)
-    assert [motion.lateral(move, t) for t in (0.5, 2.0, 3.0, 4.0, 9.0)] == pytest.approx(
+    assert [motion.lateral_motion(move, t)[0] for t in (0.5, 2.0, 3.0, 4.0, 9.0)] == pytest.approx(
         [0.0, -0.75, -3.0, -6.0, -7.0]
     )
-    assert [motion.lateral_speed(move, t) for t in (0.5, 2.0, 3.0, 4.0, 4.5)] == pytest.approx(
+    assert [motion.lateral_motion(move, t)[1] for t in (0.5, 2.0, 3.0, 4.0, 4.5)] == pytest.approx(
         [0.0, -1.5, -3.0, -3.0, 0.0]
     )
-    assert [motion.lateral_acceleration(move, t) for t in (0.5, 1.0, 2.9, 3.1)] == [
+    assert [motion.lateral_motion(move, t)[2] for t in (0.5, 1.0, 2.9, 3.1)] == [
         0.0,
         -1.5,
         -1.5,
@@ -55,8 +55,10 @@ def test_a_move_that_ends_within_its_run_up_by_hand():
     # 0.75 m at 1.5 m/s2: 0.75 t^2 = 0.75 after 1 s, at 1.5 m/s; 3 m/s is never reached
     move = constant_lateral(begin=0.0, speed=3.0, offset=0.75, acceleration=1.5)
     assert move.duration == pytest.approx(1.0)
-    assert [motion.lateral(move, t) for t in (0.5, 1.0, 2.0)] == pytest.approx([0.1875, 0.75, 0.75])
-    assert [motion.lateral_speed(move, t) for t in (0.5, 1.01)] == [0.75, 0.0]
+    assert [motion.lateral_motion(move, t)[0] for t in (0.5, 1.0, 2.0)] == pytest.approx(
+        [0.1875, 0.75, 0.75]
+    )
+    assert [motion.lateral_motion(move, t)[1] for t in (0.5, 1.01)] == [0.75, 0.0]
 
 
 @given(SPEEDS, OFFSETS, BUILD_UPS, SIDES)
@@ -67,15 +69,15 @@ def test_law_the_way_is_the_integral_of_the_speed_and_the_speed_of_the_accelerat
     for end in (0.3, 0.7, 0.99):
         middles = (np.arange(2000) + 0.5) / 2000 * end * move.duration
         step = end * move.duration / 2000
-        driven = step * sum(motion.lateral_speed(move, time) for time in middles)
-        gained = step * sum(motion.lateral_acceleration(move, time) for time in middles)
+        driven = step * sum(motion.lateral_motion(move, time)[1] for time in middles)
+        gained = step * sum(motion.lateral_motion(move, time)[2] for time in middles)
         assert driven == pytest.approx(
-            motion.lateral(move, end * move.duration), abs=speed * step
+            motion.lateral_motion(move, end * move.duration)[0], abs=speed * step
         ), "the midpoint rule misses a kink by that"
         assert gained == pytest.approx(
-            motion.lateral_speed(move, end * move.duration), abs=build_up * step
+            motion.lateral_motion(move, end * move.duration)[1], abs=build_up * step
         )
-    assert motion.lateral(move, move.duration) == pytest.approx(side * offset)
+    assert motion.lateral_motion(move, move.duration)[0] == pytest.approx(side * offset)
 
 
 @given(st.floats(0.0, 30.0), SPEEDS, OFFSETS, BUILD_UPS)
@@ -87,10 +89,10 @@ def test_law_the_run_up_makes_a_move_late_by_half_its_duration(time, speed, offs
     )
     rise = speed / build_up
     if time >= rise and 0.5 * speed * rise <= offset:
-        assert motion.lateral(move, time) == pytest.approx(
-            motion.lateral(plain, time - 0.5 * speed / build_up), abs=1e-9
+        assert motion.lateral_motion(move, time)[0] == pytest.approx(
+            motion.lateral_motion(plain, time - 0.5 * speed / build_up)[0], abs=1e-9
         )
-    assert motion.lateral(move, time) <= motion.lateral(plain, time)
+    assert motion.lateral_motion(move, time)[0] <= motion.lateral_motion(plain, time)[0]
 
 
 # --- cut_in ---------------------------------------------------------------------------------------

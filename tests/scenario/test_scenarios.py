@@ -453,11 +453,11 @@ def test_the_road_lies_to_the_left_of_its_right_lane():
 
 def test_a_lateral_move_starts_and_ends_at_rest_and_is_half_done_half_way():
     move = lane_change(begin=1.0, duration=4.0, offset=-3.5)
-    assert [motion.lateral(move, t) for t in (0.0, 1.0, 3.0, 5.0, 9.0)] == pytest.approx(
+    assert [motion.lateral_motion(move, t)[0] for t in (0.0, 1.0, 3.0, 5.0, 9.0)] == pytest.approx(
         [0.0, 0.0, -1.75, -3.5, -3.5]
     )
-    assert [motion.lateral_speed(move, t) for t in (0.0, 1.0, 5.0, 9.0)] == [0.0, 0.0, 0.0, 0.0]
-    assert motion.lateral_speed(move, 3.0) == pytest.approx(-3.5 / 4.0 * 1.875)
+    assert [motion.lateral_motion(move, t)[1] for t in (0.0, 1.0, 5.0, 9.0)] == [0.0, 0.0, 0.0, 0.0]
+    assert motion.lateral_motion(move, 3.0)[1] == pytest.approx(-3.5 / 4.0 * 1.875)
 
 
 def test_law_the_rate_is_the_derivative_of_the_smooth_step():
@@ -478,10 +478,15 @@ def test_moves_of_one_vehicle_add_up():
 def test_a_move_at_constant_lateral_speed_by_hand():
     move = constant_lateral(begin=1.0, speed=0.5, offset=-3.5)
     assert move.duration == 7.0
-    assert [motion.lateral(move, t) for t in (0.0, 1.0, 3.0, 8.0, 9.0)] == pytest.approx(
+    assert [motion.lateral_motion(move, t)[0] for t in (0.0, 1.0, 3.0, 8.0, 9.0)] == pytest.approx(
         [0.0, 0.0, -1.0, -3.5, -3.5]
     )
-    assert [motion.lateral_speed(move, t) for t in (0.9, 1.0, 7.9, 8.0)] == [0.0, -0.5, -0.5, 0.0]
+    assert [motion.lateral_motion(move, t)[1] for t in (0.9, 1.0, 7.9, 8.0)] == [
+        0.0,
+        -0.5,
+        -0.5,
+        0.0,
+    ]
 
 
 # --- braking actors -------------------------------------------------------------------------------
@@ -491,25 +496,25 @@ def test_braking_without_a_ramp_by_hand():
     # 20 m/s, 4 m/s2 from 1 s on: stands after 1 + 5 s and 20 + 50 m
     brake = brake_to_stop(begin=1.0, deceleration=4.0)
     assert brake.begin + motion.time_to_stand(brake, 20.0) == 6.0
-    assert [motion.braked_speed_at(brake, 20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == [
+    assert [motion.braked(brake, 20.0, t)[1] for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == [
         20.0,
         20.0,
         12.0,
         0.0,
         0.0,
     ]
-    assert [
-        motion.braked_distance_at(brake, 20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)
-    ] == pytest.approx([10.0, 20.0, 52.0, 70.0, 70.0])
+    assert [motion.braked(brake, 20.0, t)[0] for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == pytest.approx(
+        [10.0, 20.0, 52.0, 70.0, 70.0]
+    )
 
 
 def test_braking_with_a_ramp_by_hand():
     # 6 m/s2 at 12 m/s3: 0.5 s of ramp take 1.5 m/s, then (20 - 1.5)/6 = 3.0833 s on the plateau
     brake = brake_to_stop(begin=0.0, deceleration=6.0, jerk=12.0)
     assert brake.begin + motion.time_to_stand(brake, 20.0) == pytest.approx(0.5 + 18.5 / 6.0)
-    assert motion.braked_speed_at(brake, 20.0, 0.5) == pytest.approx(18.5)
-    assert motion.braked_distance_at(brake, 20.0, 0.5) == pytest.approx(10.0 - 12.0 * 0.125 / 6.0)
-    assert motion.braked_distance_at(brake, 20.0, 99.0) == pytest.approx(9.75 + 18.5**2 / 12.0)
+    assert motion.braked(brake, 20.0, 0.5)[1] == pytest.approx(18.5)
+    assert motion.braked(brake, 20.0, 0.5)[0] == pytest.approx(10.0 - 12.0 * 0.125 / 6.0)
+    assert motion.braked(brake, 20.0, 99.0)[0] == pytest.approx(9.75 + 18.5**2 / 12.0)
 
 
 def test_braking_that_stands_before_the_ramp_ends_by_hand():
@@ -517,8 +522,8 @@ def test_braking_that_stands_before_the_ramp_ends_by_hand():
     brake = brake_to_stop(begin=0.0, deceleration=6.0, jerk=12.0)
     stop = math.sqrt(1.0 / 12.0)
     assert brake.begin + motion.time_to_stand(brake, 0.5) == pytest.approx(stop)
-    assert motion.braked_distance_at(brake, 0.5, 9.0) == pytest.approx(2.0 / 3.0 * 0.5 * stop)
-    assert motion.braked_speed_at(brake, 0.5, 9.0) == 0.0
+    assert motion.braked(brake, 0.5, 9.0)[0] == pytest.approx(2.0 / 3.0 * 0.5 * stop)
+    assert motion.braked(brake, 0.5, 9.0)[1] == 0.0
 
 
 @given(
@@ -532,8 +537,8 @@ def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_spee
 ):
     brake = brake_to_stop(begin, strength, jerk)
     times = np.linspace(0.0, brake.begin + motion.time_to_stand(brake, speed) + 1.0, 20_001)
-    v = np.array([motion.braked_speed_at(brake, speed, time) for time in times.tolist()])
-    x = np.array([motion.braked_distance_at(brake, speed, time) for time in times.tolist()])
+    v = np.array([motion.braked(brake, speed, time)[1] for time in times.tolist()])
+    x = np.array([motion.braked(brake, speed, time)[0] for time in times.tolist()])
     assert np.all(v >= 0.0)
     assert np.all(np.diff(v) <= 1e-12)
     integral = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(times))])

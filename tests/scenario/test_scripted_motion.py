@@ -17,10 +17,10 @@ TIMES = st.floats(-1.0, 60.0)
 @given(TIMES, st.floats(0.0, 5.0), st.floats(0.1, 10.0), st.floats(-4.0, 4.0))
 def test_a_lane_change_is_the_smooth_step_to_the_last_bit(time, begin, duration, offset):
     move, share = lane_change(begin, duration, offset), (time - begin) / duration
-    assert motion.lateral(move, time) == float(offset * smooth_step(share))
-    assert motion.lateral_speed(move, time) == float(offset / duration * smooth_step_rate(share))
-    assert motion.lateral_acceleration(move, time) == float(
-        offset / duration**2 * motion.quintic_bend(min(max(share, 0.0), 1.0))
+    assert motion.lateral_motion(move, time) == (
+        float(offset * smooth_step(share)),
+        float(offset / duration * smooth_step_rate(share)),
+        float(offset / duration**2 * motion.quintic_bend(min(max(share, 0.0), 1.0))),
     )
 
 
@@ -28,8 +28,8 @@ def test_a_lane_change_is_the_smooth_step_to_the_last_bit(time, begin, duration,
 def test_a_brake_is_the_braked_motion_to_the_last_bit(time, begin, speed, deceleration):
     brake, since = brake_to_stop(begin, deceleration), time - begin
     assert motion.time_to_stand(brake, speed) == speed / deceleration
-    assert motion.braked_speed_at(brake, speed, time) == float(
-        braked_speed(speed, deceleration, since)
-    )
     distance = speed * begin + float(braked_distance(speed, deceleration, since))
-    assert motion.braked_distance_at(brake, speed, time) == distance
+    assert motion.braked(brake, speed, time) == (
+        distance,
+        float(braked_speed(speed, deceleration, since)),
+    )
