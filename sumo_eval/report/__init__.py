@@ -1,3 +1,1 @@
-"""What people and machines read of a scored run: the HTML report, the terminal's table, cases.csv
-and scores.json.
-"""
+"""Outputs of a scored run: the HTML report, the terminal's table, cases.csv and scores.json."""

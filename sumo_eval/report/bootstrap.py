@@ -24,7 +24,7 @@ MOST_DRAWN, BLOCKS = 10_000, 2_000
 COMPARED = {name: field for name, (field, _) in SCORES.items()} | {
     "collision_probability": "collision_probability"
 }
-"""What two runs are compared by, and its name among the scores."""
+"""Quantities by which two runs are compared, with their names among the scores."""
 
 
 def paired_differences(
@@ -60,7 +60,7 @@ def paired_differences(
 
 
 def _terms(terms: CaseTerms, method: MethodSettings, seed: int) -> FloatArray:
-    """What scores are sums of, of each case or block, (n, k)."""
+    """Terms that the scores sum, of each case or block, (n, k)."""
     asked, n = AskedTerms(), len(terms.collided)
     _scores(terms, method, slice(0, n), asked)
     if n <= MOST_DRAWN:

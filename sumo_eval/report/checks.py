@@ -42,8 +42,9 @@ class CheckedCase:
 def checked_cases(
     evaluation: Evaluation, scores: Iterable[ScenarioResult] | None = None
 ) -> Iterator[CheckedCase]:
-    """All cases of scenarios that have requirements, in the order of the evaluation, or those of
-    some scores; one after the other.
+    """All cases of scenarios that have requirements, in the order of the evaluation.
+
+    scores: only the cases of these; default: of all.
     """
     for score in evaluation.scores if scores is None else scores:
         if score.scenario not in evaluation.checks:

@@ -1,7 +1,7 @@
-"""What two runs do not have in common.
+"""Differences between two runs, apart from the behaviour of their ADSs.
 
-Whatever is listed here is shown, and what could change a score by itself is refused unless the
-person who compares has accepted it.
+Every difference is shown. One that could change a score by itself is an InputError unless the user
+accepts it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Difference:
 
 
 def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
-    """Everything that differs besides the ADSs' behaviour, what decides first."""
+    """Everything that differs except the ADSs' behaviour; deciding differences first."""
     found = [
         one
         for of in (_comparable, _files, _severity_file, _reference_car)

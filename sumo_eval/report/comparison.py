@@ -1,8 +1,8 @@
-"""Two runs side by side, case by case: what flipped, what got harsher, softer, less human, and how
-sure that is.
+"""Two runs side by side, case by case: flipped outcomes, harsher, softer and less human cases, and
+how certain that is.
 
-Cases are paired by logical scenario and parameter values, never by their order. What is compared is
-read as columns, and a row only where somebody looks at it.
+Cases are paired by logical scenario and parameter values, never by their order. The comparison
+reads columns; a row is made only where it is shown.
 """
 
 from __future__ import annotations
@@ -440,7 +440,7 @@ _NOT_DRIVEN: Final = frozenset((
     "case", "scenario", "ads", "values", "exposure", "weight", *TIMED,
     "index_note", "reference_note",
 ))  # fmt: skip
-"""Fields of a row that are no outcome of its drive, or no plain value."""
+"""Fields of a row that are not an outcome of its drive, or not a plain value."""
 
 
 def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
@@ -478,7 +478,7 @@ def _counts(cases: CaseTable) -> dict[str, int]:
 
 
 def _changes(paired: Paired, terms: tuple[CaseTerms, CaseTerms], settings: GateSettings) -> Changes:
-    """What is different in each concrete scenario: of all that is, what stands first below."""
+    """The change of each concrete scenario: the first of those below that applies."""
     old, now = paired.base, paired.new
     kind, by = np.full(len(old), -1, dtype=np.intp), np.full(len(old), np.nan)
 

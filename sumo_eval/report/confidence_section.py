@@ -43,7 +43,7 @@ def confidence_json(confidence: Confidence) -> dict[str, Any]:
 
 
 def confidence_content(evaluation: Evaluation, confidence: Confidence) -> dict[str, Any]:
-    """What templates/sections/confidence.html.j2 shows."""
+    """Content of templates/sections/confidence.html.j2."""
     return {
         "rows": confidence.assessments,
         "digits": SCORES,

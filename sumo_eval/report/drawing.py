@@ -1,5 +1,5 @@
-"""A figure of matplotlib that a notebook shows, with matplotlib imported: whoever draws nothing
-does not need it.
+"""A figure of matplotlib that a notebook shows. Only drawing imports this module, and with it
+matplotlib.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ class Drawing(Figure):
     """
 
     def _repr_png_(self) -> bytes:
-        """What a notebook shows."""
+        """The figure as a notebook shows it."""
         pixels = BytesIO()
         self.savefig(pixels, format="png", dpi=RESOLUTION)
         return pixels.getvalue()

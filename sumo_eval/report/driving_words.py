@@ -1,5 +1,5 @@
-"""What an ADS did in one case in driving words: which quantity, beside which people, at what time,
-and a picture.
+"""One case in driving words: which quantity, compared with which drivers, at what time; and a
+picture.
 """
 
 from __future__ import annotations

@@ -118,7 +118,7 @@ def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
 
 
 def _claims(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[Claim]:
-    """What is claimed of one ADS in one scenario."""
+    """The claims about one ADS in one scenario."""
     cases = evaluation.cases_of(score.ads, score.scenario)
     about = f"{score.ads} in {score.scenario}"
     yield _complete(about, score, cases)
@@ -238,7 +238,7 @@ def _avoided(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
         return _claim(
             score, "avoided", claim=f"{about} had harm to avoid.", verdict="open",
             argument="Where a car that does nothing hits no harder than the ideal vehicle, A is 1 "
-                     "whoever drives.",
+                     "for every ADS.",
             evidence=(f"In none of {count(len(cases), 'case')} a car that does nothing does more "
                       "harm.",),
 
@@ -293,9 +293,7 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult) -> Claim
 
 
 def _assumptions(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[str]:
-    """What has to be so for the claims on a scenario to hold on a road, and is not shown by the
-    run.
-    """
+    """Conditions of the claims on a scenario that the run does not show."""
     settings = evaluation.settings
     names = list(dict.fromkeys(item.scenario for item in evaluation.zones))
     entry = settings.scenario[names.index(score.scenario)]
@@ -306,10 +304,9 @@ def _assumptions(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult
         "claimed."
     )
     if not evaluation.exposure_known(score.scenario):
-        yield "Nobody said how often concrete scenarios are met: every point counts the same."
+        yield "The frequency of concrete scenarios is not known: every point counts the same."
     yield (
-        "Vehicles are rectangles on a single-track model, and SUMO moves the others as their "
-        "scripts say."
+        "Vehicles are rectangles on a single-track model, and SUMO moves actors by their scripts."
     )
     if settings.simulation.conditions == type(settings.simulation.conditions)():
         yield "The ADS perceives without error and without delay: no conditions are set."

@@ -206,7 +206,7 @@ def _likeness(
         factors = [getattr(case, field) for field in FACTORS.values()]
         product = " x ".join(number(value, 4) for value in factors)
         yield (
-            f"Eqs. 11-12: D_i = {product} = {case.index:z.4f}; its trajectories were let go "
+            f"Eqs. 11-12: D_i = {product} = {case.index:z.4f}; its trajectories were discarded "
             "(`[run] keep`)"
         )
         return
@@ -264,7 +264,7 @@ def _factors(index: CaseIndex) -> Iterator[str]:
 
 
 def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
-    """What the case takes from A = 1 - sum(w max(0, U - Ug)) / sum(w max(0, U0 - Ug))."""
+    """Loss of the case in A = 1 - sum(w max(0, U - Ug)) / sum(w max(0, U0 - Ug))."""
     unknown = [
         words
         for words, known in (
@@ -310,7 +310,7 @@ def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
 
 
 def _task(case: CaseResult, found: Findings) -> Iterator[str]:
-    """What the case gives to T, the mean of t_i over the safe cases."""
+    """Part of the case in T, the mean of t_i over the safe cases."""
     if case.zone != "safe":
         yield "T: the hazardous zone has no part in it"
         return
@@ -331,9 +331,7 @@ def _task(case: CaseResult, found: Findings) -> Iterator[str]:
 
 
 def _human(case: CaseResult, found: Findings) -> Iterator[str]:
-    """What the case gives to H, the mean of f_L f_n+ similarity plausibility over the safe
-    cases.
-    """
+    """Part of the case in H, the mean of f_L f_n+ similarity plausibility over the safe cases."""
     if case.zone != "safe":
         yield "H: the hazardous zone has no part in it"
         return

@@ -30,7 +30,7 @@ from sumo_eval.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was written, and the command that drives the case again in that folder."""
+    """The written files, and the command that drives the case again in their folder."""
 
     paths: tuple[Path, ...]
     line: str
@@ -41,8 +41,8 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     sumo-gui), OpenSCENARIO and
     OpenDRIVE, and an evaluation of this one case with its point.
 
-    The files are called like the case, with `_` for what is no letter, digit, dot, plus or single
-    hyphen. The line that drives it again stands in the .xosc header as well.
+    The files are named after the case, with `_` for characters other than letters, digits, dots,
+    plus signs and single hyphens. The command that drives it again is in the .xosc header, too.
 
     Raises InputError for a case that the run does not have.
     """
@@ -90,8 +90,8 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
 
 
 def _fact(run: Path, case: str) -> tuple[Fact, dict[str, Trajectory] | None]:
-    """What is recorded of a case, and how everybody drove in it; None where it did not come to
-    drive or was let go.
+    """The record of a case, and its trajectories; None for a case that did not start or whose
+    trajectories are discarded.
     """
     with open_store(run / run_folder.FACTS) as store:
         fact = store.fact(case)
@@ -138,9 +138,7 @@ def _people(drivers: DriverSettings, source: Path) -> DriverSettings:
 
 
 def _importing(alone: EvaluationSettings, source: Path) -> str:
-    """What goes before the command where modules that lie beside the run's own evaluation have to
-    be found.
-    """
+    """Prefix of the command: PYTHONPATH where modules next to the run's evaluation are needed."""
     named = (alone.scenario[0].use, alone.ads[0].controller, alone.drivers.source)
     modules = [place for place, colon, _ in (locator.rpartition(":") for locator in named) if colon]
     tops = [module.partition(".")[0] for module in modules if not module.endswith(".py")]

@@ -1,10 +1,9 @@
-"""Failures that are alike: what the cases of a group have in common in their parameters, in words
-and as ranges.
+"""Groups of similar failures: the parameter ranges that their cases share, as numbers and in words.
 
-Failures of one ADS and one kind are joined while they stand next to each other among the points
-that were driven (single linkage in the unit box). A group is told by the narrowest ranges that hold
-all of its cases, for the parameters whose values it does not span; beside them stands how many of
-all cases in these ranges fail in that way.
+Failures of one ADS and one kind are joined while they are neighbours among the driven points
+(single linkage in the unit box). The narrowest ranges that hold all cases of a group describe it,
+for the parameters whose values it does not span, with the share of all cases in these ranges that
+fail in this way.
 """
 
 from __future__ import annotations
@@ -113,8 +112,8 @@ def _linked(logical: LogicalScenario, rows: FloatArray, members: np.ndarray) -> 
 
 
 def _step(values: FloatArray) -> float:
-    """The distance that counts as one step along a parameter: between levels, or what so many
-    points come to.
+    """The distance that counts as one step along a parameter: between its levels, but at least an
+    eighth of its driven range.
     """
     levels = np.unique(values)
     if len(levels) < 2:

@@ -1,4 +1,4 @@
-"""Cases of a run by their parameters: those nearest to what somebody asks for."""
+"""Cases of a run by their parameters: those nearest to given values."""
 
 from __future__ import annotations
 

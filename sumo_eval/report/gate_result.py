@@ -1,4 +1,4 @@
-"""What became of a limit, and the cases that it names."""
+"""Outcome of a limit, and the cases that it names."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class CaseChange:
 class GateResult:
     """One limit applied to one ADS in one logical scenario, or in all that are in `scenario`.
 
-    passed None: the limit could not be judged, and the sentence says why.
+    passed None: the limit could not be evaluated, and the sentence says why.
 
     threshold: the value of the new run at which it would fail, for drawing.
     cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`.
@@ -57,5 +57,5 @@ class GateResult:
 
     @property
     def name(self) -> tuple[str, str, str]:
-        """What makes it the same limit in another night: ADS, scenario, quantity."""
+        """Identity of the limit across nights: ADS, scenario, quantity."""
         return self.ads, self.scenario, self.quantity

@@ -40,7 +40,7 @@ HIGHER_COLUMNS: Final = frozenset((
     "human_likeness", "manoeuvre_share", "task_share", "beats_ideal", "human_low", "human_mean",
     "human_high",
 ))  # fmt: skip
-"""Columns of which a rise is an improvement; of the others it is not."""
+"""Columns of which a rise is an improvement; of all other columns it is not."""
 
 TIMED: Final = (
     "wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99",
@@ -110,7 +110,7 @@ class OutcomeSettings(Checked):
     repeats and bad_of: of an ADS that does not repeat.
     """
 
-    on: Annotated[bool, About("whether this part is judged")] = True
+    on: Annotated[bool, About("whether this part is evaluated")] = True
     severity_by: Annotated[
         float, NotNegative, About("rise of U from which a case failed", "m/s", "U", "15")
     ] = 0.5
@@ -123,11 +123,9 @@ class OutcomeSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class NearMissSettings(Checked):
-    """Part two of the rule: whether more cases came nearer to an accident than went away from
-    it.
-    """
+    """Part two of the rule: whether more cases lost than gained distance to an accident."""
 
-    on: Annotated[bool, About("whether this part is judged")] = True
+    on: Annotated[bool, About("whether this part is evaluated")] = True
     chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = (
         0.1
     )
@@ -148,7 +146,7 @@ class ShiftSettings(Checked):
     share_alone: where no case is better.
     """
 
-    on: Annotated[bool, About("whether this part is judged")] = True
+    on: Annotated[bool, About("whether this part is evaluated")] = True
     chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = (
         0.02
     )

@@ -177,7 +177,7 @@ def _judge_change(
 
 
 def _may(limit: LimitSettings, bound: float, percent: bool) -> str:
-    """What a limit on a change asks for, in words."""
+    """The bound of a limit on a change, in words."""
     way = "fall" if limit.quantity in HIGHER_IS_BETTER else "rise"
     asked = (
         f"it may {way} by at most {bound:g}{' %' if percent else ''}"

@@ -27,12 +27,12 @@ from sumo_eval.scoring.findings import Findings, findings
 CONTACT = 50.0 / 3.6
 """Impact speed that excess impact speed is counted in, m/s."""
 BY_CHANCE = 0.05
-"""Probability of a sign test below which two ADSs are told apart."""
+"""Probability of a sign test below which two ADSs count as different."""
 NOTICEABLE = 0.01
 """Share of the task from which an ADS counts as slower than the slowest reference."""
 
 MOST_NAMED = 3
-"""ADSs that share the first place in a sentence."""
+"""ADSs that share the first place and are named; the rest is a number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
 
 
 def finding(evaluation: Evaluation, ads: str) -> Finding:
-    """What one ADS did in all scenarios: sums, and means by the weights of the ranking."""
+    """Behaviour of one ADS in all scenarios: sums, and means by the weights of the ranking."""
     parts = [_in_scenario(one) for one in findings(evaluation) if one.score.ads == ads]
     weights = [_weight(evaluation, score) for score in evaluation.scores if score.ads == ads]
     sums = {
@@ -177,9 +177,7 @@ def _in_scenario(found: Findings) -> Finding:
 
 
 def alarms(found: Finding) -> list[str]:
-    """What a reader wants to know first of an ADS, the gravest first; nothing of one without any of
-    it.
-    """
+    """Findings on an ADS that need a look, the gravest first; empty for an ADS without any."""
     given_up = ", those given up among them" if found.gave_up else ""
     said = (
         (found.departures, f"left the road in {count(found.departures, 'case')}"),

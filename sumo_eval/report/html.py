@@ -1,4 +1,4 @@
-"""The report: one HTML file that holds everything it shows and asks nobody for more."""
+"""The report: one HTML file that holds everything it shows and loads nothing from outside."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def term(name: str, shown: str = "") -> Markup:
 def _context(
     evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside
 ) -> dict[str, Any]:
-    """What the page's template is filled with.
+    """Values of the page's template.
 
     A thread reads and deflates the recorded drives meanwhile.
     """
@@ -118,7 +118,7 @@ def _shared(
     in_page: Mapping[str, Shown],
     missing: Sequence[CaseTable],
 ) -> dict[str, Any]:
-    """What the page says beside its sections and its data."""
+    """Values that the sections of the page share."""
     settings = evaluation.settings
     return {
         "case_page": "",
@@ -199,7 +199,7 @@ def _way(page: Path, file: Path) -> str:
 
 
 def _badges(evaluation: Evaluation, beside: Beside, missing: int) -> dict[str, str]:
-    """What a folded section says of itself in a few words where a reader should not miss it."""
+    """A few words on a folded section that a reader should not miss, by the section's name."""
     avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
     failed = sum(gate.passed is False for gate in beside.gates)
     told = {
@@ -264,7 +264,7 @@ def _group(
 def _left_out(
     logical: LogicalScenario, evaluation: Evaluation, shown: Shown, view: View
 ) -> dict[str, Any]:
-    """What the page says and draws of a scenario of which it does not have all cases."""
+    """Words and drawings for a scenario of which the page does not hold all cases."""
     if shown.places is None:
         return {"left_out": 0, "densities": []}
     everybody = [one.ads for one in evaluation.scores if one.scenario == logical.name]

@@ -214,7 +214,7 @@ def _properties(values: Mapping[str, str]) -> etree._Element:
 
 
 def _copy(body: IO[bytes], out: IO[bytes], size: int) -> None:
-    """Copy so many bytes from one file to another."""
+    """Copy `size` bytes from one file to another."""
     while size:
         part = body.read(min(size, _COPIED))
         out.write(part)
@@ -242,8 +242,7 @@ def _case_test(case: CaseResult, missing: bool, report: ReportSettings) -> Test:
         return Test(name, "error", case.status, _first_line(reason or case.status), text, seconds)
     if case.status == "off_road" or case.departed:
         return Test(name, "failure", "off_road", f"{case.ads} left the road", _facts(case), seconds)
-    # Where the ideal vehicle's case is not known, nobody can say that the collision was
-    # unavoidable.
+    # Where the ideal vehicle's case is not known, the collision cannot count as unavoidable.
     if case.collided and (report.junit_failures == "any" or not case.unavoidable):
         which = "collision" if case.kind == "not known" else f"{case.kind} collision"
         message = (
@@ -274,7 +273,7 @@ def _facts(case: CaseResult) -> str:
 
 
 def _task_and_harm(case: CaseResult) -> Iterator[str]:
-    """What the case adds to T, A' and H, as far as it has a part in them."""
+    """Parts of the case in T, A' and H, as far as it has any."""
     if case.departed:
         yield (
             f"left the road at {number(case.departure_time, 1)} s, "

@@ -257,7 +257,7 @@ def _likeness_lines(found: Findings) -> _Lines:
 
 
 def _shares(cases: CaseTable, counted: BoolArray) -> FloatArray:
-    """What each case weighs in a mean over those that are counted, (n,)."""
+    """Weight of each case in a mean over those that are counted, (n,)."""
     weights = np.zeros(len(counted))
     weights[counted] = mean_shares(cases.exposure[counted])
     return weights

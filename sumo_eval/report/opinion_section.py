@@ -17,9 +17,9 @@ _BESIDE = ("S+", "A", "H", "S", "D", "C")
 
 
 def opinion_content(folder: Path) -> dict[str, Any] | None:
-    """What templates/sections/opinion.html.j2 shows; None where nobody has been asked.
+    """Content of templates/sections/opinion.html.j2; None without a study of opinion.
 
-    Raises InputError when what was told can no longer be read.
+    Raises InputError when the file with the answers cannot be read.
     """
     path = folder / OPINION
     if not path.exists():

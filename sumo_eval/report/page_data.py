@@ -1,6 +1,4 @@
-"""What the page's JavaScript draws from: cases and zone maps, small enough to travel in one
-file.
-"""
+"""Data of the page's JavaScript: cases and zone maps, small enough for one file."""
 
 from __future__ import annotations
 
@@ -200,11 +198,11 @@ _SHOWN = (
     "mixture_similarity", "plausibility", "weight", "index", "length_factor", "operation_factor",
     "similarity", "clips",
 )  # fmt: skip
-"""What the page has of a case as it is."""
+"""Fields of a case that the page holds unchanged."""
 
 
 def _case(case: CaseResult, row: FloatArray, view: View) -> dict[str, Any]:
-    """One case; the page computes nothing of this anew."""
+    """One case; the page computes none of this again."""
     return {name: getattr(case, name) for name in _SHOWN} | {
         "key": case.case,
         "values": row.tolist(),
@@ -280,8 +278,8 @@ def choose_view(
     """One map for two parameters, a panel for each value of the first for three, a slice through
     more.
 
-    axes: the parameters of x and y, where somebody has chosen them; the map then is a slice through
-        the others.
+    axes: the parameters of x and y, where the settings name them; the map then is a slice through
+        all other parameters.
     """
     columns = range(len(logical.parameters))
     if len(columns) == 1:
@@ -442,10 +440,12 @@ def _levels(y: FloatArray) -> str:
 
 
 def drawn_shape(road: Road) -> dict[str, Any]:
-    """What of a road is not the same lanes throughout, as pages draw it.
+    """Parts of a road without the same lanes throughout, as pages draw it.
 
-    gone: where an outermost lane is not there, four points [x, y], m, of which the last three are
-    the edge that is left. solid: lines nobody may cross, [x, x, y]. crossings: [x, width, reach].
+    gone: where an outermost lane is missing, four points [x, y], m, of which the last three are the
+        edge of the road there.
+    solid: lines that no vehicle may cross, [x, x, y].
+    crossings: [x, width, reach].
     """
     gone, solid, last = [], [], road.length + road.run_out
     for span in road.spans:
@@ -477,5 +477,5 @@ def drawn_line(road: Road) -> list[list[float]]:
 
 
 def drawn_bodies(concrete: ConcreteScenario) -> dict[str, str]:
-    """What the others are, by name, where they are no cars."""
+    """Bodies of the actors that are not cars, by name."""
     return {actor.name: actor.body for actor in concrete.actors if actor.body != CAR}

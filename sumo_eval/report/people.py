@@ -1,6 +1,4 @@
-"""What the report says of the human reference: the drivers' own scores beside D, thin references,
-exposure.
-"""
+"""The report's section on the drivers: their own scores beside D, thin references, exposure."""
 
 from __future__ import annotations
 
@@ -41,7 +39,7 @@ class PeopleRow:
 
 
 def people_context(evaluation: Evaluation) -> dict[str, Any]:
-    """What templates/sections/people.html.j2 shows."""
+    """Content of templates/sections/people.html.j2."""
     return {
         "mode": evaluation.settings.method.anthropomorphic.mode,
         "rows": people_rows(evaluation),
@@ -59,10 +57,10 @@ def drawn_words(drawn: Mapping[str, int]) -> str:
 
 
 def study_sentences(evaluation: Evaluation) -> list[str]:
-    """Who took part in the study that the drivers come from, and what was left out and why; none
-    without a study.
+    """Participants of the study that the drivers come from, and the drives it left out with their
+    reasons; none without a study.
 
-    Raises InputError where what the study left in its folder can no longer be read.
+    Raises InputError where the study's file cannot be read.
     """
     cases = evaluation.settings.drivers.cases
     if not cases:
@@ -91,9 +89,10 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
             *left,
         ]
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} cannot be read ({said(error)}); `sumo-eval drive STUDY.toml "
-                         "--collect` writes it "
-                         "anew.") from error  # fmt: skip
+        raise InputError(
+            f"{path} cannot be read ({said(error)}); `sumo-eval drive STUDY.toml --collect` "
+            "writes it again."
+        ) from error
 
 
 def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
@@ -130,7 +129,7 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
 
 
 def _warnings(cases: CaseTable) -> tuple[str, ...]:
-    """What must be known of the safe cases with a D_i before the numbers are believed.
+    """Limitations of the numbers on the safe cases with a D_i.
 
     cases: these.
     """

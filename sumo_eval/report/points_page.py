@@ -45,12 +45,12 @@ def write_points(
 
 
 def _sentences(points: Sample) -> list[str]:
-    """What the page says above the chart."""
+    """The text above the chart."""
     chosen = (
         f"{count(len(points.points), 'point')} chosen; {count(len(points.refused), 'point')} "
         "refused, because a"
     )
-    return [f"{chosen} constraint of the scenario rules them out. A larger mark is met more often."]
+    return [f"{chosen} constraint of the scenario rules them out. A larger mark occurs more often."]
 
 
 def picture(logical: LogicalScenario, points: Sample) -> go.Figure:

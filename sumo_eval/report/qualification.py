@@ -35,9 +35,7 @@ def holds(manifest: Mapping[str, Any]) -> bool:
 
 
 def qualification_sentence(manifest: Mapping[str, Any]) -> str:
-    """Whether this installation was shown to be believable; what to do where nobody has shown
-    it.
-    """
+    """Whether this installation is qualified, and how to qualify it where it is not."""
     found = manifest.get("qualification")
     if found is None:
         return (
@@ -58,7 +56,7 @@ def qualification_sentence(manifest: Mapping[str, Any]) -> str:
 
 
 def qualification_content(evaluation: Evaluation) -> Mapping[str, Any] | None:
-    """What the report's section shows; nothing where the run names none."""
+    """Content of the report's section; None where the run names no qualification."""
     manifest = evaluation.manifest
     found = manifest.get("qualification")
     if found is None:

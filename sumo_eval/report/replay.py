@@ -1,5 +1,5 @@
-"""One case, or two side by side, as a page of its own that plays without a server and asks nobody
-for anything.
+"""One case, or two side by side, as a page of its own that plays without a server and loads
+nothing.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import Trajectory
 
 ROLES_BESIDE: Final[tuple[Role, ...]] = ("ads", "human", "ideal")
-"""Whose drives may be shown beside an ADS's."""
+"""Roles of drives that may be shown beside an ADS's."""
 
 
 def write_replay(
@@ -73,7 +73,7 @@ def write_replay(
 
 
 def recorded_ego(places: Sequence[tuple[float, float]]) -> Trajectory:
-    """Who was recorded in the ego's place.
+    """Trajectory of the vehicle recorded in the ego's place.
 
     places: as in `Start`.
     """

@@ -27,7 +27,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Repeats:
-    """What driving an ADS twice tells.
+    """Result of driving cases of an ADS twice.
 
     cases: driven twice;
     alike: equal to the last bit;
@@ -49,7 +49,7 @@ ALIKE = Repeats(0, 0)
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """What a night knows of chance, by ADS.
+    """Random variation in a night, by ADS.
 
     repeats: of each ADS that was driven twice.
     bad: by case, how many of its drives tonight were bad, the first among them.
@@ -88,7 +88,7 @@ def floor_of(differences: FloatArray, settings: NoiseSettings) -> float:
 
 
 def sign_test(worse: int, better: int) -> float:
-    """P(Bin(W + B, 1/2) >= W): chance of so many worse cases if nothing changed."""
+    """P(Bin(W + B, 1/2) >= W): chance of W or more worse cases if nothing changed."""
     return float(binom.sf(worse - 1, worse + better, 0.5))
 
 
@@ -105,7 +105,7 @@ def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
     `level`.
 
     chances: of each test its P and the least P that it could have had. Tests that could not be
-        rejected however they come out are no tests (Tarone).
+        rejected with any result do not count (Tarone).
     """
     able = list(range(len(chances)))
     while any(chances[i][1] > level / len(able) for i in able):
@@ -247,7 +247,7 @@ class Tally:
 
     @property
     def least_chance(self) -> float:
-        """The least P that so many changed cases could have had."""
+        """The least P that this number of changed cases could have had."""
         return float(0.5 ** (self.number + self.better))
 
 
@@ -339,7 +339,7 @@ def _least(found: Tally, rule: ShiftSettings, share: float) -> float:
 
 
 def can_fail(found: Tally, settings: GateSettings, *, near: bool, noisy: bool) -> bool:
-    """Whether a part could fail at all with so many cases, all of them worse."""
+    """Whether a part could fail at all if all of its cases were worse."""
     least = 1 if near else settings.shift.cases
     chance = 0.5**found.cases <= settings.noise.chance if noisy else True
     return found.cases >= least and chance
@@ -348,7 +348,7 @@ def can_fail(found: Tally, settings: GateSettings, *, near: bool, noisy: bool) -
 def tallies(
     comparison: Comparison, settings: GateSettings, noise: Noise
 ) -> tuple[list[Tally], list[Tally]]:
-    """What parts two and three look at: near misses, and shifts, of every ADS."""
+    """Tallies of parts two and three of every ADS: near misses, and shifts."""
     near, shift = [], []
     for ads in dict.fromkeys(one.ads for one in comparison.ads):
         compared = [one for one in comparison.ads if one.ads == ads]

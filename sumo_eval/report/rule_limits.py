@@ -1,4 +1,4 @@
-"""The rule's three parts as limits that passed, failed, or could not be judged, each with its
+"""The rule's three parts as limits that passed, failed, or could not be evaluated, each with its
 cases.
 """
 
@@ -28,7 +28,7 @@ WORDS = {
     "min_gap": ("smallest gap", "m"), "min_ttc": ("smallest TTC", "s"), "pet": ("PET", "s"),
     "max_drac": ("largest DRAC", "m/s2"), "max_jerk": ("largest jerk", "m/s3"),
     "task_share": ("t_i", ""),
-    "simulated_time": ("time to come through", "s"), "human_likeness": ("H_i", ""),
+    "simulated_time": ("time of the drive", "s"), "human_likeness": ("H_i", ""),
     "index": ("D_i", ""),
     "latency_relative": ("latency", ""),
 }  # fmt: skip
@@ -68,7 +68,7 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
     examples = [key for one in comparison.unpaired for key in one.examples][:MOST_NAMED]
     missing = [*_gone(comparison)]
     if not comparison.pairs:
-        missing.append("no case has a partner in the base, so nothing was judged")
+        missing.append("no case has a partner in the base, so nothing was compared")
     elif lost > settings.lost_share * of:
         missing.append(f"{lost} of the base's {count(of, 'case')} have no partner")
     if not missing:
@@ -197,9 +197,8 @@ def _result(
         sentence = f"{words}: {CANNOT_SEE} with {count(found.cases, 'case')}{inside}"
         return GateResult(quantity, found.ads, where, None, sentence)
 
-    ways = ("nearer", "farther") if near else ("worse", "better")
     sentence = (
-        f"{words}: {found.number} {ways[0]}, {found.better} {ways[1]} of "
+        f"{words}: {found.number} worse, {found.better} better of "
         f"{count(found.cases, 'case')}{inside}"
     )
     if not bad:

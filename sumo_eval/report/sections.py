@@ -39,8 +39,7 @@ MOST_CHANGED = 200  # cases in the table of changes
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """What a report shows besides the evaluation itself; a section whose part is missing here is
-    left out.
+    """Content of a report in addition to the evaluation; without its part, a section is left out.
 
     comparison, gates: the change since an earlier run.
     since: when failed limits began to fail, in words, by their names.
@@ -174,7 +173,7 @@ def _outcome(case: CaseResult) -> str:
 
 
 def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
-    """Where the points of every S+, and of the S beside it, went."""
+    """The ledgers of every S+ and S."""
     return {
         "ledgers": [
             (_ledger(ledger_plus(one)), _ledger(ledger(one))) for one in findings(evaluation)

@@ -1,8 +1,8 @@
 """Which recorded drives travel in a page, and how: small enough for one file.
 
 Trajectories keep their recorded samples. Every channel is rounded to its step in `CHANNEL_STEPS`,
-written as differences of whole numbers, and deflated; what these differences cannot hold travels
-beside them as it is. `decodeTrajectories` in templates/field.js is the other half.
+written as differences of whole numbers, and deflated; values outside their range travel unchanged
+in a list. `decodeTrajectories` in templates/field.js is the other half.
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ def _points_of(store: Store, cases: Set[str], scenario: str) -> dict[str, int]:
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
-    """Many trajectories in one string; lengths, counts and bodies beside it.
+    """Many trajectories in one string, with their sample counts, lengths and widths.
 
     `time` starts where the recording did.
 

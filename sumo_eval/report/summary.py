@@ -33,7 +33,7 @@ def summary_content(
     gates: Sequence[GateResult],
     since: Mapping[tuple[str, str, str], str],
 ) -> Mapping[str, Any]:
-    """What templates/sections/summary.html.j2 shows.
+    """Content of templates/sections/summary.html.j2.
 
     since: when failed limits began to fail, in words.
     """
@@ -80,7 +80,7 @@ def worst_case(evaluation: Evaluation, order: Sequence[str]) -> str:
 
 
 def _looks(evaluation: Evaluation, best: str) -> list[tuple[str, str]]:
-    """What to look at next: (words, key of a case or an anchor)."""
+    """Links to look at next: (words, key of a case or an anchor)."""
     looks = []
     if missing := sum(map(len, unevaluated(evaluation))):
         looks.append((f"{count(missing, 'case')} that could not be evaluated", "#missing"))

@@ -1,4 +1,4 @@
-"""What a run says at its end on a terminal or in a log."""
+"""Lines at the end of a run on a terminal or in a log."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists 
 
 
 def closing_lines(evaluation: Evaluation) -> list[str]:
-    """What a person must know besides the table, one sentence a line."""
+    """Information that the table does not hold, one sentence a line."""
     lines = ranking_lines(evaluation.ranking)
     lines += [
         f"C of {score.ads} in {score.scenario} is not computed: {REASON_WITHOUT_C}. Its term "
@@ -141,8 +141,8 @@ def _by_kind(missing: Iterable[CaseResult]) -> tuple[list[_Kind], int]:
     """The first `MOST_LISTED` kinds of cases that are missing from a mean, and how many are of no
     such kind.
 
-    Those are of one kind that one ADS lost at one place of its code, or with one sentence, of who
-    drove well whatever its numbers. Of a kind only the first case is held: a million may be
+    A kind is: one ADS, one status, and one place of its code or one reason. Numbers in the reason
+    of an evaluated case do not matter. Only the first case of a kind is held: a million may be
     missing.
     """
     kinds: dict[tuple[str, str, str], _Kind] = {}
@@ -225,9 +225,7 @@ MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
 def comparison_lines(
     comparison: Comparison, gates: Sequence[GateResult], evaluation: Evaluation
 ) -> list[str]:
-    """What changed between two runs: verdict first, then what flipped, then the quantities, then
-    the gates.
-    """
+    """Changes between two runs: verdict, flipped cases, quantities, gates."""
     lines = [verdict(comparison, gates, evaluation).sentence]
     lines += [
         f"{'DIFFERS' if other.decides else 'differs'}: {one_line(other.words)}"
@@ -256,7 +254,7 @@ def comparison_lines(
 
 
 _SEEN = 5e-4
-"""What changes none of the three decimals that are shown is not told."""
+"""Smallest change that shows in three decimals; smaller ones are not listed."""
 
 
 def moved_words(item: ChangedCase) -> list[str]:
@@ -273,7 +271,7 @@ def gate_lines(
     run: Path | None = None,
     since: Mapping[tuple[str, str, str], str] | None = None,
 ) -> list[str]:
-    """Limits that failed with their worst cases, what could not be judged, and how many passed.
+    """Limits that failed with their worst cases, those not evaluated, and how many passed.
 
     run: the folder whose cases they are, for the command that drives one of them again.
     since: when each of them began to fail, by the limit's name.
@@ -316,7 +314,7 @@ def ways_to(run: Path, case: str) -> dict[str, str]:
 
 
 def _unjudged_lines(gates: Sequence[GateResult]) -> list[str]:
-    """What could not be judged: limits with one reason on one line."""
+    """Limits that could not be evaluated, those with one reason on one line."""
     unjudged: dict[tuple[str, str], list[GateResult]] = {}
     for gate in gates:
         if gate.passed is None:
@@ -336,8 +334,9 @@ def _unjudged_line(ads: str, reason: str, alike: Sequence[GateResult]) -> str:
             f"{one_line(ads)}: {reason.replace(CANNOT_SEE, f'{CANNOT_SEE} in {names}', 1)}{inside}"
         )
     if len(alike) > 1:
-        return f"{count(len(alike), 'gate')} not judged: {reason}"
-    return f"gate not judged: {one_line(alike[0].ads)} in {alike[0].scenario}: {alike[0].sentence}"
+        return f"{count(len(alike), 'gate')} not evaluated: {reason}"
+    gate = alike[0]
+    return f"gate not evaluated: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}"
 
 
 def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:

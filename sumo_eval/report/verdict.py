@@ -48,8 +48,8 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
     if bad and all(gate.quantity == "pairs" for gate in bad):
         return "incomplete", f"INCOMPLETE beside {base}: {bad[0].sentence}"
     if bad:
-        moved = f"{count(comparison.worse, 'case')} got worse, {comparison.better} better"
-        return "worse", f"WORSE than {base}: {count(len(bad), 'limit')} failed; {moved}"
+        failed = count(len(bad), "limit")
+        return "worse", f"WORSE than {base}: {failed} failed; {_moved(comparison)}"
     if comparison.identical:
         return (
             "same",
@@ -58,9 +58,17 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
     return "no_limit_failed", f"NO LIMIT FAILED beside {base}: {_changes(comparison)}"
 
 
+def _moved(comparison: Comparison) -> str:
+    """`outcome or likeness worse in 2 cases, better in 1`."""
+    return (
+        f"outcome or likeness worse in {count(comparison.worse, 'case')}, better in "
+        f"{comparison.better}"
+    )
+
+
 def _changes(comparison: Comparison) -> str:
-    """`2 cases got worse, 1 better, 5 changed by less than the tolerances`, or how many are equal
-    to the last bit.
+    """`outcome or likeness worse in 2 cases, better in 1, 5 cases changed by less than the
+    tolerances`, or how many are equal to the last bit.
     """
     worse, better = comparison.worse, comparison.better
     equal = sum(one.identical for one in comparison.ads)
@@ -68,7 +76,7 @@ def _changes(comparison: Comparison) -> str:
         comparison.pairs - equal - worse - better,
         sum(one.lost for one in comparison.unpaired),
     )
-    words = [f"{count(worse, 'case')} got worse, {better} better"] if worse or better else []
+    words = [_moved(comparison)] if worse or better else []
     words += [f"{count(less, 'case')} changed by less than the tolerances"] if less > 0 else []
     words = words or [f"{count(equal, 'case')} equal to the last bit"]
     return ", ".join([*words, f"{lost} of the base have no partner"] if lost else words)

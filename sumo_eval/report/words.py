@@ -107,9 +107,8 @@ GLOSSARY = {
     "ITTC": "inverse time to collision, 1/s: the larger, the more critical",
     "THW": "time headway: gap over own speed, s",
     "DRAC": "deceleration needed to avoid a crash, m/s²",
-    "exposure": "how often a concrete scenario is met in traffic, where somebody declared or "
-    "measured it; else each "
-    "counts the same",
+    "exposure": "how often a concrete scenario occurs in traffic, declared or measured; without "
+    "it each counts the same",
     "slice": "a cross-section of the road, every half metre, at which paths are compared",
     "trajectory field": "how strongly a vehicle claims the space around its path, Eqs. 9–10",
     "plausibility": "share of recorded people who go to such extremes of headway, time to "
@@ -125,8 +124,8 @@ GLOSSARY = {
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How a verdict appears: words, the letter in a cell of the map (so that nothing hangs on
-    colour), colours.
+    """How a verdict appears: words, the letter in a cell of the map (readable without colour),
+    colours.
     """
 
     words: str
@@ -152,7 +151,7 @@ MEASURES = (
     ("max_drac", "largest DRAC", "m/s²"),
     ("pet", "post-encroachment time", "s"),
     ("conflict_pet", "PET of conflicting ways", "s"),
-    ("undisturbed_pet", "PET if nobody reacted", "s"),
+    ("undisturbed_pet", "PET without reactions", "s"),
     ("time_to_conflict", "undisturbed time to the conflict area", "s"),
     ("max_deceleration", "strongest deceleration", "m/s²"),
     ("max_jerk", "largest jerk", "m/s³"),
@@ -175,7 +174,7 @@ _REFERENCES = {
     "ideal": ("the ideal vehicle's drive", "Ug"),
     "no_reaction": ("the drive of `no_reaction`", "U0"),
 }
-"""Whose drive a reference's is, and what it is needed for."""
+"""Drive of a reference in words, and the symbol that needs it."""
 _LEFT_OUT = {
     "collision": "collided",
     "off_road": "left the road",
@@ -186,7 +185,7 @@ _LEFT_OUT = {
     "crashed": "ended with their process",
     "rejected": "were refused before they began",
 }
-"""What became of drivers' drives that are no reference, by their status."""
+"""Outcome of drivers' drives that do not count as a reference, by status."""
 _END = {
     "contact": "contact with another road user",
     "standstill": "the ego came to a standstill",
@@ -245,7 +244,7 @@ def point(values: Mapping[str, float]) -> str:
 
 
 def collision_words(known: bool) -> str:
-    """What the collision probability is called.
+    """Name of the collision probability.
 
     known: whether exposures were declared or measured.
     """
@@ -271,12 +270,12 @@ def nobody_recorded(evaluation: Evaluation) -> bool:
 
 
 def nobody_drove(evaluation: Evaluation) -> bool:
-    """Whether no scenario has anybody to compare an ADS with."""
+    """Whether no scenario has drivers to compare an ADS with."""
     return bool(evaluation.scores) and all(score.nobody_compared for score in evaluation.scores)
 
 
 def people_sentence(evaluation: Evaluation) -> str:
-    """Who D and H compare with, and how many recorded people stand behind them."""
+    """The drivers that D and H compare with, and how many of them are recorded people."""
     settings = evaluation.settings
     if nobody_drove(evaluation):
         return (
@@ -301,7 +300,7 @@ def people_sentence(evaluation: Evaluation) -> str:
             f"{count(points, 'safe concrete scenario')}; {instead}. `recorded_drivers` in "
             "cases.csv counts them."
         )
-    rest = "synthetic drivers fill up" if fills else "the others are left out"
+    rest = "synthetic drivers fill up" if fills else "the point is left out"
     each = "; ".join(
         f"{one.scenario}: {one.with_people} of {count(one.points, 'safe concrete scenario')}, "
         f"{count(one.drives, 'recorded drive')}"
@@ -320,7 +319,7 @@ def drivers_are_synthetic(settings: EvaluationSettings) -> bool:
 
 
 def drivers_sentence(settings: EvaluationSettings) -> str:
-    """Who the human drivers are: nobody may take synthetic ones for recorded people."""
+    """Origin of the human drivers, so that synthetic ones are not mistaken for recorded people."""
     if drivers_are_synthetic(settings):
         return (
             f"The {settings.drivers.count} human drivers of each concrete scenario are synthetic: "
@@ -357,9 +356,7 @@ def why_missing(case: CaseResult) -> str:
 
 
 def because(error: str) -> str:
-    """What was recorded of a reference's drive, behind the sentence that says that it could not be
-    evaluated.
-    """
+    """The recorded error of a reference's drive, to follow `... could not be evaluated.`"""
     return f" Recorded of it: {_STATUS.get(error, error)}" if error else ""
 
 
@@ -480,7 +477,7 @@ def reason_without_h(score: ScenarioResult) -> str:
 
 
 def reference_sentence(settings: EvaluationSettings) -> str:
-    """Who the reference is, and why."""
+    """The reference, and why it is used."""
     ads = reference_ads(settings)
     if ads is not None:
         return (
@@ -498,7 +495,7 @@ def reference_sentence(settings: EvaluationSettings) -> str:
 
 
 def ratio_of(case: CaseResult, loss: str) -> float | None:
-    """What the ideal vehicle would have suffered, over what the ADS did, at most 1."""
+    """Severity (or loss) of the ideal vehicle over that of the ADS, at most 1."""
     if case.severity is None or case.ideal_severity is None:
         return None
     hit, best = case.severity, case.ideal_severity
@@ -621,12 +618,11 @@ _INDEX_NOTES: dict[NoteKind, str] = {
     "apart (bimodal).",
     "driver_not_so_far": "At {count} of {of} slices some drivers had not got that far.",
     "drivers_hold_last_y": "At {count} of {of} slices fewer than two drivers had got that far; "
-    "the others hold their "
-    "last y.",
+    "the rest hold their last y.",
     "ads_off_road": "At {count} of {of} slices the ADS's centre is off the road; that side's "
     "points collapse on it.",
-    "past_the_road": "{count} of {of} trajectories go on past the road's end and are read up to "
-    "it.",
+    "past_the_road": "{count} of {of} trajectories continue past the road's end and are read up "
+    "to it.",
     "drivers_start_late": "{count} of {of} drivers start beyond the ADS's start and hold their "
     "first y up to there.",
     "drivers_still_driving": "{count} of {of} drivers were still driving when last seen: their "
@@ -647,7 +643,7 @@ def index_note_sentence(note: IndexNote) -> str:
 
 
 def _notes_sentence(notes: Sequence[IndexNote]) -> str:
-    """Notes of one kind and manoeuvre in one sentence, with the ranges of their numbers."""
+    """Sentence for all notes of one kind and manoeuvre, with the ranges of their numbers."""
     first = notes[0]
     counts, totals = _range([note.count for note in notes]), _range([note.of for note in notes])
     done = manoeuvre_words(first.manoeuvre) if first.manoeuvre else ""
@@ -655,7 +651,7 @@ def _notes_sentence(notes: Sequence[IndexNote]) -> str:
 
 
 def index_note_words(case: CaseResult) -> str:
-    """What was noted while the D_i of a case was computed, or nothing."""
+    """Notes on the D_i of a case; empty without any."""
     return " ".join(map(index_note_sentence, case.index_note))
 
 
@@ -673,7 +669,7 @@ def reference_note_words(case: CaseResult) -> str:
 
 
 def exposure_note_words(case: CaseResult) -> str:
-    """Whether nobody was recorded in anything like a case; nothing where somebody was."""
+    """A note where no recorded event is like the case; else empty."""
     known = {
         "": "",
         "outside_support": "Outside the data's support: no recorded event is like this concrete "
@@ -702,7 +698,7 @@ _COUNTED = {
 
 
 def score_note(note: ScoreNote) -> str:
-    """What a reader must know of a score, as sentences."""
+    """One note on a score as sentences."""
     match note:
         case DrivesLeftOut(left_out, drives, statuses):
             how = ", ".join(
@@ -753,8 +749,7 @@ def score_note(note: ScoreNote) -> str:
             places = " and ".join(f"{number} in the {zone} zone" for zone, number in zones)
             missing = count(note.cases, "case")
             return (
-                f"{missing} could not be evaluated ({places}); the scores are means over the "
-                "others."
+                f"{missing} could not be evaluated ({places}); the scores are means over the rest."
             )
         case ReferenceMissing(who, reason, cases, example):
             drove, unknown = _REFERENCES[who]

@@ -41,7 +41,7 @@ def test_one_planted_regression_among_many_cases_is_named(builds: Path) -> None:
         "compare", builds / "base", builds / "new", "--junit", builds / "junit.xml", "--report"
     )
     assert done.returncode == 1, done.stdout + done.stderr
-    assert "1 case got worse, 0 better" in done.stdout
+    assert "outcome or likeness worse in 1 case, better in 0" in done.stdout
     said = next(line for line in done.stdout.splitlines() if "side by side" in line)
     assert int(said.split()[-5]) >= CASES, said
     assert "new collision: 1" in done.stdout
@@ -73,7 +73,10 @@ def test_a_gate_file_decides_what_is_let_through(builds: Path, tmp_path: Path) -
     )
     done = sumo_eval("compare", builds / "base", builds / "new", "--gate", tmp_path / "gate.toml")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "NO LIMIT FAILED beside base: 1 case got worse, 0 better" in done.stdout
+    assert (
+        "NO LIMIT FAILED beside base: outcome or likeness worse in 1 case, better in 0"
+        in done.stdout
+    )
 
 
 def test_other_settings_are_refused_and_with_consent_shown(builds: Path, tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def test_gates_that_were_not_judged_for_one_reason_are_one_line() -> None:
     lines = gate_lines([*gates, GateResult("C", "a", "s", False, "C: fell", None, None)])
     assert lines == [
         "gate FAILED: a in s: C: fell",
-        f"6 gates not judged: {reason}",
+        f"6 gates not evaluated: {reason}",
         "0 gates passed.",
     ]
 

@@ -95,11 +95,11 @@ def test_summary_and_chat_say_what_failed_and_since_when(judged: Judged, folder:
         json.loads((folder.parents[1] / "chat.json").read_text()),
     )
     assert summary.startswith("## WORSE than \\*yesterday\\*\n")
-    assert f"- **{builders.CALM}** in {gate.scenario} (new): smallest gap: 1 nearer" in summary
+    assert f"- **{builders.CALM}** in {gate.scenario} (new): smallest gap: 1 worse" in summary
     assert f"`{case}`: " in summary
     assert f"--only {case}`" in summary
     assert f"build of {builders.CALM}: abc in the base, def in the new run" in summary
-    assert "smallest gap: 1 nearer, 0 farther" in chat["text"]
+    assert "smallest gap: 1 worse, 0 better" in chat["text"]
     assert f"{case}: 0.92 -> 0.32" in chat["text"]
     assert f"differs: build of {builders.CALM}: abc in the base, def in the new run" in chat["text"]
 

@@ -133,7 +133,7 @@ def test_one_case_that_lost_most_of_its_gap_fails(evaluation: Evaluation) -> Non
     base = calm(evaluation, min_gap=0.92, min_ttc=9.0)
     (gate,) = judged(base, some(base, 1, lambda case: replace(case, min_gap=0.32)))
     assert (gate.quantity, gate.ads) == ("min_gap", builders.CALM)
-    assert "1 nearer, 0 farther" in gate.sentence
+    assert "1 worse, 0 better" in gate.sentence
     assert "one kept 35% of its margin" in gate.sentence
     assert [(one.before, one.after) for one in gate.worst] == [(0.92, 0.32)]
 

@@ -208,7 +208,7 @@ def test_a_run_whose_trajectories_were_let_go_has_the_scores_that_it_had(
     lines = explain_case(
         done_again := sumo_eval.score(copy), zone_partitions(done_again), lost.case
     )
-    assert any("its trajectories were let go" in line for line in lines)
+    assert any("its trajectories were discarded" in line for line in lines)
     compute_nothing(monkeypatch)
     assert sumo_eval.score(copy, ["method.score.k5=0.5"]).scores[0].d == done.scores[0].d
 

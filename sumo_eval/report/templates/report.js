@@ -781,23 +781,23 @@
   function roadShapes({ road }, [begin, end]) {
     const line = (y, style) => ({ type: "line", x0: begin, x1: end, y0: y, y1: y, layer: "below", line: style });
     const shapes = [{ type: "rect", x0: begin, x1: end, y0: road.right, y1: road.left, layer: "below", fillcolor: C("--road"), line: { width: 0 } }];
-    for (const edge of [road.right, road.left]) shapes.push(line(edge, { color: "#57606a", width: 2 }));
+    for (const edge of [road.right, road.left]) shapes.push(line(edge, { color: C("--muted"), width: 2 }));
     for (let lane = 1; lane < road.lanes; lane++) {
       shapes.push(line(road.right + lane * road.laneWidth, { color: C("--axis"), width: 1.5, dash: "dash" }));
     }
     for (const [x, wide, reach] of road.crossings) {
-      shapes.unshift({ type: "rect", x0: x - wide / 2, x1: x + wide / 2, y0: -reach, y1: reach, layer: "below", fillcolor: "#eef0f2", line: { width: 0 } });
+      shapes.unshift({ type: "rect", x0: x - wide / 2, x1: x + wide / 2, y0: -reach, y1: reach, layer: "below", fillcolor: C("--road"), line: { width: 0 } });
     }
     for (const [x0, x1, y] of road.solid) {
-      shapes.push({ ...line(y, { color: "#57606a", width: 1.5 }), x0: Math.max(x0, begin), x1: Math.min(x1, end) });
+      shapes.push({ ...line(y, { color: C("--muted"), width: 1.5 }), x0: Math.max(x0, begin), x1: Math.min(x1, end) });
     }
     for (const gone of road.gone) {
       const [corner, , [x0, y0], [x1, y1]] = gone, inView = (x) => Math.min(Math.max(x, begin), end);
       const border = gone.slice(1).map(([x]) => [inView(x), y0 + (y1 - y0) * Math.min(Math.max((inView(x) - x0) / (x1 - x0), 0), 1)]);
       if (border[0][0] === border[2][0]) continue;
       const edge = border.map(([x, y]) => `${x},${y}`).join("L");
-      shapes.push({ type: "path", path: `M${inView(corner[0])},${corner[1]}L${edge}Z`, layer: "below", fillcolor: "#fff", line: { color: "#fff", width: 2 } });
-      shapes.push({ type: "path", path: `M${edge}`, layer: "below", line: { color: "#57606a", width: 2 } });
+      shapes.push({ type: "path", path: `M${inView(corner[0])},${corner[1]}L${edge}Z`, layer: "below", fillcolor: C("--paper"), line: { color: C("--paper"), width: 2 } });
+      shapes.push({ type: "path", path: `M${edge}`, layer: "below", line: { color: C("--muted"), width: 2 } });
     }
     return shapes;
   }
