@@ -231,6 +231,8 @@ class CaseResult(Outcome):
         drivers who made it (mixture mode).
     exposure_note: whether the point lies outside the support of recorded events.
     error_place: file, line and function of the user's code that the exception in `error` came from.
+    no_return_time s: of a contact, the last moment at which full braking avoids it, None where none
+        does, braking_time s: when the ADS first braked, and contact_cause (`scoring.cause`).
     requirements_missed: names of the requirements of the scenario that do not hold in the drive, ""
         where all do, None where nothing is required or nothing was evaluated.
     """
@@ -308,6 +310,9 @@ class CaseResult(Outcome):
     latency_p99: float | None = None
     latency_reference: float | None = None
     latency_relative: float | None = None
+    no_return_time: float | None = None
+    braking_time: float | None = None
+    contact_cause: str = ""
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""

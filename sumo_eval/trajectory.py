@@ -7,7 +7,7 @@ counter-clockwise positive). SI units throughout.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -291,6 +291,8 @@ class Recording:
     controller_latency: Latency = Latency()  # noqa: RUF009 - frozen
     wall_time: float = 0.0
     error_place: str = ""  # `my_ads.py:42 in act`: where in the user's code an exception came from
+    # (steps, 2), m/s2 and rad, of a contact of an ego that the vehicle model moved throughout
+    commands: FloatArray | None = field(default=None, compare=False, repr=False)
 
     @property
     def simulated_time(self) -> float:

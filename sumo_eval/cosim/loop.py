@@ -192,6 +192,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             if world.steps % EVERY == 0:
                 world.latencies.time_fixed_work()
             driver.step(world, world.steps * step)
+            world.keep_commands()
             now, sampling = after * step, after % every == 0
             if sampling:
                 world.room_for_samples()
@@ -392,6 +393,45 @@ class Rows(Driver):
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """Keep the memory of these rows."""
         self._arrays = tuple(array[rows] for array in self._arrays)
+
+
+class Replay(NamedTuple):
+    """Commands of a drive, (steps, 2), given up to step `until`; from there on full braking."""
+
+    commands: NDArray[np.float64]
+    until: int
+
+
+class Replays(Driver):
+    """Recorded commands, then the strongest braking with the wheel straight, in a curve as it was.
+
+    Nothing is asked again: delays are in the commands already.
+    """
+
+    def __init__(self, replays: Sequence[Replay], terms: Terms) -> None:
+        super().__init__(terms)
+        longest = max(len(it.commands) for it in replays)
+        self._commands = np.zeros((len(replays), longest + 1, 2))
+        for row, it in enumerate(replays):
+            self._commands[row, : len(it.commands)] = it.commands
+        self._until = np.array([it.until for it in replays])
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """The strongest braking of each ego."""
+        super().begin(world, stage)
+        stage.take_charge(world)
+        self._strongest = np.array([its.vehicle.max_deceleration for its in world.each])
+
+    def step(self, world: World, time: float) -> None:
+        """The command of this step, or full braking."""
+        rows, command = world.rows, world.egos["command"]
+        now = self._commands[rows, min(world.steps, self._commands.shape[1] - 1)]
+        brakes = world.steps >= self._until[rows]
+        straight = 0.0 if not world.cases[0].road.bent else command["steering"]
+        command["acceleration"] = np.where(brakes, -self._strongest[rows], now[:, 0])
+        command["steering"] = np.where(brakes, straight, now[:, 1])
+        # full braking is no reason to go on once the ego stands
+        world.egos["settled"] = brakes
 
 
 class Policies(Driver):

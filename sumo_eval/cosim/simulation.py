@@ -40,7 +40,18 @@ from sumo_eval.cosim.doors.entry import PLAIN, split_entry, steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
 from sumo_eval.cosim.doors.traci_program import TraciProgram, served
-from sumo_eval.cosim.loop import ASKS_SUMO, Batch, Driver, OneEach, Rows, Terms, break_off, drive
+from sumo_eval.cosim.loop import (
+    ASKS_SUMO,
+    Batch,
+    Driver,
+    OneEach,
+    Replay,
+    Replays,
+    Rows,
+    Terms,
+    break_off,
+    drive,
+)
 from sumo_eval.cosim.on_traci import OnTraci
 from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import Stage
@@ -312,6 +323,7 @@ def simulate_together(
                 )
                 driver = (
                     Rows(made, terms) if isinstance(made[0], Compiled)
+                    else Replays(made, terms) if isinstance(made[0], Replay)
                     else _policies(made, [given[index] for index in part], terms)
                 )  # fmt: skip
                 found.update(zip(part, _together(batch, driver, resolved), strict=True))
@@ -345,6 +357,8 @@ def _rider(
     def alone(why: Alone) -> _Rider:
         return _Rider(None, lambda: None, why)
 
+    if isinstance(controller, Replay):
+        return _Rider(Replay, lambda: controller)
     found, name, entry = controller, repr(controller), PLAIN
     if isinstance(controller, str):
         found, name, entry = (

@@ -136,6 +136,7 @@ class World:
         self.tell = np.zeros((n * (1 + m), 8))
         self._sampled, self._room = 1, 64
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
+        self._commands = np.zeros((n, self._room, 2))
         self.reacts = any(case.reacts for case in cases)
         self._stack = np.zeros((DEEPEST, 3))
         self.timed = not any(case.lively for case in cases)
@@ -184,6 +185,15 @@ class World:
         )
         now = steps * self.settings.step
         return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
+
+    def keep_commands(self) -> None:
+        """Keep what the egos are commanded in this step; nan of one that SUMO or a plant moves."""
+        if self.steps == self._commands.shape[1]:
+            self._commands = np.concatenate([self._commands, np.zeros_like(self._commands)], 1)
+        command = self.egos["command"]
+        moved = self.egos["placed"] == MODEL
+        self._commands[:, self.steps, 0] = np.where(moved, command["acceleration"], np.nan)
+        self._commands[:, self.steps, 1] = command["steering"]
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
         """Take in what SUMO shows at the end of the step; how many cases have ended."""
@@ -311,7 +321,8 @@ class World:
 
     def keep(self, rows: NDArray[np.intp]) -> None:
         """Hold only these rows, in this order."""
-        for name in ("rows", "egos", "others", "clips", "seen", "shown", "samples"):
+        held = ("rows", "egos", "others", "clips", "seen", "shown", "samples", "_commands")
+        for name in held:
             setattr(self, name, getattr(self, name)[rows])
         if len(self.scenario) > 2:
             self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
@@ -346,6 +357,7 @@ class World:
         if hit is not None and hit.side == "rear" and actors[int(ego["struck"])].model is not None:
             self.note(case, "struck_from_behind", hit.relative_speed, self._in_its_lane_for(row))
         counts = self.others["samples"][row].tolist()
+        commands = self._commands[row, : self.steps].copy() if hit is not None else None
         self.ended[case] = partial(
             Recording,
             self._trajectory(row, 0, int(ego["samples"]), vehicle),
@@ -356,6 +368,7 @@ class World:
             hit,
             reason,
             self._clips(row, case),
+            commands=None if commands is None or np.isnan(commands).any() else commands,
         )
         return case
 

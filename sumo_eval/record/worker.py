@@ -16,6 +16,7 @@ from sumo_eval.ads.known_answers import IdealBraking, no_reaction
 from sumo_eval.cosim.doors.controller import Adapter, load_controller
 from sumo_eval.cosim.doors.entry import loading, split_entry
 from sumo_eval.cosim.doors.fault_place import fault_place
+from sumo_eval.cosim.no_return import with_no_return
 from sumo_eval.cosim.simulation import simulate, simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic.driver import SyntheticDriver, human_controller
@@ -128,7 +129,7 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         return simulate(case.concrete, case.controller, settings)
     _seed_global_generators(case)
     controller = watched(_loaded(case, setup), setup.run)
-    return simulate(
+    found = simulate(
         case.concrete,
         controller,
         settings,
@@ -137,6 +138,9 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         seed=case.seed,
         period=split_entry(case.controller)[1].period,
     )
+    (marked,) = with_no_return([found], [case.concrete], settings)
+    assert isinstance(marked, Recording)
+    return marked
 
 
 def _loaded(case: Case, setup: Setup) -> Adapter:
@@ -185,7 +189,9 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
             batches=False,
         )
     )
-    return found if _states_of_global_generators() == before else [DRAWS] * len(cases)
+    if _states_of_global_generators() != before:
+        return [DRAWS] * len(cases)
+    return with_no_return(found, concretes, settings)
 
 
 def _simulate_block(cases: Sequence[Case], block: Block, setup: Setup) -> list[Recording | Alone]:
@@ -207,9 +213,10 @@ def _simulate_block(cases: Sequence[Case], block: Block, setup: Setup) -> list[R
     )
     size = Clip(IN_BLOCK, 1, 0.0, float(number), float(number))
     wanted = [found[case.point - block.first] for case in cases]
-    return [
+    sized = [
         one if isinstance(one, Alone) else replace(one, clips=(*one.clips, size)) for one in wanted
     ]
+    return with_no_return(sized, [case.concrete for case in cases], _settings(cases[0], setup))
 
 
 def _driver(case: Case) -> SyntheticDriver:

@@ -15,7 +15,7 @@ from sumo_eval.method.driving_task import asked_way, times_at
 from sumo_eval.method.measures import STANDING
 from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
 from sumo_eval.record.store import EGO, Fact, Store
-from sumo_eval.report.words import count, percent
+from sumo_eval.report.words import cause_words, count, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.findings import LIKENESS_FACTORS
@@ -123,6 +123,8 @@ def _incident(scene: Scene, fact: Fact) -> _Said:
             hit.time,
         )
         yield _braking_before(scene.ego, hit.time), hit.time
+        if words := cause_words(case):
+            yield f"Cause: {words}.", hit.time
     if case.departed:
         when, speed = case.departure_time or 0.0, case.departure_speed or 0.0
         yield f"Left the road at {when:z.1f} s with {3.6 * speed:z.0f} km/h.", when

@@ -16,6 +16,7 @@ from sumo_eval.report.headline import headline, ranked
 from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import (
+    cause_words,
     count,
     number,
     span,
@@ -64,7 +65,7 @@ def summary_content(
         "worst": failing[0][1].case
         if failing
         else worst_case(evaluation, [one.ads for one in order]),
-        "looks": [*changes, *_looks(evaluation, order[0].ads)],
+        "looks": [*changes, *_cause(evaluation, order), *_looks(evaluation, order[0].ads)],
         "rows": [_row(evaluation, one, scenarios, digits) for one in order],
         "scenarios": scenarios,
     }
@@ -77,6 +78,14 @@ def worst_case(evaluation: Evaluation, order: Sequence[str]) -> str:
     hit = next((case for ads in order if (case := _costliest(evaluation, ads)) is not None), None)
     worst = hit or _least_human(evaluation, order[0])
     return "" if worst is None else worst.case
+
+
+def _cause(evaluation: Evaluation, order: Sequence[RankedAds]) -> list[tuple[str, str]]:
+    """The costliest contact and its cause, as in `_looks`."""
+    case = evaluation.case(worst_case(evaluation, [one.ads for one in order]))
+    if case is None or not (words := cause_words(case)):
+        return []
+    return [(f"the worst collision, of {case.ads}: {words}", f"#case:{case_key(case.case)}")]
 
 
 def _looks(evaluation: Evaluation, best: str) -> list[tuple[str, str]]:

@@ -162,6 +162,22 @@ MEASURES = (
 )
 """The criticality measures of a case: (field of CaseResult, words, unit)."""
 
+_CAUSES = {
+    "late": "braked {after:z.2f} s after the last moment at which full braking avoids it, {last}",
+    "weak": "braked in time, not hard enough: full braking from {last} on avoids it",
+    "never_braked": "did not brake: full braking from {last} on avoids it",
+    "unavoidable_by_braking": "full braking from the start does not avoid it",
+    "not_repeatable": "no point of no return: its commands alone do not repeat the drive",
+}
+
+
+def cause_words(case: CaseResult) -> str:
+    """Cause of a contact beside its point of no return; "" without a contact."""
+    last, braked = case.no_return_time or 0.0, case.braking_time or 0.0
+    words = _CAUSES.get(case.contact_cause, "")
+    return words.format(last=f"{last:z.2f} s", after=braked - last)
+
+
 _STATUS = {
     "timeout": "The case exceeded its time limit.",
     "ads_error": "The controller failed.",

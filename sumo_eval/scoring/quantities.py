@@ -42,6 +42,7 @@ from sumo_eval.results import (
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
+from sumo_eval.scoring.cause import NO_RETURN, cause_of_contact
 from sumo_eval.scoring.drive_measures import finite
 from sumo_eval.scoring.driving_task import TaskOfDrive
 from sumo_eval.scoring.likeness import Comparison, Survey, beside_people, reference_notes
@@ -234,6 +235,7 @@ def tabulate(
                 "overlap": hit.overlap,
                 "side": hit.side,
             }
+            fields_ |= cause_of_contact(fact)
         if hit is not None and not struck:
             fields_["loss"] = float(
                 collision_loss(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
@@ -253,7 +255,9 @@ def tabulate(
             beats_ideal=severity is not None and ideal is not None and severity < ideal,
             ideal_collided=None if ideal is None else ideal > 0.0,
             task_share=0.0 if fact.status in GAVE_UP else None if task is None else task.share,
-            clips="; ".join(f"{clip.what} x{clip.count}" for clip in fact.clips),
+            clips="; ".join(
+                f"{clip.what} x{clip.count}" for clip in fact.clips if clip.what != NO_RETURN
+            ),
             exposure_note="outside_support" if fact.point in space.outside else "",
             requirements_missed=requirements_missed(fact, space),
             **fields_,

@@ -1,0 +1,68 @@
+"""The point of no return: closed forms, monotone in time, and when there is none."""
+
+import pytest
+from cosim_cases import case, lead
+
+from sumo_eval.cosim.loop import Replay
+from sumo_eval.cosim.no_return import NEVER, NO_RETURN, UNKNOWN, with_no_return
+from sumo_eval.cosim.simulation import simulate, simulate_many, simulate_together
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.sampling.samples import Request, sample
+from sumo_eval.settings import SimulationSettings
+
+USUAL = SimulationSettings()
+STRONGEST, RAMP = USUAL.vehicle.max_deceleration, USUAL.vehicle.brake_build_up
+
+
+def clip_of(recording):
+    (clip,) = (clip for clip in recording.clips if clip.what == NO_RETURN)
+    return clip
+
+
+@pytest.mark.parametrize("closing", [5.0, 10.0, 20.0])
+def test_constant_speeds_have_the_closed_form(closing):
+    """Braking with a linear ramp needs D Tr - a Tr^2 / 6 + (D - a Tr / 2)^2 / (2 a)."""
+    needed = (
+        closing * RAMP
+        - STRONGEST * RAMP**2 / 6
+        + (closing - STRONGEST * RAMP / 2) ** 2 / (2 * STRONGEST)
+    )
+    concrete = case(lead(60.0, speed=25.0 - closing), speed=25.0)
+    (found,) = with_no_return([simulate(concrete, "no_reaction")], [concrete], USUAL)
+    exact = (60.0 - needed) / closing
+    assert exact - USUAL.step - 1e-6 <= clip_of(found).first_time <= exact
+    assert clip_of(found).requested == NEVER
+
+
+def test_braking_avoids_up_to_the_point_and_not_afterwards():
+    cut_in = catalogue.load("cut_in")
+    drawn = sample(cut_in, "latin_hypercube", request=Request(count=60, seed=1)).points
+    cases = cut_in.concretes(drawn)
+    drives = list(simulate_many(cases, "careful_driver", USUAL))
+    looked_at = 0
+    for concrete, found in zip(cases, with_no_return(drives, cases, USUAL), strict=True):
+        if found.collision is None or clip_of(found).first_time < 0.0 or looked_at == 3:
+            continue
+        looked_at += 1
+        steps = len(found.commands)
+        last = round(clip_of(found).first_time / USUAL.step)
+        every = [Replay(found.commands, step) for step in range(steps + 1)]
+        braked = list(simulate_together([concrete] * len(every), every, USUAL))
+        assert [it.collision is None for it in braked] == [
+            step <= last for step in range(steps + 1)
+        ]
+        assert repr(braked[-1].collision) == repr(found.collision)
+        assert braked[-1].ego.x.tobytes() == found.ego.x.tobytes()
+    assert looked_at == 3
+
+
+def test_without_room_nothing_helps_and_sumo_does_not_repeat():
+    tight = case(lead(2.0, speed=5.0), speed=25.0)
+    (found,) = with_no_return([simulate(tight, "no_reaction")], [tight], USUAL)
+    assert clip_of(found).first_time == NEVER
+
+    def drives_on(traci, ego, time):
+        traci.vehicle.setSpeed(ego, 25.0)
+
+    (found,) = with_no_return([simulate(tight, drives_on)], [tight], USUAL)
+    assert clip_of(found).first_time == UNKNOWN
