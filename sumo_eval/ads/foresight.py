@@ -70,11 +70,12 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
     They do what they do while the ego keeps its speed; a vehicle that reacts is assumed to keep its
     speed, too.
     """
-    ego, vehicle, step, told = concrete.ego, settings.vehicle, settings.step, []
+    ego, vehicle, step = concrete.ego, settings.vehicle, settings.step
     on_the_road = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
     until = min(settings.time_limit, on_the_road)
     found = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
     theirs = [_Track(actor, step, found.others[0, j]) for j, actor in enumerate(concrete.actors)]
+    known = []
     for actor, track, begins in zip(concrete.actors, theirs, found.begins[0].tolist(), strict=True):
         ahead = actor.start.x > ego.x
         slower = actor.start.speed * math.cos(actor.heading) < ego.speed
@@ -87,8 +88,8 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         meets = not reacts and _meets(ego, vehicle, track, until, concrete.road.line)
         # it is let past: only who stands leads no one into it
         passes = ego.way is not None and not ahead
-        told.append(Foresight(noticed, meets, 0.0 if passes else track.slowest, noticed > changes))
-    return tuple(told)
+        known.append(Foresight(noticed, meets, 0.0 if passes else track.slowest, noticed > changes))
+    return tuple(known)
 
 
 def evasion(
@@ -176,8 +177,8 @@ class _Track:
 
     def body(self, k: int) -> Body:
         """The body after k steps."""
-        x, y, heading, speed, across = self.rows[k].tolist()
-        return Body(x, y, heading, speed, self.actor.length, self.actor.width, across)
+        row, actor = self.rows[k].tolist(), self.actor
+        return Body(row[0], row[1], row[2], row[3], actor.length, actor.width, row[4])
 
     def shape(self, time: float) -> _Shape:
         """Where it is and how far it reaches, at any time: between two steps, if its script says no
@@ -187,9 +188,8 @@ class _Track:
         if actor.lively:
             at = min(max(time / self.step, 0.0), len(self.rows) - 1.0)
             k = min(int(at), len(self.rows) - 2)
-            x, y, heading, _, _ = (
-                self.rows[k] + (at - k) * (self.rows[k + 1] - self.rows[k])
-            ).tolist()
+            between = self.rows[k] + (at - k) * (self.rows[k + 1] - self.rows[k])
+            x, y, heading = between[:3].tolist()
         else:
             across = 0.0 if actor.slides else actor.lateral_speed(time)
             x, y, heading = (

@@ -69,12 +69,8 @@ def path_at(path: Any, x: float) -> tuple[float, float, float]:
 @kernel
 def keep_lane(path: Any, me: Any, road: Any) -> None:
     """Make the path the centre line of the lane that the ego is in."""
-    path.start, path.offset, path.begin, path.length = (
-        road.lane_width * lane_of(me.y, road),
-        0.0,
-        0.0,
-        1.0,
-    )
+    path.start = road.lane_width * lane_of(me.y, road)
+    path.offset, path.begin, path.length = 0.0, 0.0, 1.0
 
 
 @kernel

@@ -210,20 +210,10 @@ def covers(
 @kernel
 def take(to: Any, other: Any) -> None:
     """Write a vehicle into another record."""
-    to.x, to.y, to.heading, to.along, to.across = (
-        other.x,
-        other.y,
-        other.heading,
-        other.along,
-        other.across,
-    )
-    to.half_length, to.half_width, to.speed, to.braking = (
-        other.half_length,
-        other.half_width,
-        other.speed,
-        other.braking,
-    )
-    to.curvature = other.curvature
+    to.x, to.y, to.heading = other.x, other.y, other.heading
+    to.along, to.across, to.speed = other.along, other.across, other.speed
+    to.half_length, to.half_width = other.half_length, other.half_width
+    to.braking, to.curvature = other.braking, other.curvature
 
 
 @kernel

@@ -115,7 +115,8 @@ def careful_driver(
     ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
 ) -> None:
     """Braking for the vehicle that made it necessary first, else the speed is kept."""
-    me, path, vehicle, step = own.me, own.path, scenario[0].vehicle, scenario[0].step
+    me, path = own.me, own.path
+    vehicle, step = scenario[0].vehicle, scenario[0].step
     take(me, ego.seen)
     me.braking = path.level
     began = _braking_necessary(own, others, known, later, scenario[0], time) + own.p.reaction
@@ -179,7 +180,8 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
         known.strayed = known.time + share * (time - known.time)
     if math.isnan(known.braked) and braking > p.lead_braking:
         known.braked = time - scenario.step  # braking that jumps began at the earliest there
-    known.offset, known.time, known.braking, known.speed = offset, time, braking, other.along
+    known.offset, known.time = offset, time
+    known.braking, known.speed = braking, other.along
 
 
 @kernel
@@ -239,9 +241,9 @@ def _judge_path(
         in_path = lateral_overlap(me, others[j]) > 0.0
         if in_path and math.isnan(known.necessary) and not _comes_towards(me, known, scenario):
             if math.isnan(known.evaluated):
-                perceived = _perceived(
-                    own, others, watched, later[j], j, leaves, scenario.step, time
-                )
+                perceived = _revealed(own, others, watched, j, leaves, time)
+                if math.isnan(perceived):
+                    perceived = _approached(own, others[j], known, later[j], scenario.step, time)
                 known.evaluated = perceived + own.p.evaluation
             if not math.isnan(known.evaluated) and time >= known.evaluated - 0.5 * scenario.step:
                 known.necessary = known.evaluated
@@ -253,20 +255,27 @@ def _judge_path(
 
 
 @kernel
-def _perceived(
-    own: Any, others: Any, watched: Any, then: Any, j: int, leaves: int, step: float, time: float
-) -> float:
-    """When the driver perceived what calls for braking behind a vehicle, s; nan while nothing
-    does.
+def _revealed(own: Any, others: Any, watched: Any, j: int, leaves: int, time: float) -> float:
+    """When the driver perceived a near vehicle as revealed or braking, s; nan while it is
+    neither.
     """
-    me, p, other, known = own.me, own.p, others[j], watched[j]
+    me, other, known = own.me, others[j], watched[j]
     near = within_headway(me, other, FOLLOWING_HEADWAY)
     if leaves >= 0 and me.along > other.along and not math.isnan(watched[leaves].strayed):
         near_lead = within_headway(me, others[leaves], FOLLOWING_HEADWAY)
         if near_lead or near:
-            return float(max(watched[leaves].strayed, time - p.evaluation))
+            return float(max(watched[leaves].strayed, time - own.p.evaluation))
     if not math.isnan(known.braked) and near:
-        return float(max(known.braked, time - p.evaluation))
+        return float(max(known.braked, time - own.p.evaluation))
+    return math.nan
+
+
+@kernel
+def _approached(own: Any, other: Any, known: Any, then: Any, step: float, time: float) -> float:
+    """When the driver perceived that approaching a vehicle needs braking, s; nan while it does
+    not.
+    """
+    me, p = own.me, own.p
     needed = _needed(me, other, known, p)
     if not needed > p.in_path_limit:
         return math.nan
@@ -326,8 +335,8 @@ def _aeb_demand(scene: Any, after: float) -> float:
     """1 where the AEB stage demands braking `after` s from now, if all vehicles continue as now,
     else 0.
     """
-    own, known, others, step = scene
-    foresee_all(own, known, others, after, step)
+    own, known, others = scene[:3]
+    foresee_all(own, known, others, after, scene[3])
     for j in range(len(others)):
         if 0.0 <= _aeb_ttc(own.then, others[j]) < AEB_TTC and is_visible(
             own.then, others, j, SHOWING

@@ -85,7 +85,8 @@ def reg157_demand(scene: Any, after: float) -> float:
 
     scene: as `brake` makes it.
     """
-    own, known, others, scenario = scene
+    own, known, others = scene[:3]
+    scenario = scene[3]
     foresee_all(own, known, others, after, scenario.step)
     for j in range(len(others)):
         if is_in_sight(own.then, others, j, SHOWING) and demands_braking(
@@ -100,7 +101,7 @@ def reg157(
     ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
 ) -> None:
     """Braking while a lead vehicle demands it, else the speed is kept; decided once a cycle."""
-    brake(reg157_demand, ego, others, own, known, later, scenario, time)
+    brake(reg157_demand, ego, others, (own, known, later), scenario, time)
 
 
 class Reg157(Compiled):

@@ -234,9 +234,9 @@ def ideal_impact_speed(
     strength = _not_negative("deceleration", deceleration, above_zero=True)
     rel = _closing_speed(ego_speed, lead_speed)
     left = _finite("gap", gap) - rel * _not_negative("delay", delay)
-    rel, left, strength, ramp = np.broadcast_arrays(
-        rel, left, strength, _not_negative("build_up", build_up)
-    )
+    arrays = np.broadcast_arrays(rel, left, strength, _not_negative("build_up", build_up))
+    rel, left = arrays[:2]
+    strength, ramp = arrays[2:]
     closing = np.maximum(rel, 0.0)
 
     after_ramp = closing - strength * ramp / 2.0
@@ -264,8 +264,7 @@ _BISECTIONS = 40
 def searched_criticality(
     ego_speed: ArrayLike,
     gap: ArrayLike,
-    lead_speed: Profile,
-    lead_distance: Profile,
+    lead: tuple[Profile, Profile],
     *,
     deceleration: ArrayLike = 5.0,
     delay: ArrayLike = 0.0,
@@ -277,8 +276,7 @@ def searched_criticality(
 
     ego_speed: v0, (n,), m/s.
     gap: d0, (n,), m.
-    lead_speed: v1 at times (n, m), m/s.
-    lead_distance: driven by the lead until times (n, m), m.
+    lead: its speed v1, m/s, and the distance that it has driven, m, at times (n, m).
     deceleration: a, m/s2, of the ego, which after the delay brakes to a standstill.
     delay: s before braking.
     conflict_begin: s before which the lead is not in the way, so that neither ITTC nor contact
@@ -294,11 +292,14 @@ def searched_criticality(
     Raises InputError for numbers outside these meanings.
     """
     strength = _not_negative("deceleration", deceleration, above_zero=True)
-    v0, d0, strength, wait, begin = np.broadcast_arrays(
+    arrays = np.broadcast_arrays(
         _not_negative("ego_speed", ego_speed), _finite("gap", gap), strength,
         _not_negative("delay", delay),
         _not_negative("conflict_begin", conflict_begin),
     )  # fmt: skip
+    v0, d0, strength = arrays[:3]
+    wait, begin = arrays[3:]
+    lead_speed, lead_distance = lead
 
     def relative(time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Closing speed and gap at times (n, m)."""

@@ -14,6 +14,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.kernels import keep_code
 from sumo_eval.trajectory import FloatArray
@@ -27,7 +28,7 @@ LANES = 16  # a block is filled up to a multiple of what vector instructions tak
 QUICK_EXPONENT = 0.2  # the quick terms' exponential is good for this much
 # exp(f) where |f| <= QUICK_EXPONENT, from 1 to f^8: the polynomial through its values at the
 # Chebyshev points; 6e-15.
-EXP0, EXP1, EXP2, EXP3, EXP4, EXP5, EXP6, EXP7, EXP8 = (
+EXP = tuple(
     np.polynomial.Chebyshev.interpolate(np.exp, 8, [-QUICK_EXPONENT, QUICK_EXPONENT])
     .convert(kind=np.polynomial.Polynomial)
     .coef.tolist()
@@ -66,10 +67,12 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
     for first in range(0, points.shape[0], POINTS_AT_ONCE):
         n = min(POINTS_AT_ONCE, points.shape[0] - first)
         filled = (n + LANES - 1) // LANES * LANES
-        west, east, south, north = math.inf, -math.inf, math.inf, -math.inf
+        west, east = math.inf, -math.inf
+        south, north = math.inf, -math.inf
         for i in range(filled):
             x, y = points[first + min(i, n - 1), 0], points[first + min(i, n - 1), 1]
-            west, east, south, north = min(west, x), max(east, x), min(south, y), max(north, y)
+            west, east = min(west, x), max(east, x)
+            south, north = min(south, y), max(north, y)
             px[i], py[i], total[i] = x, y, 0.0
         wide = east - west + north - south > QUICK_DISTANCE
         count = 0
@@ -97,14 +100,9 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
                 now = quick[j]
                 x, y, weight = samples[now, 0], samples[now, 1], samples[now, 5] * ROOT_OF_TWO
                 along_x, along_y = 2.0 * samples[now, 2], 2.0 * samples[now, 3]
-                e0, e1, e2, e3 = weight * EXP0, weight * EXP1, weight * EXP2, weight * EXP3
-                e4, e5, e6, e7, e8 = (
-                    weight * EXP4,
-                    weight * EXP5,
-                    weight * EXP6,
-                    weight * EXP7,
-                    weight * EXP8,
-                )
+                e0, e1, e2 = weight * EXP[0], weight * EXP[1], weight * EXP[2]
+                e3, e4, e5 = weight * EXP[3], weight * EXP[4], weight * EXP[5]
+                e6, e7, e8 = weight * EXP[6], weight * EXP[7], weight * EXP[8]
                 following = quick[min(j + 1, count - 1)]
                 next_x, next_y = samples[following, 0], samples[following, 1]
                 for i in range(filled):
@@ -141,8 +139,8 @@ def _add_terms(
     enough, squared as often; at k2 = 0.005 s/m that is never up to 70 m/s.
     """
     growth, nearness = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
-    x, y, along_x, along_y = samples[j, 0], samples[j, 1], samples[j, 2], samples[j, 3]
-    ahead, weight = samples[j, 4], samples[j, 5]
+    x, y, weight = samples[j, 0], samples[j, 1], samples[j, 5]
+    along_x, along_y, ahead = samples[j, 2], samples[j, 3], samples[j, 4]
     halvings = 0
     while abs(ahead) > 0.35:
         ahead *= 0.5
@@ -181,34 +179,20 @@ def _add_terms(
 
 
 @compiled
-def far_values(
-    samples: FloatArray,
-    bounds: FloatArray,
-    nodes: FloatArray,
-    halves: FloatArray,
-    counts: np.ndarray,
-    across: FloatArray,
-    finer: FloatArray,
-    near: np.ndarray,
-    k1: float,
-) -> FloatArray:
+def far_values(samples: FloatArray, grid: Any, near: NDArray[np.int64], k1: float) -> FloatArray:
     """The field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes along
     x, as Chebyshev
     series of q terms across.
 
     samples: as in `magnitude_sum`, by x.
-    bounds: of all boxes together, x.
-    nodes: p Chebyshev points on -1..1, the x of a box.
-    halves: (2, p, p), values at the nodes of a box to values at those of its halves.
-    counts: how many nodes each level has across, (levels + 1,), at most q.
-    across: their y, (levels + 1, q).
-    finer: (levels + 2, q, q), values at the nodes across of one level to those of the next; last,
-        to the series.
+    grid: `shared_fields.Grid`, with p nodes in each box.
     near: the first and last (exclusive) of the samples that are near each box, level after level,
         (2**(levels + 1) - 1, 2); all others are far from it. Each box takes over what its parent
         knows of the samples that are far from the parent, and adds those that are far from itself
         alone.
     """
+    bounds, nodes, halves = grid.bounds, grid.nodes, grid.halves
+    counts, across, finer = grid.counts, grid.across, grid.finer
     levels, p, q = counts.shape[0] - 1, nodes.shape[0], across.shape[1]
     places = np.empty((p * q, 2))
     values = np.zeros((1, p, q))
@@ -219,7 +203,8 @@ def far_values(
         values = np.zeros((boxes, p, q))
         for box in range(boxes):
             parent, place = box // 2, boxes - 1 + box
-            left, right, first, last = near[place, 0], near[place, 1], 0, samples.shape[0]
+            left, right = near[place, 0], near[place, 1]
+            first, last = 0, samples.shape[0]
             if level > 0:
                 first, last = near[boxes // 2 - 1 + parent, 0], near[boxes // 2 - 1 + parent, 1]
                 for a in range(p):
@@ -258,30 +243,21 @@ def _across(values: FloatArray, count: int, finer: FloatArray, n: int) -> FloatA
 
 @compiled
 def put_field(
-    points: FloatArray,
-    order: np.ndarray,
-    starts: np.ndarray,
-    samples: FloatArray,
-    near: np.ndarray,
-    far: FloatArray,
-    shares: FloatArray,
-    across: FloatArray,
-    k1: float,
+    rows: Any, samples: FloatArray, near: NDArray[np.int64], far: FloatArray, k1: float,
     field: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     """Put the field at rows of points across into `field`, (s, k): near samples summed, far ones
     interpolated.
 
-    points: (s, k, 2), the rows, box after box.
-    order: which row of `field` each is.
-    starts: the first row of each box, and s.
-    far: from `far_values`.
-    samples: as there;
+    rows: `shared_fields.Rows`.
+    samples: as in `far_values`.
     near: of the smallest boxes.
-    shares: of the values at the nodes of its box in those at a row, (p, s).
-    across: y of the points on -1..1, the strip, (k, s). Every inner loop is over the rows of a box
-        and becomes vector instructions.
+    far: from `far_values`.
+
+    Every inner loop is over the rows of a box and becomes vector instructions.
     """
+    points, order, starts = rows.points, rows.order, rows.starts
+    shares, across = rows.shares, rows.across
     k, p, q = across.shape[0], far.shape[1], far.shape[2]
     for box in range(near.shape[0]):
         first, last = starts[box], starts[box + 1]

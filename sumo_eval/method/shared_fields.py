@@ -23,6 +23,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,43 @@ class Stretch:
             & (x <= self.east)
         )
         return inside
+
+
+class Grid(NamedTuple):
+    """Boxes of a stretch of road, and the nodes in each.
+
+    bounds: of all boxes together, x.
+    nodes: p Chebyshev points on -1..1, the x of a box.
+    halves: (2, p, p), values at the nodes of a box to values at those of its halves.
+    counts: how many nodes each level has across, (levels + 1,), at most q.
+    across: their y, (levels + 1, q).
+    finer: (levels + 2, q, q), values at the nodes across of one level to those of the next; last,
+        to the series.
+    """
+
+    bounds: FloatArray
+    nodes: FloatArray
+    halves: FloatArray
+    counts: NDArray[np.int64]
+    across: FloatArray
+    finer: FloatArray
+
+
+class Rows(NamedTuple):
+    """Rows of points across, box after box.
+
+    points: (s, k, 2), m.
+    order: which row of the field each is, (s,).
+    starts: the first row of each box, and s.
+    shares: of the values at the nodes of its box in those at a row, (p, s).
+    across: y of the points on -1..1, the strip, (k, s).
+    """
+
+    points: FloatArray
+    order: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    shares: FloatArray
+    across: FloatArray
 
 
 def prepare() -> None:
@@ -168,18 +206,7 @@ class SharedFields:
                     np.searchsorted(samples[:, 0], boxes.east, side="right"),
                 )
             )
-            nodes, halves, _ = _nodes()
-            far = far_values(
-                samples,
-                boxes.bounds,
-                nodes,
-                halves,
-                boxes.counts,
-                boxes.across,
-                boxes.finer,
-                near,
-                k1,
-            )
+            far = far_values(samples, boxes.grid, near, k1)
             self._far[place] = near[-(2**self._stretch.levels) :], far
         return self._far[place]
 
@@ -219,10 +246,11 @@ class SharedFields:
             np.ascontiguousarray((y.T - stretch.middle) / stretch.half),
         )
         points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
+        into = Rows(points, order, starts, shares, across)
         for place, field in zip(places, fields, strict=True):
             near, far = self._far_of(place)
             samples, k1 = self._samples_of(place), float(self._constants.k1)
-            put_field(points, order, starts, samples, near, far, shares, across, k1, field)
+            put_field(into, samples, near, far, k1, field)
 
 
 def _pays(points: int, stretch: Stretch) -> bool:
@@ -232,23 +260,20 @@ def _pays(points: int, stretch: Stretch) -> bool:
         return False
     # what is summed for a box, in its lengths: at its nodes or at its points
     reached = 1.0 + 2.0 * REACH
-    nodes = NODES * sum(_boxes(stretch).counts.tolist())
+    nodes = NODES * sum(_boxes(stretch).grid.counts.tolist())
     return bool(reached * (nodes + points / 2**levels) < points)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Boxes:
-    """The boxes of a stretch, as `far_values` takes them.
+    """The boxes of a stretch.
 
     west, east: between which x a sample is near each box, level after level.
     """
 
-    bounds: FloatArray
+    grid: Grid
     west: FloatArray
     east: FloatArray
-    counts: NDArray[np.int64]
-    across: FloatArray
-    finer: FloatArray
 
 
 @functools.lru_cache(maxsize=1)
@@ -257,12 +282,9 @@ def _boxes(stretch: Stretch) -> _Boxes:
     counts, places, finer = _across(
         [stretch.length / 2**level / stretch.half for level in range(stretch.levels + 1)]
     )
+    across = stretch.middle + stretch.half * places
     return _Boxes(
-        bounds,
-        *_near(bounds, stretch.levels),
-        counts,
-        stretch.middle + stretch.half * places,
-        finer,
+        Grid(bounds, *_nodes()[:2], counts, across, finer), *_near(bounds, stretch.levels)
     )
 
 

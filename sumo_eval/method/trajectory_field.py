@@ -109,11 +109,10 @@ def samples_of(trajectory: Trajectory, k2: float, interval: float) -> FloatArray
     motion = _resampled(trajectory, interval)
     begins = np.flatnonzero(np.append(True, np.any(motion[1:] != motion[:-1], axis=1)))
     weight = np.diff(np.append(begins, len(motion)))
-    x, y, heading, speed = motion[begins].T
-    exponent = _checked_exponent(k2 * speed)
-    return np.column_stack(
-        (x, y, exponent * np.cos(heading), exponent * np.sin(heading), exponent, weight)
-    )
+    motion = motion[begins]
+    heading, exponent = motion[:, 2], _checked_exponent(k2 * motion[:, 3])
+    along = exponent * np.cos(heading), exponent * np.sin(heading)
+    return np.column_stack((motion[:, :2], *along, exponent, weight))
 
 
 def _resampled(trajectory: Trajectory, interval: float) -> FloatArray:
@@ -150,9 +149,9 @@ def _terms(
 
     The vector is 0 where they coincide.
     """
-    x, y, along_x, along_y, ahead, _ = samples.T
-    unit_x = points[:, :1] - x
-    unit_y = points[:, 1:] - y
+    along_x, along_y, ahead = samples[:, 2:5].T
+    unit_x = points[:, :1] - samples[:, 0]
+    unit_y = points[:, 1:] - samples[:, 1]
     distance = np.sqrt(unit_x * unit_x + unit_y * unit_y)
     apart = distance > COINCIDENT
     inverse = np.divide(1.0, distance, out=np.zeros_like(distance), where=apart)

@@ -62,7 +62,7 @@ ADDED_AT_ONCE = 500  # training points added in one refinement, at most
 # of the box, where the search for a most dangerous point ends if criticality is searched
 SEARCHED_WINDOW = 1e-3
 FEW_POINTS = 8  # asked for at once, whose distances are taken without scipy
-NUDGE = 1e-6  # unit-box lengths, for derivatives of a scenario's own coordinates
+NUDGE = 1e-6  # unit-box lengths, for derivatives
 EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
 ERROR_WORTH_A_NOTE = 0.01  # share of the space
 SHALLOW = 0.02  # of -1..0: a zone whose most dangerous point has a y above that is noted
@@ -125,32 +125,10 @@ class Surface:
         return y
 
     def gradient(self, unit_points: FloatArray) -> FloatArray:
-        """Derivative of Eq. 8 by each unit parameter, (n, k)."""
-        x = self.coordinates(unit_points)
-        slope = np.zeros(x.shape)
-        for rows in self._blocks(len(x)):
-            pull = self._covariance(x[rows]) * self.weights
-            slope[rows] = (
-                pull @ self.points - pull.sum(axis=1)[:, None] * x[rows]
-            ) / self.length_scales**2
-        if self.coordinates is _as_they_are:
-            return slope
+        """Derivative of Eq. 8 by each unit parameter, (n, k), by central differences."""
         nudges = NUDGE * np.eye(unit_points.shape[1])
-        return np.stack(
-            [
-                np.sum(
-                    slope
-                    * (
-                        self.coordinates(unit_points + nudge)
-                        - self.coordinates(unit_points - nudge)
-                    ),
-                    axis=1,
-                )
-                / (2.0 * NUDGE)
-                for nudge in nudges
-            ],
-            axis=1,
-        )
+        rises = [self.value(unit_points + step) - self.value(unit_points - step) for step in nudges]
+        return np.stack(rises, axis=1) / (2.0 * NUDGE)
 
     def _covariance(self, x: FloatArray) -> FloatArray:
         exponent = _squared_distances(x / self.length_scales, self.points / self.length_scales)
@@ -659,15 +637,12 @@ def criticality(
         gap = np.broadcast_to(np.abs(_gap_at_conflict(approach, settings)), n)
     else:
         scene = approach.ego_speed, approach.obstacle_speed, approach.gap
-        inverse, impact, gap = (
-            np.broadcast_to(values, n)
-            for values in (
-                max_inverse_ttc(*scene, deceleration=settings.deceleration, delay=approach.delay),
-                ideal_impact_speed(
-                    *scene, deceleration=settings.deceleration, delay=approach.delay
-                ),
-                approach.gap,
-            )
+        braking = {"deceleration": settings.deceleration, "delay": approach.delay}
+        inverse, impact, gap = _broadcast(
+            n,
+            max_inverse_ttc(*scene, **braking),
+            ideal_impact_speed(*scene, **braking),
+            approach.gap,
         )
     y = squared_time_target(inverse, impact, settings)
     if approach is not None and math.isfinite(approach.passing_length):
@@ -697,28 +672,29 @@ def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[Float
     MB.
     """
     inverse, impact = np.empty(n), np.empty(n)
-    ego, other, gap, delay, slowing, begin = (
-        np.broadcast_to(np.asarray(values, dtype=np.float64), n)
-        for values in (
-            approach.ego_speed, approach.obstacle_speed, approach.gap, approach.delay,
-            approach.obstacle_deceleration, approach.conflict_begin,
-        )
-    )  # fmt: skip
+    ego, other, gap = _broadcast(n, approach.ego_speed, approach.obstacle_speed, approach.gap)
+    delay, slowing, begin = _broadcast(
+        n, approach.delay, approach.obstacle_deceleration, approach.conflict_begin
+    )
     for rows in (slice(start, start + SEARCHED_AT_ONCE) for start in range(0, n, SEARCHED_AT_ONCE)):
-        lead_speed, lead_distance = _steady(other[rows, None])
+        lead = _steady(other[rows, None])
         if np.any(slowing[rows] > 0.0):
-            lead_speed, lead_distance = _braking(other[rows, None], slowing[rows, None])
+            lead = _braking(other[rows, None], slowing[rows, None])
         inverse[rows], impact[rows] = searched_criticality(
             ego[rows],
             gap[rows],
-            lead_speed,
-            lead_distance,
+            lead,
             deceleration=settings.deceleration,
             delay=delay[rows],
             conflict_begin=begin[rows],
             passing_length=approach.passing_length,
         )
     return inverse, impact
+
+
+def _broadcast(n: int, *values: ArrayLike) -> Iterator[FloatArray]:
+    """Each of the values as (n,) numbers."""
+    return (np.broadcast_to(np.asarray(value, dtype=np.float64), n) for value in values)
 
 
 def _steady(speed: FloatArray) -> tuple[Profile, Profile]:
@@ -1102,9 +1078,9 @@ class _DangerSearch:
 
     def _by_danger(self, points: FloatArray) -> IntArray:
         """The numbers of points (n, k), the most dangerous first."""
-        inverse, impact, gap, _ = criticality(self.logical, points, self.settings)
+        found = criticality(self.logical, points, self.settings)
         # Rounded, so that equal danger is a tie and not a matter of the last digit.
-        keys = (np.round(gap, 9), -np.round(inverse, 9), -np.round(impact, 9))
+        keys = (np.round(found.gap, 9), -np.round(found.inverse, 9), -np.round(found.impact, 9))
         return np.lexsort((*points.T[::-1], *keys))
 
     def _rounded(self, zone: int, best: FloatArray) -> FloatArray:

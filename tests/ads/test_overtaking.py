@@ -8,7 +8,14 @@ from road_scenes import BRIEFING, fresh, mover
 
 from sumo_eval.ads.car_following import IdmParameters, enhanced_idm_acceleration
 from sumo_eval.ads.lane_change import path_y, share_of_duration, smooth_step
-from sumo_eval.ads.overtaking import CLEARANCE, OVERTAKING, WATCHED, OvertakingHabits, overtake
+from sumo_eval.ads.overtaking import (
+    CLEARANCE,
+    OVERTAKING,
+    WATCHED,
+    OvertakingHabits,
+    Wish,
+    overtake,
+)
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Road
 
@@ -37,10 +44,7 @@ class Ego:
             me,
             others,
             watched,
-            self.habits,
-            IDM,
-            desired_speed,
-            free,
+            Wish(self.habits, IDM, desired_speed, free),
             STAYS,
             self.briefing,
         )

@@ -212,17 +212,6 @@ def test_the_surface_is_a_textbook_gaussian_process():
         assert float(zones.predicted(where)) == pytest.approx(plain, abs=1e-9)
 
 
-def test_the_gradient_is_the_slope_of_the_surface(cut_out):
-    unit = np.random.default_rng(3).random((20, 3))
-    step = 1e-6
-    for axis in range(3):
-        nudge = step * np.eye(3)[axis]
-        slope = (cut_out.surface.value(unit + nudge) - cut_out.surface.value(unit - nudge)) / (
-            2 * step
-        )
-        assert cut_out.surface.gradient(unit)[:, axis] == pytest.approx(slope, abs=1e-6)
-
-
 def test_hazardous_is_where_the_surface_is_not_above_zero(cut_out):
     points = scattered(CUT_OUT, 1_000)
     assert np.array_equal(cut_out.hazardous(points), cut_out.predicted(points) <= 0.0)

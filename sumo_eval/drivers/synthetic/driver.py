@@ -17,7 +17,7 @@ from sumo_eval.ads.lane_change import (
     smooth_step_rate,
     steering,
 )
-from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
+from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, Wish, overtake
 from sumo_eval.ads.perception import carry_on, is_visible, take
 from sumo_eval.cosim.compiled import Compiled, unknown
 from sumo_eval.cosim.records import MOVER, Records, fields, flags
@@ -73,9 +73,7 @@ ATTENTION = [*fields("delay"), *flags("attends")]
 
 
 @kernel
-def attend(
-    attention: Any, me: Any, others: Any, looks: Any, memories: Any, known: Any, p: Any, time: float
-) -> None:
+def attend(attention: Any, me: Any, others: Any, sight: Any, p: Any, time: float) -> None:
     """Look at the true scene at `time`, and write what the driver acts upon to `known`; nan: not
     known.
 
@@ -84,7 +82,10 @@ def attend(
     change) one reaction time late: the human driver model's delay with anticipation (Treiber,
     Kesting, Helbing, Physica A 360, 71 (2006)). The reaction time is the alerted one from the
     moment at which a vehicle in front crosses, is closed upon or appears.
+
+    sight: `looks`, their `memories` and what is `known`, one of each vehicle.
     """
+    looks, memories, known = sight
     if attention.attends == 0:
         attention.attends, attention.delay = 1, p.reaction_time
     for j in range(len(others)):
@@ -132,27 +133,27 @@ _PARAMETERS = np.dtype(
 
 @kernel
 def synthetic_driver(
-    me: Any, others: Any, memory: Any, looks: Any, memories: Any, known: Any, watched: Any,
-    waves: Any, p: Any,
-    way: Any, scenario: Any, time: float,
-) -> tuple[float, float]:  # fmt: skip
-    """Acceleration, m/s2, and steering wheel angle, rad: look, decide, work the pedals and the
-    wheel.
+    ego: Any, others: Any, sight: Any, watched: Any, own: Any, scenario: Any, time: float
+) -> None:
+    """Command acceleration and steering wheel angle: look, decide, work the pedals and the wheel.
 
-    waves: of the wander and of the pedal, (2, 8, 2).
+    sight: as in `attend`.
+    own: memory, waves of the wander and of the pedal, (2, 8, 2), and parameters.
     """
+    me = ego.seen
+    memory, waves, p = own
     if memory.began == 0:
         memory.ease = 1.0
-    attend(memory, me, others, looks, memories, known, p, time)
+    attend(memory, me, others, sight, p, time)
     start = memory.cruising_speed if memory.began else me.speed
     desired = start * p.gain
     free = (desired - me.speed) / SPEED_RELAXATION + noise_value(waves[1], p.pedal_amplitude, time)
     free *= smooth_step(time / SETTLING_TIME)
-    wanted = overtake(memory, me, known, watched, p.habits, p.idm, desired, free, way, scenario)
+    wish = Wish(p.habits, p.idm, desired, free)
+    wanted = overtake(memory, me, sight[2], watched, wish, ego.way, scenario)
     y, slope, bend = _line(memory, me, waves, p, scenario)
-    return max(wanted, -scenario.vehicle.max_deceleration), steering(
-        memory, me, y, slope, bend, scenario
-    )
+    ego.command.acceleration = max(wanted, -scenario.vehicle.max_deceleration)
+    ego.command.steering = steering(memory, me, y, slope, bend, scenario)
 
 
 @kernel
@@ -191,12 +192,12 @@ def synthetic_driver_rows(
     """`synthetic_driver` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
-            command = egos[i].command
-            command.acceleration, command.steering = synthetic_driver(
-                egos[i].seen, seen[i], memory[i], looks[i], memories[i], known[i], watched[i],
-                waves[i], parameters[i],
-                egos[i].way, scenario[first_of(scenario, i)], time,
-            )  # fmt: skip
+            sight, own = (
+                (looks[i], memories[i], known[i]),
+                (memory[i], waves[i], parameters[i]),
+            )
+            its = scenario[first_of(scenario, i)]
+            synthetic_driver(egos[i], seen[i], sight, watched[i], own, its, time)
 
 
 class SyntheticDriver(Compiled):
