@@ -41,7 +41,7 @@ from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, lin
 from sumo_eval.scenario.streams import StreamTable
 from sumo_eval.scenario.sumo_network import read_road
 from sumo_eval.scenario.units import check_unit, check_uses, factor_to
-from sumo_eval.scenario.vehicle_tables import EgoTable, Place, VehicleTable
+from sumo_eval.scenario.vehicle_tables import EgoTable, Placement, VehicleTable
 from sumo_eval.scenario.zone_table import ZoneTable
 from sumo_eval.settings import About, Checked, Positive
 
@@ -607,7 +607,7 @@ class ScenarioFile(Checked):
             names.known.append(name)
         return names, Definitions(tuple(entries), tuple(options.items()))
 
-    def _place(self, names: Names, definitions: Definitions, road: Road) -> Place:
+    def _place(self, names: Names, definitions: Definitions, road: Road) -> Placement:
         departs = bool(self.ego.recorded)
         vehicles = tuple(item.read(names, road, departs=departs) for item in self.vehicle)
         streams = tuple((item, item.read(names, road)) for item in self.stream)
@@ -616,7 +616,7 @@ class ScenarioFile(Checked):
         names.distinct(["ego", *(item.name for item in self.vehicle)], "vehicle")
         self.ego.check(names.where, road)
         numbers = names.quantities(self.ego, "the ego")
-        place = Place(definitions, names.owner, road, self.ego, numbers, vehicles, streams)
+        place = Placement(definitions, names.owner, road, self.ego, numbers, vehicles, streams)
         return replace(place, definitions=definitions.needed_by(*names.scene))
 
     def _reacts(self) -> bool:

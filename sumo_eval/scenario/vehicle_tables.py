@@ -553,7 +553,7 @@ class Vehicle:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Placement:
     """Values of one point -> the ego's start and the other vehicles."""
 
     definitions: Definitions

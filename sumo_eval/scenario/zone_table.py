@@ -11,7 +11,7 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.scenario.expression import Expression
 from sumo_eval.scenario.logical import Approach, Values, ZoneCoordinates
 from sumo_eval.scenario.parts import Definitions, Formula, Formulas, Names
-from sumo_eval.scenario.vehicle_tables import Place
+from sumo_eval.scenario.vehicle_tables import Placement
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.trajectory import FloatArray
 
@@ -52,7 +52,7 @@ class ZoneTable(Checked):
     ] = None
 
     def read(
-        self, names: Names, definitions: Definitions, place: Place, *, searched: bool
+        self, names: Names, definitions: Definitions, place: Placement, *, searched: bool
     ) -> dict[str, Any]:
         """`margin`, `search` or `approach` of the logical scenario, and its `zone_coordinates`."""
         found: dict[str, Any] = {}

@@ -223,15 +223,11 @@ def left_edge_at(road: Any, x: float) -> float:
 def missing_at(span: LaneSpan, x: ArrayLike) -> FloatArray:
     """The share of the width of a lane that is not there at x (any shape)."""
     at = np.asarray(x, dtype=np.float64)
-    opens, is_open, closes, is_gone = span.places
-    before = (
-        np.clip((is_open - at) / (is_open - opens), 0.0, 1.0)
-        if span.opening
-        else np.where(at < is_open, 1.0, 0.0)
-    )
-    behind = (
-        np.clip((at - closes) / (is_gone - closes), 0.0, 1.0)
-        if span.closing
-        else np.where(at > closes, 1.0, 0.0)
-    )
+    opens, is_gone = span.places[0], span.places[3]
+    before = np.where(at < span.begin, 1.0, 0.0)
+    if span.opening:
+        before = np.clip((span.begin - at) / (span.begin - opens), 0.0, 1.0)
+    behind = np.where(at > span.end, 1.0, 0.0)
+    if span.closing:
+        behind = np.clip((at - span.end) / (is_gone - span.end), 0.0, 1.0)
     return np.asarray(np.maximum(before, behind))

@@ -153,8 +153,8 @@ def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
         reference = tuple(
             Piece(piece.length, -piece.end, -piece.begin) for piece in reversed(reference)
         )
-    offset, lanes, width, spans = _driving_lanes(road, owner, length_of(reference), against=against)
-    return _Stretch(beside(reference, offset, owner), begin.moved(0.0, offset), lanes, width, spans)
+    lanes = _driving_lanes(road, owner, length_of(reference), against=against)
+    return _Stretch(beside(reference, lanes[0], owner), begin.moved(0.0, lanes[0]), *lanes[1:])
 
 
 def _number(element: etree._Element, name: str, owner: str) -> float:

@@ -15,7 +15,7 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -111,14 +111,13 @@ def knots_of(pieces: tuple[Piece, ...]) -> NDArray[Any]:
             found.append((s, x, y, heading, curvature, rate))
             ahead = _Knot(*found[-1])
             s += piece.length / count
-            x, y, heading, _ = stretch_at(ahead, piece.length / count)
+            x, y, heading = stretch_at(ahead, piece.length / count)[:3]
     if pieces:
         found.append((s, x, y, heading, 0.0, 0.0))
     return np.array(found, dtype=KNOT)
 
 
-@dataclass(frozen=True, slots=True)
-class _Knot:
+class _Knot(NamedTuple):
     s: float
     x: float
     y: float
@@ -127,12 +126,23 @@ class _Knot:
     rate: float
 
 
+class Position(NamedTuple):
+    """x, y (m) and heading (rad), on the map or in the frame of a line; the line's curvature there,
+    1/m.
+    """
+
+    x: float
+    y: float
+    heading: float
+    curvature: float
+
+
 # -- rules, for one place --------------------------------------------------------------------------
 
 
 @kernel
-def stretch_at(knot: Any, u: float) -> tuple[float, float, float, float]:
-    """x, y, heading and curvature of the line u m behind a knot, on its stretch."""
+def stretch_at(knot: Any, u: float) -> Position:
+    """The line u m behind a knot, on its stretch."""
     if knot.rate != 0.0:
         half = 0.5 * u
         east = north = 0.0
@@ -142,19 +152,18 @@ def stretch_at(knot: Any, u: float) -> tuple[float, float, float, float]:
             east += _WEIGHTS[k] * math.cos(turned)
             north += _WEIGHTS[k] * math.sin(turned)
         heading = knot.heading + u * (knot.curvature + 0.5 * knot.rate * u)
-        return knot.x + half * east, knot.y + half * north, heading, knot.curvature + knot.rate * u
+        curvature = knot.curvature + knot.rate * u
+        return Position(knot.x + half * east, knot.y + half * north, heading, curvature)
     turn = 0.5 * knot.curvature * u
     chord = u if abs(turn) < 1e-9 else u * math.sin(turn) / turn
-    x, y = (
-        knot.x + chord * math.cos(knot.heading + turn),
-        knot.y + chord * math.sin(knot.heading + turn),
-    )
-    return x, y, knot.heading + 2.0 * turn, knot.curvature
+    x = knot.x + chord * math.cos(knot.heading + turn)
+    y = knot.y + chord * math.sin(knot.heading + turn)
+    return Position(x, y, knot.heading + 2.0 * turn, float(knot.curvature))
 
 
 @kernel
-def line_at(line: Any, s: float) -> tuple[float, float, float, float]:
-    """x, y, heading and curvature of a line (knots) at s."""
+def line_at(line: Any, s: float) -> Position:
+    """A line (knots) at s."""
     low, high = 0, len(line)
     while high - low > 1:
         middle = (low + high) // 2
@@ -163,40 +172,37 @@ def line_at(line: Any, s: float) -> tuple[float, float, float, float]:
         else:
             high = middle
     if low == 0:
-        return s, 0.0, 0.0, 0.0
+        return Position(s, 0.0, 0.0, 0.0)
     return stretch_at(line[low], s - line[low].s)
 
 
 @kernel
-def to_map(line: Any, s: float, d: float, heading: float) -> tuple[float, float, float, float]:
-    """x, y and heading on the map of a place in the frame of a line (knots), and the line's
-    curvature there, 1/m.
-    """
+def to_map(line: Any, s: float, d: float, heading: float) -> Position:
+    """On the map, a place in the frame of a line (knots)."""
     if not len(line):
-        return s, d, heading, 0.0
-    x, y, along, curvature = line_at(line, s)
-    return x - d * math.sin(along), y + d * math.cos(along), along + heading, curvature
+        return Position(s, d, heading, 0.0)
+    at = line_at(line, s)
+    x, y = at.x - d * math.sin(at.heading), at.y + d * math.cos(at.heading)
+    return Position(x, y, at.heading + heading, at.curvature)
 
 
 @kernel
-def to_frame(
-    line: Any, x: float, y: float, heading: float, near: float
-) -> tuple[float, float, float, float]:
-    """s, d and heading in the frame of a line (knots) of a place on the map, and the line's
-    curvature there, 1/m.
+def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Position:
+    """In the frame of a line (knots), s, d and heading of a place on the map.
 
     near: an s from which Newton's method finds the foot of the perpendicular: (p - r(s)) r'(s) = 0,
         whose derivative is -(1 - curvature d).
     """
     if not len(line):
-        return x, y, heading, 0.0
+        return Position(x, y, heading, 0.0)
     s = near
     d = along = curvature = 0.0
     for _ in range(_TRIES):
-        line_x, line_y, along, curvature = line_at(line, s)
+        at = line_at(line, s)
+        along, curvature = at.heading, at.curvature
         c, n = math.cos(along), math.sin(along)
-        ahead = (x - line_x) * c + (y - line_y) * n
-        d = (y - line_y) * c - (x - line_x) * n
+        dx, dy = x - at.x, y - at.y
+        ahead, d = dx * c + dy * n, dy * c - dx * n
         ahead = ahead / max(1.0 - curvature * d, _LEAST)
         s += ahead
         along += ahead * curvature
@@ -205,18 +211,22 @@ def to_frame(
     turned = heading - along
     if not -math.pi <= turned <= math.pi:
         turned -= 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
-    return s, d, turned, curvature
+    return Position(s, d, turned, curvature)
 
 
 # -- many places at once ---------------------------------------------------------------------------
 
 
+@kernel
+def _write(found: Any, at: Any) -> None:
+    found[0], found[1] = at.x, at.y
+    found[2], found[3] = at.heading, at.curvature
+
+
 @rows
 def _to_map_rows(line: NDArray[Any], places: FloatArray, found: FloatArray) -> None:
     for i in range(len(places)):
-        found[i, 0], found[i, 1], found[i, 2], found[i, 3] = to_map(
-            line, places[i, 0], places[i, 1], places[i, 2]
-        )
+        _write(found[i], to_map(line, places[i, 0], places[i, 1], places[i, 2]))
 
 
 @rows
@@ -224,9 +234,7 @@ def _to_frame_rows(
     line: NDArray[Any], places: FloatArray, near: FloatArray, found: FloatArray
 ) -> None:
     for i in range(len(places)):
-        found[i, 0], found[i, 1], found[i, 2], found[i, 3] = to_frame(
-            line, places[i, 0], places[i, 1], places[i, 2], near[i]
-        )
+        _write(found[i], to_frame(line, places[i, 0], places[i, 1], places[i, 2], near[i]))
 
 
 def map_places(
@@ -235,8 +243,8 @@ def map_places(
     """(x, y, heading) on the map of places in the frame of a line: m and rad, arrays that broadcast
     to one shape.
     """
-    x, y, turned, _ = _each(pieces, (s, d, heading), _to_map_rows)
-    return x, y, turned
+    found = _each(pieces, (s, d, heading), _to_map_rows)
+    return found[0], found[1], found[2]
 
 
 def frame_places(
@@ -253,7 +261,7 @@ def frame_places(
     to the place, for which the line is looked through every 5 m.
     """
 
-    def found(line: NDArray[Any], places: FloatArray, rows: FloatArray) -> None:
+    def rule(line: NDArray[Any], places: FloatArray, rows: FloatArray) -> None:
         begins = np.full(len(places), 0.0 if near is None else near)
         if near is None:
             grid = np.arange(0.0, length_of(pieces) + 5.0, 5.0)
@@ -264,8 +272,8 @@ def frame_places(
                 ]
         _to_frame_rows(line, places, begins, rows)
 
-    s, d, turned, _ = _each(pieces, (x, y, heading), found)
-    return s, d, turned
+    found = _each(pieces, (x, y, heading), rule)
+    return found[0], found[1], found[2]
 
 
 def curvatures(pieces: tuple[Piece, ...], s: ArrayLike) -> FloatArray:
