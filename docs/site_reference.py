@@ -156,7 +156,7 @@ def settings_reference() -> str:
 
 def scenario_file_reference() -> str:
     """Every key of a scenario file, table by table, with default and unit."""
-    from sumo_eval.scenario.tables import ScenarioFile
+    from sumo_eval.scenario.file_tables import ScenarioFile
 
     return "\n".join(("", *_settings_of(ScenarioFile, "###")))
 

@@ -148,6 +148,43 @@ class Expression:
             ) from None
 
 
+@dataclass(frozen=True, slots=True)
+class Definitions:
+    """Names for expressions, worked out in order.
+
+    options: names of plain numbers.
+    """
+
+    entries: tuple[tuple[str, Expression], ...]
+    options: tuple[tuple[str, float], ...] = ()
+
+    def needed_by(self, *expressions: Expression) -> Definitions:
+        """Those without which the expressions have no value."""
+        names = set().union(*(expression.names for expression in expressions))
+        entries = []
+        for name, expression in reversed(self.entries):
+            if name in names:
+                entries.append((name, expression))
+                names |= expression.names
+        options = tuple((name, value) for name, value in self.options if name in names)
+        return Definitions(tuple(reversed(entries)), options)
+
+    def extend(self, values: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
+        """The values and the definitions at them."""
+        known = {**values, **dict(self.options)}
+        for name, expression in self.entries:
+            known[name] = expression.value(known)
+        return known
+
+    def at(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values and the definitions at one point, plain floats."""
+        known = dict(values)
+        known.update(self.options)
+        for name, expression in self.entries:
+            known[name] = expression.at(known)
+        return known
+
+
 def checked_names(expression: Expression, known: Iterable[str], owner: str) -> Expression:
     """The expression, if all its names are known; else an InputError with the nearest one."""
     names = list(known)

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.scenario.file_tables import ScenarioFile
 from sumo_eval.scenario.first_places import STANDARD_EGO, misplaced
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.reachable import leaves_at, never_begin
-from sumo_eval.scenario.tables import ScenarioFile
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.settings.config import validated
 from sumo_eval.settings.toml_file import read_toml

@@ -10,15 +10,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
 from numbers import Real
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, check_name, must_be, unknown
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.requirement import Requirements
+from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
@@ -197,15 +199,14 @@ class Counterpart:
 
 
 @dataclass(frozen=True, slots=True)
-class Met:
-    """How often a scenario occurred on the road.
+class Occurrence(Checked):
+    """How often the scenario occurred on the road, whatever its parameters were."""
 
-    vehicle_km: driven by all vehicles that might have met it.
-    """
-
-    events: int
-    vehicle_km: float
-    where: str = ""
+    events: Annotated[int, Ge(0), About("how many times")]
+    vehicle_km: Annotated[
+        float, Positive, About("driven by all vehicles that might have met it", "km")
+    ]
+    where: Annotated[str, About("on which roads, when")] = ""
 
 
 def uniform_exposure(values: Values) -> FloatArray:
@@ -255,7 +256,7 @@ class LogicalScenario:
     search: Search | None = None
     notes: tuple[str, ...] = ()
     recorded: Counterpart | None = None
-    met: Met | None = None
+    met: Occurrence | None = None
     margin: Callable[[Values], FloatArray] | None = None
     has_drivers: bool = True
     requirements: Requirements | None = None

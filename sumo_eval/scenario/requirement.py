@@ -11,12 +11,18 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.scenario.expression import UNREADABLE, Expression, checked_names, condition
+from sumo_eval.scenario.expression import (
+    UNREADABLE,
+    Definitions,
+    Expression,
+    checked_names,
+    condition,
+)
 from sumo_eval.trajectory import FloatArray
 
 SERIES = {
@@ -84,19 +90,12 @@ class Requirement:
         return bool(self.outer.at(numbers))
 
 
-class Numbers(Protocol):
-    """Definitions of a scenario at a point."""
-
-    def at(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The values and the definitions at them."""
-
-
 @dataclass(frozen=True, slots=True)
 class Requirements:
     """All requirements of a scenario, and the definitions of the other numbers that they name."""
 
     all: tuple[Requirement, ...]
-    numbers: Numbers
+    numbers: Definitions
 
     def known(self, values: Mapping[str, float]) -> dict[str, float]:
         """The numbers of a point."""

@@ -7,7 +7,7 @@ from typing import Any, get_args, get_type_hints
 
 from pydantic import TypeAdapter
 
-from sumo_eval.scenario.tables import ScenarioFile
+from sumo_eval.scenario.file_tables import ScenarioFile
 from sumo_eval.settings import EvaluationSettings, about
 
 

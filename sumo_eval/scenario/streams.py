@@ -14,7 +14,7 @@ from annotated_types import Ge, MinLen
 from sumo_eval.errors import check_name, must_be
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import Actor, Model, Road, Start
-from sumo_eval.scenario.parts import ABOVE_0, Formula, Names, Quantities
+from sumo_eval.scenario.formulas import ABOVE_0, Formula, LimitedFormulas, Names
 from sumo_eval.settings import About, Checked
 
 MOST = 200  # vehicles of one stream
@@ -52,7 +52,7 @@ class StreamTable(Checked):
     deceleration: Annotated[Formula, ABOVE_0, About("comfortable deceleration", "m/s2")] = 4.5
     body: Annotated[Literal["car", "van", "truck", "motorcycle"], About("what they are")] = "car"
 
-    def read(self, names: Names, road: Road) -> Quantities:
+    def read(self, names: Names, road: Road) -> LimitedFormulas:
         """Its numbers.
 
         Raises InputError for a lane that the road does not have.

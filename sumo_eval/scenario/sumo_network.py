@@ -10,7 +10,6 @@ other curved road. The outermost lanes may begin and end where edges meet: squar
 from __future__ import annotations
 
 import functools
-import hashlib
 import itertools
 import math
 from collections import Counter
@@ -23,7 +22,7 @@ import numpy as np
 from lxml import etree
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.input_file import hash_of, read_input
+from sumo_eval.input_file import LARGEST, hash_of
 from sumo_eval.scenario.concrete import NetworkFile, Road
 from sumo_eval.scenario.road.fitted_line import WITHIN, fitted_line, onto_the_line
 from sumo_eval.scenario.road.lanes import LaneSpan
@@ -36,6 +35,7 @@ from sumo_eval.scenario.road.reference_line import (
     map_places,
 )
 from sumo_eval.scenario.road.table import bend_name, check_line
+from sumo_eval.scenario.xml_file import read_xml
 from sumo_eval.text import shown
 from sumo_eval.trajectory import FloatArray
 
@@ -406,12 +406,8 @@ def laid_along_x(network: NetworkFile) -> str:
 
 def _parsed(network: NetworkFile) -> etree._Element:
     path = Path(network.path)
-    content = read_input(path, "network")
-    try:
-        root = etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True))
-    except etree.XMLSyntaxError as error:
-        raise InputError(f"Network {path} is not XML: {error}.") from error
-    if hashlib.sha256(content).hexdigest() != network.sha256:
+    root = read_xml(path, "Network", LARGEST)
+    if hash_of(path, "network") != network.sha256:
         raise InputError(f"Network {path} has changed since its scenario was read.")
     if root.tag != "net":
         raise must_be("The root", f"network {path.name}", "`net`", root.tag)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario import played
 from sumo_eval.scenario.expression import UNREADABLE, Expression, checked_names, number
-from sumo_eval.scenario.parts import Names
+from sumo_eval.scenario.formulas import Names
 
 OF_ONE = {"x": played.X, "y": played.Y, "speed": played.ALONG, "lateral_speed": played.ACROSS}
 OF_TWO = {"gap": played.GAP, "distance": played.DISTANCE, "ttc": played.TTC, "thw": played.THW}

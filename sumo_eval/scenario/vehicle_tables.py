@@ -26,16 +26,16 @@ from sumo_eval.scenario.concrete import (
     keeps_on,
     lane_change,
 )
+from sumo_eval.scenario.expression import Definitions
 from sumo_eval.scenario.first_places import STANDARD_EGO
-from sumo_eval.scenario.parts import (
+from sumo_eval.scenario.formulas import (
     ABOVE_0,
     NOT_BELOW_0,
-    Definitions,
     Formula,
+    LimitedFormula,
+    LimitedFormulas,
     Limits,
     Names,
-    Quantities,
-    Quantity,
 )
 from sumo_eval.scenario.road.reference_line import frame_places
 from sumo_eval.scenario.streams import StreamTable, sumo_model
@@ -326,7 +326,7 @@ class ManoeuvreTable(Checked):
 
     def _pairs(
         self, what: str, place: str, names: Names, road: Road
-    ) -> Iterator[tuple[Quantity, Quantity]]:
+    ) -> Iterator[tuple[LimitedFormula, LimitedFormula]]:
         """The knots of a profile, or the points of a path."""
         if self.do == "speed_profile":
             knots = self.places or self.times
@@ -360,8 +360,8 @@ class Move:
     """
 
     table: ManoeuvreTable
-    numbers: Quantities
-    pairs: tuple[tuple[Quantity, Quantity], ...]
+    numbers: LimitedFormulas
+    pairs: tuple[tuple[LimitedFormula, LimitedFormula], ...]
     when: Trigger | None
 
     def act(self, known: Mapping[str, float], vehicle: str) -> played.Act:
@@ -493,7 +493,7 @@ class Vehicle:
     """An actor that was read."""
 
     table: VehicleTable
-    numbers: Quantities
+    numbers: LimitedFormulas
     moves: tuple[Move, ...]
 
     @property
@@ -560,9 +560,9 @@ class Placement:
     owner: str
     road: Road
     ego: EgoTable
-    numbers: Quantities
+    numbers: LimitedFormulas
     vehicles: tuple[Vehicle, ...]
-    streams: tuple[tuple[StreamTable, Quantities], ...]
+    streams: tuple[tuple[StreamTable, LimitedFormulas], ...]
 
     @property
     def lively(self) -> bool:

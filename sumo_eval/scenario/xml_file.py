@@ -12,16 +12,16 @@ from sumo_eval.input_file import read_input
 from sumo_eval.text import shown
 
 Element = etree._Element
-_LARGEST = 50_000_000  # bytes of a file
+LARGEST = 50_000_000  # bytes of a file
 _DECLARES = re.compile(rb"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
 
 
-def read_xml(path: Path, what: str) -> Element:
-    """The root of an XML file; `what` it is in sentences.
+def read_xml(path: Path, what: str, largest: int = LARGEST) -> Element:
+    """The root of an XML file of at most `largest` bytes; `what` it is in sentences.
 
     Raises InputError for what cannot or must not be read.
     """
-    content = read_input(Path(path), what, _LARGEST)
+    content = read_input(Path(path), what, largest)
     plain = content.replace(b"\0", b"")
     declares = _DECLARES.search(plain)
     if declares:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.scenario.expression import Expression
+from sumo_eval.scenario.expression import Definitions, Expression
+from sumo_eval.scenario.formulas import Formula, Formulas, Names
 from sumo_eval.scenario.logical import Approach, Values, ZoneCoordinates
-from sumo_eval.scenario.parts import Definitions, Formula, Formulas, Names
 from sumo_eval.scenario.vehicle_tables import Placement
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.trajectory import FloatArray

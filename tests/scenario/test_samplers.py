@@ -21,7 +21,8 @@ from sumo_eval.scenario import (
     catalogue,
 )
 from sumo_eval.scenario.distribution import Distribution
-from sumo_eval.scenario.parts import Definitions, Exposure
+from sumo_eval.scenario.expression import Definitions
+from sumo_eval.scenario.formulas import ExposureDensity
 from sumo_eval.scenario.sampling.combinations import tuples_of
 from sumo_eval.scenario.sampling.listed_points import from_csv
 from sumo_eval.scenario.sampling.request import Request
@@ -175,7 +176,7 @@ def test_listed_values_are_the_only_ones_drawn():
 def test_drawn_by_exposure_a_parameter_has_its_distribution():
     normal = Distribution.of("norm", {"loc": 0.3, "scale": 0.1}, "a test")
     axes = (axis("a", distribution=normal), axis("b"))
-    exposure = Exposure(axes, None, Definitions(()))
+    exposure = ExposureDensity(axes, None, Definitions(()))
     points = draw(space(*axes, exposure=exposure), "exposure", 1024).points
     assert (
         stats.kstest(points[:, 0], lambda x: stats.truncnorm.cdf(x, -3, 7, 0.3, 0.1)).pvalue > 0.05

@@ -738,11 +738,12 @@ def _logical(
     )
     if not spread:
         return logical
-    from sumo_eval.scenario.parts import Definitions, Exposure
+    from sumo_eval.scenario.expression import Definitions
+    from sumo_eval.scenario.formulas import ExposureDensity
 
     about = ", ".join(f"{part.name} as {part.distribution}" for part in spread)
     return replace(
-        logical, exposure=Exposure(tuple(parts), None, Definitions(())), exposure_about=about
+        logical, exposure=ExposureDensity(tuple(parts), None, Definitions(())), exposure_about=about
     )
 
 

@@ -21,9 +21,9 @@ import numpy as np
 from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.method.zone_partition import danger
+from sumo_eval.scenario.formulas import ExposureDensity
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.parts import Exposure
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.settings.random_streams import random_stream
@@ -98,7 +98,7 @@ def how_met(logical: LogicalScenario) -> Met:
             f"`{listed[0]}` of scenario `{logical.name}` has listed values only: a campaign draws "
             "from ranges."
         )
-    joint = logical.exposure.joint if isinstance(logical.exposure, Exposure) else None
+    joint = logical.exposure.joint if isinstance(logical.exposure, ExposureDensity) else None
     plain = Met(logical, joint, 1.0, 1.0)
     drawn = plain.base(NORMALISED, random_stream(0, "normalised", logical.name))
     ratio = plain.density(drawn) / np.maximum(plain.base_density(drawn), 1e-300)

@@ -14,10 +14,9 @@ from dataclasses import dataclass, field
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.scenario.expression import Expression, checked_names, number
+from sumo_eval.scenario.expression import Definitions, Expression, checked_names, number
 from sumo_eval.scenario.joint import Joint, of_values
 from sumo_eval.scenario.logical import Parameter, Values
 from sumo_eval.scenario.units import refuse_unit
@@ -41,43 +40,6 @@ class Limits:
 
 
 ANY, NOT_BELOW_0, ABOVE_0 = Limits(), Limits(at_least=0.0), Limits(above=0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Definitions:
-    """Names for expressions, worked out in order.
-
-    options: names of plain numbers.
-    """
-
-    entries: tuple[tuple[str, Expression], ...]
-    options: tuple[tuple[str, float], ...] = ()
-
-    def needed_by(self, *expressions: Expression) -> Definitions:
-        """Those without which the expressions have no value."""
-        names = set().union(*(expression.names for expression in expressions))
-        entries = []
-        for name, expression in reversed(self.entries):
-            if name in names:
-                entries.append((name, expression))
-                names |= expression.names
-        options = tuple((name, value) for name, value in self.options if name in names)
-        return Definitions(tuple(reversed(entries)), options)
-
-    def extend(self, values: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
-        """The values and the definitions at them."""
-        known = {**values, **dict(self.options)}
-        for name, expression in self.entries:
-            known[name] = expression.value(known)
-        return known
-
-    def at(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The values and the definitions at one point, plain floats."""
-        known = dict(values)
-        known.update(self.options)
-        for name, expression in self.entries:
-            known[name] = expression.at(known)
-        return known
 
 
 _FLOATS: frozenset[type] = frozenset({float, np.float64})
@@ -130,7 +92,7 @@ class Condition:
 
 
 @dataclass(frozen=True, slots=True)
-class Exposure:
+class ExposureDensity:
     """Density: the product of the parameters' distributions in their ranges, or a joint one, times
     an expression.
     """
@@ -162,7 +124,7 @@ class Exposure:
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class LimitedFormula:
     """A number of a concrete scenario.
 
     what, owner: they name it in sentences.
@@ -192,10 +154,10 @@ class Quantity:
 
 
 @dataclass(frozen=True, slots=True)
-class Quantities:
+class LimitedFormulas:
     """Numbers of a table by key."""
 
-    by_key: tuple[tuple[str, Quantity], ...]
+    by_key: tuple[tuple[str, LimitedFormula], ...]
 
     def at(self, known: Mapping[str, float]) -> dict[str, Any]:
         """Their values where these names have these values."""
@@ -232,12 +194,12 @@ class Names:
         refuse_unit(formula, owner)
         return checked_names(number(formula, owner), self.known, owner)
 
-    def quantity(self, formula: Formula, what: str, limits: Limits = ANY) -> Quantity:
+    def quantity(self, formula: Formula, what: str, limits: Limits = ANY) -> LimitedFormula:
         """A number of each concrete scenario."""
         self.scene.append(self.expression(formula, what))
-        return Quantity(what, self.owner, self.scene[-1], limits)
+        return LimitedFormula(what, self.owner, self.scene[-1], limits)
 
-    def quantities(self, table: Any, what: str, **others: Limits) -> Quantities:
+    def quantities(self, table: Any, what: str, **others: Limits) -> LimitedFormulas:
         """The formulas that a table has.
 
         others: limits of keys, instead of those in their annotations.
@@ -249,7 +211,7 @@ class Names:
                 found.append(
                     (key, self.quantity(value, f"{key} of {what}", others.get(key, limits)))
                 )
-        return Quantities(tuple(found))
+        return LimitedFormulas(tuple(found))
 
     def distinct(self, names: Iterable[str], kind: str, owner: str = "") -> list[str]:
         """The names, if none of them stands twice.

@@ -14,25 +14,24 @@ from annotated_types import Ge, MinLen
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.distribution import Distribution
-from sumo_eval.scenario.expression import checked_names, condition, number
+from sumo_eval.scenario.expression import Definitions, checked_names, condition, number
+from sumo_eval.scenario.formulas import (
+    Condition,
+    ExposureDensity,
+    Formula,
+    Formulas,
+    LimitedFormula,
+    Names,
+)
 from sumo_eval.scenario.joint import Joint, read_joint
 from sumo_eval.scenario.logical import (
     Constraint,
     Counterpart,
     LogicalScenario,
-    Met,
     NamedSample,
+    Occurrence,
     Option,
     Parameter,
-)
-from sumo_eval.scenario.parts import (
-    Condition,
-    Definitions,
-    Exposure,
-    Formula,
-    Formulas,
-    Names,
-    Quantity,
 )
 from sumo_eval.scenario.requirement import Requirements, requirement
 from sumo_eval.scenario.road.lanes import CrossingTable, LaneTable, crossings_of, spans_of
@@ -316,7 +315,7 @@ class SampleTable(Checked):
         ]
         given = [*self.each, *columns]
         derived = {
-            name: Quantity(
+            name: LimitedFormula(
                 name,
                 owner,
                 checked_names(number(formula, f"`set.{name}` of {owner}"), given, owner),
@@ -409,17 +408,6 @@ class JointTable(Checked):
 
 
 @dataclass(frozen=True, slots=True)
-class MetTable(Checked):
-    """How often the scenario occurred on the road, whatever its parameters were."""
-
-    events: Annotated[int, Ge(0), About("how many times")]
-    vehicle_km: Annotated[
-        float, Positive, About("driven by all vehicles that might have met it", "km")
-    ]
-    where: Annotated[str, About("on which roads, when")] = ""
-
-
-@dataclass(frozen=True, slots=True)
 class RecordedTable(Checked):
     """The events of recordings that are this scenario."""
 
@@ -507,7 +495,7 @@ class ScenarioFile(Checked):
     joint: Annotated[
         JointTable | None, About("density by events, instead of the parameters' distributions")
     ] = None
-    met: Annotated[MetTable | None, About("how often it occurred on the road")] = None
+    met: Annotated[Occurrence | None, About("how often it occurred on the road")] = None
     recorded: Annotated[
         RecordedTable | None, About("the events of recordings that are this scenario")
     ] = None
@@ -556,9 +544,7 @@ class ScenarioFile(Checked):
             road=road,
             place=place,
             recorded=None if self.recorded is None else self.recorded.read(parameters, where),
-            met=None
-            if self.met is None
-            else Met(self.met.events, self.met.vehicle_km, self.met.where),
+            met=self.met,
             ego_body=self.ego.body,
             time_limit=self.end.time,
             standstill_time=self.end.standstill,
@@ -686,5 +672,5 @@ class ScenarioFile(Checked):
         ]
         about += [] if joint is None else [str(joint)]
         about += [] if density is None else [f"times `{density.text}`"]
-        exposure = Exposure(parameters, density, definitions, joint)
+        exposure = ExposureDensity(parameters, density, definitions, joint)
         return {"exposure": exposure, "exposure_about": ", ".join(about)} if about else {}
