@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from sumo_eval.errors import InputError, nearest
-from sumo_eval.text import clean, words_of
+from sumo_eval.text import capitalised, clean, words_of
 
 LARGEST: Final = 500_000_000
 """Bytes of a file that is read as a whole; recordings are streamed and may be of any size."""
@@ -109,8 +109,7 @@ def _nearest(path: Path) -> str:
 
 def named(path: Path, what: str) -> str:
     """`Evaluation file a.toml`: the beginning of a sentence about a file."""
-    name = clean(f"{what} {path}")
-    return name[:1].upper() + name[1:]
+    return capitalised(clean(f"{what} {path}"))
 
 
 def _unreadable(path: Path, what: str, error: Exception) -> InputError:

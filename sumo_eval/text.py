@@ -99,6 +99,11 @@ def words_of(value: object, most: int = WORDS) -> str:
         return f"(its text is not available: __str__ raised {kind_of(error)})"
 
 
+def capitalised(text: str) -> str:
+    """A text that begins with a capital; names and paths in it keep their letters."""
+    return text[:1].upper() + text[1:]
+
+
 def shown(value: object) -> str:
     """`repr` of anything, cleaned and cut; whatever its `__repr__` does."""
     try:

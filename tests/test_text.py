@@ -13,6 +13,7 @@ from sumo_eval.text import (
     LOG,
     SENTENCE,
     WORDS,
+    capitalised,
     cell,
     cells,
     clean,
@@ -192,3 +193,7 @@ def test_a_table_is_quoted_in_text_and_headings_and_read_back() -> None:
         ["'=a", "-1.5", "1", ""],
     ]
     assert without_quotes(pd.read_csv(io.StringIO(text))).to_csv() == table.to_csv()
+
+
+def test_capitalised_keeps_names() -> None:
+    assert capitalised("parameter `A` of Mine.toml") == "Parameter `A` of Mine.toml"

@@ -15,6 +15,7 @@ from sumo_eval.input_file import read_input_text
 from sumo_eval.report.words import count, number, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import findings, mean_of
+from sumo_eval.text import capitalised
 
 MOST_WORST = 10  # cases
 STUDY: Final = "study.json"
@@ -164,4 +165,4 @@ def worst_cases(evaluation: Evaluation) -> CaseTable:
 def exposure_sentence(found: Mapping[str, Any]) -> str:
     """How a scenario's concrete scenarios were weighted."""
     text = str(found.get("about", "not recorded"))
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{capitalised(text)}."

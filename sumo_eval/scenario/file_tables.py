@@ -43,6 +43,7 @@ from sumo_eval.scenario.units import check_unit, check_uses, factor_to
 from sumo_eval.scenario.vehicle_tables import EgoTable, Placement, VehicleTable
 from sumo_eval.scenario.zone_table import ZoneTable
 from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.text import capitalised
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,21 +77,20 @@ class ParameterTable(Checked):
             raise must_be("The name", owner, "letters, digits and underscores", self.name)
         ranged = {"low": self.low, "high": self.high, "step": self.step}
         check_unit(self.unit, owner, ranged)
-        low, high, step = self.low, self.high, self.step
         if bool(self.values) == any(value is not None for value in ranged.values()):
             raise InputError(
-                f"{owner} must have either low, high and step, or values.".capitalize()
+                f"{capitalised(owner)} must have either low, high and step, or values."
             )
         if self.values:
             if len(self.values) < 2:
                 raise must_be("`values`", owner, "at least two numbers", list(self.values))
             low, high = self.values[0], self.values[-1]
             step = min(b - a for a, b in itertools.pairwise(self.values))
-        elif missing := [key for key, value in ranged.items() if value is None]:
-            raise InputError(f"`{missing[0]}` of {owner} is missing.")
-        assert low is not None
-        assert high is not None
-        assert step is not None
+        else:
+            for key, value in ranged.items():
+                if value is None:
+                    raise InputError(f"`{key}` of {owner} is missing.")
+            low, high, step = (value for value in ranged.values() if value is not None)
         spread = self._spread(owner)
         parameter = Parameter(
             self.name, low, high, step, self.unit, self.about, self.values, spread

@@ -41,6 +41,7 @@ from sumo_eval.scenario.road.reference_line import frame_places
 from sumo_eval.scenario.streams import StreamTable, sumo_model
 from sumo_eval.scenario.trigger import Trigger, trigger
 from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.text import capitalised
 
 _NEEDS = {
     "keep_speed": ((), ()),
@@ -453,7 +454,7 @@ class VehicleTable(Checked):
         """
         check_name("`name`", f"a vehicle of {names.where}", self.name)
         what = f"vehicle `{self.name}`"
-        owner = f"{what.capitalize()} of {names.where}"
+        owner = capitalised(f"{what} of {names.where}")
         if sum(place is not None for place in (self.gap, self.gap_behind, self.x)) != 1:
             raise InputError(f"{owner} must have either gap, gap_behind or x.")
         moves = tuple(move.read(what, names, road, departs=departs) for move in self.manoeuvre)
@@ -472,7 +473,7 @@ class VehicleTable(Checked):
         if self.heading is not None and self.lateral_speed is not None:
             raise InputError(f"{owner} must have either heading or lateral_speed.")
         if self.on_map:
-            self._check_on_map(f"{what} of {names.where}".capitalize(), road)
+            self._check_on_map(owner, road)
         return vehicle
 
     def _check_on_map(self, owner: str, road: Road) -> None:

@@ -19,6 +19,7 @@ from sumo_eval.errors import InputError, must_be
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.road.reference_line import Piece, curvatures
 from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.text import capitalised
 from sumo_eval.trajectory import FloatArray
 
 
@@ -123,7 +124,7 @@ def spans_of(
             raise InputError(f"[[road.lane]] of {where} must have lane {table.lane} once.")
         if table.begin is None and table.end is None:
             raise InputError(
-                f"{owner.capitalize()} must have a `begin` or an `end`, or need no [[road.lane]]."
+                f"{capitalised(owner)} must have a `begin` or an `end`, or need no [[road.lane]]."
             )
         begin = -math.inf if table.begin is None else table.begin
         end = math.inf if table.end is None else table.end
@@ -143,7 +144,7 @@ def spans_of(
             if not within:
                 side = "begins with" if key == "ramp_until" else "continues to the end of"
                 raise InputError(
-                    f"{owner.capitalize()} has a `{key}`, so it must be one that {side} the road."
+                    f"{capitalised(owner)} has a `{key}`, so it must be one that {side} the road."
                 )
             if not first < place < min(end, length):
                 raise must_be(

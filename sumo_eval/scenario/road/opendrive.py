@@ -25,6 +25,7 @@ from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, bends, length_of
 from sumo_eval.scenario.xml_file import read_xml
+from sumo_eval.text import capitalised
 
 _JOINT = 0.01  # m and rad that a geometry may begin off the end of the one before it
 _PART = 2.0  # m: a spiral's offset is no spiral, and is drawn in parts of it
@@ -193,7 +194,7 @@ def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...],
             raise must_be("A <geometry>", owner, "a line, an arc, a spiral or a paramPoly3", kind)
         pieces.append(Piece(length, *ends))
     if not pieces:
-        raise InputError(f"{owner} has no <geometry>.".capitalize())
+        raise InputError(f"{capitalised(owner)} has no <geometry>.")
     assert begin is not None
     return tuple(pieces), begin
 
@@ -285,7 +286,7 @@ def _driving_lanes(
     most = [_rank(lane) for lane in fullest if lane.get("type") in _DRIVEN]
     if not most:
         raise InputError(
-            f"{owner} has no driving lane to the {side} of its reference line.".capitalize()
+            f"{capitalised(owner)} has no driving lane to the {side} of its reference line."
         )
     if most != list(range(most[0], most[0] + len(most))):
         raise must_be("The driving lanes", owner, "adjacent", most)

@@ -12,6 +12,7 @@ from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.expression import checked_names, number
 from sumo_eval.scenario.road.reference_line import Piece, bends, length_of, tightest
 from sumo_eval.settings import About, Checked, Positive, VehicleSettings
+from sumo_eval.text import capitalised
 
 _LEAST_EDGE = 1.0  # m from the centre of a curve to the road's inner edge, at least
 
@@ -54,7 +55,7 @@ def line_of(
             table.begin_radius is not None or table.end_radius is not None
         ):
             raise InputError(
-                f"{owner.capitalize()} must have either `radius` or `begin_radius` and "
+                f"{capitalised(owner)} must have either `radius` or `begin_radius` and "
                 "`end_radius`."
             )
         begin = _curvature(
