@@ -7,7 +7,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from sumo_eval.text import SENTENCE, clean, kind_of, shown, words_of
 
@@ -148,6 +148,16 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     parts = re.fullmatch(r"(.*?)((?: of | in ).*?)?:?", kind, flags=re.DOTALL)
     what, owner = parts.groups(default="")  # type: ignore[union-attr]
     return InputError(f"Unknown {what} `{name}`{owner}.{did_you_mean(name, known)}")
+
+
+def check_known(kind: str, known: Collection[str], *names: str) -> None:
+    """Refuse the first of the names that is not known.
+
+    kind: as in `unknown`.
+    """
+    for name in names:
+        if name not in known:
+            raise unknown(kind, name, known)
 
 
 def said(error: BaseException) -> str:

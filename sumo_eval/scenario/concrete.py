@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import must_be, unknown
+from sumo_eval.errors import check_known, must_be
 from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.played import Act
@@ -440,8 +440,7 @@ class ConcreteScenario:
 
     def __post_init__(self) -> None:
         for name, _ in self.changes:
-            if name not in CHANGES:
-                raise unknown("setting that a case can change", name, CHANGES)
+            check_known("setting that a case can change", CHANGES, name)
         names = ["ego", *(actor.name for actor in self.actors)]
         if len(set(names)) < len(names):
             raise must_be(

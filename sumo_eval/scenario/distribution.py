@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.trajectory import FloatArray
 
 
@@ -35,17 +35,14 @@ class Distribution:
         Raises InputError for a name that scipy.stats does not have and for wrong arguments.
         """
         known = _continuous()
-        if name not in known:
-            raise unknown(f"distribution of {owner}", name, known)
+        check_known(f"distribution of {owner}", known, name)
         shapes = [
             part.strip()
             for part in (getattr(_stats(), name).shapes or "").split(",")
             if part.strip()
         ]
         allowed = [*shapes, "loc", "scale"]
-        for given in arguments:
-            if given not in allowed:
-                raise unknown(f"argument of distribution `{name}` of {owner}", given, allowed)
+        check_known(f"argument of distribution `{name}` of {owner}", allowed, *arguments)
         for shape in shapes:
             if shape not in arguments:
                 raise InputError(f"Distribution `{name}` of {owner} must be given `{shape}`.")

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.text import clean, shown
 
 LONGEST = 1_000  # characters of an expression
@@ -188,9 +188,7 @@ class Definitions:
 def checked_names(expression: Expression, known: Iterable[str], owner: str) -> Expression:
     """The expression, if all its names are known; else an InputError with the nearest one."""
     names = list(known)
-    for name in sorted(expression.names):
-        if name not in names:
-            raise unknown(f"name in `{expression.text}` of {owner}:", name, names)
+    check_known(f"name in `{expression.text}` of {owner}:", names, *sorted(expression.names))
     return expression
 
 
@@ -266,8 +264,7 @@ def _check(node: ast.expr, text: str, depth: int) -> None:
         ):
             parts, wants_condition = [left, *others], False
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
-            if name not in _FUNCTIONS:
-                raise unknown(f"function in expression `{text}`:", name, _FUNCTIONS)
+            check_known(f"function in expression `{text}`:", _FUNCTIONS, name)
             count = _FUNCTIONS[name][1]
             if len(args) != count and (count is not None or len(args) < 2):
                 wanted = "at least 2" if count is None else str(count)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.file_tables import ScenarioFile
 from sumo_eval.scenario.first_places import STANDARD_EGO, misplaced
 from sumo_eval.scenario.logical import LogicalScenario
@@ -54,9 +54,7 @@ def _with_options(
     values = {
         item.name: math.inf if item.default is None else item.default for item in table.option
     }
-    for key in given:
-        if key not in values:
-            raise unknown(f"option of {owner}", key, values)
+    check_known(f"option of {owner}", values, *given)
     for item in table.option:
         if item.name not in given:
             continue

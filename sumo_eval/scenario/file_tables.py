@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, MinLen
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Definitions, checked_names, condition, number
@@ -293,9 +293,7 @@ class SampleTable(Checked):
         units: of the parameters by name.
         """
         owner = f"sample `{self.name}` of {names.where}"
-        for name in (*self.columns, *self.each, *self.set):
-            if name not in units:
-                raise unknown(f"parameter in {owner}:", name, units)
+        check_known(f"parameter in {owner}:", units, *self.columns, *self.each, *self.set)
         columns = self.columns or [
             name for name in units if name not in self.each and name not in self.set
         ]
@@ -306,9 +304,7 @@ class SampleTable(Checked):
                     f"Parameter `{name}` of {owner} is missing: `columns`, `each` or `set` must "
                     "have it."
                 )
-        for name in self.units:
-            if name not in columns:
-                raise unknown(f"column in `units` of {owner}:", name, columns)
+        check_known(f"column in `units` of {owner}:", columns, *self.units)
         factors = [
             factor_to(units[name], self.units.get(name, units[name]), f"column `{name}` of {owner}")
             for name in columns
@@ -433,9 +429,7 @@ class RecordedTable(Checked):
     def read(self, parameters: Sequence[Parameter], where: str) -> Counterpart:
         """The events by the parameters' names."""
         names = [item.name for item in parameters]
-        for name in (*self.columns, *self.tolerance):
-            if name not in names:
-                raise unknown(f"parameter in [recorded] of {where}:", name, names)
+        check_known(f"parameter in [recorded] of {where}:", names, *self.columns, *self.tolerance)
         tolerance = {
             item.name: self.tolerance.get(item.name, (item.high - item.low) / 10.0)
             for item in parameters

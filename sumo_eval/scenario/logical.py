@@ -16,7 +16,7 @@ import numpy as np
 from annotated_types import Ge
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, check_name, must_be, unknown
+from sumo_eval.errors import InputError, check_known, check_name, must_be
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.requirement import Requirements
@@ -317,8 +317,7 @@ class LogicalScenario:
 
     def column(self, name: str) -> int:
         """Which column of `points` a parameter is."""
-        if name not in self.names:
-            raise unknown(f"parameter of scenario `{self.name}`", name, self.names)
+        check_known(f"parameter of scenario `{self.name}`", self.names, name)
         return self.names.index(name)
 
     def columns(self, points: ArrayLike) -> dict[str, FloatArray]:
@@ -354,9 +353,7 @@ class LogicalScenario:
         values.
         """
         owner, names = f"scenario `{self.name}`", self.names
-        for name in values:
-            if name not in names:
-                raise unknown(f"parameter of {owner}", name, names)
+        check_known(f"parameter of {owner}", names, *values)
         for parameter in self.parameters:
             if parameter.name not in values:
                 raise InputError(f"Parameter `{parameter.name}` of {owner} is missing.")

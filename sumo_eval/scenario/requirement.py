@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.scenario.expression import (
     UNREADABLE,
     Definitions,
@@ -186,12 +186,9 @@ class _Parts(ast.NodeTransformer):
             case ast.Call(func=ast.Name(id=function), args=[ast.Name(id=vehicle)], keywords=[]) if (
                 function in OF_OTHERS
             ):
-                if vehicle not in self.vehicles:
-                    raise unknown(
-                        f"vehicle in requirement `{self.text}` of {self.owner}:",
-                        vehicle,
-                        self.vehicles,
-                    )
+                check_known(
+                    f"vehicle in requirement `{self.text}` of {self.owner}:", self.vehicles, vehicle
+                )
                 placeholder = f"{function}_of_{vehicle}"
                 if (placeholder, function, vehicle) not in self.asks:
                     self.asks.append((placeholder, function, vehicle))

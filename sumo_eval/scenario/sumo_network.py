@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from lxml import etree
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.input_file import LARGEST, hash_of
 from sumo_eval.scenario.concrete import NetworkFile, Road
 from sumo_eval.scenario.road.fitted_line import WITHIN, fitted_line, onto_the_line
@@ -78,8 +78,7 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     by_id = {str(edge.get("id")): edge for edge in root.iter("edge") if not edge.get("function")}
     lanes = []
     for name in edges:
-        if name not in by_id:
-            raise unknown(f"edge of {owner}", name, by_id)
+        check_known(f"edge of {owner}", by_id, name)
         lanes.append(_lanes(by_id[name]))
         if not lanes[-1]:
             raise InputError(f"Edge `{name}` of {owner} must have a lane on which a car may drive.")

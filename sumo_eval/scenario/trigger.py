@@ -12,7 +12,7 @@ import ast
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.scenario import played
 from sumo_eval.scenario.expression import UNREADABLE, Expression, checked_names, number
 from sumo_eval.scenario.formulas import Names
@@ -120,12 +120,11 @@ class _Writer:
                 if one == played.EGO:
                     raise self._wrong(node, "of a vehicle with manoeuvres: the ego has none")
                 named = self.names.vehicles[vehicle]
-                if move not in named:
-                    raise unknown(
-                        f"manoeuvre of vehicle `{vehicle}` in `{self.text}` of {self.owner}:",
-                        move,
-                        named,
-                    )
+                check_known(
+                    f"manoeuvre of vehicle `{vehicle}` in `{self.text}` of {self.owner}:",
+                    named,
+                    move,
+                )
                 return [(played.ENDED, one, named[move], None)]
         raise self._wrong(node, "a condition such as `ttc(ego, child) < 2`")
 

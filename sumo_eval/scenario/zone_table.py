@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.expression import Definitions, Expression
 from sumo_eval.scenario.formulas import Formula, Formulas, Names
 from sumo_eval.scenario.logical import Approach, Values, ZoneCoordinates
@@ -74,10 +74,7 @@ class ZoneTable(Checked):
             return found | {"margin": Margin(Formulas.of(definitions, numbers["margin"]))}
         if not self.obstacle:
             raise InputError(f"[zone] of {names.where} must have an `obstacle`, or a `margin`.")
-        if self.obstacle not in names.vehicles:
-            raise unknown(
-                f"vehicle in `zone.obstacle` of {names.where}:", self.obstacle, names.vehicles
-            )
+        check_known(f"vehicle in `zone.obstacle` of {names.where}:", names.vehicles, self.obstacle)
         number = list(names.vehicles).index(self.obstacle)
         if searched:
             self._refuse(": what a vehicle does that is played is searched as it is", names.where)

@@ -17,7 +17,7 @@ from typing import Any, TypeVar, get_args, get_type_hints
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
 
-from sumo_eval.errors import InputError, did_you_mean, nearest, unknown
+from sumo_eval.errors import InputError, check_known, did_you_mean, nearest
 from sumo_eval.input_file import read_input_text
 from sumo_eval.settings import Checked, EvaluationSettings
 from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
@@ -64,8 +64,7 @@ def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     if not names:
         return plain
     known = sorted(path.stem for path in SUITES.glob("*.toml"))
-    if names[0] not in known:
-        raise unknown("suite", names[0], known)
+    check_known("suite", known, names[0])
     if len(uses) > 1 or len(entries[0]) > 1:
         raise InputError(
             f"The suite `{names[0]}` in {where} stands alone: one [[scenario]] with nothing but "

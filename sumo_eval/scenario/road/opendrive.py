@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from lxml import etree
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.pose import Pose
@@ -76,9 +76,7 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
             f"{owner} has {len(roads)} roads: `opendrive_road` must name one of {', '.join(roads)}."
         )
     names = [next(iter(roads))] if road is None else [road] if isinstance(road, str) else list(road)
-    for name in names:
-        if name not in roads:
-            raise unknown(f"road of {owner}", name, roads)
+    check_known(f"road of {owner}", roads, *names)
     if not 0 < len(names) <= _MOST_ROADS:
         raise must_be("The roads to drive along", owner, f"1 to {_MOST_ROADS}", len(names))
     if len(names) == 1:
@@ -208,8 +206,7 @@ def _cubic(shape: etree._Element, length: float, owner: str) -> Cubic:
     )  # fmt: skip
     kinds = {"arcLength": length, "normalized": 1.0}
     kind = shape.get("pRange", "normalized")
-    if kind not in kinds:
-        raise unknown(f"`pRange` of <paramPoly3> of {owner}:", kind, kinds)
+    check_known(f"`pRange` of <paramPoly3> of {owner}:", kinds, kind)
     off, turned = math.hypot(along[0], left[0]), abs(math.atan2(left[1], along[1]))
     if off > _JOINT or turned > _JOINT:
         raise must_be(

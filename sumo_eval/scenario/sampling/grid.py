@@ -13,7 +13,7 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Levels, Request, owner_of
 from sumo_eval.trajectory import FloatArray
@@ -42,8 +42,7 @@ def grid_axes(
     owner = owner_of(logical)
     levels_of, step_of = _by_name(logical, levels, owner), dict(steps or {})
     for name in (*levels_of, *step_of):
-        if name not in logical.names:
-            raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
+        check_known(f"parameter of scenario `{logical.name}`", logical.names, name)
         if name in levels_of and name in step_of:
             raise InputError(f"`{name}` in {owner} must have levels or a step, got both.")
     axes: list[list[float]] = []
