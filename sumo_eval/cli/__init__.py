@@ -44,7 +44,7 @@ Our `extras` use them, too.
 
 TASKS: Final = {
     "Evaluate": ("run", "score", "merge", "verify"),
-    "Look at a run": ("report", "explain", "find", "replay", "plot", "export"),
+    "Look at a run": ("report", "explain", "whatif", "find", "replay", "plot", "export"),
     "Compare runs": ("compare", "nightly", "accept", "trend"),
     "Look into a space": ("scenarios", "partition", "sample", "boundary"),
     "Drive yourself": ("drive",),
@@ -67,6 +67,7 @@ MEANT: Final = {
     "verify": "reproduce repeat again rerun",
     "report": "html page show open result results",
     "explain": "why case ledger arithmetic",
+    "whatif": "counterfactual lever margin avoid change",
     "find": "parameters nearest locate lookup",
     "replay": "watch view animate animation gui video play",
     "plot": "figure figures chart svg pdf png picture",

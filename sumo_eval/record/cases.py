@@ -124,9 +124,11 @@ class Setup:
     """What every case of a run shares. `folder`: where relative paths in locators start.
 
     files: of ADSs, by locator.
+    no_return: whether contacts of ADSs get their point of no return, some drives each.
     """
 
     simulation: SimulationSettings
     run: RunSettings
     folder: Path
     files: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    no_return: bool = False

@@ -89,7 +89,8 @@ class Planner:
     def setup(self) -> Setup:
         """What all cases share."""
         files = {ads.locator: tuple(ads.files) for ads in self.settings.ads if ads.files}
-        return Setup(self.settings.simulation, self.settings.run, self.source, files)
+        simulation, run = self.settings.simulation, self.settings.run
+        return Setup(simulation, run, self.source, files, no_return=True)
 
     def ads(self, space: Space) -> Iterator[Case]:
         """Every ADS at every point; policies over arrays block by block."""

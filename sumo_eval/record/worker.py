@@ -138,7 +138,7 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         seed=case.seed,
         period=split_entry(case.controller)[1].period,
     )
-    (marked,) = with_no_return([found], [case.concrete], settings)
+    (marked,) = _marked([found], [case], setup)
     assert isinstance(marked, Recording)
     return marked
 
@@ -191,7 +191,7 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
     )
     if _states_of_global_generators() != before:
         return [DRAWS] * len(cases)
-    return with_no_return(found, concretes, settings)
+    return _marked(found, cases, setup)
 
 
 def _simulate_block(cases: Sequence[Case], block: Block, setup: Setup) -> list[Recording | Alone]:
@@ -216,7 +216,16 @@ def _simulate_block(cases: Sequence[Case], block: Block, setup: Setup) -> list[R
     sized = [
         one if isinstance(one, Alone) else replace(one, clips=(*one.clips, size)) for one in wanted
     ]
-    return with_no_return(sized, [case.concrete for case in cases], _settings(cases[0], setup))
+    return _marked(sized, cases, setup)
+
+
+def _marked(
+    found: Sequence[Recording | Alone], cases: Sequence[Case], setup: Setup
+) -> list[Recording | Alone]:
+    """Recordings of an ADS, contacts with their point of no return where the run asks for it."""
+    if not setup.no_return:
+        return list(found)
+    return with_no_return(found, [case.concrete for case in cases], setup.simulation)
 
 
 def _driver(case: Case) -> SyntheticDriver:

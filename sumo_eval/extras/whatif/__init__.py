@@ -1,0 +1,1 @@
+"""What would have had to be different in a case."""

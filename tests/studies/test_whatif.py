@@ -1,0 +1,93 @@
+"""`whatif`: the least change of each lever, against closed forms."""
+
+import json
+import math
+
+import pytest
+from commands import sumo_eval as run
+from scipy.optimize import brentq
+
+import sumo_eval
+from sumo_eval.errors import InputError
+from sumo_eval.extras.whatif.search import WhatIf
+from sumo_eval.report.explain import known_case
+
+LATE = '''
+class Brakes:
+    """Brakes fully from {begin} s on."""
+
+    def act(self, observation):
+        return -99.0 if observation.time > {begin} - 1e-6 else 0.0
+'''
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whatif")
+    (folder / "late.py").write_text(LATE.format(begin=1.5))
+    (folder / "too_late.py").write_text(LATE.format(begin=3.4))
+    low_speed = {"use": "front_vehicle_low_speed", "sampling": {"levels": 3}}
+    evaluation = {
+        "name": "night", "seed": 1, "scenario": [low_speed], "drivers": {"count": 2},
+        "ads": [{"name": name, "controller": f"{folder / name}.py:Brakes"}
+            for name in ("late", "too_late")],
+        "run": {"workers": 1},
+    }  # fmt: skip
+    done = sumo_eval.evaluate(evaluation, folder / "run")
+    fastest = max(done.cases_of("late", "front_vehicle_low_speed"),
+        key=lambda case: case.values["ego_speed"] - case.values["lead_speed"])  # fmt: skip
+    return done.folder, fastest.case
+
+
+def needed(closing, strongest, ramp=0.15):
+    """Gap that full braking with a linear ramp needs, m."""
+    return (
+        closing * ramp
+        - strongest * ramp**2 / 6
+        + (closing - strongest * ramp / 2) ** 2 / (2 * strongest)
+    )
+
+
+def test_brakes_and_delay_have_their_closed_forms_within_a_step(night):
+    folder, case = night
+    fact = known_case(folder, case)
+    assert fact.collision is None
+    closing = fact.values["ego_speed"] - fact.values["lead_speed"]
+    left = 3.5 * fact.values["ego_speed"] - 1.5 * closing
+    by_name = {it.lever.name: it for it in WhatIf(folder).answers(fact)}
+    weakest = brentq(lambda strongest: needed(closing, strongest) - left, 1.0, 9.0)
+    brakes = by_name["vehicle.max_deceleration"].flips[0]
+    assert brakes.after <= weakest <= brakes.before
+    assert brakes.before - brakes.after == pytest.approx(0.01)
+    longest = (left - needed(closing, 9.0)) / closing
+    delay = by_name["conditions.actuation_delay"].flips[0]
+    assert delay.before == pytest.approx(math.floor(longest / 0.05 + 1e-6) * 0.05, abs=0.051)
+    assert delay.after == pytest.approx(delay.before + 0.05)
+    assert not by_name["conditions.perception_delay"].flips  # it acts by the clock alone
+
+
+def test_a_collision_gets_a_table_and_json(night):
+    folder, case = night
+    hit = case.replace("late", "too_late")
+    lines = run("whatif", folder, hit).said
+    assert "collision at" in lines
+    assert "avoids it" in lines
+    found = json.loads(run("whatif", folder, hit, "--lever", "lead_speed", "--json").said)
+    (answer,) = found[hit]
+    assert answer["flips"][0]["after"] > answer["lever"]["recorded"]
+    every = run("whatif", folder, "--all-collisions", "--lever", "max_deceleration").said
+    assert "too_late in front_vehicle_low_speed" in every
+    assert "Did you mean `lead_speed`" in run("whatif", folder, hit, "--lever", "led_speed").said
+
+
+def test_a_case_that_does_not_repeat_is_refused(night):
+    folder, case = night
+    file = folder.parent / "too_late.py"
+    before = file.read_text()
+    file.write_text(LATE.format(begin=0.0))
+    try:
+        hit = known_case(folder, case.replace("late", "too_late"))
+        with pytest.raises(InputError, match="does not repeat: recorded a contact"):
+            WhatIf(folder).answers(hit)
+    finally:
+        file.write_text(before)
