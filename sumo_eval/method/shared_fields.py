@@ -212,14 +212,9 @@ class SharedFields:
 
     def _plain(self, x: FloatArray, y: FloatArray, places: Sequence[int]) -> FloatArray:
         points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
-        return trajectory_fields(
-            points.reshape(-1, 2),
-            [self._trajectories[place] for place in places],
-            k1=self._constants.k1,
-            k2=self._constants.k2,
-            sample_interval=self._constants.sample_interval,
-            superposition=self._constants.superposition,
-        ).reshape(len(places), *y.shape)
+        chosen = [self._trajectories[place] for place in places]
+        fields = trajectory_fields(points.reshape(-1, 2), chosen, self._constants)
+        return fields.reshape(len(places), *y.shape)
 
     def _by_boxes(
         self,

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
+from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import FloatArray, Trajectory
 
 Superposition = Literal["magnitude", "vector"]
@@ -56,46 +57,29 @@ def trajectory_field(
 
     Raises InputError for arguments outside these meanings.
     """
-    field: FloatArray = trajectory_fields(
-        points,
-        [trajectory],
-        k1=k1,
-        k2=k2,
-        sample_interval=sample_interval,
-        superposition=superposition,
-    )[0]
+    constants = FieldSettings(k1, k2, sample_interval, superposition)
+    field: FloatArray = trajectory_fields(points, [trajectory], constants)[0]
     return field
 
 
 def trajectory_fields(
-    points: ArrayLike,
-    trajectories: Sequence[Trajectory],
-    *,
-    k1: float = 0.5,
-    k2: float = 0.005,
-    sample_interval: float = 0.1,
-    superposition: Superposition = "magnitude",
+    points: ArrayLike, trajectories: Sequence[Trajectory], constants: FieldSettings
 ) -> FloatArray:
-    """Eq. 9 for m trajectories on the same n points, (m, n); arguments and errors as in
-    `trajectory_field`.
+    """Eqs. 9-10 for m trajectories on the same n points, (m, n).
+
+    points: p, (n, 2), m.
+    trajectories: as in `trajectory_field`.
+    constants: k1, k2, sample interval and superposition.
     """
-    places = _checked_points(points)
-    _check_constants(k1, k2)
-    if not (math.isfinite(sample_interval) and sample_interval > 0.0):
-        raise must_be(
-            "`sample_interval`", "the trajectory field", "greater than 0 s", sample_interval
-        )
-    if superposition == "magnitude":
+    places, k1 = _checked_points(points), float(constants.k1)
+    if constants.superposition == "magnitude":
         from sumo_eval.method.field_loops import magnitude_sum as field
-    elif superposition == "vector":
-        field = _vector_sum
     else:
-        raise must_be(
-            "`superposition`", "the trajectory field", "'magnitude' or 'vector'", superposition
-        )
+        field = _vector_sum
     fields = np.empty((len(trajectories), len(places)))
     for row, trajectory in enumerate(trajectories):
-        fields[row] = field(places, samples_of(trajectory, k2, sample_interval), float(k1))
+        samples = samples_of(trajectory, constants.k2, constants.sample_interval)
+        fields[row] = field(places, samples, k1)
     return fields
 
 
@@ -186,14 +170,6 @@ def _checked_points(points: ArrayLike) -> FloatArray:
             "`points`", "the trajectory field", "finite", float(places[~np.isfinite(places)][0])
         )
     return places
-
-
-def _check_constants(k1: float, k2: float) -> None:
-    for name, value in (("k1", k1), ("k2", k2)):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise must_be(
-                f"`{name}`", "the trajectory field", "a finite number of at least 0", value
-            )
 
 
 def _checked_exponent(exponent: FloatArray) -> FloatArray:

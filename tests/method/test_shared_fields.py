@@ -28,14 +28,7 @@ def plain(
     x: np.ndarray, y: np.ndarray, drives: list[Trajectory], constants: FieldSettings
 ) -> np.ndarray:
     points = np.column_stack((np.repeat(x, y.shape[1]), y.ravel()))
-    found = trajectory_fields(
-        points,
-        drives,
-        k1=constants.k1,
-        k2=constants.k2,
-        sample_interval=constants.sample_interval,
-        superposition=constants.superposition,
-    )
+    found = trajectory_fields(points, drives, constants)
     return found.reshape(len(drives), *y.shape)
 
 

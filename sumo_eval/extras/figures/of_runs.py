@@ -160,11 +160,7 @@ def field(asked: Asked) -> Figure:
     x = np.linspace(float(ego.x[0]), float(ego.x[-1]), 240)
     y = np.linspace(float(ego.y[0]) - reach, float(ego.y[0]) + reach, 60)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    values = trajectory_fields(
-        points, list(drives.values()), k1=settings.k1, k2=settings.k2,
-        sample_interval=settings.sample_interval,
-        superposition=settings.superposition,
-    )  # fmt: skip
+    values = trajectory_fields(points, list(drives.values()), settings)
     east, north = map_places(scene.line, x, y[:, None])[:2]
     lowest = float(values.min())
     # next to a vehicle that stands the field has no bound worth a colour
