@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 Classes = Mapping[str, type]
-_IS, _OF, _MAP, _ARRAY = "is", "of", "map", "array"
+_IS, _OF = "is", "of"
+_MAP, _ARRAY = "map", "array"
 
 
 def encoded(value: object) -> bytes:

@@ -98,12 +98,11 @@ def as_part() -> dict[str, Any]:
     numba = importlib.import_module("numba")
     if not numba.__version__.startswith(_KNOWN):
         return {}
-    codegen, compiler, passes, make_function = (
-        importlib.import_module("numba.core.codegen"),
-        importlib.import_module("numba.core.compiler"),
-        importlib.import_module("numba.core.typed_passes"),
-        importlib.import_module("numba._dynfunc").make_function,
+    codegen, compiler, passes = (
+        importlib.import_module(f"numba.core.{name}")
+        for name in ("codegen", "compiler", "typed_passes")
     )
+    make_function = importlib.import_module("numba._dynfunc").make_function
 
     class Part(codegen.JITCodeLibrary):  # type: ignore[name-defined,misc]
         """The code of a rule and of those that it calls, to be linked into others and not to be

@@ -287,45 +287,43 @@ def _indexes(
     """The indexes of one group."""
     if not pairings:
         return []
-    modes: list[Mode] = [settings.mode]
-    if settings.mode != MIXTURE and any(pairing.likeness for pairing in pairings):
-        modes.append(MIXTURE)
-    by_mode = {
-        mode: {
-            pairing: _comparison(drives, pairing, mode)
-            for pairing in pairings
-            if pairing.likeness or mode == settings.mode
-        }
-        for mode in modes
-    }
-    comparisons = [one for found in by_mode.values() for one in found.values()]
-    slices = {one.where: slice_positions(*one.where) for one in comparisons}
+    comparisons: dict[tuple[Pairing, Mode], _Comparison] = {}
+    for mode in dict.fromkeys((settings.mode, MIXTURE)):
+        for pairing in pairings:
+            if pairing.likeness or mode == settings.mode:
+                comparisons[pairing, mode] = _comparison(drives, pairing, mode)
+
+    slices = {one.where: slice_positions(*one.where) for one in comparisons.values()}
     everywhere = np.concatenate(list(slices.values()))
     ends = np.cumsum([len(x) for x in slices.values()])[:-1]
-    needed = sorted({place for pairing in pairings for place in (pairing.ads, *pairing.drivers)})
     lateral = {
-        place: np.split(lateral_position(drives[place].on_road, everywhere), ends)
-        for place in needed
+        place: dict(
+            zip(
+                slices,
+                np.split(lateral_position(drives[place].on_road, everywhere), ends),
+                strict=True,
+            )
+        )
+        for place in sorted({place for one in pairings for place in (one.ads, *one.drivers)})
     }
-    number = {where: order for order, where in enumerate(slices)}
     sets = {
         one.points: slice_points(
-            slices[one.where], lateral[one.pairing.ads][number[one.where]], road, settings
+            slices[one.where], lateral[one.pairing.ads][one.where], road, settings
         )
-        for one in comparisons
+        for one in comparisons.values()
     }
-    fields = _fields(comparisons, sets, shared)
+    fields = _fields(list(comparisons.values()), sets, shared)
 
-    def found(one: _Comparison) -> AnthropomorphicIndex:
-        places = (one.pairing.ads, *one.pairing.drivers)
-        y = np.array([lateral[place][number[one.where]] for place in places])
+    def index_of(pairing: Pairing, mode: Mode) -> AnthropomorphicIndex:
+        one = comparisons[pairing, mode]
+        y = np.array([lateral[place][one.where] for place in (pairing.ads, *pairing.drivers)])
         return _index(one, drives, slices[one.where], y, fields[one.points], road, settings)
 
     indexes = []
     for pairing in pairings:
-        index = found(by_mode[settings.mode][pairing])
+        index = index_of(pairing, settings.mode)
         if pairing.likeness:
-            mixture = index if settings.mode == MIXTURE else found(by_mode[MIXTURE][pairing])
+            mixture = index if settings.mode == MIXTURE else index_of(pairing, MIXTURE)
             index = replace(index, likeness=_likeness(drives, pairing, mixture.similarity))
         indexes.append(index)
     return indexes

@@ -39,7 +39,8 @@ CHARTS = (
 COLOURS = ("var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)", "var(--bad)")
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4", "1 3")
 WIDTH, HEIGHT = 560, 210
-LEFT, RIGHT, TOP, BOTTOM = 68, 12, 12, 40
+LEFT, RIGHT = 68, 12
+TOP, BOTTOM = 12, 40
 MOST_LABELS = 3  # dates under a chart
 TICKS = 5
 

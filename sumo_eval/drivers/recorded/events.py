@@ -18,7 +18,7 @@ m/s2, cut-ins with a lateral speed over 2 m/s.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
@@ -125,6 +125,10 @@ class Traffic:
         self.follower = np.full(len(rows), -1)
         self.follower[self.leader[has]] = np.flatnonzero(has)
 
+    def columns(self, *names: str) -> Iterator[np.ndarray]:
+        """Columns of the rows, (n,)."""
+        return (self.rows[name].to_numpy() for name in names)
+
     def row_of(self, vehicle: str, frame: int) -> int | None:
         """The row of a vehicle at a frame; None where it is not recorded."""
         part = self.slices[vehicle]
@@ -177,7 +181,7 @@ def encounters(
         "approach": _approaches(traffic, changes),
         "cut_out": _cut_outs(traffic, changes),
         "cut_in": _cut_ins(traffic, changes),
-        "lead_braking": _braking_leaders(traffic),
+        "lead_braking": _braking_leads(traffic),
     }
 
 
@@ -230,9 +234,9 @@ _CHANGE_COLUMNS: Final = [item.name for item in fields(RecordedLaneChange)]
 
 def find_lane_changes(traffic: Traffic) -> list[RecordedLaneChange]:
     """Every lane change of a recording that is kept, by vehicle."""
-    rows = traffic.rows
     found: list[RecordedLaneChange] = []
-    lane, across, y, time = (rows[name].to_numpy() for name in ("lane", "across", "y", "t"))
+    lane, time = traffic.columns("lane", "t")
+    across, y = traffic.columns("across", "y")
     for vehicle, part in traffic.slices.items():
         for crossing in part.start + 1 + np.flatnonzero(np.diff(lane[part])):
             side = float(np.sign(lane[crossing] - lane[crossing - 1]))
@@ -269,25 +273,55 @@ def _stretches(traffic: Traffic) -> list[tuple[int, int]]:
     """First and last-plus-one row of every stretch in which a vehicle stays behind one lead in
     one lane.
     """
-    rows = traffic.rows
-    names = rows["vehicle"].to_numpy()
+    names, lane = traffic.columns("vehicle", "lane")
     has = traffic.leader >= 0
     lead = np.where(has, names[np.where(has, traffic.leader, 0)], "")
-    lane = rows["lane"].to_numpy()
     new = np.append(
         True, (names[1:] != names[:-1]) | (lead[1:] != lead[:-1]) | (lane[1:] != lane[:-1])
     )
     starts = np.flatnonzero(new)
-    ends = np.append(starts[1:], len(rows))
+    ends = np.append(starts[1:], len(names))
     return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if has[a]]
 
 
+def _is_ghost(gap: float, ttc: float, accelerations: np.ndarray) -> bool:
+    """Whether these extremes are a tracker's, m, s and m/s2."""
+    strongest = np.abs(accelerations).max()
+    near = gap < RULES.ghost_gap or ttc < RULES.ghost_ttc
+    return bool(near or strongest > RULES.ghost_acceleration)
+
+
+def _start_kind(traffic: Traffic, start: int, row: int) -> str:
+    """How an approach begins, at a row of the stretch that begins at `start`."""
+    speed, names = traffic.columns("speed", "vehicle")
+    if row == start:
+        places = (start, traffic.leader[start])
+        edge = any(place == traffic.slices[str(names[place])].start for place in places)
+        return "dataset_edge" if edge else "lane_entry_or_cut_in"
+    far = traffic.gap[row - 1] > RULES.approach_headway * speed[row - 1]
+    crossed = far and traffic.closing[row - 1] >= RULES.closing_speed
+    return "range_crossing" if crossed else "closing_builds_up"
+
+
+def _outcome(traffic: Traffic, row: int, end: int) -> tuple[str, int]:
+    """How an approach ends that begins at a row of a stretch up to `end`, and the row of that."""
+    names, lane, frames = traffic.columns("vehicle", "lane", "frame")
+    followed = np.flatnonzero(traffic.closing[row:end] < RULES.follows_below)
+    if followed.size:
+        return "follow", row + int(followed[0])
+    if end < traffic.slices[str(names[row])].stop:
+        if lane[end] != lane[end - 1]:
+            return "lane_change", end
+        after = traffic.row_of(str(names[traffic.leader[row]]), int(frames[end]))
+        if after is not None:
+            return "leader_left" if lane[after] != lane[end] else "cut_in", end
+    return "censored", end - 1
+
+
 def _approaches(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
-    rows, gap, closing = traffic.rows, traffic.gap, traffic.closing
-    speed, acceleration, time, lane = (
-        rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane")
-    )
-    names, frames = rows["vehicle"].to_numpy(), rows["frame"].to_numpy()
+    gap, closing = traffic.gap, traffic.closing
+    speed, acceleration, time = traffic.columns("speed", "acceleration", "t")
+    lane, names = traffic.columns("lane", "vehicle")
     ttc = np.where(closing > 0, gap / np.maximum(closing, 1e-9), np.inf)
     begun = (
         (closing >= RULES.closing_speed)
@@ -298,79 +332,54 @@ def _approaches(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list
     found = []
     for start, end in _stretches(traffic):
         hits = np.flatnonzero(begun[start:end])
-        if hits.size == 0 or ttc[start:end].min() > RULES.largest_ttc:
+        least_ttc, least_gap = ttc[start:end].min(), gap[start:end].min()
+        if hits.size == 0 or least_ttc > RULES.largest_ttc:
             continue
         row = start + int(hits[0])
-        ego, lead = str(names[row]), str(names[traffic.leader[row]])
-        part, ahead = traffic.slices[ego], traffic.slices[lead]
-        first_of_either = start == part.start or traffic.leader[start] == ahead.start
-        followed = np.flatnonzero(closing[row:end] < RULES.follows_below)
-        leaves = end < part.stop and lane[end] != lane[end - 1]
+        ego, lead = str(names[row]), traffic.leader[row]
+        leaves = end < traffic.slices[ego].stop and lane[end] != lane[end - 1]
         change = onsets.get((ego, end)) if leaves else None
-        if followed.size:
-            outcome, until = "follow", float(time[row + followed[0]] - time[row])
-        elif leaves:
-            outcome, until = "lane_change", float(time[end] - time[row])
-        elif end < part.stop and (after := traffic.row_of(lead, int(frames[end]))) is not None:
-            outcome = "leader_left" if lane[after] != lane[end] else "cut_in"
-            until = float(time[end] - time[row])
-        else:
-            outcome, until = "censored", float(time[end - 1] - time[row])
-        if (
-            row > start
-            and gap[row - 1] > RULES.approach_headway * speed[row - 1]
-            and closing[row - 1] >= RULES.closing_speed
-        ):
-            kind = "range_crossing"
-        elif row == start:
-            kind = "dataset_edge" if first_of_either else "lane_entry_or_cut_in"
-        else:
-            kind = "closing_builds_up"
-        at = (
-            None
-            if change is None
-            else max(round((change.onset - time[row]) / INTERVAL) + row, start)
-        )
-        hardest = float(acceleration[row:end].min())
-        found.append(
-            {
-                "ego": ego,
-                "t": time[row],
-                "lead": lead,
-                "start_kind": kind,
-                "lane": lane[row],
-                "ego_speed": speed[row],
-                "lead_speed": speed[traffic.leader[row]],
-                "gap": gap[row],
-                "outcome": outcome,
-                "t_outcome": until,
-                "min_ttc": ttc[start:end].min(),
-                "min_gap": gap[start:end].min(),
-                "min_acceleration": hardest,
-                "to_left": None if change is None else bool(change.to > change.origin),
-                "change_onset": None if change is None else float(change.onset - time[row]),
-                "headway_at_onset": None if at is None else float(gap[at] / max(speed[at], 0.1)),
-                "ttc_at_onset": None if at is None or closing[at] <= 0 else float(ttc[at]),
-                "ghost": bool(
-                    ttc[start:end].min() < RULES.ghost_ttc
-                    or gap[start:end].min() < RULES.ghost_gap
-                    or np.abs(acceleration[row:end]).max() > RULES.ghost_acceleration
-                ),
+        outcome, ended = _outcome(traffic, row, end)
+        event = {
+            "ego": ego,
+            "t": time[row],
+            "lead": str(names[lead]),
+            "start_kind": _start_kind(traffic, start, row),
+            "lane": lane[row],
+            "ego_speed": speed[row],
+            "lead_speed": speed[lead],
+            "gap": gap[row],
+            "outcome": outcome,
+            "t_outcome": float(time[ended] - time[row]),
+            "min_ttc": least_ttc,
+            "min_gap": least_gap,
+            "min_acceleration": float(acceleration[row:end].min()),
+            "to_left": None,
+            "change_onset": None,
+            "headway_at_onset": None,
+            "ttc_at_onset": None,
+            "ghost": _is_ghost(least_gap, least_ttc, acceleration[row:end]),
+        }
+        if change is not None:
+            onset = float(change.onset - time[row])
+            at = max(round(onset / INTERVAL) + row, start)
+            event |= {
+                "to_left": bool(change.to > change.origin),
+                "change_onset": onset,
+                "headway_at_onset": float(gap[at] / max(speed[at], 0.1)),
+                "ttc_at_onset": None if closing[at] <= 0 else float(ttc[at]),
             }
-        )
+        found.append(event)
     return found
 
 
 def _cut_outs(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
-    rows, gap = traffic.rows, traffic.gap
-    speed, acceleration, time, x, length = (
-        rows[name].to_numpy() for name in ("speed", "acceleration", "t", "x", "length")
-    )
-    names, frames = rows["vehicle"].to_numpy(), rows["frame"].to_numpy()
+    gap = traffic.gap
+    speed, acceleration, time = traffic.columns("speed", "acceleration", "t")
+    names, frames = traffic.columns("vehicle", "frame")
     found = []
     for change in changes:
-        before = int(change.row) - 1
-        behind = int(traffic.follower[before])
+        behind = int(traffic.follower[int(change.row) - 1])
         if behind < 0:
             continue
         ego = str(names[behind])
@@ -384,13 +393,6 @@ def _cut_outs(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[d
             revealed = -1
         begin = traffic.row_of(ego, round(change.onset / INTERVAL))
         begin = now if begin is None else begin
-        start = {"start": float(time[begin]), "obstacle_speed": np.nan, "gap": np.nan}
-        if revealed >= 0:
-            ahead = traffic.row_of(str(names[revealed]), int(frames[begin]))
-            if ahead is not None:
-                body = (length[begin] + length[ahead]) / 2
-                start["obstacle_speed"] = float(speed[ahead])
-                start["gap"] = float(x[ahead] - x[begin] - body)
         window = slice(now, min(now + 100, traffic.slices[ego].stop))
         found.append(
             {
@@ -405,62 +407,64 @@ def _cut_outs(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[d
                 "revealed_speed": float(speed[revealed]) if revealed >= 0 else np.nan,
                 "gap_to_revealed": float(gap[now]) if revealed >= 0 else np.nan,
                 "ego_speed": speed[begin],
-                **start,
+                "start": float(time[begin]),
+                **_at_onset(traffic, revealed, begin),
                 "min_acceleration": acceleration[window].min(),
-                "ghost": bool(
-                    gap[behind] < RULES.ghost_gap
-                    or np.abs(acceleration[window]).max() > RULES.ghost_acceleration
-                ),
+                "ghost": _is_ghost(gap[behind], np.inf, acceleration[window]),
             }
         )
     return found
+
+
+def _at_onset(traffic: Traffic, revealed: int, begin: int) -> dict[str, float]:
+    """Speed of the revealed vehicle and gap to it at the onset of a cut-out; nan without one."""
+    names, frames = traffic.columns("vehicle", "frame")
+    ahead = traffic.row_of(str(names[revealed]), int(frames[begin])) if revealed >= 0 else None
+    if ahead is None:
+        return {"obstacle_speed": np.nan, "gap": np.nan}
+    x, length, speed = traffic.columns("x", "length", "speed")
+    gap = float(x[ahead] - x[begin] - (length[begin] + length[ahead]) / 2)
+    return {"obstacle_speed": float(speed[ahead]), "gap": gap}
 
 
 def _cut_ins(traffic: Traffic, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
-    rows, gap = traffic.rows, traffic.gap
-    speed, acceleration, time, lane = (
-        rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane")
-    )
-    names = rows["vehicle"].to_numpy()
+    gap = traffic.gap
+    speed, acceleration, time = traffic.columns("speed", "acceleration", "t")
+    names, lane = traffic.columns("vehicle", "lane")
     found = []
     for change in changes:
-        ego_row = int(traffic.follower[int(change.row)])
-        if ego_row < 0 or gap[ego_row] > max(
-            RULES.cut_in_headway * speed[ego_row], RULES.cut_in_gap
-        ):
+        row = int(traffic.follower[int(change.row)])
+        if row < 0 or gap[row] > max(RULES.cut_in_headway * speed[row], RULES.cut_in_gap):
             continue
-        ego = str(names[ego_row])
+        ego = str(names[row])
         part = traffic.slices[ego]
-        before = ego_row - 1
-        if before < part.start or lane[before] != lane[ego_row]:
+        if row == part.start or lane[row - 1] != lane[row]:
             continue
-        window = slice(ego_row, min(ego_row + 100, part.stop))
+        window = slice(row, min(row + 100, part.stop))
         found.append(
             {
                 "ego": ego,
-                "t": time[ego_row],
-                "start": time[ego_row],
+                "t": time[row],
+                "start": time[row],
                 "cut_in": change.vehicle,
                 "to_left": change.to > change.origin,
-                "ego_speed": speed[ego_row],
+                "ego_speed": speed[row],
                 "cut_in_speed": speed[change.row],
-                "gap": gap[ego_row],
+                "gap": gap[row],
                 "lateral_speed": change.lateral_speed,
                 "min_acceleration": acceleration[window].min(),
-                "ghost": bool(
-                    gap[ego_row] < RULES.ghost_gap
-                    or change.lateral_speed > RULES.ghost_lateral_speed
-                    or np.abs(acceleration[window]).max() > RULES.ghost_acceleration
-                ),
+                "ghost": _is_ghost(gap[row], np.inf, acceleration[window])
+                or change.lateral_speed > RULES.ghost_lateral_speed,
             }
         )
     return found
 
 
-def _braking_leaders(traffic: Traffic) -> list[dict[str, Any]]:
-    rows, gap, closing = traffic.rows, traffic.gap, traffic.closing
-    speed, acceleration, time = (rows[name].to_numpy() for name in ("speed", "acceleration", "t"))
-    names = rows["vehicle"].to_numpy()
+def _braking_leads(traffic: Traffic) -> list[dict[str, Any]]:
+    gap, closing = traffic.gap, traffic.closing
+    speed, acceleration, time = traffic.columns("speed", "acceleration", "t")
+    (names,) = traffic.columns("vehicle")
+    ttc = np.where(closing > 0, gap / np.maximum(closing, 1e-9), np.inf)
     found = []
     for start, end in _stretches(traffic):
         lead = traffic.leader[start:end]
@@ -473,10 +477,7 @@ def _braking_leaders(traffic: Traffic) -> list[dict[str, Any]]:
             if strongest > -RULES.lead_deceleration or drop < RULES.lead_speed_drop:
                 continue
             row = part.start
-            least = gap[part].min()
-            ttc = np.where(
-                closing[part] > 0, gap[part] / np.maximum(closing[part], 1e-9), np.inf
-            ).min()
+            both = np.append(acceleration[part], strongest)
             found.append(
                 {
                     "ego": str(names[row]),
@@ -490,12 +491,7 @@ def _braking_leaders(traffic: Traffic) -> list[dict[str, Any]]:
                     "lead_deceleration": -strongest,
                     "lead_speed_drop": drop,
                     "min_acceleration": acceleration[part].min(),
-                    "ghost": bool(
-                        least < RULES.ghost_gap
-                        or ttc < RULES.ghost_ttc
-                        or strongest < -RULES.ghost_acceleration
-                        or np.abs(acceleration[part]).max() > RULES.ghost_acceleration
-                    ),
+                    "ghost": _is_ghost(gap[part].min(), ttc[part].min(), both),
                 }
             )
     return found

@@ -84,7 +84,7 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
         longest = next(iter(left))
         candidates = rows[rows["vehicle"].isin(left)]
         axis = _chained(longest, {name: paths[name] for name in left})
-        s, d, course, beyond = _projected(candidates[["x", "y"]].to_numpy(), axis)
+        (s, d), course, beyond = _projected(candidates[["x", "y"]].to_numpy(), axis)
         off = np.abs((candidates["heading"].to_numpy() - course + np.pi) % (2 * np.pi) - np.pi)
         along = (np.abs(d) <= HALF_WIDTH) & (off <= WRONG_WAY) & ~beyond
         share = pd.Series(along, index=candidates.index).groupby(candidates["vehicle"]).mean()
@@ -179,11 +179,9 @@ def _axis(line: FloatArray) -> FloatArray:
     return np.vstack((before, line, after))
 
 
-def _projected(
-    points: FloatArray, axis: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
-    """Distance along the axis and to its left (n,), its course there, and which points lie beyond
-    its ends.
+def _projected(points: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray, np.ndarray]:
+    """Distances along the axis and to its left, (2, n), its course there, and which points lie
+    beyond its ends.
     """
     tangent = np.gradient(axis, axis=0)
     course = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
@@ -199,7 +197,7 @@ def _projected(
         s = place + offset[:, 0] * np.cos(angle) + offset[:, 1] * np.sin(angle)
         d = -offset[:, 0] * np.sin(angle) + offset[:, 1] * np.cos(angle)
     beyond = (s < along[0] - AXIS_SPACING) | (s > along[-1] + AXIS_SPACING)
-    return s, d, np.interp(s, along, course), beyond
+    return np.stack([s, d]), np.interp(s, along, course), beyond
 
 
 def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:

@@ -36,7 +36,8 @@ CLASSES: Final = {
 """Classes by VehicleClassification.Type; of all others `other`."""
 _SENSOR_VIEW: Final = "SensorView"
 _TOWED: Final = (8, 9)  # VehicleClassification.Type of what another vehicle pulls
-_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5  # wire types
+_VARINT, _BYTES = 0, 2  # wire types
+_FIXED64, _FIXED32 = 1, 5
 _TRACE_LIMIT: Final = 1 << 28  # bytes of a message; a longer one is no message
 
 Row = tuple[float, int, float, float, float, float, float, float, int, int]
