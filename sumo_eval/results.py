@@ -386,7 +386,7 @@ class Evaluation:
     cases: CaseTable
     exposures: Mapping[str, Any] = field(
         default_factory=dict
-    )  # by scenario, as `drivers.exposure.Exposure.plain` has it
+    )  # by scenario, as `drivers.recorded.exposure.RunExposure.plain` has it
     ranking: Ranking | None = None
     scenarios: Mapping[str, LogicalScenario] = field(default_factory=dict)
 

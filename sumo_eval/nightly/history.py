@@ -165,7 +165,7 @@ class Build:
     build: str
 
 
-Line = TypeVar("Line")
+Row = TypeVar("Row")
 
 
 class History:
@@ -246,7 +246,7 @@ class History:
             found.setdefault(line.night, {})[line.ads] = line.build
         return found
 
-    def _read(self, table: str, kind: Callable[..., Line]) -> list[Line]:
+    def _read(self, table: str, kind: Callable[..., Row]) -> list[Row]:
         """The lines of a table, the oldest first; none where an older history has no such table."""
         columns = fields(kind)  # type: ignore[arg-type]
         if not self._connection.execute(

@@ -38,7 +38,7 @@ class Since:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class JudgedNight:
     """A night beside its bases.
 
     gates: each limit once.
@@ -58,7 +58,7 @@ class Judged:
 
 def judge_night(
     history: Path, lines: History, done: Evaluation, gate: GateSettings, progress: Progress
-) -> Judged:
+) -> JudgedNight:
     """Compare a night with its bases and judge it, each limit once: beside the accepted night only
     what else fails.
     """
@@ -93,7 +93,7 @@ def judge_night(
         gates += [one for one in failed(found) if one.name not in known]
     since = failing_since(lines, gates, done.folder.name)
     shaky, builds = frozenset(shaky_cases(done, noise.bad, gate)), done.manifest.get("builds", {})
-    return Judged(bases, tuple(new_first(gates, since)), noise, shaky, builds, since)
+    return JudgedNight(bases, tuple(new_first(gates, since)), noise, shaky, builds, since)
 
 
 def failing_since(
@@ -129,7 +129,9 @@ def new_first(
     return sorted(gates, key=place)
 
 
-def new_pin(line: Night, judged: Judged, lines: History, gate: GateSettings) -> Accepted | None:
+def new_pin(
+    line: Night, judged: JudgedNight, lines: History, gate: GateSettings
+) -> Accepted | None:
     """That a night accepts itself: the first good one, and one in which paired cases only
     improved.
     """

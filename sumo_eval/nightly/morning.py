@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 from sumo_eval.nightly.bases import NIGHT
 from sumo_eval.nightly.history import Night
-from sumo_eval.nightly.judged import Judged, Since
+from sumo_eval.nightly.judged import JudgedNight, Since
 from sumo_eval.report.comparison import builds_besides
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.gates import failed
@@ -37,14 +37,14 @@ class NightResult:
 
     night: Night
     evaluation: Evaluation
-    judged: Judged
+    judged: JudgedNight
     notes: tuple[str, ...]
     report: Path
     trend: Path
 
 
 def write_night(
-    history: Path, line: Night, word: str, judged: Judged, notes: Sequence[str]
+    history: Path, line: Night, word: str, judged: JudgedNight, notes: Sequence[str]
 ) -> None:
     """Write `night.json` and `summary.md` into a night's folder, and `chat.json` beside the
     history.
@@ -105,7 +105,7 @@ def _places(case: str, folder: Path) -> dict[str, str]:
     }
 
 
-def markdown_lines(line: Night, judged: Judged, folder: Path) -> Iterator[str]:
+def markdown_lines(line: Night, judged: JudgedNight, folder: Path) -> Iterator[str]:
     """The morning's screen in Markdown, e.g. for `$GITHUB_STEP_SUMMARY`."""
     yield f"## {_escaped(line.verdict)}"
     yield ""
@@ -119,7 +119,7 @@ def markdown_lines(line: Night, judged: Judged, folder: Path) -> Iterator[str]:
     yield from (f"- {_escaped(words)}" for words in _context(judged))
 
 
-def chat_text(line: Night, judged: Judged) -> str:
+def chat_text(line: Night, judged: JudgedNight) -> str:
     """The morning's screen in a few plain lines."""
     bad = failed(judged.gates)
     lines = [line.verdict]
@@ -133,7 +133,7 @@ def chat_text(line: Night, judged: Judged) -> str:
     return "\n".join(map(one_line, [*lines, *_context(judged)]))
 
 
-def _context(judged: Judged) -> list[str]:
+def _context(judged: JudgedNight) -> list[str]:
     """Builds, and differences in anything but the ADS."""
     comparison = judged.bases.comparison
     differing = [one.words for one in comparison.differences] if comparison else []

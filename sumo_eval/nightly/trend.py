@@ -58,7 +58,7 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class TrendLine:
     """One ADS on a chart.
 
     parts: the points between nights in which the quantity was not computed.
@@ -72,7 +72,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Chart:
+class TrendChart:
     """One quantity in one logical scenario.
 
     gates: where each gate of a night fails, and its ADS's colour; a stroke of `half` to both sides.
@@ -80,7 +80,7 @@ class Chart:
 
     title: str
     unit: str
-    lines: tuple[Line, ...]
+    lines: tuple[TrendLine, ...]
     gates: tuple[tuple[Point, str], ...]
     half: float
     ticks: tuple[tuple[float, str], ...]
@@ -128,7 +128,7 @@ def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:
 
 def charts(
     scenario: str, nights: Sequence[Night], values: Sequence[Value], gates: Sequence[GateLine]
-) -> list[Chart]:
+) -> list[TrendChart]:
     """The charts of one logical scenario; a quantity that was never computed has none."""
     here = [value for value in values if value.scenario == scenario]
     names = list(dict.fromkeys(value.ads for value in here))
@@ -153,7 +153,7 @@ def _chart(
     nights: Sequence[Night],
     series: dict[tuple[str, str], float | None],
     limits: Sequence[GateLine],
-) -> Chart:
+) -> TrendChart:
     known = [value for value in series.values() if value is not None]
     known += [gate.threshold for gate in limits if gate.threshold is not None]
     ticks = _ticks(min(known), max(known), least=1.0 if unit == "cases" else 0.0)
@@ -181,7 +181,7 @@ def _chart(
         last = "not computed" if latest is None else f"{latest:z.4g}"
         runs = tuple(tuple(part) for part in parts if part)
         lines.append(
-            Line(ads, COLOURS[place % len(COLOURS)], DASHES[place % len(DASHES)], runs, last)
+            TrendLine(ads, COLOURS[place % len(COLOURS)], DASHES[place % len(DASHES)], runs, last)
         )
     strokes = tuple(
         (
@@ -202,7 +202,7 @@ def _chart(
         (round(at[night.night], 2), label(night.night)) for night in nights[::-1][::every]
     )
     heights = tuple((height(tick), f"{tick:g}") for tick in ticks)
-    return Chart(title, unit, tuple(lines), strokes, round(0.42 * step, 2), heights, dates)
+    return TrendChart(title, unit, tuple(lines), strokes, round(0.42 * step, 2), heights, dates)
 
 
 def _ticks(low: float, high: float, least: float = 0.0) -> list[float]:

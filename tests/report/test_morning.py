@@ -15,7 +15,7 @@ from report_cases import pick, with_case
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.bases import Bases, accept, pin_of
 from sumo_eval.nightly.history import Night, open_history
-from sumo_eval.nightly.judged import Judged, Since, new_first, new_pin
+from sumo_eval.nightly.judged import JudgedNight, Since, new_first, new_pin
 from sumo_eval.nightly.morning import github_annotations, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.report.comparison import Comparison, compare
@@ -67,18 +67,18 @@ def nearer(evaluation: Evaluation, gap: float) -> Evaluation:
 
 
 @pytest.fixture
-def judged(evaluation: Evaluation) -> Judged:
+def judged(evaluation: Evaluation) -> JudgedNight:
     """A night in which one case came nearer and whose ADS is another build."""
     base, new = built(calm(evaluation, 0.92), "abc"), built(calm(evaluation, 0.92), "def")
     new = nearer(new, 0.32)
     comparison = compare(base, new, SETTINGS)
     bases = Bases(night(FIRST), None, comparison, None, (), unusable=False)
     gates = judge(new, comparison, SETTINGS)
-    return Judged(bases, gates, Noise(), frozenset(), {builders.CALM: "def"})
+    return JudgedNight(bases, gates, Noise(), frozenset(), {builders.CALM: "def"})
 
 
 @pytest.fixture
-def folder(judged: Judged, tmp_path: Path) -> Path:
+def folder(judged: JudgedNight, tmp_path: Path) -> Path:
     """What that night wrote."""
     found = tmp_path / "nights" / SECOND
     found.mkdir(parents=True)
@@ -87,7 +87,7 @@ def folder(judged: Judged, tmp_path: Path) -> Path:
     return found
 
 
-def test_summary_and_chat_say_what_failed_and_since_when(judged: Judged, folder: Path) -> None:
+def test_summary_and_chat_say_what_failed_and_since_when(judged: JudgedNight, folder: Path) -> None:
     (gate,) = failed(judged.gates)
     case = gate.worst[0].case
     summary, chat = (
@@ -104,7 +104,7 @@ def test_summary_and_chat_say_what_failed_and_since_when(judged: Judged, folder:
     assert f"differs: build of {builders.CALM}: abc in the base, def in the new run" in chat["text"]
 
 
-def test_night_json_names_case_and_ways_to_it(judged: Judged, folder: Path) -> None:
+def test_night_json_names_case_and_ways_to_it(judged: JudgedNight, folder: Path) -> None:
     told = json.loads((folder / "night.json").read_text())
     (one,) = told["failed"]
     (case,) = one["cases"]
@@ -116,7 +116,7 @@ def test_night_json_names_case_and_ways_to_it(judged: Judged, folder: Path) -> N
 
 
 def test_accept_lists_the_cases_that_it_accepts(
-    judged: Judged, folder: Path, evaluation: Evaluation
+    judged: JudgedNight, folder: Path, evaluation: Evaluation
 ) -> None:
     history = folder.parents[1]
     with open_history(history, create=True) as lines:
@@ -130,7 +130,7 @@ def test_accept_lists_the_cases_that_it_accepts(
 
 @pytest.mark.parametrize("alone", [True, False])
 def test_a_limit_on_own_values_is_not_accepted(
-    alone: bool, judged: Judged, folder: Path, evaluation: Evaluation
+    alone: bool, judged: JudgedNight, folder: Path, evaluation: Evaluation
 ) -> None:
     """`S` of at least 101 fails whatever the base; only a limit beside it can be accepted."""
     limit = GateSettings(limit=(LimitSettings("S", ads=builders.CALM, at_least=101.0),))
@@ -152,7 +152,7 @@ def test_a_limit_on_own_values_is_not_accepted(
         assert len(accepted.accepted) == 2
 
 
-def test_an_annotation_is_one_line_for_github(judged: Judged) -> None:
+def test_an_annotation_is_one_line_for_github(judged: JudgedNight) -> None:
     (line,) = github_annotations(judged.gates)
     head, _, body = line.removeprefix("::").partition("::")
     assert head == f"error title=min_gap of {builders.CALM}"
@@ -162,14 +162,14 @@ def test_an_annotation_is_one_line_for_github(judged: Judged) -> None:
     assert ":" not in body
 
 
-def test_new_failures_stand_before_old_ones(judged: Judged) -> None:
+def test_new_failures_stand_before_old_ones(judged: JudgedNight) -> None:
     (gate,) = failed(judged.gates)
     old, other = replace(gate, quantity="pet"), replace(gate, quantity="min_ttc", passed=True)
     since = {old.name: Since(FIRST, 2), gate.name: Since(SECOND, 1)}
     assert new_first([other, old, gate], since) == [gate, old, other]
 
 
-def test_junit_has_values_before_and_after(judged: Judged, tmp_path: Path) -> None:
+def test_junit_has_values_before_and_after(judged: JudgedNight, tmp_path: Path) -> None:
     write_junit(comparison_suites(judged.bases.comparison, judged.gates), tmp_path / "junit.xml")
     suites = junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
     (bad,) = [
@@ -199,7 +199,7 @@ def pin_after(history: Path, comparison: Comparison | None, noise: Noise = Noise
     bases = Bases(None, None, comparison, None, (), unusable=False)
     with open_history(history, create=True) as lines:
         line = night(SECOND)
-        pin = new_pin(line, Judged(bases, (), noise, frozenset(), {}), lines, SETTINGS)
+        pin = new_pin(line, JudgedNight(bases, (), noise, frozenset(), {}), lines, SETTINGS)
         return pin.reason if pin else ""
 
 

@@ -59,7 +59,7 @@ class RecordedExposure:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Exposure:
+class RunExposure:
     """How a scenario's concrete scenarios are weighted.
 
     density: p at values by name.
@@ -97,12 +97,12 @@ class Exposure:
 
 def exposure_of(
     logical: LogicalScenario, settings: ExposureSettings, drivers: DriverSettings, source: Path
-) -> Exposure:
+) -> RunExposure:
     """The exposure that the settings ask for. `source`: where relative paths start."""
     if settings.kind == "scenario":
-        return Exposure(logical.exposure, logical.exposure_about)
+        return RunExposure(logical.exposure, logical.exposure_about)
     if settings.kind == "uniform":
-        return Exposure(uniform_exposure, "uniform: every concrete scenario counts the same")
+        return RunExposure(uniform_exposure, "uniform: every concrete scenario counts the same")
     if settings.kind == "declared":
         return _declared(logical, settings.declared or {})
     recordings = settings.recordings or drivers.recordings
@@ -124,7 +124,7 @@ def exposure_of(
     )
     share = unsupported_share(model, logical)
     words = ", ".join(f"{name} {value:.3f}" for name, value in model.held_out.items())
-    return Exposure(
+    return RunExposure(
         model.density,
         f"a Gaussian KDE over {len(model.points)} recorded events (bandwidth {model.factor:.3f} "
         "of the data's "
@@ -200,7 +200,9 @@ def _columns(values: Values, names: Sequence[str]) -> FloatArray:
     )
 
 
-def _declared(logical: LogicalScenario, declared: Mapping[str, DeclaredDistribution]) -> Exposure:
+def _declared(
+    logical: LogicalScenario, declared: Mapping[str, DeclaredDistribution]
+) -> RunExposure:
     if not declared:
         raise InputError(
             f"The declared exposure of scenario `{logical.name}` must name at least one parameter."
@@ -219,7 +221,7 @@ def _declared(logical: LogicalScenario, declared: Mapping[str, DeclaredDistribut
         f"{name} {item.distribution} ({item.first:g}, {item.second:g})"
         for name, item in declared.items()
     )
-    return Exposure(density, f"declared: {words}; other parameters uniform")
+    return RunExposure(density, f"declared: {words}; other parameters uniform")
 
 
 def _frozen(item: DeclaredDistribution) -> Any:

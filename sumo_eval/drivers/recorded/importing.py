@@ -20,12 +20,12 @@ from sumo_eval.drivers.recorded.importers import (
     osi,
     sumo_fcd,
 )
-from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.found import ImportedSamples, files_in
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, read_csv
 from sumo_eval.drivers.recorded.straighten import straighten
 from sumo_eval.errors import InputError, unknown
 
-Reader = tuple[Callable[[Path], Iterator[Found]], Sequence[str]]
+Reader = tuple[Callable[[Path], Iterator[ImportedSamples]], Sequence[str]]
 _LEVELX: Final[Reader] = levelx.read, ("*_tracks.csv",)
 
 READERS: Final[dict[str, Reader]] = {
@@ -86,7 +86,7 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
     return (_canonical(found) for file in files for found in read(file))
 
 
-def _canonical(found: Found) -> Recordings:
+def _canonical(found: ImportedSamples) -> Recordings:
     if found.planar:
         table, notes = straighten(found.table)
         found = replace(found, table=table, notes=(*found.notes, *notes))

@@ -1,1 +1,3 @@
-"""One file a format: each turns a source's own layout into samples in SI units (`found.Found`)."""
+"""One file a format: each turns a source's own layout into samples in SI units
+(`found.ImportedSamples`).
+"""

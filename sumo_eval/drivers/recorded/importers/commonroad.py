@@ -17,7 +17,7 @@ import pandas as pd
 from lxml import etree
 from scipy.spatial import cKDTree
 
-from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.found import ImportedSamples
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import FloatArray
@@ -28,7 +28,7 @@ _SETS = ("time/intervalStart", "position/rectangle", "position/circle", "positio
 """Elements of states that hold sets instead of exact values."""
 
 
-def read(path: Path) -> Iterator[Found]:
+def read(path: Path) -> Iterator[ImportedSamples]:
     """The recordings of a file."""
     if path.suffix == ".pb":
         raise InputError(
@@ -93,7 +93,7 @@ def read(path: Path) -> Iterator[Found]:
     notes = tuple(
         f"{path.name}: {number} obstacles are left out, {why}." for why, number in left_out.items()
     )
-    yield Found(table, planar=True, notes=notes)
+    yield ImportedSamples(table, planar=True, notes=notes)
 
 
 def _why_left_out(obstacle: Any, shape: Any, states: list[Any]) -> str | None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.found import ImportedSamples
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError
 
@@ -25,7 +25,7 @@ _NUMBERS = (
 )  # fmt: skip
 
 
-def read(path: Path) -> Iterator[Found]:
+def read(path: Path) -> Iterator[ImportedSamples]:
     """The recordings of a file."""
     rows = read_table(
         path, ("timestamp", *_NUMBERS), usecols=lambda name: name == "timestamp" or name in _NUMBERS
@@ -62,4 +62,4 @@ def read(path: Path) -> Iterator[Found]:
         }
     )
     sizes = table.groupby("vehicle")[["length", "width"]].transform("median")
-    yield Found(table.assign(length=sizes["length"], width=sizes["width"]), planar=True)
+    yield ImportedSamples(table.assign(length=sizes["length"], width=sizes["width"]), planar=True)

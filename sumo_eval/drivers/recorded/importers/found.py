@@ -11,7 +11,7 @@ from sumo_eval.errors import InputError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class ImportedSamples:
     """Samples of one source at its own rate.
 
     planar: x, y and heading are those of a map (counter-clockwise) and have to be straightened;

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.found import ImportedSamples
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require
 
 _TRACKS = (
@@ -33,7 +33,7 @@ _TRACKS = (
 _UPPER = 1  # drivingDirection of the vehicles that drive to the left
 
 
-def read(path: Path) -> Iterator[Found]:
+def read(path: Path) -> Iterator[ImportedSamples]:
     """The recordings of a file."""
     require(
         path.name.endswith("_tracks.csv"),
@@ -86,7 +86,7 @@ def read(path: Path) -> Iterator[Found]:
                 "lane": np.clip(np.searchsorted(edges, y) - 1, 0, len(edges) - 2),
             }
         )
-        yield Found(table)
+        yield ImportedSamples(table)
 
 
 def _edges(text: object, path: Path) -> np.ndarray:

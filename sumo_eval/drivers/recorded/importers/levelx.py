@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.found import ImportedSamples
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require
 
 _TRACKS = (
@@ -29,7 +29,7 @@ _TRACKS = (
 )
 
 
-def read(path: Path) -> Iterator[Found]:
+def read(path: Path) -> Iterator[ImportedSamples]:
     """The recordings of a file."""
     require(
         path.name.endswith("_tracks.csv"),
@@ -76,4 +76,4 @@ def read(path: Path) -> Iterator[Found]:
         if left_out
         else ()
     )
-    yield Found(table[bodies], planar=True, notes=notes)
+    yield ImportedSamples(table[bodies], planar=True, notes=notes)

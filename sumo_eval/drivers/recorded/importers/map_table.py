@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.found import ImportedSamples
 from sumo_eval.drivers.recorded.importers.tables import add_motion, checked_numbers, read_table
 
 LENGTH, WIDTH = 4.5, 1.8  # m, of a car, where the table has no bodies
 _KNOWN = ("heading", "heading_deg", "speed", "acceleration", "length", "width")
 
 
-def read(path: Path) -> Iterator[Found]:
+def read(path: Path) -> Iterator[ImportedSamples]:
     """The recordings of a file."""
     rows = read_table(path, ("vehicle", "t", "x", "y"))
     checked_numbers(rows, ["t", "x", "y", *(name for name in _KNOWN if name in rows)], path)
@@ -56,4 +56,4 @@ def read(path: Path) -> Iterator[Found]:
         "class",
     ]
     known = [name for name in ("acceleration", "driver") if name in rows]
-    yield Found(pd.DataFrame(rows[[*columns, *known]]), planar=True, notes=tuple(notes))
+    yield ImportedSamples(pd.DataFrame(rows[[*columns, *known]]), planar=True, notes=tuple(notes))

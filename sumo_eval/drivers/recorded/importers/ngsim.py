@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.found import ImportedSamples
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require_columns
 from sumo_eval.input_file import input_file
 
@@ -42,7 +42,7 @@ _NEEDED = (
 _CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
 
 
-def read(path: Path) -> Iterator[Found]:
+def read(path: Path) -> Iterator[ImportedSamples]:
     """The recordings of a file."""
     has_heading = _begins_with_letters(path)
     if has_heading:
@@ -99,7 +99,7 @@ def read(path: Path) -> Iterator[Found]:
         notes.append(
             f"{reused} times {path.name} uses a vehicle id again; each use is a vehicle of its own."
         )
-    yield Found(table, notes=tuple(notes))
+    yield ImportedSamples(table, notes=tuple(notes))
 
 
 def _begins_with_letters(path: Path) -> bool:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.found import ImportedSamples
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
@@ -25,7 +25,7 @@ LENGTH, WIDTH = 4.5, 1.8  # m; the files name the cars but not their sizes
 _HEAD_ROWS = 5
 
 
-def read(path: Path) -> Iterator[Found]:
+def read(path: Path) -> Iterator[ImportedSamples]:
     """The recordings of a file."""
     try:
         with input_file(path, "file").open(newline="", encoding="utf-8") as file:
@@ -101,7 +101,7 @@ def read(path: Path) -> Iterator[Found]:
         notes.append(
             f"{path.name} was driven with ACC engaged in {engaged} cars: these are not people."
         )
-    yield Found(pd.concat(parts, ignore_index=True), notes=tuple(notes))
+    yield ImportedSamples(pd.concat(parts, ignore_index=True), notes=tuple(notes))
 
 
 def _steps(speed: pd.Series, time: pd.Series) -> np.ndarray:

@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.found import ImportedSamples
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers
 from sumo_eval.errors import InputError, needs_extra
 from sumo_eval.input_file import input_file
@@ -55,7 +55,7 @@ _COLUMNS: Final = (
 )
 
 
-def read(path: Path) -> Iterator[Found]:
+def read(path: Path) -> Iterator[ImportedSamples]:
     """The recordings of a file."""
     if not path.name.endswith(ENDINGS):
         raise InputError(f"{path} must end in {', '.join(ENDINGS)}.")
@@ -97,7 +97,7 @@ def read(path: Path) -> Iterator[Found]:
             "class": classes.where(~walks, "pedestrian").to_numpy(),
         }
     )
-    yield Found(table, planar=True, notes=tuple(notes))
+    yield ImportedSamples(table, planar=True, notes=tuple(notes))
 
 
 # --- files of messages ----------------------------------------------------------------------------

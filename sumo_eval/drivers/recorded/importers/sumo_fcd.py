@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from lxml import etree
 
-from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.found import ImportedSamples
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
@@ -30,7 +30,7 @@ BODIES = {
 _NEEDED = ("x", "y", "angle", "speed")
 
 
-def read(path: Path) -> Iterator[Found]:
+def read(path: Path) -> Iterator[ImportedSamples]:
     """The recordings of a file."""
     rows = _from_xml(path) if path.suffix == ".xml" else _from_csv(path)
     known = (
@@ -62,7 +62,7 @@ def read(path: Path) -> Iterator[Found]:
         f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x "
         f"{WIDTH:g} m for a car)."
     )
-    yield Found(table, planar=True, notes=(note,))
+    yield ImportedSamples(table, planar=True, notes=(note,))
 
 
 def _from_csv(path: Path) -> pd.DataFrame:
