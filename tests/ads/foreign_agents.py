@@ -59,6 +59,41 @@ class LeaderboardAgent:
         )
 
 
+class RadarAgent:
+    """As a leaderboard's agent that names its own sensors."""
+
+    def __init__(self, carla_host, carla_port, debug=False):
+        self.ready = False
+
+    def setup(self, path_to_conf_file):
+        self.ready = True
+
+    def sensors(self):
+        return [{"type": "sensor.speedometer", "id": "Speed"}, {"type": "sensor.other.imu", "id": "I"},
+                {"type": "sensor.other.gnss", "id": "G"},
+                {"type": "sensor.other.radar", "id": "R", "x": 2.25, "y": 0.0, "yaw": 0.0}]  # fmt: skip
+
+    def set_global_plan(self, global_plan_gps, global_plan_world_coord):
+        assert self.ready
+        assert global_plan_gps[0][0]["lat"] == global_plan_world_coord[0][0].location.y == 0.0
+
+    def run_step(self, input_data, timestamp):
+        frame, data = input_data["Speed"]
+        assert frame == round(timestamp / 0.05)
+        speed = data["speed"]
+        assert input_data["I"][1][6] == math.pi / 2
+        assert input_data["G"][1][1] > 0.0
+        radar = [row for row in input_data["R"][1] if abs(row[0] * math.sin(row[2])) < 1.5]
+        gap, _, _, receding = min(radar, key=lambda row: row[0], default=(None, 0.0, 0.0, 0.0))
+        a = followed(speed, gap, speed + receding, 20.0)
+        return SimpleNamespace(throttle=max(a, 0.0) / 4.0, brake=max(-a, 0.0) / 9.0, steer=0.0)
+
+
+class Photographer(RadarAgent):
+    def sensors(self):
+        return [{"type": "sensor.camera.rgb", "id": "Left"}]
+
+
 class Follower:
     """As a SMARTS agent with ActionSpaceType.Continuous."""
 
@@ -79,6 +114,16 @@ class Follower:
         return np.array([max(a, 0.0) / 4.0, max(-a, 0.0) / 9.0, 0.0])
 
 
+class Tracker:
+    """As a SMARTS agent with ActionSpaceType.Trajectory: its lane's waypoints at 12 m/s."""
+
+    def act(self, obs):
+        path = obs.waypoint_paths[obs.ego_vehicle_state.lane_index][:10]
+        assert obs.via_data.near_via_points == ()
+        places = ([point.pos[axis] for point in path] for axis in (0, 1))
+        return *places, [point.heading for point in path], [12.0] * len(path)
+
+
 class LaneChanger:
     """As a SMARTS agent with ActionSpaceType.LaneWithContinuousSpeed: one change to the left."""
 
@@ -87,7 +132,7 @@ class LaneChanger:
 
 
 # as a class that subclasses smarts.core.agent.Agent
-Follower.__module__ = LaneChanger.__module__ = "smarts.zoo.mine"
+Follower.__module__ = LaneChanger.__module__ = Tracker.__module__ = "smarts.zoo.mine"
 
 
 class SimplePlanner:

@@ -34,6 +34,7 @@ def drive(locator, settings=None):
 
 FOLLOWERS = [
     "carla_agent.py:CarlaAgent?options.agent=foreign_agents:BasicAgent",
+    "carla_agent.py:CarlaAgent?options.agent=foreign_agents:RadarAgent",
     "smarts_agent.py:SmartsAgent?options.agent=foreign_agents:Follower",
     "nuplan_planner.py:NuPlanPlanner?period=0.2&options.agent=foreign_agents.py:SimplePlanner",
     "commonroad_planner.py:CommonRoadPlanner?period=0.2&options.agent=foreign_agents:LanePlanner",
@@ -42,6 +43,8 @@ FOLLOWERS = [
 
 @pytest.mark.parametrize("locator", FOLLOWERS)
 def test_a_follower_of_another_tool_ends_at_the_leads_speed_and_its_own_gap(locator):
+    needed = {"nuplan_planner": "nuplan", "commonroad_planner": "commonroad"}
+    pytest.importorskip(needed.get(locator.partition(".")[0], "numpy"))
     # at rest behind the lead: lead_speed = lead_speed + 0.3 (gap - 5 - 1.2 v), so gap = 5 + 1.2 x
     # 10 = 17 m
     found = drive(locator)
@@ -61,6 +64,41 @@ def test_smartss_lane_action_is_to_the_left():
         f"smarts_agent.py:SmartsAgent?options.agent={agent}", SimulationSettings(time_limit=6.0)
     )
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.1)
+
+
+def test_smartss_trajectory_is_a_path_with_speeds():
+    agent = "foreign_agents:Tracker&options.action=Trajectory"
+    found = drive(
+        f"smarts_agent.py:SmartsAgent?options.agent={agent}", SimulationSettings(time_limit=4.0)
+    )
+    assert found.ego.speed[-1] == pytest.approx(12.0, abs=0.1)
+
+
+_IDM = (
+    "nuplan.planning.simulation.planner.idm_planner:IDMPlanner&options.target_velocity=20.0"
+    "&options.min_gap_to_lead_agent=1.0&options.headway_time=1.5&options.accel_max=1.0"
+    "&options.decel_max=3.0&options.planned_trajectory_samples=16"
+    "&options.planned_trajectory_sample_interval=0.5&options.occupancy_map_radius=100.0"
+)
+
+
+@pytest.mark.filterwarnings("default")  # of the packages' own
+@pytest.mark.parametrize(
+    ("package", "locator", "speed"),
+    [
+        ("nuplan", f"nuplan_planner.py:NuPlanPlanner?period=0.1&options.agent={_IDM}", 10.0),
+        (
+            "commonroad_rp",
+            "commonroad_planner.py:CommonRoadPlanner?period=0.3"
+            "&options.agent=commonroad_rp.reactive_planner:ReactivePlanner",
+            20.0,
+        ),
+    ],
+)
+def test_a_planner_drives_as_its_own_package_has_it(package, locator, speed):
+    pytest.importorskip(package)
+    found = drive(locator, SimulationSettings(time_limit=40.0 if package == "nuplan" else 2.0))
+    assert found.ego.speed[-1] == pytest.approx(speed, abs=1.0)
 
 
 @pytest.mark.parametrize(
@@ -103,9 +141,13 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
             "LanePlanner. `commonroad_planner.py:CommonRoadPlanner` drives it.",
         ),
         (
-            "nuplan_planner.py:NuPlanPlanner",
-            "nuplan_planner.py:NuPlanPlanner needs the ADS that it drives: "
-            "`nuplan_planner.py:NuPlanPlanner?options.agent=my_agent.py:Agent`.",
+            "smarts_agent.py:SmartsAgent",
+            "smarts_agent.py:SmartsAgent needs the ADS that it drives: "
+            "`smarts_agent.py:SmartsAgent?options.agent=my_agent.py:Agent`.",
+        ),
+        (
+            "carla_agent.py:CarlaAgent?options.agent=foreign_agents:Photographer",
+            "Sensor `Left` of Photographer must be one of sensor.speedometer",
         ),
         ("carla_agent.py:CarlaAgent?options.agent=nowhere:Agent", "there is no module `nowhere`"),
         (
@@ -113,8 +155,8 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
             "Did you mean `Continuous`?",
         ),
         (
-            "commonroad_planner.py:CommonRoadPlanner?options.agent=foreign_agents:LanePlanner&options.dt=0",
-            "a number greater than 0 s",
+            "smarts_agent.py:SmartsAgent?options.agent=foreign_agents:Follower&options.steering=up",
+            "`right` or `left`",
         ),
     ],
 )

@@ -105,7 +105,7 @@ ELSEWHERE = {
     "train_ppo.py": "trains for minutes; tests/learning/test_examples_of_learning.py trains a "
     "little",
     "paper_example.py": "draws for minutes; tests/golden/test_golden.py drives the same evaluation",
-    "16384 steps": "what that training printed",
+    "num_timesteps": "what that training printed",
 }
 """Blocks that this test only reads, by a text in them, and what runs them or why nothing here
 can."""

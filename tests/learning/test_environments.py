@@ -68,7 +68,7 @@ def test_gymnasium_accepts_the_environment_of_every_scenario(scenario: str) -> N
         return
     if bent:
         with pytest.raises(InputError, match="on a road that bends needs `sumo=False`"):
-            make(f"sumo_eval/{scenario}-v0", steering=True).reset()
+            make(f"sumo_eval/{scenario}-v0", steering=True, sumo=True).reset()
         close()
     env = make(f"sumo_eval/{scenario}-v0", steering=True, sumo=not bent)
     check_env(env.unwrapped)
@@ -90,7 +90,7 @@ def test_a_drive_in_the_environment_is_a_drive_in_sumo(
     """The ego brakes gently and steers a little; SUMO steps one of both drives."""
     settings = SimulationSettings(record_interval=0.05, time_limit=12.0)
     interface = Interface(RAW.features, (Action("acceleration"), Action("steering")))
-    env = make(f"sumo_eval/{scenario}-v0", interface=interface, settings=settings)
+    env = make(f"sumo_eval/{scenario}-v0", interface=interface, settings=settings, sumo=True)
     seen, info = env.reset(seed=1, options=values)
 
     def answer(time: float) -> tuple[float, float]:
@@ -125,7 +125,7 @@ def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it() -> N
         "sumo_eval/cut_in-v0", num_envs=5, settings=settings, autoreset_mode=AutoresetMode.SAME_STEP
     )
     seen, _ = vector.reset(seed=7)
-    single = gymnasium.make("sumo_eval/cut_in-v0", settings=settings, sumo=False)
+    single = gymnasium.make("sumo_eval/cut_in-v0", settings=settings)
     drawn = np.random.default_rng(3)
     episodes: list[dict[str, list]] = [{"seen": [seen[row]], "actions": []} for row in range(5)]
     finished = []
@@ -176,7 +176,7 @@ def test_several_environments_and_a_simulation_live_in_one_process() -> None:
     alone."""
 
     def run(turns: int) -> list[np.ndarray]:
-        envs = [gymnasium.make("sumo_eval/cut_in-v0", sumo=False) for _ in range(turns)]
+        envs = [gymnasium.make("sumo_eval/cut_in-v0") for _ in range(turns)]
         for number, env in enumerate(envs):
             env.reset(seed=number)
         told: list[list[np.ndarray]] = [[] for _ in envs]
@@ -196,11 +196,11 @@ def test_several_environments_and_a_simulation_live_in_one_process() -> None:
 
 
 def test_a_second_simulation_in_the_process_is_refused_with_the_way_out() -> None:
-    make("sumo_eval/cut_in-v0").reset(seed=0)
+    make("sumo_eval/cut_in-v0", sumo=True).reset(seed=0)
     with pytest.raises(
         InputError, match="close the other environment first, or make this one with `sumo=False`"
     ):
-        gymnasium.make("sumo_eval/cut_in-v0").reset(seed=0)
+        gymnasium.make("sumo_eval/cut_in-v0", sumo=True).reset(seed=0)
 
 
 def test_what_sumo_shows_is_what_the_scripts_say() -> None:
@@ -296,6 +296,39 @@ def test_a_contact_ends_an_episode_with_its_impact_speed() -> None:
     assert impact == pytest.approx(15.0, abs=1e-9)
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.zeros(1))
+
+
+@pytest.mark.parametrize("sumo", [False, True])
+def test_max_episode_steps_truncates_one_and_many(sumo: bool) -> None:
+    """Five answers: the fifth ends the episode, the next step of many begins another."""
+    one = make("sumo_eval/cut_in-v0", max_episode_steps=5, sumo=sumo)
+    one.reset(seed=0)
+    assert [one.step(np.zeros(1))[3] for _ in range(5)] == [False] * 4 + [True]
+    many = make_vec("sumo_eval/cut_in-v0", num_envs=2, max_episode_steps=5, sumo=sumo)
+    many.reset(seed=0)
+    steps = [many.step(np.zeros((2, 1))) for _ in range(12)]
+    assert [bool(step[3].all()) for step in steps] == ([False] * 4 + [True, False]) * 2
+    assert list(steps[4][4]["end_reason"]) == ["step_limit"] * 2
+
+
+def test_an_action_of_a_discrete_set_is_its_values() -> None:
+    """Two accelerations by three angles: action 4 is the second and the second."""
+    set_of = Action("acceleration", values=(-2.0, 1.0)), Action("steering", values=(-0.1, 0.0, 0.1))
+    asked = []
+    env = make(
+        "sumo_eval/cut_in-v0",
+        interface=Interface(RAW.features, set_of),
+        reward=lambda it: (asked.append(it.command[0].tolist()), np.zeros(1))[1],
+    )
+    assert env.action_space == gymnasium.spaces.Discrete(6)
+    env.reset(seed=0)
+    for action in (0, 4):
+        env.step(action)
+    assert asked == [[-2.0, -0.1], [1.0, 0.0]]
+    with pytest.raises(InputError, match="whole numbers from 0 to 5"):
+        env.step(6)
+    with pytest.raises(InputError, match="given for every action or for none"):
+        Interface(RAW.features, (set_of[0], Action("steering")))
 
 
 def test_what_the_environment_cannot_do_is_refused() -> None:

@@ -3,6 +3,7 @@ pages say."""
 
 from __future__ import annotations
 
+import runpy
 import sys
 from pathlib import Path
 from typing import Any
@@ -87,6 +88,12 @@ def test_what_ppo_learnt_drives_as_it_was_trained(
         ).error
         is None
     )
+
+
+def test_ppo_names_missing_packages_before_it_trains(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(SystemExit, match="Not installed: gymnasium, onnx"):
+        runpy.run_path(str(EXAMPLES / "train_ppo.py"))
 
 
 def test_highway_envs_drivers_keep_or_change_their_lane() -> None:

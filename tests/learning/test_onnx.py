@@ -138,6 +138,24 @@ def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path: Path) -> No
     )
 
 
+@pytest.mark.parametrize("index", [False, True])
+def test_a_model_chooses_from_a_discrete_set(tmp_path: Path, index: bool) -> None:
+    """By scores, the second is the greatest, or by the index of the greatest."""
+    actions = (Action("acceleration", values=(1.0, -2.0, 0.0)),)
+    interface = Interface((Feature("ego.speed"),), actions)
+    path = write_model(tmp_path, [(np.zeros((1, 3)), np.array([0.1, 0.3, 0.2]))], interface)
+    if index:
+        model = onnx.load(path)
+        model.graph.node.append(helper.make_node("ArgMax", ["a0"], ["i"], axis=1, keepdims=0))
+        del model.graph.output[:]
+        model.graph.output.append(helper.make_tensor_value_info("i", TensorProto.INT64, ["rows"]))
+        onnx.save(model, path)
+    settings = SimulationSettings(time_limit=1.0)
+    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", settings)
+    assert recording.error is None
+    assert recording.ego.speed[-1] == pytest.approx(POINT["ego_speed"] - 2.0, abs=0.2)
+
+
 def test_a_period_holds_each_answer(tmp_path: Path) -> None:
     """A model that shows the time as its acceleration, asked every 0.2 s: the held values are 0,
     0.2, 0.4 ..."""

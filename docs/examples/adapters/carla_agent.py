@@ -6,16 +6,20 @@ CARLA's frame is left-handed: y to the right, yaw clockwise in degrees, steer po
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
+from importlib import import_module
+from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 from other_tools import found_agent, made_agent, positional, takes, vector
 
 from sumo_eval.cosim.doors.controller import Briefing
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.vehicle_model import Command, Pedals
-from sumo_eval.errors import ControllerError
+from sumo_eval.errors import ControllerError, InputError
 
 _NAME = "carla_agent.py:CarlaAgent"
 
@@ -127,30 +131,49 @@ class Actors(list[Actor]):
 class CarlaAgent:
     """Drives an agent that has `run_step()` or `run_step(input_data, timestamp)`.
 
-    agent: a class, an object or the name of one. Its constructor is given the options, and
-        `vehicle` if it takes one."""
+    agent: a class, an object or the name of one. Its constructor receives the options, and
+        `vehicle` if it takes one. A leaderboard's agent is made for each case, as the leaderboard
+        does: constructor, `setup(config)`, `sensors()`, `set_global_plan`.
+    config: the file that `setup` receives.
+    """
 
-    def __init__(self, agent: Any = None, **options: Any) -> None:
-        kind = found_agent(agent, "run_step", _NAME)
-        self._ego = Ego()
-        own = (
-            {"vehicle": self._ego, **options}
-            if isinstance(kind, type) and takes(kind, "vehicle")
-            else options
-        )
+    def __init__(self, agent: Any = None, config: str = "", **options: Any) -> None:
+        self._kind = found_agent(agent, "run_step", _NAME)
+        self._options, self._config, self._ego = options, config, Ego()
+        self._make()
+
+    def _make(self) -> None:
+        """A fresh agent, and its sensors."""
+        kind, own = self._kind, dict(self._options)
+        if isinstance(kind, type):
+            usual = {"vehicle": self._ego, "carla_host": "", "carla_port": 0}
+            usual |= {"path_to_conf_file": self._config}
+            own = {name: it for name, it in usual.items() if takes(kind, name)} | own
         self.agent = made_agent(kind, own, _NAME)
+        if callable(begin := getattr(self.agent, "setup", None)):
+            begin(self._config)
+        declared = getattr(self.agent, "sensors", None)
+        self._sensors = list(declared()) if callable(declared) else []
+        for sensor in self._sensors:
+            if sensor["type"] not in SENSORS:
+                raise InputError(
+                    f"Sensor `{sensor['id']}` of {type(self.agent).__name__} must be one of "
+                    f"{', '.join(SENSORS)}: {sensor['type']} is not supported."
+                )
         self._arguments = positional(self.agent.run_step)
-        self._frame = 0
 
     def reset(self, scenario: Briefing) -> None:
-        """Pass on where the case leads, where the agent wants to know, as CARLA's `set_destination`
-        and `set_target_speed` (km/h) do.
-        """
-        self._frame = 0
+        """Start a case: a fresh agent of the leaderboard, the desired speed (km/h), the goal."""
+        if isinstance(self._kind, type) and hasattr(self._kind, "setup"):
+            self.close()
+            self._make()
+        self._frame, self._heading, self._time = 0, 0.0, -1.0
         if callable(tell := getattr(self.agent, "set_target_speed", None)):
             tell(3.6 * scenario.desired_speed)
         if callable(tell := getattr(self.agent, "set_destination", None)):
             tell(vector(scenario.goal[0], -scenario.goal[1]))
+        if callable(tell := getattr(self.agent, "set_global_plan", None)):
+            tell(*_route(scenario))
 
     def act(self, seen: Observation) -> Pedals:
         """Show the world, read the pedals.
@@ -158,14 +181,13 @@ class CarlaAgent:
         Raises ControllerError for what the vehicle does not have.
         """
         self._ego.look(seen)
-        control = self.agent.run_step(*self._told(seen)[: self._arguments])
+        control = self.agent.run_step(*self._input(seen)[: self._arguments])
         self._frame += 1
         missing = [name for name in ("throttle", "brake", "steer") if not hasattr(control, name)]
         if missing:
             raise ControllerError(
                 "`run_step` of the ADS must return throttle, brake and steer, got "
-                f"{type(control).__name__} "
-                f"without {', '.join(missing)}"
+                f"{type(control).__name__} without {', '.join(missing)}"
             )
         if getattr(control, "reverse", False):
             raise ControllerError(
@@ -175,18 +197,94 @@ class CarlaAgent:
         brake = 1.0 if getattr(control, "hand_brake", False) else control.brake
         return Command.pedals(control.throttle, brake, -control.steer)
 
-    def _told(self, seen: Observation) -> tuple[Any, ...]:
+    def _input(self, seen: Observation) -> tuple[Any, ...]:
         """The arguments of a leaderboard's agent: by sensor (frame, data), and the time, s."""
         me = seen.ego
+        step = seen.time - self._time
+        yaw_rate = (me.heading - self._heading) / step if self._frame and step > 0.0 else 0.0
+        self._heading, self._time = me.heading, seen.time
         data = {
             "speed": {"speed": me.speed},
             "ego": self._ego,
             "actors": self._ego.get_actors()[1:],
             "observation": seen,
         }
+        for sensor in self._sensors:
+            data[sensor["id"]] = SENSORS[sensor["type"]](sensor, seen, yaw_rate)
         return {name: (self._frame, it) for name, it in data.items()}, seen.time
 
     def close(self) -> None:
         """Pass on, as the leaderboard's `destroy`."""
         if callable(end := getattr(self.agent, "destroy", None)):
             end()
+
+
+def _radar(sensor: Mapping[str, Any], seen: Observation, yaw_rate: float) -> Any:
+    """A detection for each vehicle, (n, 4): depth m, altitude and azimuth rad (to the right),
+    radial speed m/s (positive: it recedes)."""
+    me, mount = seen.ego, (float(sensor.get("x", 0.0)), -float(sensor.get("y", 0.0)))
+    c, s = math.cos(me.heading), math.sin(me.heading)
+    place = np.array([me.x + c * mount[0] - s * mount[1], me.y + s * mount[0] + c * mount[1]])
+    facing = me.heading - math.radians(sensor.get("yaw", 0.0))
+    half, reach = math.radians(sensor.get("horizontal_fov", 30.0)) / 2.0, sensor.get("range", 100.0)
+    rows = []
+    for it in seen.vehicles:
+        axes = np.array([[math.cos(it.heading), math.sin(it.heading)],
+                         [-math.sin(it.heading), math.cos(it.heading)]])  # fmt: skip
+        size = 0.5 * np.array([it.length, it.width])
+        nearest = np.clip(axes @ (place - (it.x, it.y)), -size, size) @ axes + (it.x, it.y)
+        depth = float(np.linalg.norm(nearest - place))
+        if not 0.0 < depth <= reach:
+            continue
+        towards = (nearest - place) / depth
+        azimuth = math.remainder(facing - math.atan2(towards[1], towards[0]), math.tau)
+        relative = it.speed * axes[0] - me.speed * np.array([c, s])
+        if abs(azimuth) <= half:
+            rows.append((depth, 0.0, azimuth, float(relative @ towards)))
+    return np.array(rows, dtype=np.float32).reshape(-1, 4)
+
+
+def _gnss(sensor: Mapping[str, Any], seen: Observation, yaw_rate: float) -> Any:
+    return np.array([*_degrees(seen.ego.x, seen.ego.y), 0.0])
+
+
+def _imu(sensor: Mapping[str, Any], seen: Observation, yaw_rate: float) -> Any:
+    """Accelerometer, m/s2, gyroscope, rad/s, and compass, rad clockwise from north."""
+    me = seen.ego
+    compass = (0.5 * math.pi - me.heading) % math.tau
+    return np.array([me.acceleration, -me.speed * yaw_rate, 9.81, 0.0, 0.0, -yaw_rate, compass])
+
+
+SENSORS: dict[str, Callable[[Mapping[str, Any], Observation, float], Any]] = {
+    "sensor.speedometer": lambda sensor, seen, yaw_rate: {"speed": seen.ego.speed},
+    "sensor.other.radar": _radar,
+    "sensor.other.gnss": _gnss,
+    "sensor.other.imu": _imu,
+}
+"""Data of a leaderboard's sensor, in the leaderboard's form."""
+
+
+def _degrees(x: float, y: float) -> tuple[float, float]:
+    """Latitude and longitude of a place, with the origin at 0, 0."""
+    radius = 6378137.0  # m, CARLA's
+    latitude = 360.0 * math.atan(math.exp(y / radius)) / math.pi - 90.0
+    return latitude, math.degrees(x / radius)
+
+
+def _route(scenario: Briefing) -> tuple[list[Any], list[Any]]:
+    """The plan of `set_global_plan`, as GPS and as places: to the goal along its lane."""
+    option: Any = SimpleNamespace(name="LANEFOLLOW", value=4)
+    if find_spec("agents"):
+        option = import_module("agents.navigation.local_planner").RoadOption.LANEFOLLOW
+    x, y = scenario.goal
+    places = [(at, y) for at in np.arange(0.0, x, 10.0).tolist()] + [(x, y)]
+    gps = [dict(zip(("lat", "lon"), _degrees(*it), strict=True), z=0.0) for it in places]
+    level = SimpleNamespace(pitch=0.0, yaw=0.0, roll=0.0)
+    world = [SimpleNamespace(location=_location(*it), rotation=level) for it in places]
+    return [(it, option) for it in gps], [(it, option) for it in world]
+
+
+def _location(x: float, y: float) -> Any:
+    at = vector(x, -y)
+    at.distance = lambda to: math.dist((at.x, at.y), (to.x, to.y))
+    return at

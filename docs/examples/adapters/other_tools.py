@@ -9,6 +9,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from sumo_eval.cosim.doors.controller import adapter_for
 from sumo_eval.errors import InputError, said
 from sumo_eval.settings.locators import load_object
@@ -80,3 +82,14 @@ def positional(function: Any) -> int:
 def vector(x: float, y: float) -> SimpleNamespace:
     """A vector in the plane."""
     return SimpleNamespace(x=x, y=y, z=0.0)
+
+
+def densified(line: Any, step: float = 2.0, beyond: float = 300.0) -> Any:
+    """Points along a line, (n, 2) m, about a step apart and straight on before and after it."""
+    points = np.asarray(line, dtype=float)
+    ends = points[1] - points[0], points[-1] - points[-2]
+    first, last = (end / np.linalg.norm(end) * beyond for end in ends)
+    points = np.vstack([points[0] - first, points, points[-1] + last])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.linspace(0.0, along[-1], max(round(along[-1] / step), 2))
+    return np.stack([np.interp(at, along, points[:, axis]) for axis in (0, 1)], axis=1)

@@ -12,6 +12,7 @@
     name = "acceleration"               # or "steering": steering wheel angle, rad
     low = -8.0                          # the policy's -1..1 is mapped onto low..high
     high = 3.0
+    values = [-8.0, -2.0, 0.0, 2.0]     # or a discrete set: the best scored combination is taken
 
 A feature may have `mean` and `deviation` in place of the range: (value - mean) / deviation. With
 neither it is shown as it is, and so is an action without a range. `absent` is shown where there is
@@ -20,6 +21,7 @@ no such vehicle.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -88,15 +90,22 @@ class Action(Checked):
     """A number of a policy's answer.
 
     low, high: what its -1 and 1 mean, m/s2 or rad; without: it is meant as it is.
+    values: the discrete set, m/s2 or rad.
     """
 
     name: str
     low: float | None = None
     high: float | None = None
+    values: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.name not in ACTIONS:
             raise unknown("action", self.name, ACTIONS)
+        if self.values is not None and (
+            self.low is not None or not self.values or not np.isfinite(self.values).all()
+        ):
+            wanted = "finite numbers, without `low` and `high`"
+            raise must_be("`values`", f"`{self.name}`", wanted, self.values)
         _check_range(self.name, self.low, self.high)
 
 
@@ -123,6 +132,21 @@ class Interface(Checked):
             raise must_be("The actions", "an interface of a policy", "acceleration, or "
                                                                      "acceleration and steering",
                           ", ".join(names) or "none")  # fmt: skip
+        if len({action.values is None for action in self.actions}) > 1:
+            wanted = "given for every action or for none"
+            raise must_be("`values`", "an interface of a policy", wanted, "one of two")
+
+    @cached_property
+    def choices(self) -> Floats | None:
+        """Combinations of the discrete values, (choices, actions); None: a continuous set."""
+        if self.actions[0].values is None:
+            return None
+        return np.array(list(itertools.product(*(it.values or () for it in self.actions))))
+
+    @property
+    def width(self) -> int:
+        """Numbers of an answer: one an action, or the score of each choice."""
+        return len(self.actions) if self.choices is None else len(self.choices)
 
     @cached_property
     def _readers(self) -> list[tuple[Callable[[Observations, str], Floats], float]]:
@@ -160,10 +184,10 @@ class Interface(Checked):
         return -high, high
 
     def commands(self, answers: Floats) -> Floats:
-        """Answers (n, number of actions) as accelerations, m/s2, and steering wheel angles, rad:
-        (n, 2).
-        """
+        """Answers (n, width) as accelerations, m/s2, and steering wheel angles, rad: (n, 2)."""
         found = np.zeros((len(answers), 2))
+        if self.choices is not None:
+            return self._best(answers, found)
         for column, action in enumerate(self.actions):
             value = np.asarray(answers[:, column], dtype=np.float64)
             if action.low is not None and action.high is not None:
@@ -171,6 +195,13 @@ class Interface(Checked):
                 value = action.low + share * (action.high - action.low)
             found[:, column] = value
         return found
+
+    def _best(self, scores: Floats, commands: Floats) -> Floats:
+        """The commands with the best score in each row, nan where a score is not finite."""
+        assert self.choices is not None
+        commands[:, : len(self.actions)] = self.choices[np.argmax(scores, axis=1)]
+        commands[~np.isfinite(scores).all(axis=1)] = np.nan
+        return commands
 
     def to_toml(self) -> str:
         """The table as a file has it."""

@@ -67,7 +67,8 @@ class OnnxPolicy:
         if output is not None and output not in names:
             raise unknown(f"output of {owner}", output, names)
         it = given[names.index(output or names[0])]
-        if it.type not in _DTYPES:
+        self._chosen = it.type == "tensor(int64)" and self.interface.choices is not None
+        if it.type not in _DTYPES and not self._chosen:
             raise must_be(f"The output `{it.name}`", owner, "of float or double numbers", it.type)
         return str(it.name)
 
@@ -97,7 +98,7 @@ class OnnxPolicy:
         return commands
 
     def _answers(self, features: NDArray[np.float32]) -> NDArray[Any]:
-        n, rows, wanted = len(features), self._rows, len(self.interface.actions)
+        n, rows, wanted = len(features), self._rows, self.interface.width
         found = np.empty((n, wanted))
         for begin in range(0, n, rows):
             part = features[begin : begin + rows]
@@ -108,11 +109,13 @@ class OnnxPolicy:
             except Exception as error:
                 raise ControllerError(f"The model {self._name} failed: {said(error)}") from error
             answer = np.asarray(answer)
+            if self._chosen and answer.size == rows and ((answer >= 0) & (answer < wanted)).all():
+                answer = np.eye(wanted)[answer.reshape(rows)]
             if answer.shape not in ((rows, wanted), (rows,) if wanted == 1 else (rows, wanted)):
                 raise ControllerError(
                     f"The output `{self._output}` of {self._name} must have the shape ({rows}, "
                     f"{wanted}) for {rows} "
-                    f"rows, as its table has {wanted} actions, got {answer.shape}"
+                    f"rows, by the actions of its table, got {answer.shape}"
                 )
             found[begin : begin + rows] = answer.reshape(rows, wanted)[: len(part)]
         return found

@@ -20,16 +20,32 @@ from sumo_eval.scenario.logical import LogicalScenario
 Floats = NDArray[Any]
 
 
-def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
-    low, high = interface.bounds
+def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.Space[Any]]:
+    low, high = (end.astype(np.float32) for end in interface.bounds)
+    shown = gymnasium.spaces.Box(low, high, dtype=np.float32)
+    return shown, _action_space(interface)
+
+
+def _action_space(interface: Interface) -> gymnasium.Space[Any]:
+    if interface.choices is not None:
+        return gymnasium.spaces.Discrete(interface.width)
     ranges = [
         (-1.0, 1.0) if action.low is not None else (-np.inf, np.inf) for action in interface.actions
     ]
     least, most = (np.array(ends, dtype=np.float32) for ends in zip(*ranges, strict=True))
-    return (
-        gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32),
-        gymnasium.spaces.Box(least, most, dtype=np.float32),
-    )
+    return gymnasium.spaces.Box(least, most, dtype=np.float32)
+
+
+def _answers(interface: Interface, actions: Any, count: int) -> Floats:
+    """Actions of the action space as a policy's answers, (count, width)."""
+    if interface.choices is None:
+        return np.asarray(actions, dtype=np.float64).reshape(count, -1)
+    index = np.asarray(actions).reshape(count)
+    if index.dtype.kind not in "iu" or not ((index >= 0) & (index < interface.width)).all():
+        wanted = f"whole numbers from 0 to {interface.width - 1}"
+        raise must_be("The actions", "an environment", wanted, actions)
+    answers: Floats = np.eye(interface.width)[index]
+    return answers
 
 
 class _WithEpisodes:
@@ -70,7 +86,7 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
             raise gymnasium.error.ResetNeeded(
                 "The episode is over; call reset before the next step."
             )
-        worth, (reason,) = self.episodes.step(np.asarray(action, dtype=np.float64).reshape(1, -1))
+        worth, (reason,) = self.episodes.step(_answers(self.interface, action, 1))
         info = {"end_reason": str(reason)} if reason else {}
         terminated = str(reason) in TERMINAL
         return (
@@ -152,15 +168,15 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
         self, actions: Floats
     ) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """One step of all, or the steps of one `period`."""
-        actions = np.asarray(actions, dtype=np.float64).reshape(self.num_envs, -1)
+        answers = _answers(self.interface, actions, self.num_envs)
         begun = self._over.copy()
         if begun.any():
             if self._mode is AutoresetMode.DISABLED:
                 raise gymnasium.error.ResetNeeded(
                     "Some episodes are over; reset them with `reset_mask` first."
                 )
-            actions = np.where(begun[:, None], 0.0, actions)
-        worth, reasons = self.episodes.step(actions)
+            answers = np.where(begun[:, None], 0.0, answers)
+        worth, reasons = self.episodes.step(answers)
         over = reasons != ""
         info: dict[str, Any] = {}
         if over.any():

@@ -27,7 +27,7 @@ Point = Mapping[str, float]
 Sampler = Callable[[np.random.Generator], Point]
 
 TERMINAL = ("contact", "off_road", "road_end", "standstill")
-"""Ends after which nothing more would come; `time_limit` only cuts an episode short."""
+"""Ends after which nothing more would come; `time_limit` and `step_limit` cut an episode short."""
 _TRIES = 10_000  # points drawn for one that satisfies the constraints
 
 
@@ -90,8 +90,9 @@ class Episodes:
     reward: worth of each step, (n,).
     sampler: draws a point from a generator; None: evenly over the space.
     steering: whether the usual interface has steering.
-    sumo: whether SUMO steps the vehicles, as in an evaluation; libsumo holds one simulation in a
-        process, so several environments at once need `sumo=False`.
+    sumo: whether SUMO steps the actors, as in an evaluation; libsumo holds one simulation in a
+        process. False: the actors follow their scripts, and a process holds any number.
+    max_episode_steps: answers after which an episode ends with `step_limit`; None: no such limit.
     """
 
     def __init__(
@@ -99,10 +100,12 @@ class Episodes:
         interface: Interface | str | Path | None = None,
         reward: Reward | None = None, sampler: Sampler | None = None,
         settings: SimulationSettings | None = None,
-        steering: bool = False, sumo: bool = True,
+        steering: bool = False, sumo: bool = False, max_episode_steps: int | None = None,
     ) -> None:  # fmt: skip
         if count < 1:
             raise must_be("`num_envs`", "an environment", "at least 1", count)
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise must_be("`max_episode_steps`", "an environment", "at least 1", max_episode_steps)
         self.logical = use if isinstance(use, LogicalScenario) else catalogue.find(use)
         if isinstance(interface, str | Path):
             interface = read_interface(Path(interface))
@@ -112,6 +115,7 @@ class Episodes:
         self.count, self._sumo = count, sumo
         self._pack: Pack | None = None
         self._start_speeds = np.zeros(count)
+        self._limit, self._answered = max_episode_steps, np.zeros(count, dtype=np.int64)
         period, step = self.interface.period or self.settings.step, self.settings.step
         self._steps = round(period / step)
         if abs(self._steps * step - period) > 1e-9 or self._steps < 1:
@@ -133,14 +137,13 @@ class Episodes:
         }
         if self._pack is None:
             first = next(iter(cases.values()))
-            self._pack = Pack(
-                [cases.get(row, first) for row in range(self.count)], self.settings, sumo=self._sumo
-            )
-        else:
-            for row, concrete in cases.items():
-                self._pack.restart(row, concrete)
+            every = [cases.get(row, first) for row in range(self.count)]
+            self._pack, cases = Pack(every, self.settings, sumo=self._sumo), {}
+            self._start_speeds[:] = [concrete.ego.speed for concrete in every]
         for row, concrete in cases.items():
+            self._pack.restart(row, concrete)
             self._start_speeds[row] = concrete.ego.speed
+        self._answered[rows] = 0
 
     def point(self, generator: np.random.Generator, options: Mapping[str, Any]) -> dict[str, float]:
         """A point of the space.
@@ -229,6 +232,12 @@ class Episodes:
             )  # fmt: skip
             worth += np.where(running, self.reward(it), 0.0)
             reasons[ended] = now[ended]
+
+        self._answered += 1
+        if self._limit is not None:
+            egos = pack.world.egos
+            late = (self._answered >= self._limit) & (egos["live"] != 0)
+            egos["live"][late], reasons[late] = 0, "step_limit"
         return worth, reasons
 
     def _impact(self, row: int) -> float:
