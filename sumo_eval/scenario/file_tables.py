@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, MinLen
 
 from sumo_eval.errors import InputError, check_known, must_be
-from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.concrete import CHANGES, Road
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Definitions, checked_names, condition, number
 from sumo_eval.scenario.formulas import (
@@ -73,8 +73,9 @@ class ParameterTable(Checked):
         where: how errors call the file.
         """
         owner = f"parameter `{self.name}` of {where}"
-        if not self.name.isidentifier():
-            raise must_be("The name", owner, "letters, digits and underscores", self.name)
+        if not (self.name.isidentifier() or self.name in CHANGES):
+            allowed = "letters, digits and underscores, or a setting that a case can change"
+            raise must_be("The name", owner, allowed, self.name)
         ranged = {"low": self.low, "high": self.high, "step": self.step}
         check_unit(self.unit, owner, ranged)
         if bool(self.values) == any(value is not None for value in ranged.values()):
@@ -641,7 +642,7 @@ class ScenarioFile(Checked):
             *(it.names for it in expressions), *(it.names for _, it in needed.entries)
         )
         for item in self.parameter:
-            if item.name not in used:
+            if item.name not in used and item.name not in CHANGES:
                 raise InputError(
                     f"Parameter `{item.name}` of {names.where} must be used: nothing in the scene "
                     "depends on it."

@@ -17,7 +17,7 @@ from annotated_types import Ge
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, check_known, check_name, must_be
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Road, Start
+from sumo_eval.scenario.concrete import CHANGES, Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.requirement import Requirements
 from sumo_eval.settings import About, Checked, Positive
@@ -396,6 +396,7 @@ class LogicalScenario:
             ego_body=self.ego_body,
             time_limit=self.time_limit,
             standstill_time=self.standstill_time,
+            changes=tuple((name, point[name]) for name in self.names if name in CHANGES),
         )
 
     def concretes(self, points: ArrayLike) -> list[ConcreteScenario]:
