@@ -216,16 +216,18 @@ def _tree(text: str) -> ast.expr:
         raise InputError(f"An expression must be a text such as `3.5 * ego_speed`, got {text!r}.")
     if len(text) > LONGEST:
         raise InputError(f"An expression must have at most {LONGEST} characters, got {len(text)}.")
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-    except UNREADABLE as error:
-        raise InputError(f"Expression `{clean(text)}` cannot be read: {_reason(error)}.") from None
+    tree = parsed(text, f"Expression `{clean(text)}`")
     _check(tree, text, 0)
     return tree
 
 
-def _reason(error: BaseException) -> str:
-    return str(error.msg) if isinstance(error, SyntaxError) else "it is too deep or malformed"
+def parsed(text: str, what: str) -> ast.expr:
+    """The syntax tree of an expression; `what` names it in errors. Raises InputError."""
+    try:
+        return ast.parse(text.strip(), mode="eval").body
+    except UNREADABLE as error:
+        reason = error.msg if isinstance(error, SyntaxError) else "it is too deep or malformed"
+        raise InputError(f"{what} cannot be read: {reason}.") from None
 
 
 def _check(node: ast.expr, text: str, depth: int) -> None:

@@ -46,18 +46,27 @@ class Parameter:
     distribution: Distribution | None = None
 
     def __post_init__(self) -> None:
-        owner, ascending = (
-            f"parameter `{self.name}`",
-            all(a < b for a, b in itertools.pairwise(self.values)),
-        )
-        if self.values and not (
-            ascending and self.values[0] == self.low and self.values[-1] == self.high
-        ):
+        owner, ends = f"parameter `{self.name}`", (*self.values[:1], *self.values[-1:])
+        ascending = all(a < b for a, b in itertools.pairwise(self.values))
+        if self.values and not (ascending and ends == (self.low, self.high)):
             raise must_be("`values`", owner, "ascending, from low to high", self.values)
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise must_be("The range", owner, "finite, low < high", f"{self.low}..{self.high}")
         if not (math.isfinite(self.step) and self.step > 0):
             raise must_be("`step`", owner, "greater than 0", self.step)
+
+    def check(self, value: object, owner: str) -> None:
+        """Refuse a value that is not on the axis; owner: how errors call the space."""
+        what = f"`{self.name}`"
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise must_be(what, owner, "a number", value)
+        number = float(value)
+        if not self.low <= number <= self.high:
+            within = f"within {self.low:g}..{self.high:g}{self.behind}"
+            raise must_be(what, owner, within, number)
+        if self.values and number not in self.values:
+            allowed = ", ".join(f"{known:g}" for known in self.values)
+            raise must_be(what, owner, f"one of {allowed}{self.behind}", number)
 
     def from_shares(self, shares: FloatArray) -> FloatArray:
         """Values (n,) at shares 0..1 of the range; of listed values each has an equal part of the
@@ -357,20 +366,7 @@ class LogicalScenario:
         for parameter in self.parameters:
             if parameter.name not in values:
                 raise InputError(f"Parameter `{parameter.name}` of {owner} is missing.")
-            value = values[parameter.name]
-            if isinstance(value, bool) or not isinstance(value, Real):
-                raise must_be(f"`{parameter.name}`", owner, "a number", value)
-            if not parameter.low <= value <= parameter.high:
-                within = f"within {parameter.low:g}..{parameter.high:g}{parameter.behind}"
-                raise must_be(f"`{parameter.name}`", owner, within, float(value))
-            if parameter.values and float(value) not in parameter.values:
-                allowed = ", ".join(f"{known:g}" for known in parameter.values)
-                raise must_be(
-                    f"`{parameter.name}`",
-                    owner,
-                    f"one of {allowed}{parameter.behind}",
-                    float(value),
-                )
+            parameter.check(values[parameter.name], owner)
         point = {name: float(values[name]) for name in names}
         arrays = {name: np.float64(value) for name, value in point.items()}
         for constraint in self.constraints:

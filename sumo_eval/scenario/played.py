@@ -430,7 +430,7 @@ def holds_from(cast: Any, j: int, act: Any, now: float, before: float, stack: An
             _join(stack, k, op)
         else:
             for end in range(2):
-                stack[k, end] = _arithmetic(op, stack[k, end], stack[k + 1, end])
+                stack[k, end] = arithmetic(op, stack[k, end], stack[k + 1, end])
     return float(stack[0, 2]) if stack[0, 1] > 0.0 else -1.0
 
 
@@ -474,7 +474,8 @@ def _join(stack: Any, k: int, op: int) -> None:
 
 
 @kernel
-def _arithmetic(op: int, a: float, b: float) -> float:
+def arithmetic(op: int, a: float, b: float) -> float:
+    """The number that an operation makes of two."""
     if op == ADD:
         return a + b
     if op == SUBTRACT:

@@ -157,29 +157,17 @@ def _joined(op: int, first: Range, second: Range) -> Range:
     cannot.
     """
     (a, b), (c, d) = first, second
-    if op == played.BELOW:
-        return 0.0, float(a < d)
-    if op == played.AT_MOST:
-        return 0.0, float(a <= d)
-    if op == played.AND:
-        return 0.0, min(b, d)
-    if op == played.OR:
-        return 0.0, max(b, d)
-    if op == played.SMALLER:
-        return min(a, c), min(b, d)
-    if op == played.LARGER:
-        return max(a, c), max(b, d)
-    if op == played.ADD:
-        return a + c, b + d
-    if op == played.SUBTRACT:
-        return a - d, b - c
+    holds = {
+        played.BELOW: a < d,
+        played.AT_MOST: a <= d,
+        played.AND: min(b, d),
+        played.OR: max(b, d),
+    }
+    if op in holds:
+        return 0.0, float(holds[op])
     if op == played.DIVIDE and c <= 0.0 <= d:
         return _ANY
-    corners = [_corner(op, x, y) for x in first for y in second]
-    return (-math.inf, math.inf) if any(map(math.isnan, corners)) else (min(corners), max(corners))
-
-
-def _corner(op: int, x: float, y: float) -> float:
-    if op == played.DIVIDE:
-        return x / y if math.isfinite(x) or math.isfinite(y) else math.nan
-    return 0.0 if 0.0 in (x, y) else x * y
+    corners = [played.arithmetic(op, x, y) for x in first for y in second]
+    # of unbounded ranges some corners are undefined; the others bound what lies between
+    known = [corner for corner in corners if not math.isnan(corner)]
+    return (min(known), max(known)) if known else _ANY

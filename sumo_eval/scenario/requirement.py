@@ -17,11 +17,11 @@ import numpy as np
 
 from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.scenario.expression import (
-    UNREADABLE,
     Definitions,
     Expression,
     checked_names,
     condition,
+    parsed,
 )
 from sumo_eval.trajectory import FloatArray
 
@@ -121,10 +121,7 @@ def requirement(
                 f"`{taken}` of {owner} must have another name: requirements ask for the drive by "
                 "it."
             )
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-    except UNREADABLE:
-        raise InputError(f"Requirement `{text[:200]}` of {owner} cannot be read.") from None
+    tree = parsed(text, f"Requirement `{text[:200]}` of {owner}")
     found = _Parts(text, owner, vehicles)
     outer = condition(ast.unparse(found.visit(tree)), owner)
     for _, _, inner in found.parts:

@@ -9,12 +9,13 @@ the time, and the functions below. What it says in plain numbers is worked out o
 from __future__ import annotations
 
 import ast
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.scenario import played
-from sumo_eval.scenario.expression import UNREADABLE, Expression, checked_names, number
+from sumo_eval.scenario.expression import Expression, checked_names, number, parsed
 from sumo_eval.scenario.formulas import Names
 
 OF_ONE = {"x": played.X, "y": played.Y, "speed": played.ALONG, "lateral_speed": played.ACROSS}
@@ -37,6 +38,8 @@ _ARITHMETIC: dict[type[ast.operator], int] = {
     ast.Div: played.DIVIDE,
 }  # fmt: skip
 OF_NUMBERS = {"min": played.SMALLER, "max": played.LARGER}
+_OF_ARGUMENTS = {("abs", 1): played.ABSOLUTE} | {(key, 2): op for key, op in OF_NUMBERS.items()}
+_NUMBERS = "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(FUNCTIONS)
 EGO_NAME = "ego"
 
 Step = tuple[int, int, int, Expression | None]
@@ -65,10 +68,7 @@ def trigger(text: str, owner: str, names: Names, *, departs: bool) -> Trigger:
     departs: whether it may ask how far the ego is from a recorded one.
     Raises InputError naming what is wrong, and the nearest word.
     """
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-    except UNREADABLE:
-        raise InputError(f"Condition `{text[:200]}` of {owner} cannot be read.") from None
+    tree = parsed(text, f"Condition `{text[:200]}` of {owner}")
     steps = _Writer(text, owner, names, departs).condition(tree)
     if len(steps) > 4 * played.DEEPEST:
         raise InputError(f"Condition `{text[:200]}` of {owner} is too long.")
@@ -95,21 +95,16 @@ class _Writer:
                     ]
                 return steps
             case ast.Compare(left=left, ops=ops, comparators=others):
-                sides = [left, *others]
+                sides = [self.number(side, depth + 1) for side in (left, *others)]
                 found: list[Step] = []
-                for number_of, compared in enumerate(ops):
-                    a, b = (
-                        self.number(sides[number_of], depth + 1),
-                        self.number(sides[number_of + 1], depth + 1),
-                    )
-                    if isinstance(compared, ast.Gt | ast.GtE):
-                        a, b = b, a
-                    elif not isinstance(compared, ast.Lt | ast.LtE):
+                for compared, *pair in zip(ops, sides, sides[1:], strict=False):
+                    if not isinstance(compared, ast.Lt | ast.LtE | ast.Gt | ast.GtE):
                         raise self._wrong(node, "compared with <, <=, > or >=")
+                    smaller, larger = pair if isinstance(compared, ast.Lt | ast.LtE) else pair[::-1]
                     strict = isinstance(compared, ast.Lt | ast.Gt)
-                    found += [*a, *b, _step(played.BELOW if strict else played.AT_MOST)]
-                    if number_of:
-                        found.append(_step(played.AND))
+                    joins = [_step(played.AND)] if found else []
+                    found += smaller + larger
+                    found += [_step(played.BELOW if strict else played.AT_MOST), *joins]
                 return found
             case ast.Call(
                 func=ast.Name(id="ended"),
@@ -121,7 +116,7 @@ class _Writer:
                     raise self._wrong(node, "of a vehicle with manoeuvres: the ego has none")
                 named = self.names.vehicles[vehicle]
                 check_known(
-                    f"manoeuvre of vehicle `{vehicle}` in `{self.text}` of {self.owner}:",
+                    f"manoeuvre of vehicle `{vehicle}` in {self._place}:",
                     named,
                     move,
                 )
@@ -133,10 +128,8 @@ class _Writer:
         self._shallow(depth)
         if not self._of_the_moment(node):
             text = ast.unparse(node)
-            owner = f"`{self.text}` of {self.owner}"
-            self.names.scene.append(
-                checked_names(number(text, owner), [*self.names.known, "time"], owner)
-            )
+            known = [*self.names.known, "time"]
+            self.names.scene.append(checked_names(number(text, self._place), known, self._place))
             return [(played.VALUE, 0, 0, self.names.scene[-1])]
         match node:
             case ast.Name(id="time"):
@@ -156,38 +149,30 @@ class _Writer:
                     *self.number(left, depth + 1), *self.number(right, depth + 1),
                     _step(_ARITHMETIC[type(op)]),
                 ]  # fmt: skip
-            case ast.Call(func=ast.Name(id="abs"), args=[one], keywords=[]):
-                return [*self.number(one, depth + 1), _step(played.ABSOLUTE)]
-            case ast.Call(func=ast.Name(id="min" | "max" as name), args=[one, two], keywords=[]):
-                return [
-                    *self.number(one, depth + 1),
-                    *self.number(two, depth + 1),
-                    _step(OF_NUMBERS[name]),
-                ]
-            case ast.Call(func=ast.Name(id=name), args=[ast.Name(id=one)], keywords=[]) if (
-                name in OF_ONE
-            ):
-                return [(OF_ONE[name], self._vehicle(one), 0, None)]
-            case ast.Call(
-                func=ast.Name(id=name), args=[ast.Name(id=one), ast.Name(id=two)], keywords=[]
-            ) if name in OF_TWO:
-                if one == two:
-                    raise self._wrong(node, "of two vehicles")
-                return [(OF_TWO[name], self._vehicle(one), self._vehicle(two), None)]
-            case ast.Call(func=ast.Name(id=name)) if name not in FUNCTIONS and name not in (
-                *OF_NUMBERS,
-                "abs",
-            ):
-                raise unknown(
-                    f"function in `{self.text}` of {self.owner}:",
-                    name,
-                    [*FUNCTIONS, *OF_NUMBERS, "abs"],
-                )
-            case ast.Call(func=ast.Name(id=name)) if name in FUNCTIONS:
-                raise self._wrong(node, f"as in {FUNCTIONS[name]}")
-        raise self._wrong(
-            node, "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(FUNCTIONS)
-        )
+            case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
+                return self._call(node, name, args, depth)
+        raise self._wrong(node, _NUMBERS)
+
+    def _call(self, node: ast.expr, name: str, args: list[ast.expr], depth: int) -> list[Step]:
+        """Steps of a function's value."""
+        vehicles = [arg.id for arg in args if isinstance(arg, ast.Name)]
+        if (name, len(args)) in _OF_ARGUMENTS:
+            values = itertools.chain.from_iterable(self.number(arg, depth + 1) for arg in args)
+            return [*values, _step(_OF_ARGUMENTS[name, len(args)])]
+        if name in OF_ONE and len(vehicles) == len(args) == 1:
+            return [(OF_ONE[name], self._vehicle(vehicles[0]), 0, None)]
+        if name in OF_TWO and len(vehicles) == len(args) == 2:
+            one, two = vehicles
+            if one == two:
+                raise self._wrong(node, "of two vehicles")
+            return [(OF_TWO[name], self._vehicle(one), self._vehicle(two), None)]
+        check_known(f"function in {self._place}:", [*FUNCTIONS, *OF_NUMBERS, "abs"], name)
+        raise self._wrong(node, f"as in {FUNCTIONS[name]}" if name in FUNCTIONS else _NUMBERS)
+
+    @property
+    def _place(self) -> str:
+        """How errors call the condition."""
+        return f"`{self.text}` of {self.owner}"
 
     def _of_the_moment(self, node: ast.expr) -> bool:
         for part in ast.walk(node):
@@ -208,9 +193,7 @@ class _Writer:
         if name == EGO_NAME:
             return played.EGO
         if name not in self.names.vehicles:
-            raise unknown(
-                f"vehicle in `{self.text}` of {self.owner}:", name, [EGO_NAME, *self.names.vehicles]
-            )
+            raise unknown(f"vehicle in {self._place}:", name, [EGO_NAME, *self.names.vehicles])
         return list(self.names.vehicles).index(name)
 
     def _shallow(self, depth: int) -> None:

@@ -13,7 +13,7 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Levels, Request, owner_of
 from sumo_eval.trajectory import FloatArray
@@ -42,38 +42,31 @@ def grid_axes(
     owner = owner_of(logical)
     levels_of, step_of = _by_name(logical, levels, owner), dict(steps or {})
     for name in (*levels_of, *step_of):
-        check_known(f"parameter of scenario `{logical.name}`", logical.names, name)
         if name in levels_of and name in step_of:
             raise InputError(f"`{name}` in {owner} must have levels or a step, got both.")
+        if logical.parameters[logical.column(name)].values and (
+            name in step_of or isinstance(levels, Mapping)
+        ):
+            raise InputError(
+                f"`{name}` in {owner} has listed values: it takes no levels and no step."
+            )
     axes: list[list[float]] = []
     notes: list[str] = []
     for parameter in logical.parameters:
+        name = parameter.name
         if parameter.values:
-            if parameter.name in step_of or (
-                parameter.name in levels_of and isinstance(levels, Mapping)
-            ):
-                raise InputError(
-                    f"`{parameter.name}` in {owner} has listed values: it takes no levels and no "
-                    "step."
-                )
             axes.append(list(parameter.values))
-            continue
-        if parameter.name in levels_of:
-            axes.append(
-                _evenly(
-                    parameter, _checked_levels(levels_of[parameter.name], parameter.name, owner)
+        elif name in levels_of:
+            axes.append(_evenly(parameter, _checked_levels(levels_of[name], name, owner)))
+        else:
+            step = _checked_step(step_of.get(name, parameter.step), name, owner)
+            values, exact = _stepped(parameter, step, owner)
+            axes.append(values)
+            if not exact:
+                notes.append(
+                    f"`{name}`: steps of {step:g}{parameter.behind} from {parameter.low:g} do not "
+                    f"end at {parameter.high:g}; the last point is {values[-1]:g}."
                 )
-            )
-            continue
-        step = _checked_step(step_of.get(parameter.name, parameter.step), parameter.name, owner)
-        values, exact = _stepped(parameter, step, owner)
-        axes.append(values)
-        if not exact:
-            notes.append(
-                f"`{parameter.name}`: steps of {step:g}{parameter.behind} from {parameter.low:g} "
-                "do not end at "
-                f"{parameter.high:g}; the last point is {values[-1]:g}."
-            )
     _refuse_if_too_many(math.prod(len(axis) for axis in axes), owner)
     return axes, tuple(notes)
 
