@@ -46,12 +46,13 @@ class Parameter:
     distribution: Distribution | None = None
 
     def __post_init__(self) -> None:
-        owner, ends = f"parameter `{self.name}`", (*self.values[:1], *self.values[-1:])
-        ascending = all(a < b for a, b in itertools.pairwise(self.values))
-        if self.values and not (ascending and ends == (self.low, self.high)):
-            raise must_be("`values`", owner, "ascending, from low to high", self.values)
-        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
-            raise must_be("The range", owner, "finite, low < high", f"{self.low}..{self.high}")
+        owner, low, high = f"parameter `{self.name}`", self.low, self.high
+        values = self.values
+        ascending = all(a < b for a, b in itertools.pairwise(values))
+        if values and not (ascending and values[0] == low and values[-1] == high):
+            raise must_be("`values`", owner, "ascending, from low to high", values)
+        if not -math.inf < low < high < math.inf:
+            raise must_be("The range", owner, "finite, low < high", f"{low}..{high}")
         if not (math.isfinite(self.step) and self.step > 0):
             raise must_be("`step`", owner, "greater than 0", self.step)
 

@@ -68,12 +68,12 @@ def tracks(
 
     in_python: for a single case, whose caller shall not wait for machine code.
     """
-    cast, line = _begun(concretes, bodies), knots_of(concretes[0].road.line)
-    (n, m), count = cast.others.shape, _looks(until, step)
-    found = np.zeros((n, 1 + m, count, 5))
+    cast = _begun(concretes, bodies)
+    n, m = cast.others.shape
+    found = np.zeros((n, 1 + m, _looks(until, step), 5))
     run = interpreted(_run_rows) if in_python else _run_rows
-    run(cast, found, step, np.zeros((DEEPEST, 3)), line)
-    return Tracks(found[:, 0], found[:, 1:], cast.plays["first_begin"].copy())
+    run(cast, found, step, np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line))
+    return Tracks(found[:, 0], found[:, 1:], cast.plays["first_begin"])
 
 
 class Braking(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,71 +64,125 @@ def _resampled(polyline: FloatArray) -> FloatArray:
     return np.concatenate(found)
 
 
+class _Grid(NamedTuple):
+    """Steps along a line of `length` m, by which curvatures at knots become a line.
+
+    s: (count + 1,), ends of the steps; middle: (count,); step: their length, m.
+    knots: s of the knots, (k,). turned: heading at the middles for a curvature of 1 at each knot,
+    (count, k). smooth: rows that keep the second difference of the curvatures small, (k - 2, k).
+    """
+
+    length: float
+    step: float
+    s: FloatArray
+    middle: FloatArray
+    knots: FloatArray
+    turned: FloatArray
+    smooth: FloatArray
+
+
+class _Line(NamedTuple):
+    """A line on a grid: heading at the middles, what each step goes east and north, x and y."""
+
+    heading: FloatArray
+    east: FloatArray
+    north: FloatArray
+    x: FloatArray
+    y: FloatArray
+
+    def at(self, grid: _Grid, s: FloatArray) -> FloatArray:
+        """Its places at s, (n, 2)."""
+        return np.column_stack([np.interp(s, grid.s, self.x), np.interp(s, grid.s, self.y)])
+
+
 def _fitted(places: FloatArray, apart: float) -> tuple[tuple[Piece, ...], Pose, float]:
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))])
-    length = float(along[-1])
-    knots = max(round(length / apart), 1)
-    count = knots * max(math.ceil(apart / _STEP), 2)
-    step, grid = length / count, np.linspace(0.0, length, count + 1)
-    middle = 0.5 * (grid[:-1] + grid[1:])
-    at = np.linspace(0.0, length, knots + 1)
-    # (count, knots + 1)
-    hat = np.array([np.interp(middle, at, one) for one in np.eye(knots + 1)]).T
-    # of the heading, at the grid
-    turned = np.concatenate([np.zeros((1, knots + 1)), np.cumsum(hat, axis=0) * step])
-    headings = np.unwrap(np.arctan2(*np.diff(places, axis=0).T[::-1]))
-    half = 0.5 * (turned[:-1] + turned[1:])
-    first = np.array([*places[0], headings[0]])
-    bends = (
-        _SMOOTH * apart**2 * np.diff(np.eye(knots + 1), 2, axis=0)
-        if knots > 1
-        else np.zeros((0, knots + 1))
-    )
-    sides = [
-        np.interp(at + 0.5 * side * length / knots, 0.5 * (along[:-1] + along[1:]), headings)
-        for side in (-1, 1)
-    ]
-    curvature = (sides[1] - sides[0]) * knots / length
-    s = along.copy()
+    """The line with knots `apart` m apart, by Gauss and Newton's rounds, and how far off it is."""
+    segments = np.diff(places, axis=0).T
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*segments))])
+    headings = np.unwrap(np.arctan2(*segments[::-1]))
+    grid = _grid(float(s[-1]), apart)
+    first, curvature = np.array([*places[0], headings[0]]), _curvatures(grid, s, headings)
     for _ in range(_ROUNDS):
-        heading = first[2] + half @ curvature
-        c, n = np.cos(heading) * step, np.sin(heading) * step
-        x = first[0] + np.concatenate([[0.0], np.cumsum(c)])
-        y = first[1] + np.concatenate([[0.0], np.cumsum(n)])
-        toward = np.interp(s, middle, heading)
-        off = places - np.column_stack([np.interp(s, grid, x), np.interp(s, grid, y)])
-        s = np.clip(s + off[:, 0] * np.cos(toward) + off[:, 1] * np.sin(toward), 0.0, length)
-        left = np.column_stack([-np.sin(toward), np.cos(toward)])
-        off = places - np.column_stack([np.interp(s, grid, x), np.interp(s, grid, y)])
-        east = np.concatenate([np.zeros((1, knots + 1)), np.cumsum(-n[:, None] * half, axis=0)])
-        north = np.concatenate([np.zeros((1, knots + 1)), np.cumsum(c[:, None] * half, axis=0)])
-        below = np.clip(np.searchsorted(grid, s, side="right") - 1, 0, count - 1)
-        share = ((s - grid[below]) / step)[:, None]
-        by_curvature = left[:, :1] * (east[below] + share * (east[below + 1] - east[below]))
-        by_curvature += left[:, 1:] * (north[below] + share * (north[below + 1] - north[below]))
-        arm = np.column_stack([np.interp(s, grid, x) - first[0], np.interp(s, grid, y) - first[1]])
-        by_heading = left[:, :1] * -arm[:, 1:] + left[:, 1:] * arm[:, :1]
+        line = _integrated(grid, first, curvature)
+        s, left, off = _feet(grid, line, places, s)
         # it begins beside the first place, not along from it
         aside = np.array([-np.sin(first[2]), np.cos(first[2])])
-        rows = np.hstack([left @ aside[:, None], by_heading, by_curvature])
-        wanted = np.einsum("ij,ij->i", off, left)
-        rows = np.vstack([rows, np.hstack([np.zeros((len(bends), 2)), bends])])
-        wanted = np.concatenate([wanted, -bends @ curvature])
+        rows = np.hstack([left @ aside[:, None], *_derivatives(grid, line, s, left)])
+        rows = np.vstack([rows, np.hstack([np.zeros((len(grid.smooth), 2)), grid.smooth])])
+        wanted = np.concatenate([np.einsum("ij,ij->i", off, left), -grid.smooth @ curvature])
         triangle = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
         change = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
-        first, curvature = (
-            first + np.array([*(change[0] * aside), change[1]]),
-            curvature + change[2:],
-        )
-        if abs(change[0]) < _SETTLED and np.abs(change[2:]).max() < _SETTLED / length:
+        first = first + np.array([*(change[0] * aside), change[1]])
+        curvature = curvature + change[2:]
+        if abs(change[0]) < _SETTLED and np.abs(change[2:]).max() < _SETTLED / grid.length:
             break
-    curvature = np.round(curvature, _DIGITS) + 0.0
-    pieces = tuple(
-        Piece(length / knots, begin, end) for begin, end in itertools.pairwise(curvature.tolist())
-    )
+
+    ends = (np.round(curvature, _DIGITS) + 0.0).tolist()
+    width = grid.length / (len(ends) - 1)
+    pieces = tuple(Piece(width, begin, end) for begin, end in itertools.pairwise(ends))
     begins = Pose(*map(float, first))
-    seen = onto_the_line(places, begins)
-    return pieces, begins, _off(pieces, seen, s)
+    return pieces, begins, _off(pieces, onto_the_line(places, begins), s)
+
+
+def _grid(length: float, apart: float) -> _Grid:
+    """The grid of a line, with knots about `apart` m apart."""
+    knots = max(round(length / apart), 1)
+    count = knots * max(math.ceil(apart / _STEP), 2)
+    step, s = length / count, np.linspace(0.0, length, count + 1)
+    middle, at = 0.5 * (s[:-1] + s[1:]), np.linspace(0.0, length, knots + 1)
+    each = np.eye(knots + 1)
+    hat = np.array([np.interp(middle, at, one) for one in each]).T
+    turned = np.concatenate([np.zeros((1, knots + 1)), np.cumsum(hat, axis=0) * step])
+    smooth = np.zeros((0, knots + 1))
+    if knots > 1:
+        smooth = _SMOOTH * apart**2 * np.diff(each, 2, axis=0)
+    return _Grid(length, step, s, middle, at, 0.5 * (turned[:-1] + turned[1:]), smooth)
+
+
+def _curvatures(grid: _Grid, along: FloatArray, headings: FloatArray) -> FloatArray:
+    """Curvatures at the knots by the headings of a polyline, whose corners are at `along`."""
+    count, middles = len(grid.knots) - 1, 0.5 * (along[:-1] + along[1:])
+    before, behind = (
+        np.interp(grid.knots + 0.5 * side * grid.length / count, middles, headings)
+        for side in (-1, 1)
+    )
+    return np.asarray((behind - before) * count / grid.length)
+
+
+def _integrated(grid: _Grid, first: FloatArray, curvature: FloatArray) -> _Line:
+    """The line that begins at `first`, (x, y, heading)."""
+    heading = first[2] + grid.turned @ curvature
+    east, north = np.cos(heading) * grid.step, np.sin(heading) * grid.step
+    x = first[0] + np.concatenate([[0.0], np.cumsum(east)])
+    return _Line(heading, east, north, x, first[1] + np.concatenate([[0.0], np.cumsum(north)]))
+
+
+def _feet(
+    grid: _Grid, line: _Line, places: FloatArray, s: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """s of the feet of places, a step nearer; the line's left there, and how far off it is."""
+    toward = np.interp(s, grid.middle, line.heading)
+    c, n = np.cos(toward), np.sin(toward)
+    off = places - line.at(grid, s)
+    s = np.clip(s + off[:, 0] * c + off[:, 1] * n, 0.0, grid.length)
+    return s, np.column_stack([-n, c]), places - line.at(grid, s)
+
+
+def _derivatives(
+    grid: _Grid, line: _Line, s: FloatArray, left: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Of the places at s to the left: by the first heading, (n, 1), by the curvatures, (n, k)."""
+    below = np.clip(np.searchsorted(grid.s, s, side="right") - 1, 0, len(grid.middle) - 1)
+    share = ((s - grid.s[below]) / grid.step)[:, None]
+
+    def moved(steps: FloatArray) -> FloatArray:
+        swept = np.cumsum(steps[:, None] * grid.turned, axis=0)
+        sums = np.concatenate([np.zeros((1, len(grid.knots))), swept])
+        return np.asarray(sums[below] + share * (sums[below + 1] - sums[below]))
+
+    by_curvature = left[:, :1] * moved(-line.north) + left[:, 1:] * moved(line.east)
+    arm = line.at(grid, s) - np.array([line.x[0], line.y[0]])
+    return left[:, :1] * -arm[:, 1:] + left[:, 1:] * arm[:, :1], by_curvature
 
 
 def _off(pieces: tuple[Piece, ...], places: FloatArray, near: FloatArray) -> float:
