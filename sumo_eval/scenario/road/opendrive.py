@@ -32,6 +32,8 @@ _PART = 2.0  # m: a spiral's offset is no spiral, and is drawn in parts of it
 _SAME = 1e-6  # m, widths closer than this are one
 _MEETS = 0.05  # m and rad that a road of a chain may begin off the end of the one before it
 _MOST_ROADS = 8  # of a chain
+_Knots = list[tuple[float, float]]  # s and a lane's width there, m
+_Ramps = list[tuple[float, float, str]]  # begin, end and type of a lane's sections
 _DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
 
 
@@ -264,6 +266,19 @@ def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> floa
     return found["lanes/laneOffset"]
 
 
+class _Section(NamedTuple):
+    """A lane section from s = `begin` to `end`, m, and the lanes of one side, from the inside."""
+
+    begin: float
+    end: float
+    lanes: list[etree._Element]
+
+    @property
+    def driven(self) -> list[int]:
+        """Ranks of its driving lanes."""
+        return [_rank(lane) for lane in self.lanes if lane.get("type") in _DRIVEN]
+
+
 def _driving_lanes(
     road: etree._Element, owner: str, length: float, *, against: bool
 ) -> tuple[float, int, float, tuple[LaneSpan, ...]]:
@@ -273,14 +288,9 @@ def _driving_lanes(
     against: of the left-hand lanes, driven the other way.
     """
     shift = lane_offset(road, owner)
-    sections = road.findall("lanes/laneSection")
-    if not sections:
-        raise must_be("The lane sections", owner, "at least one", 0)
-    begins = [_number(section, "s", owner) if len(sections) > 1 else 0.0 for section in sections]
     side = "left" if against else "right"
-    here = [sorted(section.findall(f"{side}/lane"), key=_rank) for section in sections]
-    fullest = max(here, key=lambda lanes: sum(lane.get("type") in _DRIVEN for lane in lanes))
-    most = [_rank(lane) for lane in fullest if lane.get("type") in _DRIVEN]
+    sections = _sections(road, owner, length, side)
+    most = max((section.driven for section in sections), key=len)
     if not most:
         raise InputError(
             f"{capitalised(owner)} has no driving lane to the {side} of its reference line."
@@ -288,59 +298,79 @@ def _driving_lanes(
     if most != list(range(most[0], most[0] + len(most))):
         raise must_be("The driving lanes", owner, "adjacent", most)
     outer = most[-1]
-    knots: list[tuple[float, float]] = []  # width of the outermost lane along the road
-    ramps: list[tuple[float, float, str]] = []
-    centres: dict[int, float] = {}
-    widths: dict[int, float] = {}
-    for section, (begin, lanes) in enumerate(zip(begins, here, strict=True)):
-        end = begins[section + 1] if section + 1 < len(begins) else length
-        driven = [_rank(lane) for lane in lanes if lane.get("type") in _DRIVEN]
-        if driven not in (most, most[:-1]):
+    for section in sections:
+        if section.driven not in (most, most[:-1]):
             wanted = f"the same throughout, except the outermost, {outer}"
-            raise must_be("The driving lanes", f"{owner} at s = {begin:g}", wanted, driven)
-        offset = 0.0
-        for lane in lanes:
-            rank = _rank(lane)
-            if rank > outer:
-                break
-            if rank == outer and lane.get("type") in _DRIVEN:
-                knots += _widths(lane, begin, end, owner)
-                ramps.append((begin, end, str(lane.get("type"))))
-                centres[rank] = offset
-                continue
-            (_, one), (_, other), *more = _widths(lane, begin, end, owner)
-            if one != other or more:
-                raise must_be(
-                    f"The width of lane {lane.get('id')}",
-                    owner,
-                    "constant",
-                    f"{one:g}..{other:g} m",
-                )
-            if (
-                abs(centres.setdefault(rank, offset) - offset) > _SAME
-                or abs(widths.setdefault(rank, one) - one) > _SAME
-            ):
-                raise must_be(
-                    f"Lane {lane.get('id')}",
-                    owner,
-                    "the same in every section",
-                    f"{one:g} m at s = {begin:g}",
-                )
-            offset += one
-        if outer not in driven:
-            knots += [(begin, 0.0), (end, 0.0)]
+            where = f"{owner} at s = {section.begin:g}"
+            raise must_be("The driving lanes", where, wanted, section.driven)
+
+    centres, inner = _inner_lanes(sections, outer, owner)
+    knots, ramps = _outermost(sections, outer, owner)
     width = max(value for _, value in knots)
-    if any(abs(widths[rank] - width) > _SAME for rank in most[:-1]):
-        raise must_be(
-            "The driving lanes",
-            owner,
-            "of one width",
-            [*(widths[rank] for rank in most[:-1]), width],
-        )
+    widths = [*(inner[rank] for rank in most[:-1]), width]
+    if any(abs(value - width) > _SAME for value in widths):
+        raise must_be("The driving lanes", owner, "of one width", widths)
     spans = _span_of(knots, width, ramps, length, owner, against=against)
     if spans and len(most) == 1:
         raise must_be("The driving lanes", owner, "at least one that is there throughout", most)
     return (-shift if against else shift) - (centres[outer] + 0.5 * width), len(most), width, spans
+
+
+def _sections(road: etree._Element, owner: str, length: float, side: str) -> list[_Section]:
+    """The lane sections of a road."""
+    elements = road.findall("lanes/laneSection")
+    if not elements:
+        raise must_be("The lane sections", owner, "at least one", 0)
+    begins = [_number(it, "s", owner) if len(elements) > 1 else 0.0 for it in elements]
+    return [
+        _Section(begin, end, sorted(element.findall(f"{side}/lane"), key=_rank))
+        for element, begin, end in zip(elements, begins, [*begins[1:], length], strict=True)
+    ]
+
+
+def _inner_lanes(
+    sections: Sequence[_Section], outer: int, owner: str
+) -> tuple[dict[int, float], dict[int, float]]:
+    """Where each lane up to the outermost driven one begins, and the width of all but that one, m,
+    by rank: constant, and the same in every section.
+    """
+    begins: dict[int, float] = {}
+    widths: dict[int, float] = {}
+    for section in sections:
+        offset = 0.0
+        for lane in section.lanes:
+            rank = _rank(lane)
+            if rank > outer:
+                break
+            if rank == outer and lane.get("type") in _DRIVEN:
+                begins[rank] = offset
+                continue
+            name = f"lane {lane.get('id')}"
+            (_, one), (_, other), *more = _widths(lane, section.begin, section.end, owner)
+            if one != other or more:
+                raise must_be(f"The width of {name}", owner, "constant", f"{one:g}..{other:g} m")
+            moved = abs(begins.setdefault(rank, offset) - offset)
+            if max(moved, abs(widths.setdefault(rank, one) - one)) > _SAME:
+                at = f"{one:g} m at s = {section.begin:g}"
+                raise must_be(capitalised(name), owner, "the same in every section", at)
+            offset += one
+    return begins, widths
+
+
+def _outermost(sections: Sequence[_Section], outer: int, owner: str) -> tuple[_Knots, _Ramps]:
+    """Widths of the outermost driven lane along the road, as in `_widths`; begin, end and type of
+    its sections.
+    """
+    knots: _Knots = []
+    ramps: _Ramps = []
+    for begin, end, lanes in sections:
+        driven = [it for it in lanes if _rank(it) == outer and it.get("type") in _DRIVEN]
+        for lane in driven:
+            knots += _widths(lane, begin, end, owner)
+            ramps.append((begin, end, str(lane.get("type"))))
+        if not driven:
+            knots += [(begin, 0.0), (end, 0.0)]
+    return knots, ramps
 
 
 def _rank(lane: etree._Element) -> int:
@@ -351,13 +381,11 @@ def _rank(lane: etree._Element) -> int:
     return abs(int(number))
 
 
-def _widths(
-    lane: etree._Element, begin: float, end: float, owner: str
-) -> list[tuple[float, float]]:
+def _widths(lane: etree._Element, begin: float, end: float, owner: str) -> _Knots:
     """The width of a lane in a section at the places between which it changes linearly: pairs of s
     and width, m.
     """
-    found: list[tuple[float, float]] = []
+    found: _Knots = []
     entries = lane.findall("width")
     if not entries:
         raise InputError(f"Lane {lane.get('id')} of {owner} must have a <width>.")
@@ -381,7 +409,7 @@ def _widths(
 
 
 def _span_of(
-    knots: Sequence[tuple[float, float]], width: float, ramps: Sequence[tuple[float, float, str]],
+    knots: _Knots, width: float, ramps: _Ramps,
     length: float,
     owner: str, *, against: bool,
 ) -> tuple[LaneSpan, ...]:  # fmt: skip
