@@ -339,9 +339,7 @@ def _room(node: ast.expr) -> ast.expr:
             )
         case ast.Compare(left=left, ops=ops, comparators=others):
             sides = [left, *others]
-            return _one_of(
-                "min", [_between(*pair) for pair in zip(ops, sides[:-1], sides[1:], strict=True)]
-            )
+            return _one_of("min", list(map(_between, ops, sides, sides[1:])))
     raise AssertionError(ast.dump(node))  # `_is_condition` knows no other
 
 
