@@ -1,5 +1,4 @@
-"""What a learned policy is shown and what its answer means, as a table: `policy.toml` beside
-`policy.onnx`.
+"""Table of a learned policy's inputs and outputs: `policy.toml` next to `policy.onnx`.
 
     frame = "road"                      # or "ego": x ahead of the ego and y to its left
 
@@ -222,7 +221,7 @@ class _File(Checked):
 def read_interface(path: Path) -> Interface:
     """The table in a file.
 
-    Raises InputError with one sentence.
+    Raises InputError for a mistake in it.
     """
     found = read_checked(path, _File, "Features table")
     return Interface(
@@ -231,9 +230,7 @@ def read_interface(path: Path) -> Interface:
 
 
 def usual(*, steering: bool = False, vehicles: int = 2) -> Interface:
-    """What a policy is shown if nobody says otherwise: itself, its lane, its lead, and the nearest
-    vehicles.
-    """
+    """The default features and actions: the ego, its lane, its lead, and the nearest vehicles."""
     features = [
         Feature("ego.speed", 0.0, 60.0), Feature("ego.acceleration", -10.0, 10.0),
         Feature("ego.heading", -0.5, 0.5),
@@ -256,7 +253,7 @@ def usual(*, steering: bool = False, vehicles: int = 2) -> Interface:
 
 
 def _reader(name: str) -> tuple[Callable[[Observations, str], Floats], float]:
-    """What reads a feature, nan or inf where there is none, and what stands there then."""
+    """Reader of a feature (nan or inf for a missing vehicle), and the value for a missing one."""
     what, _, rest = name.partition(".")
     if name in ("time", "lane_offset", "left_edge", "right_edge"):
         return cast("dict[str, Callable[[Observations, str], Floats]]", _ALONE)[name], 0.0

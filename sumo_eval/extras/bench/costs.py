@@ -1,4 +1,4 @@
-"""What everything costs on this machine: bare libsumo, the harness, the field, D, zones.
+"""Costs on this machine: bare libsumo, the harness, the field, D, zones.
 
 Processor time of this process, not wall time, so that other programs disturb little; the rows of
 one table are measured in turns, several rounds, and the least of each counts. What carries over to
@@ -86,7 +86,7 @@ class Policy:
         return -4.0 if self.brakes else 0.0
 
     def settled(self) -> bool:
-        """It goes on as it is while nobody is near."""
+        """Whether the ego keeps its speed while no actor is near."""
         return not self.brakes
 
 
@@ -103,7 +103,7 @@ class BatchPolicy:
         return np.where(self.brakes, -4.0, 0.0)
 
     def settled(self) -> NDArray[np.bool_]:
-        """Those go on as they are whom nobody is near."""
+        """Which egos keep their speed while no actor is near."""
         return np.logical_not(self.brakes)
 
 

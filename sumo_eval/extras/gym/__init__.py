@@ -1,8 +1,8 @@
 """Gymnasium environments over the logical scenarios: `import sumo_eval.gym` registers
 `sumo_eval/<scenario>-v0`.
 
-`gymnasium.make("sumo_eval/cut_in-v0")` is one case after the other, `gymnasium.make_vec(...,
-num_envs=256)` so many beside each other in one process. `sumo_eval/scenario-v0` takes a scenario of
+`gymnasium.make("sumo_eval/cut_in-v0")` runs single cases, `gymnasium.make_vec(..., num_envs=256)`
+parallel ones in one process. `sumo_eval/scenario-v0` takes a scenario of
 your own: `use="my_scenario.toml"`. Needs the extra `gym`.
 """
 

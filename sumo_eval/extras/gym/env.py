@@ -1,6 +1,4 @@
-"""The environments that gymnasium makes: one episode after the other, or many beside each other in
-one process.
-"""
+"""The environments that gymnasium makes: single episodes, or parallel ones in one process."""
 
 from __future__ import annotations
 
@@ -53,14 +51,14 @@ class _WithEpisodes:
 
     @property
     def interface(self) -> Interface:
-        """What is seen and done; `to_toml()` is the table that `onnx:` wants beside the model."""
+        """Features and actions; `to_toml()` is the table that `onnx:` needs next to the model."""
         return self.episodes.interface
 
 
 class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
-    """Cases of a logical scenario one after the other; arguments as of `Episodes`.
+    """Single cases of a logical scenario; arguments as of `Episodes`.
 
-    `reset(options={"gap": 20.0})` sets parameters and draws the others; `options={"sampler": f}`
+    `reset(options={"gap": 20.0})` sets parameters and draws the rest; `options={"sampler": f}`
     asks `f(generator)` for a point. `info` has the point (`values`) and, at the end, `end_reason`.
     """
 
@@ -103,9 +101,9 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
 
 
 class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
-    """Cases of a logical scenario, `num_envs` beside each other; other arguments as of `Episodes`.
+    """`num_envs` parallel cases of a logical scenario; other arguments as of `Episodes`.
 
-    autoreset_mode: when an episode that is over begins anew: with the next step, which gives its
+    autoreset_mode: when a finished episode restarts: with the next step, which gives its
         first observation and reward 0 (gymnasium's usual), with the same step, its last observation
         in `final_obs`, or never (`Disabled`).
     """
@@ -130,7 +128,7 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
     ) -> tuple[Floats, dict[str, Any]]:
         """Begin a case in each, or in those of `options["reset_mask"]`.
 
-        seed: of the first, each of the others has the next number; or one for each.
+        seed: of the first, counted up for the rest; or one for each.
         """
         options = dict(options or {})
         mask = options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_))

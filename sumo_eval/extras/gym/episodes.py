@@ -1,6 +1,4 @@
-"""Episodes of a logical scenario, some beside each other: how they begin, what a step is worth, how
-they end.
-"""
+"""Parallel episodes of a logical scenario: their start, reward and end."""
 
 from __future__ import annotations
 
@@ -83,10 +81,10 @@ def usual_reward(it: Transition) -> Floats:
 
 
 class Episodes:
-    """n episodes of one logical scenario beside each other.
+    """n parallel episodes of one logical scenario.
 
     use: a shipped scenario's name, a scenario file, `module:name`, or a LogicalScenario.
-    interface: what is seen and done, or the file that says so.
+    interface: features and actions, or their file.
     reward: worth of each step, (n,).
     sampler: draws a point from a generator; None: evenly over the space.
     steering: whether the usual interface has steering.
@@ -127,7 +125,7 @@ class Episodes:
         generators: list[np.random.Generator],
         options: Mapping[str, Any],
     ) -> None:
-        """Let these episodes begin anew, each with a point drawn by its generator;
+        """Restart these episodes, each at a point drawn by its generator.
 
         options: see `point`.
         """
@@ -148,7 +146,7 @@ class Episodes:
     def point(self, generator: np.random.Generator, options: Mapping[str, Any]) -> dict[str, float]:
         """A point of the space.
 
-        options: values of parameters by name, the others are drawn; or a `sampler`.
+        options: values of parameters by name, the rest is drawn; or a `sampler`.
         """
         given = {name: value for name, value in options.items() if name != "sampler"}
         sampler = options.get("sampler", self.sampler)
@@ -197,13 +195,13 @@ class Episodes:
         return self._pack
 
     def close(self) -> None:
-        """End the simulation; the next `begin` makes another one."""
+        """End the simulation; the next `begin` starts a new simulation."""
         if self._pack is not None:
             self._pack.close()
             self._pack = None
 
     def show(self) -> NDArray[np.float32]:
-        """What the policies see, (n, number of features)."""
+        """Features for the policies, (n, number of features)."""
         return self.interface.show(self.pack.observations())
 
     def step(self, answers: Floats) -> tuple[Floats, NDArray[Any]]:

@@ -88,7 +88,7 @@ class CampaignSettings(Checked):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Space:
-    """A scenario of the campaign, how its points are met and how often.
+    """A scenario of the campaign, the distribution of its points and its rate of encounters.
 
     events, vehicle_km: None where `per_km` was given by hand.
     """
@@ -103,7 +103,7 @@ class Space:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % limits of how often it is met, 1/km."""
+        """95 % limits of its encounters, 1/km."""
         if self.events is None or self.vehicle_km is None:
             return self.per_km, self.per_km
         return rate_interval(self.events, self.vehicle_km)
@@ -153,7 +153,7 @@ class AdsRate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Campaign:
-    """What a campaign came to."""
+    """Results of a campaign."""
 
     settings: CampaignSettings
     spaces: tuple[Space, ...]
@@ -263,7 +263,7 @@ def loss_of(outcome: Outcome) -> float:
 def part_of(
     space: Space, search: RareEvents, seed: int, stopped: str, lost: dict[str, int]
 ) -> Part:
-    """The rates of one ADS in one scenario, from what the search was told."""
+    """The rates of one ADS in one scenario, from the search's drives."""
     from scipy.special import stdtrit
 
     estimate = search.estimate()

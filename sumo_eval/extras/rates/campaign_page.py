@@ -1,4 +1,4 @@
-"""What a campaign came to: a page, JSON and sentences."""
+"""Results of a campaign: a page, JSON and sentences."""
 
 from __future__ import annotations
 
@@ -126,9 +126,7 @@ def lost_words(lost: Mapping[str, int]) -> str:
 
 
 def unseen_words(rate: AdsRate) -> str:
-    """What a rate leaves out: scenarios in which no collision was seen, beside others that have
-    some; else nothing.
-    """
+    """Scenarios that a rate leaves out: those without a collision, where others have some."""
     unseen = [part for part in rate.parts if part.collisions[0] == 0.0]
     if not unseen or len(unseen) == len(rate.parts):
         return ""

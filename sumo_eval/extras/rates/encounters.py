@@ -1,5 +1,5 @@
-"""Manoeuvres of others that somebody had to answer, found in recordings and measured as parameters
-of a scenario.
+"""Manoeuvres that a driver had to answer, found in recordings and measured as parameters of a
+scenario.
 
 Rules (who counts is decided by `drivers.recorded.events`; what is measured, here):
 
@@ -71,7 +71,7 @@ class NotMeasuredError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """How one of the others really moved: times from t = 0 on, s; place ahead of the ego's centre
+    """An actor's recorded motion: times from t = 0 on, s; place ahead of the ego's centre
     at t = 0 and to the left of the lane that it begins or ends in, m.
 
     bodies: half the lengths of both, m.
@@ -107,7 +107,7 @@ class Encounters:
     ghosts: int = 0
 
     def add(self, who: dict[str, Any], measure: Callable[[], Measured]) -> None:
-        """Count an event that is no ghost, with its parameters where `measure` finds them."""
+        """Count an event without ghosts, with its parameters where `measure` finds them."""
         self.events += 1
         try:
             row, motion = measure()
@@ -121,7 +121,7 @@ class Encounters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What recordings hold.
+    """Encounters in recordings.
 
     kilometres: driven by all motor vehicles.
     hours: of these together.
@@ -444,7 +444,7 @@ def _approach(tracks: _Tracks, event: Mapping[str, Any]) -> Measured:
 
 
 def _neighbours(tracks: _Tracks, change: RecordedLaneChange) -> tuple[str, str] | None:
-    """The leader in the old lane and the vehicle behind in the new one at a lane change; None
+    """The lead in the old lane and the vehicle behind in the new one at a lane change; None
     unless both are near.
     """
     before, now = change.row - 1, change.row

@@ -47,8 +47,7 @@ LEVEL: Final = 0.95
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Met:
-    """How often points of a scenario are met, as a density that integrates to 1 over the possible
-    points.
+    """Exposure of a scenario's points, as a density that integrates to 1 over the possible ones.
 
     base: draws points as often as parameters are met, constraints aside; base_density: their
         density.
@@ -89,9 +88,7 @@ class Met:
 
 
 def how_met(logical: LogicalScenario) -> Met:
-    """How often the points of a scenario are met: by its joint distribution, else by its
-    parameters' own.
-    """
+    """Exposure of a scenario's points: by its joint distribution, else by its parameters' own."""
     listed = [item.name for item in logical.parameters if item.values]
     if listed:
         raise InputError(
@@ -226,7 +223,7 @@ class RareEvents:
         return batch
 
     def tell(self, batch: Batch, collided: BoolArray, loss: FloatArray) -> None:
-        """What happened at a batch's points: collisions (n,) and losses (n,), 0 without."""
+        """Outcomes at a batch's points: collisions (n,) and losses (n,), 0 without."""
         self.loss = np.concatenate([self.loss, loss])
         self.weights = np.concatenate([self.weights, batch.weights])
         self.counted = np.concatenate([self.counted, np.full(len(collided), batch.counts)])
@@ -261,7 +258,7 @@ class RareEvents:
         return danger(self.met.logical, points, ZoneSettings())
 
     def _pool(self, stream: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Possible points (m, k) near and far from what is met, p there, and the density that they
+        """Possible points (m, k) near and far from the exposed ones, p there, and the density they
         were drawn with.
         """
         logical = self.met.logical
@@ -330,7 +327,7 @@ class RareEvents:
         least: float,
         stream: np.random.Generator,
     ) -> Mixture | None:
-        """Gaussians over points that collide with at least this probability, fitted anew to draws
+        """Gaussians over points that collide with at least this probability, refitted to draws
         of its own.
         """
         logical = self.met.logical
@@ -356,7 +353,7 @@ class RareEvents:
     # -- what came of it
 
     def estimate(self) -> Estimate:
-        """What the drives that counted say."""
+        """The estimate from the counted drives."""
         hits = self.counted & self.collided
         return estimated(
             self.weights[hits],
@@ -480,7 +477,7 @@ def degrees_of_freedom(terms: FloatArray) -> float:
 
 
 def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:
-    """Joint distributions over events counted anew, each with how many events it has over how many
+    """Joint distributions over resampled events, each with how many events it has over how many
     there are.
 
     Each event counts as often as a Poisson draw of mean 1 says: what another stretch of road would

@@ -1,5 +1,5 @@
-"""A recorded scene as a scenario file: an ADS in the place of one of the recorded vehicles, the
-others as they drove.
+"""A recorded scene as a scenario file: an ADS replaces one of the recorded vehicles, the rest drive
+as recorded.
 
 The others drive along their recorded path at their recorded speed. Where a model is named, SUMO
 drives each of them by it from when the ADS is further from the recorded ego than so many metres,
@@ -50,7 +50,7 @@ FAR, IN_ANOTHER, SHORT = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What became of a scene.
+    """The scenario of a scene, and its errors.
 
     path: of the file.
     others: how many vehicles.
@@ -208,7 +208,7 @@ def _of_recording(table: pd.DataFrame, recording: str | None, ego: str) -> pd.Da
 
 
 def _lanes(rows: pd.DataFrame) -> tuple[float, float, int]:
-    """Middle of the right-most lane that somebody drives in, m, width of the lanes and how many
+    """Middle of the right-most lane with a vehicle, m, width of the lanes and how many
     there are.
     """
     middles = np.sort(rows.groupby("lane")["y"].median().to_numpy())
@@ -338,9 +338,7 @@ def thinned(x: FloatArray, y: FloatArray, tolerance: float) -> list[int]:
 
 
 def _error(path: Path, others: list[_Track], shift: float, seconds: float) -> tuple[float, float]:
-    """Root mean square and largest distance of the others, as the file says they drive, from where
-    they were, m.
-    """
+    """Root mean square and largest distance of the actors from their recorded positions, m."""
     concrete = read_scenario(path).concrete(react_beyond=NEVER)
     body = concrete.ego_body
     assert body is not None

@@ -1,4 +1,4 @@
-"""What each class of encounters looks like as a scenario file: parameters, vehicles, moves.
+"""Each class of encounters as a scenario file: parameters, vehicles, moves.
 
 Where a scene needs the left, the lane beside the ego's is on its left; encounters to the other side
 are mirrored.
@@ -239,7 +239,7 @@ SCENES: Final[Mapping[str, Scene]] = {
         behind=True,
     ),
 }  # fmt: skip
-"""What each class of `encounters.CLASSES` looks like."""
+"""The scene of each class of `encounters.CLASSES`."""
 
 
 def content_of(

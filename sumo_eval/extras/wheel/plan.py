@@ -25,7 +25,7 @@ LOW, HIGH = 1, 10
 
 @dataclass(frozen=True, slots=True)
 class PracticeSettings(Checked):
-    """Practice: a road with nobody near, until the criterion is met."""
+    """Practice: a road without traffic, until the criterion is fulfilled."""
 
     speed: Annotated[float, Positive, About("speed to keep", "m/s")] = 20.0
     seconds: Annotated[float, Positive, Le(120.0), About("length of a trial", "s")] = 15.0

@@ -80,7 +80,7 @@ class Quality:
         return asdict(self)
 
     def sentences(self) -> list[str]:
-        """In words, for whoever has driven."""
+        """In words, for the participant."""
         said = []
         if self.reaction is not None:
             said.append(f"You answered the first event after {self.reaction:.2f} s.")

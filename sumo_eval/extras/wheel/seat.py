@@ -29,7 +29,7 @@ PATIENCE: Final = 900.0  # s for which a drive waits for somebody who has gone a
 
 
 class Input(NamedTuple):
-    """What the page sent last: its number, the state that was seen when it was made, and what hands
+    """The page's last message: its number, the state that was seen when it was made, and what hands
     and feet do.
     """
 
@@ -42,13 +42,13 @@ NOTHING: Final = Input(0, -1, LET_GO)
 
 
 def awake() -> float:
-    """Time by a clock that goes on while the machine sleeps, and that nobody can set, s."""
+    """Time by a clock that runs while the machine sleeps and cannot be set, s."""
     which = getattr(clock, "CLOCK_BOOTTIME", getattr(clock, "CLOCK_MONOTONIC", None))
     return clock.perf_counter() if which is None else clock.clock_gettime(which)
 
 
 class Desk:
-    """What seat and browser share.
+    """State shared by seat and browser.
 
     Single assignments only, which two threads may make without a lock.
     """
@@ -62,7 +62,7 @@ class Desk:
 
 
 class Seat:
-    """A person at the wheel.
+    """A person who controls the ego.
 
     show: takes every state, from another thread;
     held: why the seat itself holds the drive, `asleep` (the machine stood still) or `silent` (the
@@ -160,7 +160,7 @@ class Seat:
         self._held(why)
 
     def _hold(self) -> None:
-        """Until the drive may go on; nothing moves meanwhile."""
+        """Wait until the drive may continue; nothing moves meanwhile."""
         desk, begun = self._desk, clock.perf_counter()
         why = desk.held or desk.holds or ("key" if self._tick else "start")
         self._awake = awake()

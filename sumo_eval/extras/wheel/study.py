@@ -45,7 +45,7 @@ SCORE: Final = QuestionSettings(
 
 @dataclass
 class Participant:
-    """Somebody who takes part: a code, never a name.
+    """A participant: a code, never a name.
 
     number: how many began before;
     done: steps with what they gave.
@@ -80,7 +80,7 @@ def participants(plan: Plan) -> list[Participant]:
 
 
 def enter(plan: Plan, code: str) -> Participant:
-    """Who has this code: from the journal, or new."""
+    """The participant with this code: from the journal, or new."""
     known = participants(plan)
     for person in known:
         if person.code.lower() == code.lower():
@@ -134,7 +134,7 @@ class StopsError(Exception):
 
 
 async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
-    """What a participant answers to a sheet, who may stop there.
+    """A participant's answers to a sheet; the participant may stop there.
 
     Raises StopsError where they do.
     """
@@ -191,7 +191,7 @@ async def steps_of(window: Window, plan: Plan, person: Participant) -> str:
 
 
 async def practised(window: Window, plan: Plan, person: Participant) -> bool:
-    """Practice until the criterion is met; whether it was, within the trials that there are."""
+    """Practice until the criterion is fulfilled; whether it was, within the allowed trials."""
     rule = plan.settings.practice
     trials = [entry for step, entry in person.done.items() if step.startswith("practice:")]
     passed = sum(entry["passed"] for entry in trials)
@@ -323,7 +323,7 @@ def scale(question: QuestionSettings) -> dict[str, Any]:
 
 
 def replay_of(plan: Plan, case: StudyCase, ads: str) -> dict[str, Any]:
-    """What the page's player shows of a recorded drive; nothing in it says whose it is."""
+    """Data of a recorded drive for the page's player, without the ADS's name."""
     fact = case.ads[ads]
     with open_store(plan.run / FACTS) as store:
         vehicles = store.trajectories(fact.case)

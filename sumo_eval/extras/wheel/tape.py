@@ -81,7 +81,7 @@ class Writer:
         self.close()
 
     def close(self) -> None:
-        """What stands on the tape is all there will be."""
+        """Close the tape: no command follows."""
         self._file.close()
 
     def _line(self, value: Any) -> None:
@@ -195,7 +195,7 @@ class Player:
 
 
 def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
-    """What comes of a tape's commands in its concrete scenario."""
+    """The drive of a tape's commands in its concrete scenario."""
     player = Player(row[:2] for row in tape.rows)
     recording = simulate(concrete, player, settings_of(tape.head))
     return with_quit(recording, player.left)

@@ -218,7 +218,7 @@ class Window:
                 return
 
     def _fault(self, sentence: str) -> None:
-        """What came is of no page of ours: it ends the drive."""
+        """The message is from a foreign page: it ends the drive."""
         self.faults.append(sentence)
         if self._desk is not None:
             self._desk.leaves = self._desk.leaves or sentence
