@@ -615,16 +615,6 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
     return np.where(after == x.size, y[-1], lateral)
 
 
-def _right_edge(road: Road, x: FloatArray) -> FloatArray | float:
-    """y of the right road edge at x, m: the same throughout unless lanes open or end."""
-    return road.right_edge_at(x) if road.spans else road.right_edge
-
-
-def _left_edge(road: Road, x: FloatArray) -> FloatArray | float:
-    """y of the left road edge at x, m."""
-    return road.left_edge_at(x) if road.spans else road.left_edge
-
-
 def slice_points(
     slices: FloatArray, centre: FloatArray, road: Road, settings: AnthropomorphicSettings = DEFAULTS
 ) -> FloatArray:
@@ -636,8 +626,8 @@ def slice_points(
     slices: x, (m,), m.
     centre: y, (m,), m.
     """
-    right = np.clip(centre - _right_edge(road, slices), 0.0, settings.side_width)
-    left = np.clip(_left_edge(road, slices) - centre, 0.0, settings.side_width)
+    right = np.clip(centre - road.right_edge_at(slices), 0.0, settings.side_width)
+    left = np.clip(road.left_edge_at(slices) - centre, 0.0, settings.side_width)
     parts = np.arange(1, settings.points_per_side + 1) / settings.points_per_side
     offsets = np.column_stack(
         (-right[:, None] * parts[::-1], np.zeros(len(centre)), left[:, None] * parts)
@@ -687,7 +677,7 @@ def _centre_term(
     below = np.arange(1, len(ordered))[:, None]
     groups = (below >= SPLIT_MEMBERS) & (number - below >= SPLIT_MEMBERS)
     split = np.any(groups & (np.diff(ordered, axis=0) > SPLIT_GAP * road.lane_width), axis=0)
-    outside = (ads < _right_edge(road, slices)) | (ads > _left_edge(road, slices))
+    outside = (ads < road.right_edge_at(slices)) | (ads > road.left_edge_at(slices))
     return term, [
         *_note(deviation < floor, "centre_floor"),
         *_note(split, "two_groups"),
@@ -755,7 +745,7 @@ def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> b
 def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
     """Whether the vehicle's centre was last seen beside the road."""
     x, y = trajectory.x[-1], trajectory.y[-1]
-    return bool(not _right_edge(road, x) <= y <= _left_edge(road, x))
+    return bool(not road.right_edge_at(x) <= y <= road.left_edge_at(x))
 
 
 def _trajectory_notes(

@@ -79,13 +79,13 @@ def most_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = 
 def _steering_operations(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
     if settings.steering_rule == "manoeuvre":
         return _lateral_manoeuvres(trajectory, settings)
-    if not _steering_is_known(trajectory):
+    known = np.isfinite(trajectory.steering_wheel_angle)
+    if not known.any():
         raise InputError(
             '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel '
             "angle of the ADS and of "
             'all drivers, and a trajectory has none; "manoeuvre" counts both alike without it.'
         )
-    known = np.isfinite(trajectory.steering_wheel_angle)
     turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(
         trajectory.speed[known], settings
     )
@@ -139,7 +139,3 @@ def _lateral_manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSetting
         for side in (-1.0, 1.0)
         for first, last in _operations(side * rate > MANOEUVRE_SPEED, time, settings)
     )
-
-
-def _steering_is_known(trajectory: Trajectory) -> bool:
-    return bool(np.any(np.isfinite(trajectory.steering_wheel_angle)))
