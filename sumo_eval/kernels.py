@@ -103,7 +103,7 @@ class Loop:
 
 
 def _kind_of(argument: Any) -> Any:
-    """What machine code depends on: types and layout of arrays, alone or in a named tuple."""
+    """Key of machine code: types and layout of arrays, alone or in a named tuple."""
     if isinstance(argument, tuple):
         return type(argument), tuple(map(_kind_of, argument))
     if isinstance(argument, np.ndarray):

@@ -392,7 +392,14 @@ class Rows(Driver):
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """Keep the memory of these rows."""
-        self._arrays = tuple(array[rows] for array in self._arrays)
+        self._arrays = tuple(_rows_of(array, rows) for array in self._arrays)
+
+
+def _rows_of(array: Any, rows: NDArray[np.intp]) -> Any:
+    """Rows of an array, or of every array of a named tuple."""
+    if isinstance(array, tuple):
+        return type(array)(*(one[rows] for one in array))
+    return array[rows]
 
 
 class Replay(NamedTuple):

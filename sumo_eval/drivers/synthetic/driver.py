@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import FloatArray
 
 WANDER_DEVIATION = 0.25  # m, within a driver (DLR Highway Traffic)
 WANDER_CORRELATION_TIME = 2.2
@@ -72,6 +71,22 @@ oldest that counts, and how many there have been."""
 ATTENTION = [*fields("delay"), *flags("attends")]
 
 
+class Sight(NamedTuple):
+    """Sight of the other vehicles: the looks at each, their memories, and what is known of it."""
+
+    looks: Any
+    memories: Any
+    known: Any
+
+
+class Mind(NamedTuple):
+    """A driver's memory, waves of the wander and of the pedal, (2, 8, 2), and parameters."""
+
+    memory: Any
+    waves: Any
+    parameters: Any
+
+
 @kernel
 def attend(attention: Any, me: Any, others: Any, sight: Any, p: Any, time: float) -> None:
     """Look at the true scene at `time`, and write what the driver acts upon to `known`; nan: not
@@ -83,7 +98,7 @@ def attend(attention: Any, me: Any, others: Any, sight: Any, p: Any, time: float
     Kesting, Helbing, Physica A 360, 71 (2006)). The reaction time is the alerted one from the
     moment at which a vehicle in front crosses, is closed upon or appears.
 
-    sight: `looks`, their `memories` and what is `known`, one of each vehicle.
+    sight: a `Sight`, a row of each vehicle.
     """
     looks, memories, known = sight
     if attention.attends == 0:
@@ -138,7 +153,7 @@ def synthetic_driver(
     """Command acceleration and steering wheel angle: look, decide, work the pedals and the wheel.
 
     sight: as in `attend`.
-    own: memory, waves of the wander and of the pedal, (2, 8, 2), and parameters.
+    own: a `Mind`.
     """
     me = ego.seen
     memory, waves, p = own
@@ -185,17 +200,14 @@ def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[floa
 
 @rows
 def synthetic_driver_rows(
-    egos: Records, seen: Records, memory: Records, looks: Records, memories: Records,
-    known: Records, watched: Records,
-    waves: FloatArray, parameters: Records, scenario: Records, time: float,
+    egos: Records, seen: Records, sights: Sight, watched: Records, minds: Mind, scenario: Records,
+    time: float,
 ) -> None:  # fmt: skip
     """`synthetic_driver` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
-            sight, own = (
-                (looks[i], memories[i], known[i]),
-                (memory[i], waves[i], parameters[i]),
-            )
+            sight = Sight(sights.looks[i], sights.memories[i], sights.known[i])
+            own = Mind(minds.memory[i], minds.waves[i], minds.parameters[i])
             its = scenario[first_of(scenario, i)]
             synthetic_driver(egos[i], seen[i], sight, watched[i], own, its, time)
 
@@ -225,23 +237,20 @@ class SyntheticDriver(Compiled):
         )
 
     @classmethod
-    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, looks and what is remembered of them, what is known, what is watched, waves and
-        parameters.
-        """
+    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Any, ...]:
+        """Sights, what is watched, and minds, a row for each driver."""
         count, step = len(together), float(scenario["step"][0])
         longest = max(
             max(it.driver.reaction_time, it.driver.alerted_reaction_time) for it in together
         )
-        return (
-            np.zeros(count, _MEMORY),
+        sights = Sight(
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
             np.zeros((count, others), LOOKS),
             np.zeros((count, others), MOVER),
-            unknown(count, others, WATCHED),
-            np.array([(it.wander.waves, it.pedal.waves) for it in together]),
-            parameters(together),
         )
+        waves = np.array([(it.wander.waves, it.pedal.waves) for it in together])
+        minds = Mind(np.zeros(count, _MEMORY), waves, parameters(together))
+        return sights, unknown(count, others, WATCHED), minds
 
 
 def parameters(together: Sequence[SyntheticDriver]) -> Records:

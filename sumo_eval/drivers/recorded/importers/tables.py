@@ -100,6 +100,6 @@ def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[st
 
 
 def require(condition: bool, path: Path, sentence: str) -> None:
-    """Refuse a file, with a sentence that states what must be."""
+    """Refuse a file; the sentence states what must be."""
     if not condition:
         raise InputError(f"{path} {sentence}.")
