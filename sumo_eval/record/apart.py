@@ -1,4 +1,4 @@
-"""The contract of an ADS (see `cosim.contract`) checked where its code can harm nobody: in a child
+"""The contract of an ADS (see `cosim.contract`) checked where its code can do no harm: in a child
 of its own.
 """
 
@@ -43,7 +43,7 @@ def check_apart(
 
     Without cases: only that it can be loaded and made.
 
-    Raises InputError with one sentence when it cannot.
+    Raises InputError when it cannot.
     """
     asked = _Asked(locator, tuple(cases), step_timeout, case_timeout)
     limits = RunSettings(case_timeout=_TIMEOUT)

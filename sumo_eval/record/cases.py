@@ -1,4 +1,4 @@
-"""A case: one concrete scenario driven once by somebody, and what became of it."""
+"""A case: one concrete scenario driven once, and its outcome."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ALONE = "Simulated alone: "
 """How the log of a case begins that was to be simulated together with others, for who reads it."""
 
 IN_BLOCK = "in_block"
-"""The clip of a case that a policy over arrays drove in a block of so many cases."""
+"""The clip of a case that a policy over arrays drove in a block of n cases."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ def on_its_own(cases: Sequence[Case]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a case. `recording` is missing when the process that ran it was lost.
+    """Outcome of a case. `recording` is missing when the process that ran it was lost.
 
     `log`: the traceback of an exception, and beginning and end of what the case printed.
         `error_place`: file, line and function of the user's code that an exception came from.
@@ -121,7 +121,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What every case of a run shares. `folder`: where relative paths in locators start.
+    """Values that every case of a run shares. `folder`: where relative paths in locators start.
 
     files: of ADSs, by locator.
     no_return: whether contacts of ADSs get their point of no return, some drives each.

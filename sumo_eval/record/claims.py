@@ -1,4 +1,4 @@
-"""What a child says became of its cases: as plain values for a frame, and back."""
+"""Outcomes of cases as a child reports them: as plain values for a frame, and back."""
 
 from __future__ import annotations
 
@@ -68,7 +68,9 @@ def _row(result: Outcome | Alone) -> object:
 
 
 def results_of(answer: Any, cases: Sequence[Case]) -> Results:
-    """What `as_plain` was given, of these cases, each with what its process had read by then."""
+    """The outcomes given to `as_plain`, of these cases, each with what its process had read by
+    then.
+    """
     read, rows = answer
     reads = chained(read)
     if rows is None:

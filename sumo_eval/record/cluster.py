@@ -126,7 +126,7 @@ def _lost(address: str, error: OSError) -> InputError:
 
 
 def _fault(future: Any) -> str | None:
-    """What went wrong with a task as such, None when it came back."""
+    """Failure of a task as such, None when it came back."""
     if future.status == "finished":
         return None
     error = future.exception() if future.status == "error" else None

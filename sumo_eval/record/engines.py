@@ -194,7 +194,7 @@ def is_late_by_chance(outcome: Outcome, ended: Ended[Pack], setup: Setup) -> boo
 
 
 def _outcome(ended: Ended[Pack], alone: Alone | None, printed: str, setup: Setup) -> Outcome:
-    """What a case that ran alone brought.
+    """Outcome of a case that ran alone.
 
     printed: by its pack, where it was in one before.
     """

@@ -46,7 +46,7 @@ class Run:
 
     @property
     def scores(self) -> pd.DataFrame:
-        """One row for each ADS in each logical scenario: C, D, S and what stands beside them."""
+        """One row for each ADS in each logical scenario: C, D, S and their companions."""
         import pandas as pd
 
         content = json.loads(_scored(self.folder, "scores.json").read_text(encoding="utf-8"))
@@ -95,7 +95,7 @@ class Run:
             return store.digest()
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: where the run lies, and how its drives ended."""
+        """Text for a notebook: where the run lies, and how its drives ended."""
         counts: str = self.counts.to_html(index=False)
         return f"<p>Run <code>{escape(str(self.folder))}</code></p>{counts}"
 

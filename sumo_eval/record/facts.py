@@ -1,4 +1,4 @@
-"""The recording half of an evaluation: plan its cases, simulate them into a run folder, go on,
+"""The recording half of an evaluation: plan its cases, simulate them into a run folder, resume,
 merge, verify.
 """
 
@@ -77,10 +77,10 @@ _LOOKED_AT = 2_000  # points that an estimate looks at, of each scenario, at mos
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What a run folder holds now: drives by all, and those among them without an outcome that
+    """Contents of a run folder: drives by all, and those among them without an outcome that
     counts.
 
-    notes: sentences on what was recorded before and had to be driven again.
+    notes: sentences on what was recorded before and had to be rerun.
     """
 
     folder: Path
@@ -91,7 +91,7 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What an evaluation will take: drives of ADSs, humans and references, those recorded already,
+    """Cost of an evaluation: drives of ADSs, humans and references, those recorded already,
     s of wall time.
 
     references: drives of the ideal vehicle, of `no_reaction` and of the reference car, one each at
@@ -179,7 +179,7 @@ def resolve(
 
 
 def _run_of(evaluation: str | os.PathLike[str] | None, folder: Path, resume: bool) -> Path | None:
-    """The run whose own evaluation is meant: the one to go on with, or one that is named in place
+    """The run whose own evaluation is meant: the one to resume, or one that is named in place
     of a file.
     """
     named = Path(evaluation) if evaluation is not None else folder if resume else None
@@ -194,7 +194,7 @@ def _entry(ads: Any, folder: Path, resume: bool) -> AdsSettings:
 
 
 def _with_locators(evaluation: Mapping[str, Any], folder: Path, resume: bool) -> dict[str, Any]:
-    """An evaluation as a dict with a locator in the place of each controller that is given as it
+    """An evaluation as a dict with a locator instead of each controller that is given as it
     is.
     """
     content = dict(evaluation)
@@ -227,8 +227,8 @@ def record_facts(
     another_round: whether this adds points to what the caller has recorded there just now.
     meanwhile: what a process of its own does while cases are driven; driving ends where that fails,
         with what it then says in this one.
-    Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept,
-    and `resume` goes on.
+    Raises StoppedError after `stopping` returned true, or after Ctrl-C; what was done by then is
+    kept, and `resume` continues.
     """
     if shard != WHOLE:
         _refuse_rounds_in_shards(evaluation)
@@ -274,7 +274,7 @@ def _begun(
     *,
     another_round: bool = False,
 ) -> Iterator[Store]:
-    """The store of a run folder that is filled with all besides."""
+    """The store of a run folder that is filled with its other files."""
     run_folder.create(
         folder, settings, source, [_middle(space) for space in spaces], another_round=another_round
     )
@@ -315,7 +315,7 @@ def _record_beside(
 
 
 def _check_scenarios(evaluation: EvaluationSettings, source: Path) -> None:
-    """Tell a misspelt scenario, and a bend too tight for the ego's steering, before anything is
+    """Tell a misspelt scenario, and a curve too tight for the ego's steering, before anything is
     compiled or driven.
     """
     for name, logical in Resolved.of(evaluation, source).scenarios.items():
@@ -331,7 +331,7 @@ def _check_scenarios(evaluation: EvaluationSettings, source: Path) -> None:
 
 def in_rounds(settings: EvaluationSettings, folder: Path | None) -> EvaluationSettings:
     """The settings with how many points a round of each adaptive sample has, and the rounds that a
-    run to go on with has chosen already by the same rules.
+    run to resume has chosen already by the same rules.
     """
     before = {}
     if folder is not None and run_folder.is_run(folder):

@@ -3,8 +3,8 @@
 Numbered, checked, and nothing that executes.
 
 A frame is a header and plain values as `marshal` writes them. The header has the item's number, so
-that another item's result is not taken for it, and a checksum: only what was written whole is read.
-Reading is incremental.
+that another item's result is not mistaken for it, and a checksum: only what was written whole is
+read. Reading is incremental.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ _HEADER = struct.Struct("<4sQQI")  # magic, item number, length of the values, t
 
 
 class FrameError(Exception):
-    """What came is not the frame that was due.
+    """Bytes that are not the expected frame.
 
-    Its text goes on from "the process that ran the case ...".
+    Its text continues "the process that ran the case ...".
     """
 
 

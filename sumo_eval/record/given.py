@@ -2,7 +2,7 @@
 a locator.
 
 What lies in a file of its own is named by it. What does not is written by value into the run
-folder, from where the children read it: downwards only, and by nobody but the user's own process.
+folder, from where the children read it: downwards only, and only by the user's own process.
 """
 
 from __future__ import annotations

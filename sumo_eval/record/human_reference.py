@@ -6,7 +6,7 @@ the store and spread over processes.
 
 All three depend on the recorded drives and the settings alone, so a run's folder keeps what has
 been computed (`record.kept_results`): scoring, explaining or comparing a run again reads it there,
-and scoring that was stopped goes on where it was.
+and scoring that was stopped continues where it was.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _WORTH_PROCESSES = 160  # fewer drives of drivers than this are done sooner than
 
 @dataclass(frozen=True, slots=True)
 class PointJob:
-    """What is wanted at one point.
+    """Requested results at one point.
 
     drivers: their cases.
     ads: the cases that get a D_i.
@@ -126,7 +126,7 @@ class LeftOut:
 
 @dataclass(frozen=True, slots=True)
 class PointResult:
-    """What was found at one point, by case."""
+    """Results at one point, by case."""
 
     indexes: Mapping[str, CaseIndex]
     left_out: Mapping[str, LeftOut]
@@ -168,7 +168,7 @@ def compute_points(
 ) -> list[PointResult]:
     """The results of every job, in order.
 
-    spread: `map` or that of `point_processes`. `progress` is told how many are done.
+    spread: `map` or that of `point_processes`. `progress` receives how many are done.
     kept: where results are looked up, and put.
     """
     keys = _keys(facts, jobs, settings)
@@ -202,7 +202,7 @@ def compute_points(
 
 
 _Name = tuple[Kind, str]
-"""What was found: D_i (`index`) or D_i without drivers (`left_out`) of a case, or the `band` of a
+"""Results by kind: D_i (`index`) or D_i without drivers (`left_out`) of a case, or the `band` of a
 point, of no case."""
 
 
@@ -245,7 +245,7 @@ def _missing(job: PointJob, found: Collection[_Name]) -> PointJob:
 
 
 def _of(point: Mapping[_Name, Any], kind: Kind) -> dict[str, Any]:
-    """What was found of a kind, by case."""
+    """Results of a kind, by case."""
     return {case: record for (what, case), record in point.items() if what == kind}
 
 

@@ -1,7 +1,7 @@
 """Process hygiene: a supervisor for every child that runs users' code, and a folder for what
 children leave on disk.
 
-The supervisor is a process of ours that stands between the owner and the child, runs no users'
+The supervisor is our own process that stands between the owner and the child, runs no users'
 code, and is the subreaper of everything that the child starts: what an ADS leaves behind, in a
 session of its own too, becomes its child and is ended by it. It looks at the memory of them all
 from outside, and ends them when their owner goes.
@@ -101,7 +101,7 @@ def read_report(descriptor: int) -> Report | None:
 
 
 def _watch(child: int, leash: int, memory_limit: float) -> Report:
-    """Wait until the child has ended, the leash is let go, or they hold more memory than they
+    """Wait until the child has ended, the leash is released, or they hold more memory than they
     may.
     """
     poll = select.poll()
@@ -151,7 +151,7 @@ def family(pid: int | None = None) -> list[int]:
 
 
 def processor_time(pid: int) -> float:
-    """What all processes below one have used of the processors so far, s; 0 where the system does
+    """Processor time of all processes below one so far, s; 0 where the system does
     not tell.
     """
     ticks = 0
@@ -197,7 +197,7 @@ def _proportional(pid: int) -> float:
 
 
 def shared_memory() -> float:
-    """What of this process's resident set belongs to files or is shared, bytes."""
+    """Part of this process's resident set that belongs to files or is shared, bytes."""
     with suppress(OSError, IndexError), open("/proc/self/statm") as file:
         return float(int(file.read().split()[2]) * _PAGE)
     return 0.0

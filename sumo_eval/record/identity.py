@@ -1,4 +1,4 @@
-"""What a case's facts depend on, as short texts that are equal exactly when the facts may be taken
+"""Dependencies of a case's facts, as short texts that are equal exactly when the facts may be taken
 over.
 """
 
@@ -34,8 +34,8 @@ def harness_identity() -> str:
     """Versions of the simulator and of this package, and hashes of those files of it that change
     what a drive comes to.
 
-    Asked for once: a process that lives long, such as a Dask worker, goes on with the code that it
-    has loaded.
+    Asked for once: a process that lives long, such as a Dask worker, continues with the code that
+    it has loaded.
     """
     return _text(
         {

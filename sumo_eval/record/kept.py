@@ -47,7 +47,7 @@ class KeptRecording(NamedTuple):
 
     @property
     def ego(self) -> Trajectory:
-        """What the ego did."""
+        """Trajectory of the ego."""
         return unpack(self.drives[EGO])
 
 

@@ -1,10 +1,11 @@
-"""What was computed of a run, kept beside its facts: parts of bytes, each under a hash of all that
+"""Results computed of a run, kept beside its facts: parts of bytes, each under a hash of all that
 it depends on.
 
-Scores are computed from recorded facts, so computing them again gives them again: whoever asks for
+Scores are computed from recorded facts, so computing them again gives them again: a caller that
+asks for
 a part with the hash of the facts, settings and sources that it depends on, and finds one, need not.
 The file may be deleted, which costs the time to compute it. Every part carries a hash of its own
-content: a damaged one is a sentence, never a number.
+content: a damaged one is an error, never a number.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ Kind = Literal[
     "report",
 ]
 Part = tuple[Kind, bytes, int, bytes]
-"""What it is, what it depends on, its number among those of one key, and its content."""
+"""Kind, key (all that it depends on), its number among those of one key, and its content."""
 
 _VERSION = 2
 _HASH_SIZE = 16

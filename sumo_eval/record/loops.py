@@ -2,7 +2,7 @@
 machine.
 
 A piece is what is compiled and marked as done together: the world's own loops, those of vehicles
-whose moves depend on what happens, and the loop of each rule, which goes by its locator.
+whose moves depend on what happens, and the loop of each rule, which is named by its locator.
 
 python -m sumo_eval.record.loops        compiles all that is not compiled yet, in as many processes
 as there are cores
@@ -47,8 +47,8 @@ _LONG = {
     "fsm": 3, "rss": 2,
     "reg157": 2,
 }  # fmt: skip
-"""About what compiling a piece takes, s of processor time: only who shares a process with whom
-hangs on it."""
+"""About what compiling a piece takes, s of processor time: only how pieces share processes
+depends on it."""
 _MOST = 4  # processes: each compiles what its pieces have in common with the others' once more
 
 _ROAD = Road("road", 100.0, 2, 3.5, 0.0)
@@ -121,7 +121,7 @@ def _load_world() -> None:
 
 
 def _load_ahead() -> None:
-    """Zones of what is played, foresight, and bends."""
+    """Zones of what is played, foresight, and curves."""
     played, size = [_concrete(0.01)], (4.0, 2.0)
     conflict_criticality(played, 0, [0.0], size, ZoneSettings())
     meetings(played, [size], 0.1, 0.1, 5.0, 0, [0.0])
@@ -154,7 +154,7 @@ def compiled() -> list[str]:
 
 
 def of_evaluation(settings: EvaluationSettings) -> set[str]:
-    """What every evaluation needs: who drives, the world, and fields."""
+    """Loops that every evaluation needs: drivers, the world, and fields."""
     drivers = settings.drivers
     # recorded people, where they are too few
     fills = drivers.too_thin == "fill" and ":" not in drivers.source
@@ -164,7 +164,7 @@ def of_evaluation(settings: EvaluationSettings) -> set[str]:
 
 
 def of_cases(cases: Iterable[Case]) -> set[str]:
-    """What these cases need."""
+    """Loops that these cases need."""
     found: set[str] = set()
     locators: set[str] = set()
     for case in cases:

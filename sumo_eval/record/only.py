@@ -1,4 +1,4 @@
-"""Single cases of an evaluation, driven without the others: `run.only` names them."""
+"""Single cases of an evaluation, driven without the rest: `run.only` names them."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class Resolved:
 
     @property
     def entries(self) -> Iterator[tuple[ScenarioSettings, LogicalScenario]]:
-        """What the evaluation says of each scenario, and the scenario."""
+        """The evaluation's entry of each scenario, and the scenario."""
         return zip(self.settings.scenario, self.scenarios.values(), strict=True)
 
 

@@ -88,7 +88,7 @@ class Ended(Generic[Item]):
 
 @dataclass(frozen=True, slots=True)
 class Work(Generic[Item]):
-    """What is to be done with items: `task`, with what they all share.
+    """Work to do with items: `task`, with what they all share.
 
     home: a child serves items of one home only.
     size: as how many items an item counts.
@@ -117,7 +117,7 @@ class BoundedLog:
         self._tail = tail[-LOG_END:]
 
     def text(self) -> str:
-        """What is kept of it, with a line in the place of what is not."""
+        """The part that is kept of it, with a line instead of the rest."""
         gap = f"\n[{self._left_out} bytes left out]\n".encode() if self._left_out else b""
         return clean_log((self._head + gap + self._tail).decode("utf-8", errors="replace"))
 
@@ -161,7 +161,7 @@ class Pool:
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def each(self, work: Work[Item], items: Iterable[Item]) -> Iterator[Ended[Item]]:
-        """What became of the items, as they end.
+        """Outcomes of the items, as they end.
 
         Raises InputError for one that is refused.
         """
@@ -179,12 +179,12 @@ class Pool:
         stopping: Callable[[], bool] = lambda: False,
         meanwhile: Callable[[], object] = lambda: None,
     ) -> Iterator[Settled]:
-        """What `settle` makes of the items, as they end. When `stopping`, those that run are the
+        """Results of `settle` for the items, as they end. When `stopping`, those that run are the
         last.
 
         take: gives the next item whenever a child is free; None: there is none, unless one that
             runs brings up more.
-        settle: is told of every end at once; its results come out when the children have been given
+        settle: receives every end at once; its results come out when the children have been given
             more to do.
         meanwhile: called whenever they have, and nothing else is left to do.
         """
@@ -406,7 +406,7 @@ class _Child:
                 self._log.add(data)
 
     def take_log(self) -> str:
-        """What was printed since the last time."""
+        """Output printed since the last time."""
         self._read_output()
         log, self._log = self._log, BoundedLog()
         return log.text()

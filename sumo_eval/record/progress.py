@@ -1,4 +1,4 @@
-"""How long work tells how far it is, and asks whether to go on: functions that whoever runs it
+"""How long work tells how far it is, and asks whether to continue: functions that its caller
 brings.
 """
 

@@ -17,11 +17,11 @@ _LARGEST = 10_000_000  # bytes of a file
 
 
 def read_qualification(named: str, source: Path) -> dict[str, Any]:
-    """What a manifest keeps of a `qualification.json`: when, on what, how many checks, which
+    """Entry that a manifest keeps of a `qualification.json`: when, on what, how many checks, which
     failed, and its hash.
 
     named: as the evaluation has it, relative to `source`; a folder with the file in it will do.
-    Raises InputError for what is no qualification.
+    Raises InputError for anything but a qualification.
     """
     path = source / named
     if path.is_dir():

@@ -1,5 +1,5 @@
 """Files that the code of an ADS reads while it drives: noted by hash in its process, compared when
-a run goes on.
+a run continues.
 
 A process notes every Python file from outside the installed packages, and every file below a folder
 that such a file or the evaluation lies in, as it is when it is opened. Files that it writes do not
@@ -54,7 +54,7 @@ NEVER: State = (-1, -1, -1, -1)
 
 
 class _Watch:
-    """What this process reads.
+    """Files that this process reads.
 
     folder: of the evaluation.
     before: what it read in an earlier run.
@@ -120,7 +120,7 @@ class _Watch:
             self._note(place, WRITTEN)
 
     def told(self) -> Told:
-        """The name of what was told before, and what was read since."""
+        """The name of what was reported earlier, and what was read since."""
         self._look_at_modules()
         for place, state in self._open_for_both.items():
             if _state(place) != state:
@@ -241,7 +241,7 @@ def _database(name: str) -> str:
 
 
 def _source(place: str) -> str | None:
-    """The source of a compiled file; None for what else lies beside it."""
+    """The source of a compiled file; None for any other file there."""
     folder, name = os.path.split(place)
     if not name.endswith(".pyc"):
         return None if os.path.basename(folder) == "__pycache__" or ".pyc." in name else place
@@ -276,7 +276,7 @@ def _state(place: str) -> State:
 
 
 def content(place: str, state: State) -> str | None:
-    """A hash of a file; None for what is no regular file."""
+    """A hash of a file; None for anything but a regular file."""
     if state is None:
         return ABSENT
     changed_at, size, _, mode = state
@@ -294,7 +294,7 @@ def content(place: str, state: State) -> str | None:
 # --- in the owner ---------------------------------------------------------------------------------
 
 LINKS: dict[str, Told] = {}
-"""What processes of this run have told, by the name of all that they had read by then."""
+"""Reports of the processes of this run, by the name of all that they had read by then."""
 
 
 def name_of(before: str, files: Iterable[File]) -> str:

@@ -41,7 +41,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
 REFERENCES: Mapping[Role, str] = {
     "ideal": "ideal vehicle", "no_reaction": "no reaction", "task_reference": "reference car",
 }  # fmt: skip
-"""What scores are measured against, by role: Ug of the ideal vehicle, U0 of doing nothing, times of
+"""References of the scores, by role: Ug of the ideal vehicle, U0 of doing nothing, times of
 T."""
 
 
@@ -87,7 +87,7 @@ class Planner:
 
     @property
     def setup(self) -> Setup:
-        """What all cases share."""
+        """Values that all cases share."""
         files = {ads.locator: tuple(ads.files) for ads in self.settings.ads if ads.files}
         simulation, run = self.settings.simulation, self.settings.run
         return Setup(simulation, run, self.source, files, no_return=True)
@@ -238,7 +238,7 @@ def record(
     What does not depend on each other is one piece of work, over all logical scenarios, so that no
     process waits for the last case of each.
 
-    Raises StoppedError when `stopping` said so before all were done; what has been done is
+    Raises StoppedError when `stopping` returned true before all were done; what has been done is
     recorded.
     """
     settings = plan.settings
@@ -274,7 +274,7 @@ class _Stage:
 
 
 def stages(space: Space, plan: Planner) -> list[_Stage]:
-    """What is simulated in one logical scenario: ADSs, references, synthetic drivers."""
+    """Drivers simulated in one logical scenario: ADSs, references, synthetic drivers."""
     name, points, drivers = space.logical.name, len(space.numbers), plan.settings.drivers
     found = [_Stage(f"{name}: ADSs", name, "ads", plan.ads(space), points * len(plan.settings.ads))]
     for role, words in REFERENCES.items():
@@ -319,7 +319,7 @@ def _record_people(
 def _recorded_drives(
     plan: Planner, space: Space
 ) -> Callable[[int, ConcreteScenario], Iterator[Outcome]]:
-    """What gives the drives of people who were recorded in events like a concrete scenario."""
+    """Source of the drives of people who were recorded in events like a concrete scenario."""
     # pandas, which synthetic drivers do not need
     from sumo_eval.drivers.recorded.reference import (
         open_people,
@@ -361,7 +361,7 @@ def find_stale(store: Store, source: Path) -> tuple[str, ...]:
 def refuse_to_lose_cases(
     store: Store, spaces: Sequence[Space], settings: EvaluationSettings, run: Path
 ) -> None:
-    """A run that goes on keeps what it has: refuses an evaluation that leaves out cases of ADSs
+    """A resumed run keeps what it has: refuses an evaluation that leaves out cases of ADSs
     that are recorded.
     """
     counts = {space.logical.name: len(space.points) for space in spaces}

@@ -75,7 +75,7 @@ def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
 
 
 def refuse_foreign(folder: Path, resume: bool) -> None:
-    """Refuse a folder that holds something else than a run to go on with, or than nothing yet."""
+    """Refuse a folder that holds something else than a run to resume, or than nothing yet."""
     if not folder.exists():
         return
     if not folder.is_dir():
@@ -120,7 +120,7 @@ def create(
     """Fill a run folder. `source`: where relative paths of the evaluation start; `examples`: one
     case a scenario.
 
-    another_round: whether whoever began or resumed the run goes on with it.
+    another_round: whether the process that began or resumed the run continues it.
     """
     # brings libsumo
     from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
@@ -169,7 +169,7 @@ def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:
 
 
 def read_exposures(folder: Path) -> dict[str, Any]:
-    """What `write_exposures` kept; nothing where a run has none."""
+    """Exposures that `write_exposures` kept; nothing where a run has none."""
     try:
         return read_sealed(folder / EXPOSURES, _MEND)
     except FileNotFoundError:

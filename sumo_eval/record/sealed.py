@@ -1,8 +1,8 @@
 """JSON files of a run folder that carry a hash of their own content, so that one that was edited or
 damaged is found.
 
-Whoever can write such a file can also write a hash that fits: what is found is a slip, a flipped
-bit, a cut file.
+A program that can write such a file can also write a hash that fits: what is found is a slip, a
+flipped bit, a cut file.
 """
 
 from __future__ import annotations

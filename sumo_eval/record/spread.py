@@ -30,8 +30,8 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
 
     They die with this process.
 
-    They begin at once, with `prepare`, so that whoever has something else to do first need not wait
-    for them.
+    They begin at once, with `prepare`, so that a caller with something else to do first need not
+    wait for them.
     """
     if workers == 1:
         yield map
@@ -53,7 +53,7 @@ def beside(work: Callable[[], object]) -> Iterator[Callable[[], bool]]:
     """`work` in a child process meanwhile, waited for at the end; what ends this early ends it,
     too.
 
-    What comes back says whether it has failed. Why is told to whoever then does it in this process.
+    What comes back says whether it has failed. The caller that then does it here sees why.
     """
     context = child_context()
     lifeline, held = context.Pipe(duplex=False)

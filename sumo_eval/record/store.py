@@ -1,5 +1,5 @@
-"""The facts of a run in one SQLite file: a row a case, its trajectories beside it, each case in one
-transaction.
+"""The facts of a run in one SQLite file: a row a case, its trajectories next to it, each case in
+one transaction.
 
 Every case carries a hash of all that is recorded of it, and a complete run a seal over all its
 cases. A file is checked against them once in every process that reads it, before the first answer
@@ -34,7 +34,7 @@ from sumo_eval.trajectory import Alone, Clip, Collision, Trajectory
 FORMAT_VERSION = 4
 
 RECORDED = "recorded"
-"""What the controller of a recorded person's drive is called, and the setting `drivers.source` that
+"""Name of the controller of a recorded person's drive, and the setting `drivers.source` that
 asks for them."""
 
 _SCHEMA = """
@@ -83,7 +83,7 @@ _ALL_FACTS = 'SELECT * FROM facts ORDER BY "case"'
 _ALL_DRIVES = 'SELECT * FROM trajectories ORDER BY "case", vehicle'
 _DRIVES = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
 _UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
-"""What reading a damaged file raises: SQLite's own words about it may hold its bytes."""
+"""Errors of reading a damaged file: SQLite's own words about it may hold its bytes."""
 
 _MEND = "Take the file from a copy of the run, or run the evaluation again into a new folder."
 
@@ -298,7 +298,7 @@ class Store:
         return bool(self.noted(_SEAL))
 
     def unseal(self) -> None:
-        """Take the seal off, for a run that goes on."""
+        """Take the seal off, for a run that continues."""
         self.note(_SEAL, "")
         self.note(_CONTENT, "")
 
@@ -306,9 +306,9 @@ class Store:
         """Take out the trajectories at all points, by scenario and number, but those that stay; all
         of it or nothing.
 
-        What is recorded besides stays, with a hash of its own, and the hash of all that was
-        recorded stands beside it: what was computed from the trajectories is still known by it. How
-        many cases lost theirs comes back.
+        All else that is recorded stays, with a hash of its own, and the hash of all that was
+        recorded stands next to it: what was computed from the trajectories is still known by it.
+        How many cases lost theirs comes back.
         """
         content, gone = self.content, 0
         with self._changes():
@@ -369,7 +369,7 @@ class Store:
     def _read(
         self, query: str, values: Sequence[object] | Mapping[str, object] = ()
     ) -> Iterator[Any]:
-        """The rows of a query; what SQLite cannot read is a sentence that names the file."""
+        """The rows of a query; what SQLite cannot read is an error that names the file."""
         try:
             # `yield from` would close the cursor
             for row in self._connection.execute(query, values):  # noqa: UP028
@@ -450,7 +450,7 @@ class Store:
         return self._read(query) if self._has("reads") else iter(())
 
     def remove(self, cases: Iterable[str]) -> None:
-        """Take out cases that are no part of the evaluation any more, as where an ADS or the zones
+        """Take out cases that are not part of the evaluation any more, as where an ADS or the zones
         have changed.
         """
         gone = list(cases)
@@ -504,7 +504,7 @@ class Store:
             self._connection.execute("INSERT OR REPLACE INTO about VALUES (?,?)", (name, value))
 
     def noted(self, name: str) -> str:
-        """What was noted under a name, or nothing."""
+        """The note under a name, or nothing."""
         row = next(self._read("SELECT value FROM about WHERE name = ?", (name,)), None)
         return "" if row is None else str(row[0])
 
@@ -557,7 +557,7 @@ class Store:
     def each_fact(
         self, role: Role, scenario: str | None = None, driver: str | None = None
     ) -> Iterator[Fact]:
-        """Recorded cases of a role, as `facts` has them, read one after the other without holding
+        """Recorded cases of a role, as `facts` has them, read in order without holding
         them all.
         """
         self.check_all()
@@ -648,8 +648,8 @@ class Store:
         return list(self._read(query))
 
     def simulated_alone(self, scenario: str, ads: str) -> dict[Alone, int]:
-        """How many drives of an ADS, and of those that it is compared with, left their pack, by the
-        reason.
+        """How many drives of an ADS, and of those that it is compared with, left their batch, by
+        the reason.
         """
         query = (
             'SELECT alone, count(*) FROM facts JOIN circumstances USING ("case") WHERE scenario = '
@@ -740,7 +740,7 @@ def _state(path: Path) -> tuple[str, int, int]:
 
 
 def _is_written(path: Path) -> bool:
-    """Whether somebody has it open for writing: then the file's own time does not tell when."""
+    """Whether a process has it open for writing: then the file's own time does not tell when."""
     return path.with_name(path.name + "-wal").exists()
 
 
@@ -876,5 +876,5 @@ _MAKES: dict[str, Callable[[Any], Any]] = {
     "collision": _collision,
     "clips": _clips,
 }  # fmt: skip
-"""What makes a field of a fact out of its column; all other columns are as they are."""
+"""Functions that make a field of a fact out of its column; all other columns are as they are."""
 _PLACES = [(_COLUMNS.index(name), make) for name, make in _MAKES.items()]

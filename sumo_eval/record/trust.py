@@ -1,5 +1,5 @@
-"""Whose code a run may name: Python is loaded for a run that this user recorded here, and for
-nobody else's.
+"""Origin of the code that a run may name: Python is loaded for a run that this user recorded here,
+and for no other user's.
 
 A run folder holds the names of functions (severity, sampler, scenario, people) and the folder where
 they are looked for. The folders of runs that were recorded by this user on this machine stand in

@@ -71,7 +71,7 @@ def watched(controller: Adapter, limits: RunSettings) -> Adapter:
 
 
 def interrupted(error: KeyboardInterrupt) -> RuntimeError:
-    """What to raise in its place: nobody at a keyboard reaches a child, so the ADS raised it."""
+    """Exception to raise instead: a keyboard never reaches a child, so the ADS raised it."""
     return RuntimeError(f"it raised {kind_of(error)}")
 
 
@@ -154,7 +154,7 @@ class WatchedObserver(WatchedController, ObservingController):
 
     @property
     def senses(self) -> Senses:
-        """What the controller is shown comes from these."""
+        """Sources of what the controller is shown."""
         senses: Senses = self._controller.senses
         return senses
 

@@ -1,4 +1,4 @@
-"""What runs in a child process: cases through SUMO, alone or together.
+"""Work of a child process: cases through SUMO, alone or together.
 
 Imports no more than that needs.
 """
@@ -53,7 +53,7 @@ def run_case(case: Case, setup: Setup) -> Outcome:
 
 
 def answer(cases: Sequence[Case], setup: Setup) -> list[Any]:
-    """What `run_together` gives, as a child sends it, with what an ADS of the user's has read
+    """Result of `run_together`, as a child sends it, with what an ADS of the user's has read
     meanwhile.
     """
     if home(cases[0], setup) != OURS:
@@ -67,7 +67,7 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
     """Simulate cases of one kind (see `packs`), several of them in one simulation; one alone as
     `run_case` does.
 
-    `Alone` in the place of a result: why that case has to run alone. None for them all: cases of
+    `Alone` instead of a result: why that case has to run alone. None for them all: cases of
     this kind always have to.
     """
     if on_its_own(cases):
@@ -157,7 +157,7 @@ def _loaded(case: Case, setup: Setup) -> Adapter:
 
 
 def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | Alone]:
-    """What `_simulate` gives for cases of one kind, from one simulation; or why it has to be
+    """Result of `_simulate` for cases of one kind, from one simulation; or why it has to be
     asked.
     """
     settings = _settings(cases[0], setup)
@@ -195,7 +195,7 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
 
 
 def _simulate_block(cases: Sequence[Case], block: Block, setup: Setup) -> list[Recording | Alone]:
-    """What a policy over arrays does in cases of a block, in all of which it is asked, wanted or
+    """Drives of a policy over arrays in cases of a block, in all of which it is asked, wanted or
     not, in one call.
     """
     number = len(block.concretes)
@@ -260,7 +260,7 @@ def _seed_global_generators(case: Case) -> None:
 
 
 def _states_of_global_generators() -> tuple[object, ...]:
-    """What tells whether somebody has drawn from them."""
+    """State that shows whether they were drawn from."""
     # the generator that such an ADS uses
     legacy: Any = np.random.get_state()  # noqa: NPY002
     return random.getstate(), legacy[1].tobytes(), legacy[2:]

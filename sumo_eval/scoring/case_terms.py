@@ -1,5 +1,5 @@
-"""What each case brings to the scores, as arrays, and all scores of one sample of the cases or of
-many.
+"""Contributions of each case to the scores, as arrays, and all scores of one sample of the cases
+or of many.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ COMPUTED = (
     "task_share",
     "avoidance_grade", "s_plus", "collision_probability",
 )  # fmt: skip
-"""What `scores_of` computes, by the names of `ScenarioResult`."""
+"""Values that `scores_of` computes, by the names of `ScenarioResult`."""
 _SEVEREST = 100.0  # m/s: past every class of severity
 # cases whose terms are in memory at a time: memory that is touched for the first time costs
 SUMMED_AT_ONCE = 8_192
@@ -172,7 +172,9 @@ def scores_of(
 
 
 def avoided_share_losses(terms: CaseTerms) -> FloatArray:
-    """What each case takes from A, (n,); together 1 - A. nan where a case has no part in it."""
+    """Share that each case takes from A, (n,); together 1 - A. nan where a case has no part in
+    it.
+    """
     seen = np.isfinite(terms.weight)
     u, ideal, unreacting = (
         np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting)
@@ -220,7 +222,7 @@ def missing_bounds(
     that of doing nothing is missing, it hits at worst as hard as the ADS, at best as hard as
     anywhere else. A safe case
     without a human-likeness that could have one counts 0, and 1; one with a collision of which
-    nobody knows whether the
+    it is unknown whether the
     ideal vehicle avoids it counts 0, and not at all.
 
     C: a missing case is a collision, one that the ideal vehicle avoids, or as gentle as its own.
@@ -231,7 +233,7 @@ def missing_bounds(
     there is no D.
 
     values: the scores as they are.
-    people: whether there is anybody to be like.
+    people: whether there are drivers to be like.
     """
     safe, no_ideal, no_unreacting = cases.safe, np.isnan(terms.ideal), np.isnan(terms.unreacting)
     lost, unsure = ~terms.counted, no_ideal | no_unreacting

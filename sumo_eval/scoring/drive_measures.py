@@ -1,4 +1,4 @@
-"""What the trajectories of an evaluated case tell besides D_i: criticality, plausibility, lane
+"""Measures of an evaluated case's trajectories other than D_i: criticality, plausibility, lane
 keeping, PET.
 
 A drive's measures depend on its recorded trajectories alone: they are kept in the run's folder, and
@@ -38,7 +38,7 @@ _AT_ONCE = 32  # drives that a process measures before it answers
 class _Drive:
     """A case whose drive is to be measured.
 
-    conflicting: who has a way that conflicts with the ego's, "" for nobody.
+    conflicting: who has a way that conflicts with the ego's, "" for none.
     """
 
     case: str
@@ -101,7 +101,7 @@ _NUMBERS = struct.Struct(f"<{_CRITICALITY + len(EXTREMES) + _LANE + 1}d")
 
 
 def _measured(drive: _Drive, store: Store, lane_width: float) -> bytes:
-    """What is measured of a drive as numbers, in the order of the fields."""
+    """Measures of a drive as numbers, in the order of the fields."""
     actors = store.trajectories(drive.case)
     if EGO not in actors:
         raise store.no_trajectory(drive.case)
@@ -137,7 +137,7 @@ _COLUMNS = frozenset(item.name for item in fields(CaseResult))
 
 
 def _measures_in(data: bytes, people: Quantiles) -> dict[str, float | None]:
-    """What `_measured` wrote, without what no case has a field of."""
+    """The result of `_measured`, without what no case has a field of."""
     *numbers, pet = _NUMBERS.unpack(data)
     extremes = dict(zip(EXTREMES, numbers[_CRITICALITY:-_LANE], strict=True))
     found = zip(_MEASURED, numbers[:_CRITICALITY] + numbers[-_LANE:], strict=True)

@@ -44,7 +44,7 @@ class TaskOfDrive:
 
 @dataclass(frozen=True, slots=True)
 class _Point:
-    """What is asked at one point.
+    """Request at one point.
 
     drives: cases, and whether each holds a contact.
     references: cases without one.

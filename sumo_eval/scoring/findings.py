@@ -69,7 +69,9 @@ class Findings:
 
     @property
     def share_lost(self) -> FloatArray:
-        """What each case takes from A, (n,), together 1 - A; nan where it has no part in A."""
+        """Share that each case takes from A, (n,), together 1 - A; nan where it has no part in
+        A.
+        """
         losses = avoided_share_losses(case_terms(self.cases, self.settings.method))
         return np.where(np.isfinite(losses), losses, np.nan)
 
@@ -141,7 +143,7 @@ class PeopleBehind:
     """How many recorded people stand behind the D_i and H of a scenario.
 
     points: safe concrete scenarios;
-    with_people: of these, with recorded people whom D_i compares with;
+    with_people: of these, with recorded people that D_i compares with;
     drives: of theirs, over all of these. Where references that are too thin are left out, their
         people stand behind nothing.
     """

@@ -1,4 +1,4 @@
-"""What scores depend on: the recorded facts, the settings, the sources of this package, and files
+"""Dependencies of scores: the recorded facts, the settings, the sources of this package, and files
 that users name.
 """
 

@@ -32,7 +32,7 @@ class KeptChunk:
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """What scoring a run gives besides its rows.
+    """Results of scoring a run other than its rows.
 
     chunks: where these are.
     """
@@ -111,7 +111,7 @@ def keep_scores(kept: KeptResults, key: bytes, scores: Scores) -> Scores:
     """Put scores whose rows are there, and take the oldest of other settings out where they take
     much room.
 
-    What comes back is what whoever asks later gets.
+    A later call returns the same.
     """
     kept.put([("evaluation", key, 0, encoded(scores))])
     _in_use.add(key)

@@ -1,4 +1,4 @@
-"""Whom each safe case is compared with, what these people score among themselves, and what that
+"""Drivers compared with each safe case, what these people score among themselves, and what that
 tells of the case.
 """
 
@@ -300,7 +300,7 @@ def beside_people(
 
 
 def reference_notes(cases: CaseTable) -> tuple[ScoreNote, ...]:
-    """What must be said of the human reference and the exposure of the cases of one ADS in one
+    """Remarks on the human reference and the exposure of the cases of one ADS in one
     scenario.
     """
     safe, outside = cases.safe, int(np.count_nonzero(cases.exposure_note != ""))

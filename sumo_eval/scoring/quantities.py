@@ -55,14 +55,14 @@ from sumo_eval.trajectory import BoolArray
 _RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in fields(Fact)} - {
     "clips"
 }
-"""What a row has of its fact as it is."""
+"""Fields that a row takes from its fact unchanged."""
 STRUCK_FROM_BEHIND = "struck_from_behind"
 LEFT_THE_NETWORK = "actor_left_the_network"
 """The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
 
 
 class Remarks:
-    """What must be said of the drives of an ADS in a scenario, gathered some drives at a time."""
+    """Remarks on the drives of an ADS in a scenario, gathered some drives at a time."""
 
     def __init__(self) -> None:
         self._blocks: Counter[int] = Counter()
@@ -289,8 +289,8 @@ def combine(
     """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts
     beside them.
 
-    people: whether there is anybody to compare with; where not, nothing is missing without D and H.
-    task_reference: the reference car that T compares with, "" where the run holds none.
+    people: whether there are drivers to compare with; where not, nothing is missing without D and
+    H. task_reference: the reference car that T compares with, "" where the run holds none.
     """
     notes = list(notes)
     cases = CaseTable.of(rows)
@@ -387,7 +387,7 @@ def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotCo
 
 
 def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:
-    """What the report says of a partition."""
+    """Text of the report on a partition."""
     inside = zones.exactly_hazardous(points.points)
     error = boundary_error(zones)
     return ZoneResult(

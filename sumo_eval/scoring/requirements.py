@@ -20,8 +20,8 @@ from sumo_eval.trajectory import Collision, FloatArray, Trajectory
 def series_of(
     ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None
 ) -> dict[str, FloatArray]:
-    """What requirements ask for at each sample of the ego, by the names of `SERIES`; inf where
-    nobody is ahead.
+    """Values for requirements at each sample of the ego, by the names of `SERIES`; inf where
+    no actor is ahead.
     """
     gap, closing = vehicle_ahead(ego, actors, collision)
     along = ego.speed * np.cos(ego.heading)
@@ -47,7 +47,7 @@ def series_of(
 def series_of_others(
     asked: Sequence[Requirement], ego: Trajectory, actors: Mapping[str, Trajectory]
 ) -> dict[str, FloatArray]:
-    """What requirements ask of others at each sample of the ego, by the placeholders of
+    """Values of other actors for requirements at each sample of the ego, by the placeholders of
     `Requirement.asks`.
     """
     found: dict[str, FloatArray] = {}

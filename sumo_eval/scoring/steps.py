@@ -1,8 +1,8 @@
 """The paper's six steps over the recorded facts of a run: zones, drives, D_i, losses and weights,
 scores, ranking.
 
-Whoever finds the scores of a run kept needs none of this: `sumo_eval.evaluation.score` imports it
-where it computes.
+A caller that finds the scores of a run kept needs none of this: `sumo_eval.evaluation.score`
+imports it where it computes.
 """
 
 from __future__ import annotations

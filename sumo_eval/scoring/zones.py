@@ -27,7 +27,7 @@ def zones_of(run: Resolved, kept: KeptResults) -> dict[str, ZonePartition]:
 
 
 def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Path) -> bytes:
-    """What the partition of a scenario is kept under: a hash of all that it depends on."""
+    """Key of a kept partition of a scenario: a hash of all that it depends on."""
     return key_of(
         "zones",
         settings.method.zones,

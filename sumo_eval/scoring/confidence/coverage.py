@@ -1,4 +1,4 @@
-"""What a sample covers of its space."""
+"""Coverage of a space by its sample."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class SpaceCoverage:
 
 
 def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
-    """What cases at `points` (n, k) cover of the space that `zones` partitions."""
+    """Coverage by cases at `points` (n, k) of the space that `zones` partitions."""
     logical = zones.logical
     everywhere = logical.from_shares(steadily(len(logical.names), COUNTED))
     everywhere = everywhere[logical.feasible(everywhere)]

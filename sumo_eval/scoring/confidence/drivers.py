@@ -1,7 +1,8 @@
-"""What the choice of drivers does to an ADS's D and H: a jackknife that respects how drivers are
+"""Effect of the choice of drivers on an ADS's D and H: a jackknife that respects how drivers are
 drawn.
 
-The synthetic drivers are no simple random sample: of any n, the recorded share overtakes, rounded
+The synthetic drivers are not a simple random sample: of any n, the recorded share overtakes,
+rounded
 down or up (`sumo_eval.drivers.synthetic.population`). So followers are compared with followers and
 overtakers with overtakers, and the rounding is an error of its own. Recorded people are one group.
 """
@@ -103,7 +104,7 @@ def driver_deviations(
 def exchanges(
     names: Sequence[str], settings: DriverSettings, seed: int
 ) -> tuple[tuple[int, int], ...]:
-    """What the rounding of how many drivers overtake could have brought instead, as near as the
+    """Other results that rounding the number of overtaking drivers could give, as near as the
     drivers who are there can show it: places of one who is left out and of one of the other group
     who counts twice.
 
@@ -133,8 +134,8 @@ def stratified_deviations(
     in the group); their squares add up to the variance of a stratified sample, and to the plain
     jackknife's if there is one group. The number of those who overtake (True) is n times `share`,
     rounded at random: a deviation of sqrt(f (1 - f)) drivers, f its fraction, times `change`: what
-    one driver in the place of one of the other group does to the value, told by one who counts
-    twice (`exchanges`). Leaving out alone does not tell it: nobody comes in their place, and with
+    one driver instead of one of the other group does to the value, told by one who counts
+    twice (`exchanges`). Leaving out alone does not tell it: no driver replaces them, and with
     one of two followers gone it speaks of a population that is never drawn.
     """
     n = len(without)

@@ -1,10 +1,11 @@
 """Intervals of every score from two sources: which points were driven, and which drivers H and D
 compare with.
 
-A bootstrap. Each replicate draws the points anew (`resamples`), the same ones for every ADS, and
+A bootstrap. Each replicate draws the points again (`resamples`), the same ones for every ADS, and
 adds to D and H an error of the drivers' own size, which a jackknife over drivers has measured
 (`sumo_eval.scoring.confidence.drivers`). What was never seen is counted too: a sample in which k of
-n hazardous points hold a collision is no proof that other points hold none. The end of an interval
+n hazardous points hold a collision does not prove that other points hold none. The end of an
+interval
 on the bad side therefore carries e unseen collisions, e from an exponential distribution of mean 1,
 as hard as those of doing nothing: together with the drawn ones a gamma distribution of shape k + 1,
 as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the rule of three. A
@@ -12,8 +13,8 @@ sum loses with each of them. C is a mean over collisions, so the first of them m
 collisions leave: it loses that with the chance that an evaluation of as many points sees any.
 
 Points of a method that leaves no part of the space out are balanced over it: their mean place is
-the box's, so what a score's terms owe to a trend along a parameter is no error of theirs.
-Replicates are balanced in the same way (`Balance`), but for the few cases that collided, which no
+the box's, so what a score's terms owe to a trend along a parameter is not an error of theirs.
+Replicates are balanced in the same way (`Balance`), except the few cases that collided, which no
 method spreads: C is a mean over them, and a collision in the safe zone leaves no D, so a replicate
 without any of these has one, and S with it.
 
@@ -210,7 +211,7 @@ class _Sums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Draws:
-    """What is random of one ADS besides the points, (m,): unseen collisions, the weight of one more
+    """Random terms of one ADS, the points aside, (m,): unseen collisions, the weight of one more
     case (alike for all ADSs), and the drivers' errors of D and H.
     """
 
@@ -232,7 +233,7 @@ class _Draws:
 
 
 def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> FloatArray:
-    """Student's t numbers, (m, k), one column a driver: each driver's are his own in every scenario
+    """Student's t numbers, (m, k), one column a driver: each driver's are its own in every scenario
     and for every ADS.
 
     That is why the drivers' part of two ADSs' scores cancels in their difference as far as it is
@@ -313,7 +314,7 @@ def _with_one_more(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnseenLoss:
-    """What unseen collisions would cost a score: whole, (m,), if every free point held one;
+    """Cost of unseen collisions for a score: whole, (m,), if every free point held one;
 
     points: among how many they are;
     first_takes_all: the first one costs the whole (C), else each one costs its part.
@@ -324,7 +325,7 @@ class UnseenLoss:
     first_takes_all: bool = False
 
     def of(self, unseen: ArrayLike) -> FloatArray:
-        """The mean loss, (m,), to so many collisions in expectation: p = unseen/points is the
+        """The mean loss, (m,), to n collisions in expectation: p = unseen/points is the
         chance of a point.
 
         p * whole where each costs its part; (1 - (1 - p)^points) * whole where the first one costs
@@ -338,7 +339,7 @@ class UnseenLoss:
 
 @dataclass(frozen=True, slots=True)
 class FreePoints:
-    """Where an ADS may have collisions that nobody has seen, as far as that hangs on all of its
+    """Where an ADS may have unseen collisions, as far as that depends on all of its
     cases.
 
     A free point is a hazardous one without a collision (any evaluated one, if none is hazardous).
@@ -498,7 +499,7 @@ def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
 
 
 def _limits(low: FloatArray, high: FloatArray, freedom: int) -> tuple[float, float] | None:
-    """Percentiles, widened for so many degrees of freedom: by the quantile of t in place of the
+    """Percentiles, widened for n degrees of freedom: by the quantile of t in place of the
     normal one.
     """
     low, high = low[np.isfinite(low)], high[np.isfinite(high)]

@@ -49,7 +49,7 @@ class Standing:
 
     @property
     def sentence(self) -> str:
-        """For whoever reads the report."""
+        """For readers of the report."""
         return (
             f"Adaptive sampling: {self.points} of at most {self.budget} points in {self.rounds} "
             f"rounds; {self.why}."
@@ -159,7 +159,7 @@ def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatAr
 
 def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSettings) -> FloatArray:
     """How many points of S+ a case would move that stands for one point, (n,): first order, its sum
-    weighted by `stands_for` is 0 but for a constant in A and in H.
+    weighted by `stands_for` is 0 except for a constant in A and in H.
 
     S+ = T A' (a + b H): a case moves T by p (t - T) / sum(p), H likewise, and A by
     w ((1 - A) stake - lost) / sum(w stake), each times the slope of S+ along it.

@@ -2,7 +2,7 @@
 
 Points that may stand for each other are a list (`Strata`), and each replicate draws from every list
 as many points as it has. Points of a method that leaves no part of the space out are balanced over
-it besides (`Balance`).
+it as well (`Balance`).
 
 All replicates of some points are drawn before those of the next ones (`Resamples`): what a
 replicate costs a point is the same among a thousand points and among a million, and no table of all
@@ -266,7 +266,7 @@ def resamples(
     even: the points in the unit box, (n, k), where they are balanced over it.
     name: of the random stream.
     done: told how many points have been drawn, and of how many; those of a balanced sample are
-        drawn twice, because what balances them hangs on all of them.
+        drawn twice, because what balances them depends on all of them.
     """
     most = AT_ONCE // replicates
     most = most if groups.points <= most else max(most // OF_MORE, 1)
@@ -311,7 +311,7 @@ class _Block:
 def _blocks(
     lists: Strata, most: int, replicates: int, seed: int, name: Sequence[str]
 ) -> Iterator[_Block]:
-    """Points list by list, at most so many together; a longer list in pieces."""
+    """Points list by list, at most n together; a longer list in pieces."""
     number, first, order, ends = 0, 0, lists.order, lists.ends
     # of a piece: each holds a number for every replicate until all are drawn
     longest = max(AT_ONCE // replicates, 1)

@@ -1,4 +1,4 @@
-"""Risk: how probable a collision is, and how much loss to expect, over the space as it is met on
+"""Risk: how probable a collision is, and how much loss to expect, over the space as it occurs on
 the road.
 """
 

@@ -30,7 +30,7 @@ WITHIN = {
     "avoidance_grade": (-np.inf, 1.0),
     "s_plus": (0.0, 100.0),
 }
-"""What a score can be; S at most what Eq. 18 makes of C = D = 1."""
+"""Range of a score; S at most what Eq. 18 makes of C = D = 1."""
 
 LEAST = 2  # evaluated cases of which an interval can be made
 
@@ -53,7 +53,7 @@ def with_intervals(
         the choice of drivers does.
     unit: all points in the unit box, (n, k).
     sampling: how they were chosen.
-    stratum: (n,) points with one number may stand for each other, where the sample says so itself.
+    stratum: (n,) points with one number may stand for each other, where the sample states it.
         An ADS with fewer than two cases that count keeps what missing cases leave open, or has no
         interval.
     """
