@@ -31,6 +31,7 @@ SINUS, COSINE = motion.SINUS, motion.COSINE
 SPEED, KEEP, PATH = 10, 14, 13
 BY_TIME, BY_PLACE = 11, 12
 FOLLOW = 15  # from its begin on SUMO drives the vehicle
+MATCH = 16  # a speed, or a place, relative to another vehicle's at every instant
 # state of a move: its begin is unknown, is to come, is past
 WAITS, KNOWN, BEGUN = 0, 1, 2
 EGO = -1
@@ -74,7 +75,7 @@ ego (x, y)."""
 PROGRAM = np.dtype([("value", "f8"), *_fields("i8", "op", "one", "two")])
 PLAY = np.dtype(
     _fields("f8", "x", "y", "heading", "line_s", "line_time", "since", "s", "v", "first_begin")
-    + _fields("i8", "acts", "pieces", "path", "points", "slides", "model", "on_map")
+    + _fields("i8", "acts", "pieces", "path", "points", "slides", "model", "on_map", "match")
 )
 """Present motion of a vehicle.
 
@@ -82,6 +83,8 @@ x, y, heading: beginning and direction of its line; on_map: 1 if these are on th
 road, 0 if along and across the road. line_s, line_time: distance driven and time when the line
 began. since, s, v: time from which its pieces count, distance and speed then. first_begin: begin of
 its first move, s. model: `AT_ONCE` if SUMO drives it from the start, `HANDED_OVER` if it does now.
+match: 1 + the row of `TABLE` of what it follows, or 0: (vehicle, factor of its speed), (m/s added,
+1 if it keeps a place instead), (m ahead of that vehicle, s behind that at its own speed).
 """
 
 
@@ -513,11 +516,14 @@ def _begin(play: Any, act: Any, pieces: Any, table: Any) -> None:
         play.path, play.points = act.first, act.count
         act.end = math.inf  # until it is there, which depends on its speed
         return
-    play.since, play.s, play.v = act.begin, s, v
+    play.since, play.s, play.v, play.match = act.begin, s, v, 0
     if act.kind == SPEED:
         play.pieces = _speed_up(pieces, v, act)
     elif act.kind == KEEP:
         play.pieces = 0
+    elif act.kind == MATCH:
+        play.pieces, play.match, act.end = 0, act.first + 1, math.inf
+        return
     else:
         play.pieces = _follow_profile(pieces, v, x, act, table)
     act.end = act.begin + lasts(play, pieces)
@@ -561,6 +567,28 @@ def _end_path(play: Any, acts: Any, pieces: Any, table: Any, before: float, now:
 
 
 @kernel
+def _match(cast: Any, j: int, now: float, line: Any) -> None:
+    """Move a vehicle to `now` relative to another, whose speed is linear since the last look."""
+    play, table, own = cast.plays[j], cast.table[j], cast.others[j]
+    of, more, place = table[play.match - 1], table[play.match], table[play.match + 1]
+    if of.one == EGO:
+        x, speed = cast.egos[0].x, _of(cast.egos[0], ALONG)
+    else:
+        x, speed = cast.others[int(of.one)].x, _of(cast.others[int(of.one)], ALONG)
+    speed, since = max(of.two * speed + more.one, 0.0), now - play.since
+    if len(line) and not play.on_map:
+        speed /= 1.0 - line_at(line, own.x)[3] * own.y
+    ahead = 0.5 * (play.v + speed) * since
+    if more.two > 0.0:
+        ahead = x + place.one - on_line(play, table, play.s)[0]
+        if place.two > 0.0:  # x + place.one - own place = its own speed x place.two
+            ahead = ahead * since / (since + place.two) if since > 0.0 else 0.0
+            speed = ahead / since if since > 0.0 else play.v
+    play.s += ahead
+    play.since, play.v = now, max(speed, 0.0)
+
+
+@kernel
 def wake(cast: Any, now: float, before: float, stack: Any, line: Any) -> None:
     """Begin the waiting moves of a case whose conditions hold at the end of a step.
 
@@ -582,7 +610,9 @@ def wake(cast: Any, now: float, before: float, stack: Any, line: Any) -> None:
             continue
         begun = begin_due(play, acts[j], pieces[j], table[j], now)
         _end_path(play, acts[j], pieces[j], table[j], before, now)
-        if begun:
+        if play.match:
+            _match(cast, j, now, line)
+        if begun or play.match:
             place(others[j], play, acts[j], pieces[j], table[j], now, line)
 
 
@@ -658,7 +688,8 @@ def _play_of(actor: Any) -> tuple[Any, ...]:
     pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
     driven = (0.0, 0.0, 0.0, 0.0, start.speed, math.inf)
     model = AT_ONCE if actor.follows_at_once else 0
-    return *pose, *driven, len(actor.acts), 0, 0, 0, actor.slides, model, actor.on_map is not None
+    numbers = len(actor.acts), 0, 0, 0, actor.slides, model, actor.on_map is not None, 0
+    return *pose, *driven, *numbers
 
 
 def _record_of(act: Act, first: int, step: int) -> tuple[Any, ...]:

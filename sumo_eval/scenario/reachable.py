@@ -107,7 +107,8 @@ def _fastest(actor: Actor) -> float:
     across = actor.start.lateral_speed != 0.0 or any(
         act.kind <= played.COSINE for act in actor.acts
     )
-    if across or actor.model is not None or any(act.kind == played.FOLLOW for act in actor.acts):
+    led = any(act.kind in (played.FOLLOW, played.MATCH) for act in actor.acts)
+    if across or actor.model is not None or led:
         return math.inf
     told = [
         speed

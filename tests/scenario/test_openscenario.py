@@ -13,6 +13,7 @@ from lxml import etree
 
 from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.collections import COLLECTIONS, uses_of
 from sumo_eval.extras.openscenario.conformity import ROWS
@@ -522,7 +523,7 @@ def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path
         find(str(written_again(written(tmp_path, step=linear)))).concrete(only=0.0).actors
         == was.actors
     )
-    with pytest.raises(InputError, match="must be a step, or be reached within 0 s"):
+    with pytest.raises(InputError, match="its first speed must be a step"):
         find(str(written_again(written(tmp_path, step=linear.replace('"0"', '"2"')))))
 
 
@@ -535,7 +536,7 @@ def test_who_is_judged_can_be_named(tmp_path: Path) -> None:
     )
     with pytest.raises(
         InputError,
-        match=r"<Entities>: one entity must be named `Ego`, .* another of my hero, Other",
+        match=r"<Entities>: the entity that the ADS drives must be named `Ego`, .* my hero, Other",
     ):
         find(str(hero))
     logical = find(f"{hero}?ego=my hero")
@@ -544,27 +545,130 @@ def test_who_is_judged_can_be_named(tmp_path: Path) -> None:
     assert (found.ego, found.actors) == (was.ego, was.actors)
 
 
-def test_a_road_that_cannot_be_read_is_refused_only_where_somebody_is_on_it(tmp_path: Path) -> None:
+def test_only_roads_in_use_must_be_readable(tmp_path: Path) -> None:
     path = written(tmp_path)
+    road = ROAD[ROAD.index("<road") : ROAD.index("</OpenDRIVE>")]
+    poly = road.replace("<line/>", "<poly3/>", 1)
+    for text, file in ((road + poly.replace('id="0"', 'id="hill"', 1), "both"), (poly, "poly")):
+        (tmp_path / "road.xodr").write_text(f"<OpenDRIVE>{text}</OpenDRIVE>", encoding="utf-8")
+        (tmp_path / f"{file}.xosc").write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+        if file == "both":
+            assert find("both.xosc", tmp_path).concrete(only=0.0).actors
+            continue
+        with pytest.raises(InputError, match=r"A <geometry> of road `0` .* got .poly3"):
+            find("poly.xosc", tmp_path)
+
+
+@pytest.mark.parametrize("option", ["", "?flat=1"])
+def test_elevation_is_left_out_with_a_note(tmp_path: Path, option: str) -> None:
+    level = find(str(written(tmp_path)))
     slope = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
-    steep = ROAD[ROAD.index("<road") : ROAD.index("</OpenDRIVE>")].replace(
-        "</planView>", "</planView>" + slope, 1
-    )
-    name = steep.split('id="')[1].split('"')[0]
-    beside = steep.replace(f'id="{name}"', 'id="hill"', 1)
-    (tmp_path / "road.xodr").write_text(
-        ROAD.replace("</OpenDRIVE>", beside + "</OpenDRIVE>"), encoding="utf-8"
-    )
-    assert find(str(written_again(path))).concrete(only=0.0).actors
-    (tmp_path / "road.xodr").write_text("<OpenDRIVE>" + steep + "</OpenDRIVE>", encoding="utf-8")
-    with pytest.raises(
-        InputError,
-        match=rf"<elevation> of road `{name}` of OpenDRIVE file road.xodr must be constant",
-    ):
-        find("scenario.xosc?road=1", tmp_path)
-    flat = find("scenario.xosc?flat=1", tmp_path)
-    assert flat.concrete(only=0.0).actors
+    steep = ROAD.replace("</planView>", "</planView>" + slope, 1)
+    (tmp_path / "road.xodr").write_text(steep, encoding="utf-8")
+    flat = find(f"{written_again(tmp_path / 'scenario.xosc')}{option}")
+    assert flat.concrete(only=0.0).actors == level.concrete(only=0.0).actors
     assert "elevation" in flat.notes[0]
+    assert not any("elevation" in note for note in level.notes)
+
+
+EGO_PLACE = '<LanePosition roadId="0" laneId="-1" s="20"/>'
+OTHER_PLACE = '<RelativeLanePosition entityRef="Ego" dLane="1" ds="50" offset="0.25"/>'
+
+
+def changed(folder: Path, *changes: tuple[str, str], **parts: object) -> Path:
+    """A scenario file with texts replaced, under a name that nothing was read of."""
+    path = written(folder, **parts)
+    text = path.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / f"changed_{abs(hash(text))}.xosc"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_starts_depend_on_each_other_in_any_order(tmp_path: Path) -> None:
+    """The ego 50 m behind a vehicle whose place and speed come later in the file."""
+    later = (EGO_PLACE, '<RelativeLanePosition entityRef="Other" dLane="0" ds="-50"/>'), (
+        OTHER_PLACE, '<LanePosition roadId="0" laneId="-1" s="70"/>'
+    )  # fmt: skip
+    case = find(str(changed(tmp_path, *later))).concrete(only=0.0)
+    assert (case.ego.x, case.actors[0].start.x) == pytest.approx((21.5, 71.5))
+    with pytest.raises(InputError, match="starts of Ego, Other depend on each other in a circle"):
+        find(str(changed(tmp_path, later[0])))
+
+
+@pytest.mark.parametrize("place", [
+    '<WorldPosition x="{x}" y="{y}" h="0.5"/>', '<RoadPosition roadId="0" s="20" t="-1.75"/>'
+])  # fmt: skip
+def test_a_place_in_a_driving_lane_is_that_lane(tmp_path: Path, place: str) -> None:
+    was = find(str(changed(tmp_path))).concrete(only=0.0)
+    x, y = (5.0 + 20.0 * math.cos(0.5) + 1.75 * math.sin(0.5),
+            7.0 + 20.0 * math.sin(0.5) - 1.75 * math.cos(0.5))  # fmt: skip
+    case = find(str(changed(tmp_path, (EGO_PLACE, place.format(x=x, y=y))))).concrete(only=0.0)
+    assert (case.ego.x, case.ego.y) == pytest.approx((was.ego.x, was.ego.y))
+    assert case.actors[0].start.x == pytest.approx(was.actors[0].start.x)
+    assert case.road.lanes == was.road.lanes
+
+
+def test_ego_against_the_reference_line_has_its_road_from_there(tmp_path: Path) -> None:
+    """The ego comes from s = 980 m in the left lane; the other, 50 m less, is 50 m ahead of it."""
+    turned = '<Orientation type="relative" h="3.141592653589793"/></LanePosition>'
+    place = '<LanePosition roadId="0" laneId="1" s="980">' + turned
+    case = find(str(changed(tmp_path, (EGO_PLACE, place), ('dLane="1" ds="50"',
+                'dLane="0" ds="-50"')))).concrete(only=0.0)  # fmt: skip
+    (other,) = case.actors
+    assert (case.ego.x, case.ego.y, other.start.x) == pytest.approx((21.5, 0.0, 71.5))
+    assert (other.start.y, other.heading) == pytest.approx((-0.25, 0.0))
+
+
+def test_the_only_entity_with_a_controller_is_the_ego(tmp_path: Path) -> None:
+    controlled = ('entryName="car"/></ScenarioObject>',
+        'entryName="car"/><ObjectController><Controller name="c"/></ObjectController>'
+        "</ScenarioObject>")  # fmt: skip
+    path = changed(tmp_path, controlled, ('"Ego"', '"hero"'))
+    assert find(str(path)).concrete(only=0.0).actors[0].name == "Other"
+
+
+def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path: Path) -> None:
+    path = changed(tmp_path, road="Town01")
+    with pytest.raises(InputError, match=r"`Town01` .* simulator's map: `\?map=FILE.xodr`"):
+        find(str(path))
+    assert find(f"{path}?map=road.xodr").concrete(only=0.0).actors
+
+
+@pytest.mark.parametrize(("action", "far"), [
+    ('<SpeedAction><SpeedActionDynamics dynamicsShape="step" dynamicsDimension="time" value="0"/>'
+     '<SpeedActionTarget><RelativeTargetSpeed entityRef="Ego" value="2" '
+     'speedTargetValueType="delta" continuous="true"/></SpeedActionTarget></SpeedAction>', 60.0),
+    ('<LongitudinalDistanceAction entityRef="Ego" distance="30" freespace="true" '
+     'continuous="true"/>', 35.0),
+])  # fmt: skip
+def test_speed_and_distance_are_kept_while_the_ego_brakes(
+    tmp_path: Path, action: str, far: float
+) -> None:
+    """The other starts 50 m ahead and gains 2 m/s, until the ego stands; or keeps 30 m between
+    bodies of 4 and 6 m.
+    """
+    brake = f"<LongitudinalAction>{action}</LongitudinalAction>"
+    events = TIMED.format(n=1, action=brake, delay=0, when=AT.format(0))
+    path = changed(tmp_path, ('ds="50" offset="0.25"', 'ds="50" offset="3"'), events=events)
+    drive = simulate(find(str(path)).concrete(only=0.0), lambda *_: Command(-2.0))
+    other = drive.actors["Other"]
+    at = int(np.searchsorted(other.time, 5.0))
+    assert drive.ego.speed[at] < 15.0
+    assert other.x[at] - drive.ego.x[at] == pytest.approx(far, abs=0.05)
+
+
+def test_an_edge_needs_the_opposite_before(tmp_path: Path) -> None:
+    """A gap above 30 m holds at the start: its rising edge waits until it was not, the falling one
+    does not.
+    """
+    above = CUT_IN.replace('rule="lessThan"', 'rule="greaterThan"')
+    for edge, latches in (("rising", 1), ("falling", 0), ("risingOrFalling", 0), ("none", 0)):
+        events = above.replace('conditionEdge="rising"', f'conditionEdge="{edge}"')
+        (other,) = find(str(changed(tmp_path, events=events))).concrete(only=0.0).actors
+        assert sum(act.offset == 0.0 for act in other.acts) == latches, edge
 
 
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path: Path) -> None:

@@ -161,7 +161,7 @@ TEXTS = {
     r"`kph`": ("${$kph / 3.6}", "${max(pow($kmh, 2), 1)}"),
     r"<Private>: entity `Third` is not "
     r"among": ('<Private entityRef="Other">', '<Private entityRef="Third">'),
-    r"<StopTrigger>: an act that is stopped while somebody moves in it": (
+    r"<StopTrigger>: an act that a time stops while an actor moves in it": (
         "</ManeuverGroup>", '</ManeuverGroup><StopTrigger><ConditionGroup><Condition name="x" '
                             'delay="0" '
         'conditionEdge="none"><ByValueCondition><SimulationTimeCondition value="2" '

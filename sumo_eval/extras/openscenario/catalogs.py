@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sumo_eval.errors import did_you_mean
@@ -17,6 +17,7 @@ class Catalogs:
     """
 
     locations: Part | None
+    _missing: list[str] = field(default_factory=list)
     _found: dict[str, list[Part]] | None = None
 
     def _all(self) -> dict[str, list[Part]]:
@@ -29,7 +30,9 @@ class Catalogs:
             directory = location.child("Directory")
             folder = location.file.parent / directory.text("path")
             if not folder.is_dir():
-                raise directory.fault(f"the folder {folder} of its catalogs is not there")
+                self._missing.append(
+                    f"{directory.where}: the folder {folder} of its catalogs is not there"
+                )
             for file in sorted(folder.glob("*.xosc")):
                 if file.resolve() in seen:  # one folder may be named for several kinds of catalogs
                     continue
@@ -47,7 +50,9 @@ class Catalogs:
         name, entry = reference.text("catalogName"), reference.text("entryName")
         catalogs = self._all()
         if name not in catalogs:
-            raise reference.fault(f"catalog `{name}` is not there.{did_you_mean(name, catalogs)}")
+            near = did_you_mean(name, catalogs)
+            missing = "; ".join(self._missing)
+            raise reference.fault(f"catalog `{name}` is not there.{near}{missing and ' '}{missing}")
         entries: dict[str, list[Part]] = {}
         for part in (it for catalog in catalogs[name] for it in catalog.children()):
             entries.setdefault(str(part.get("name")), []).append(part)

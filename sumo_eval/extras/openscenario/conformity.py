@@ -49,7 +49,7 @@ ROWS = (
         (
             "RoadNetwork",
             "OpenDRIVE: lines, arcs, spirals, parametric cubics, one lane section, constant "
-            "widths and offset, level; "
+            "widths and offset, flattened; "
             "other roads of the file may be of any kind", 15, 10,
         ),
         ("ParameterValueDistribution", "ranges, sets, sets of several; uniform, normal with a "
@@ -83,7 +83,7 @@ ROWS = (
         ("RelativeObjectPosition", "", 0, 5),
         ("RoutePosition", "FromLaneCoordinates, FromRoadCoordinates; straight routes", 0, 15),
         ("TrajectoryPosition", "", 0, 8),
-        ("WorldPosition",),
+        ("WorldPosition", "in the driving lane where it lies"),
     ),
     *_rows(
         "position", "refused",
@@ -104,18 +104,18 @@ ROWS = (
         ("TeleportAction", "before the start", 33, 25),
         (
             "SpeedAction",
-            "step, linear; by rate, time, distance; absolute, or relative to how the ego or "
-            "another starts", 29, 14,
+            "every shape; by rate, time, distance; absolute, relative to how the ego or "
+            "another starts, or `continuous`", 29, 14,
         ),
-        ("LaneChangeAction", "sinusoidal, linear; by rate (peak speed), time", 4, 0),
-        ("LaneOffsetAction", "sinusoidal, by maxLateralAcc", 5, 0),
-        ("LongitudinalDistanceAction", "once, at the start, free space", 5, 1),
+        ("LaneChangeAction", "but step; by rate (peak speed), time, distance at one speed", 4, 0),
+        ("LaneOffsetAction", "sinusoidal, cubic, by maxLateralAcc", 5, 0),
+        ("LongitudinalDistanceAction", "once at the start, or `continuous`; without limits", 5, 1),
         ("FollowTrajectoryAction", "straight on the map, with times or without; the ego's may "
                                    "bend", 1, 6),
         ("AssignRouteAction", "a route that goes straight", 0, 6),
-        ("SynchronizeAction", "planned once; master the ego; AbsoluteSpeed with a steady "
+        ("SynchronizeAction", "planned once; master the ego; a final speed with a steady "
                               "part", 0, 7),
-        ("EntityAction", "DeleteEntityAction at the start", 0, 3),
+        ("EntityAction", "at the start", 0, 3),
     ),
     *_rows(
         "action", "ignored",
@@ -142,9 +142,11 @@ ROWS = (
         ("SimulationTimeCondition", "as a stop it is the case's longest time", 54, 3),
         ("StoryboardElementStateCondition", "complete, end, start and running", 8, 2),
         ("ParameterCondition", "before the drive", 0, 6),
-        ("RelativeDistanceCondition", "longitudinal, free space", 4, 2),
-        ("TimeHeadwayCondition", "free space", 1, 0),
-        ("TimeToCollisionCondition", "free space, to an entity"),
+        ("RelativeDistanceCondition", "every type", 4, 2),
+        ("DistanceCondition", "to an entity or a fixed place"),
+        ("ReachPositionCondition", "a fixed place"),
+        ("TimeHeadwayCondition", "along the road", 1, 0),
+        ("TimeToCollisionCondition", "along the road"),
         ("SpeedCondition", "along the road", 0, 1),
         ("RelativeSpeedCondition", "along the road", 0, 2),
         ("TraveledDistanceCondition", "along the road", 0, 13),
@@ -156,20 +158,16 @@ ROWS = (
         ("StandStillCondition", "as a start; in stops ignored: standstill ends every case", 0, 11),
         ("AngleCondition", "as a start; in stops ignored", 0, 1),
         ("AccelerationCondition",),
-        ("ReachPositionCondition",),
-        ("DistanceCondition",),
         ("OffroadCondition", "as a start; in stops ignored: leaving the road ends every case"),
     ),
     *_rows(
         "trigger", "played",
-        ("ConditionGroup", "and within a group, or between groups; delay; edges none and "
-                           "rising", 67, 50),
+        ("ConditionGroup", "and within a group, or between groups; delay; edges", 67, 50),
         ("priority", "all that end or leave out nothing half-way; else refused"),
     ),
     *_rows(
         "trigger", "ignored",
-        ("StopTrigger", "but by time; of an act in which somebody then still moves: "
-                        "refused", 15, 11),
+        ("StopTrigger", "but by time; of an act: by a condition, over changes of speed", 15, 11),
     ),
 )  # fmt: skip
 

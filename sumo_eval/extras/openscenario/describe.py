@@ -10,6 +10,7 @@ from pathlib import Path
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, grid_size
+from sumo_eval.extras.openscenario.scene import changes_nothing
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
 
@@ -23,6 +24,7 @@ _WHAT = {
     played.BY_TIME: "drives a speed by time", played.BY_PLACE: "drives a speed by "
                                                                "place",
                                                                played.PATH: "drives a path",
+    played.MATCH: "keeps a speed relative to another vehicle's",
 }  # fmt: skip
 
 
@@ -129,7 +131,7 @@ def _of(actor: Actor) -> Iterator[str]:
         f"{start.speed:.3f} m/s"
     )
     for act in actor.acts:
-        if act.kind == played.KEEP:
+        if changes_nothing(act):
             continue
         when = (
             f"{act.begin:.3f} s after its condition holds"

@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -25,7 +25,14 @@ import numpy as np
 from sumo_eval.errors import InputError, did_you_mean, must_be
 from sumo_eval.extras.openscenario.catalogs import named_file
 from sumo_eval.extras.openscenario.reading import Part, read_openscenario
-from sumo_eval.extras.openscenario.scene import EGO, Frame, Scene, scene
+from sumo_eval.extras.openscenario.scene import (
+    NO_CHOICE,
+    Choice,
+    Frame,
+    Scene,
+    changes_nothing,
+    scene,
+)
 from sumo_eval.extras.openscenario.values import Value, plain
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.distribution import Distribution
@@ -41,7 +48,7 @@ from sumo_eval.scenario.logical import (
 from sumo_eval.scenario.played import KEEP
 from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.road.table import bend_name, check_line
-from sumo_eval.trajectory import BoolArray
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 _MOST = 2_000_000  # points of a grid
 _LOOKED_AT = 2_000  # points at which a file is tried before the first case
@@ -61,6 +68,7 @@ class Axis:
     choices: what each of its values assigns, by value; empty: the value itself, to `names[0]`.
 
     step: of a range, else 0.
+    weights: of the choices, where they have any.
     """
 
     name: str
@@ -70,6 +78,7 @@ class Axis:
     step: float
     choices: tuple[tuple[float, Assignments], ...] = ()
     distribution: Distribution | None = None
+    weights: tuple[float, ...] = ()
 
     def assigned(self, value: float) -> Assignments:
         """What it assigns at a value; between listed ones, which only maps of the space look at,
@@ -106,8 +115,7 @@ class Space:
 
     file: the scenario file;
     fixed: what is assigned at every point;
-    ego: who is judged;
-    flat: slopes are left out.
+    choice: the ego and the map that the user names.
     """
 
     name: str
@@ -116,8 +124,7 @@ class Space:
     fixed: Assignments
     axes: tuple[Axis, ...]
     version: str
-    ego: str = EGO
-    flat: bool = False
+    choice: Choice
 
     def given(self, values: Mapping[str, float]) -> dict[str, Value]:
         """The parameters of the scenario file at a point."""
@@ -130,7 +137,7 @@ class Space:
 # -- reading what spans the space ------------------------------------------------------------------
 
 
-def read_space(path: Path) -> Space:
+def read_space(path: Path, choice: Choice = NO_CHOICE) -> Space:
     """The space of an OpenSCENARIO file: a ParameterValueDistribution, or a scenario file.
 
     Raises InputError.
@@ -160,7 +167,7 @@ def read_space(path: Path) -> Space:
     )
     spans = tuple(axis for axis in axes if len(axis.choices) != 1)
     version = f"{header.get('revMajor')}.{header.get('revMinor')}"
-    space = Space(path.stem, about, file, fixed, spans, version)
+    space = Space(path.stem, about, file, fixed, spans, version, choice)
     if first is not None and len(seen) > 2:
         raise first.fault(f"{seen[1].name} must be a scenario file, it is a distribution itself")
     if first is not None:
@@ -201,14 +208,13 @@ def axes_of(distribution: Part) -> Iterator[Axis]:
 def _single(element: Part) -> Axis:
     name, kind = element.attribute("parameterName"), element.only()
     if kind.tag == "DistributionSet":
-        written = [part.attribute("value") for part in kind.all("Element")]
-        return _listed(element, name, (name,), [((name, plain(value)),) for value in written])
+        return _values(element, name, [plain(it.attribute("value")) for it in kind.all("Element")])
     if kind.tag != "DistributionRange":
         raise kind.not_played()
     low, high = range_of(kind)
     step = kind.above_zero("stepWidth")
     if low == high:
-        return _listed(element, name, (name,), [((name, low),)])
+        return _values(element, name, [low])
     return Axis(name, (name,), low, high, step)
 
 
@@ -222,16 +228,20 @@ def _together(element: Part) -> Axis:
         for part in sets
     ]
     names = tuple(dict.fromkeys(name for row in rows for name, _ in row))
-    if not names or any(
-        tuple(sorted(name for name, _ in row)) != tuple(sorted(names)) for row in rows
-    ):
-        raise element.fault("its <ParameterValueSet>s must all give the same parameters")
-    # the axis goes by a parameter with different values in all rows, by one with numbers if there
-    # is one
-    columns = {name: [dict(row)[name] for row in rows] for name in names}
-    apart = [name for name in names if len(set(columns[name])) == len(rows)]
+    shared = [name for name in names if all(name in dict(row) for row in rows)]
+    if not shared:
+        raise element.fault("its <ParameterValueSet>s must have a parameter in common")
+    # the axis is named by a parameter with different values in all rows, by one with numbers if
+    # there is one; what a row leaves out keeps the value that the file declares
+    columns = {name: [dict(row)[name] for row in rows] for name in shared}
+    apart = [name for name in shared if len(set(columns[name])) == len(rows)]
     numeric = [name for name in apart if all(isinstance(value, float) for value in columns[name])]
-    return _listed(element, (numeric or apart or list(names))[0], names, rows)
+    return _listed(element, (numeric or apart or shared)[0], names, rows)
+
+
+def _values(element: Part, name: str, values: Sequence[Value]) -> Axis:
+    """The axis of one parameter with listed values."""
+    return _listed(element, name, (name,), [((name, value),) for value in values])
 
 
 def _listed(element: Part, name: str, names: tuple[str, ...], rows: Sequence[Assignments]) -> Axis:
@@ -257,6 +267,12 @@ def range_of(element: Part) -> tuple[float, float]:
 def _drawn(element: Part) -> Axis:
     """A stochastic distribution: a range with a density, sampled as the evaluation says."""
     name, kind = element.attribute("parameterName"), element.only()
+    if kind.tag == "ProbabilityDistributionSet":
+        parts = kind.all("Element")
+        weight_of = {plain(it.attribute("value")): it.decimal("weight") for it in parts}
+        axis = _values(kind, name, list(weight_of))
+        weights = [weight_of[assigned[0][1]] for _, assigned in axis.choices]
+        return replace(axis, weights=tuple(weights))
     if kind.tag == "UniformDistribution":
         low, high = range_of(kind)
         density = Distribution("uniform", (("loc", low), ("scale", high - low)))
@@ -265,10 +281,11 @@ def _drawn(element: Part) -> Axis:
         mean, variance = kind.decimal("expectedValue"), kind.above_zero("variance")
         density = Distribution("norm", (("loc", mean), ("scale", math.sqrt(variance))))
     else:
-        raise kind.not_played("stochastic distributions that are: UniformDistribution and "
-                              "NormalDistribution with a "
-                               "Range; others are drawn by the sampling method "
-                               "`openscenario`")  # fmt: skip
+        raise kind.not_played(
+            "stochastic distributions that are: ProbabilityDistributionSet, UniformDistribution "
+            "and NormalDistribution with a Range; others are drawn by the sampling method "
+            "`openscenario`"
+        )
     if not low < high:
         raise kind.fault(f"its range must not be empty, got {low:g}..{high:g}")
     return Axis(name, (name,), low, high, (high - low) / 10.0, (), density)
@@ -289,9 +306,7 @@ class PlacedByFile:
         well.
         """
         given = self.space.given(values)
-        found = scene(
-            self.space.file, given, self.space.ego, flat=self.space.flat, constrained=False
-        )
+        found = scene(self.space.file, given, self.space.choice, constrained=False)
         if _shape(found.frame) != _shape(self.road):
             raise InputError(
                 f"{self.space.name}: the road must be the same at all points, got "
@@ -338,6 +353,23 @@ class Holds:
         return found
 
 
+@dataclass(frozen=True, slots=True)
+class Weighted:
+    """Density of points: a density of continuous parameters, times the weights of listed values."""
+
+    density: Callable[[Values], FloatArray]
+    axes: tuple[Axis, ...]
+
+    def __call__(self, values: Values) -> FloatArray:
+        """The density, up to a factor; between listed values that of the nearest."""
+        found = self.density(values)
+        for axis in self.axes:
+            known = np.array(axis.values)
+            nearest = np.abs(np.asarray(values[axis.name])[..., None] - known).argmin(axis=-1)
+            found = found * np.array(axis.weights)[nearest]
+        return found
+
+
 def refusal(space: Space, road: Frame, point: Mapping[str, float]) -> str | None:
     """Why a point cannot be played; None where it can.
 
@@ -353,37 +385,30 @@ def _looked_at(space: Space, given: Mapping[str, Value]) -> Scene | str:
     """The scene of a file with given values of its parameters, or why there is none there, as
     `refusal` tells it.
     """
-    return _scene_or_why(
-        space.file,
-        space.file.stat().st_mtime_ns,
-        tuple(sorted(given.items())),
-        space.ego,
-        flat=space.flat,
-    )
+    changed = space.file.stat().st_mtime_ns
+    return _scene_or_why(space.file, changed, tuple(sorted(given.items())), space.choice)
 
 
 # more than are looked at of a file: each of its roads asks for the same points again
 @lru_cache(maxsize=8_192)
-def _scene_or_why(
-    path: Path, changed: int, given: Assignments, ego: str, *, flat: bool
-) -> Scene | str:
+def _scene_or_why(path: Path, changed: int, given: Assignments, choice: Choice) -> Scene | str:
     values = dict(given)
     try:
         _, broken = read_openscenario(path).declared(values)
         if broken:
             return f"= {broken[0]}"
-        found = scene(path, values, ego, flat=flat)
-        return found if (wrong := _impossible(path, found, ego)) is None else str(wrong)
+        found = scene(path, values, choice)
+        return found if (wrong := _impossible(path, found)) is None else str(wrong)
     except InputError as error:
         return str(error)
 
 
-def _impossible(path: Path, found: Scene, ego: str) -> InputError | None:
+def _impossible(path: Path, found: Scene) -> InputError | None:
     """What of a scene cannot be, by the checks that a run makes of every point.
 
     Its sentence has no number in it, so that points with one fault are counted together.
     """
-    frame = found.frame
+    frame, ego = found.frame, found.ego_name
     road = Road(frame.name, frame.length, frame.lanes, frame.lane_width, 0.0, line=frame.line)
     wrong = next(misplaced(road, found.ego, found.ego_body, found.actors), None)
     if wrong is not None:
@@ -399,7 +424,9 @@ def _impossible(path: Path, found: Scene, ego: str) -> InputError | None:
         case = ConcreteScenario(
             path.stem, {}, 1.0, road, found.ego, found.actors, ego_body=found.ego_body
         )
-        for actor, _ in never_begin(case, limit):
+        for actor, number in never_begin(case, limit):
+            if changes_nothing(actor.acts[number]):
+                continue
             return _declared(path, actor.name).fault(
                 "the condition of a move of it can never hold, whoever drives"
             )
@@ -469,11 +496,10 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
             raise InputError(
                 f"Unknown option `{name}` of {path.name}.{did_you_mean(name, _OPTIONS)}"
             )
-    whole = replace(
-        read_space(path),
-        ego=options.get("ego", EGO),
-        flat="flat" in options and _option(path, options, "flat", 1) == 1,
-    )
+    if "flat" in options:
+        _option(path, options, "flat", 1)
+    choice = Choice(options.get("ego", ""), options.get("map", ""))
+    whole = read_space(path, choice)
     refused: dict[str, int] = {}
     tried = list(_tried(whole, refused))
     if not tried:
@@ -491,8 +517,8 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     space, dropped = _without_doubles(space, scenes)
     names = _road_names(list(roads.values()))
     name = whole.name if len(roads) == 1 else f"{whole.name}_{names[number]}"
-    if whole.ego != EGO:
-        name = f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', whole.ego)}"
+    if choice.ego:
+        name = f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', choice.ego)}"
     ignored = tuple(dict.fromkeys(kind for _, found in scenes for kind in found.ignored))
     if zones == 1 and len(space.axes) > _SEARCHED:
         # a search looks at the 3^k neighbours of a point again and again, and reads the file at
@@ -569,7 +595,14 @@ def _road_names(frames: Sequence[Frame]) -> tuple[str, ...]:
     parts = [name.split("_") for name in names]
     while all(len(part) > 1 and part[0] == parts[0][0] for part in parts):
         parts = [part[1:] for part in parts]
-    return tuple("_".join(part) for part in parts)
+    return _distinct(["_".join(part) for part in parts])
+
+
+def _distinct(found: Sequence[str]) -> tuple[str, ...]:
+    """Names of which later ones that are the same have a number."""
+    before = [found[:number].count(name) for number, name in enumerate(found)]
+    return tuple(f"{name}_{count + 1}" if count else name
+                 for name, count in zip(found, before, strict=True))  # fmt: skip
 
 
 def _grid(space: Space) -> Iterator[dict[str, float]]:
@@ -682,8 +715,9 @@ def _without_doubles(
 _BEFORE_END = 5.0
 _ONLY = "only"
 _OPTIONS = {
-    "ego": "the entity that is judged, where it is not named `Ego`",
-    "flat": "1: slopes and superelevation are left out, roads are as on the map",
+    "ego": "the entity that the ADS drives (default: `Ego`, or the only one with a controller)",
+    "map": "the OpenDRIVE file (.xodr) where the file names a simulator's map",
+    "flat": "1: no effect, slopes are always left out",
     "road": "which of the file's roads, from 1 on",
     "zones": "1: search zones by ideal braking, which takes seconds a parameter; else everything "
     "counts as safe",
@@ -717,6 +751,7 @@ def _logical(
         about = "one that the file's constraints allow and that can be played"
         constraints = (Constraint(about, Holds(space, frame, allowed)),)
     spread = [part for part in parts if part.distribution is not None]
+    weighted = tuple(axis for axis in space.axes if axis.weights)
     logical = LogicalScenario(
         name=name,
         about=space.about,
@@ -731,20 +766,21 @@ def _logical(
         samples=samples,
         default_sample=samples[0].name if samples else "grid",
         options=tuple(
-            Option(key, "name" if key == "ego" else "1", about) for key, about in _OPTIONS.items()
+            Option(key, {"ego": "name", "map": "file"}.get(key, "1"), about)
+            for key, about in _OPTIONS.items()
         ),
         search=_search(scenes, road) if searched else None,
         has_drivers=not any(_comes_across(actor) for _, found in scenes for actor in found.actors),
     )
-    if not spread:
+    if not spread and not weighted:
         return logical
     from sumo_eval.scenario.expression import Definitions
     from sumo_eval.scenario.formulas import ExposureDensity
 
-    about = ", ".join(f"{part.name} as {part.distribution}" for part in spread)
-    return replace(
-        logical, exposure=ExposureDensity(tuple(parts), None, Definitions(())), exposure_about=about
-    )
+    names = [f"{part.name} as {part.distribution}" for part in spread]
+    names += [f"{axis.name} by its weights" for axis in weighted]
+    exposure = Weighted(ExposureDensity(tuple(parts), None, Definitions(())), weighted)
+    return replace(logical, exposure=exposure, exposure_about=", ".join(names))
 
 
 def _parameter(axis: Axis, space: Space) -> Parameter:
@@ -788,6 +824,8 @@ def _road(
     file's end of it.
     """
     reach = max(found.ego.x + found.ego.speed * time_limit for _, found in scenes)
+    if any(found.ego.speed == 0.0 for _, found in scenes):  # how fast it will be is the ADS's
+        reach = frame.length
     room = frame.length - max(0.5 * found.ego_body.length for _, found in scenes) - _BEFORE_END
     length = min(math.ceil(reach / _ROUND) * _ROUND, room)
     if frame.line:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -9,13 +10,14 @@ from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.extras.openscenario.reading import Part
-from sumo_eval.scenario.road.opendrive import lane_offset, reference_line
+from sumo_eval.scenario.road.opendrive import PROFILES, lane_offset, reference_line
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Piece, bends, length_of
+from sumo_eval.scenario.road.reference_line import Piece, bends, frame_places, length_of
 from sumo_eval.scenario.xml_file import read_xml
 
 WIDEST = 6.0  # m: a wider lane is an area without marks
 MARKED = 3.5  # m: the lane that the ego is given in such an area
+_ON = 1e-6  # m
 
 
 class Lane(NamedTuple):
@@ -30,14 +32,26 @@ class Lane(NamedTuple):
     width: float
 
 
+def in_frame(pose: Pose, begin: Pose, line: tuple[Piece, ...]) -> Pose:
+    """A place on the map along and across a line from `begin`; one of no pieces is straight."""
+    at = pose.seen_from(begin)
+    if not line:
+        return at
+    return Pose(*(float(it) for it in frame_places(line, at.x, at.y, at.heading)))
+
+
 @dataclass(frozen=True, slots=True)
 class MapRoad:
-    """A road of an OpenDRIVE file: where it begins, its reference line and its lanes by number."""
+    """A road of an OpenDRIVE file: where it begins, its reference line and its lanes by number.
+
+    sloped: whether its height or its cross slope changes, which is left out.
+    """
 
     name: str
     begin: Pose
     line: tuple[Piece, ...]
     lanes: dict[int, Lane]
+    sloped: bool = False
 
     @property
     def length(self) -> float:
@@ -53,12 +67,27 @@ class MapRoad:
         """The place s m along the reference line and t m to the left of it."""
         return self.begin.along(self.line, s, t)
 
+    def coordinates(self, pose: Pose) -> Pose:
+        """s and t of a place on the map, and its heading from the reference line's."""
+        return in_frame(pose, self.begin, self.line if self.bent else ())
+
+    def backward(self) -> tuple[Pose, tuple[Piece, ...]]:
+        """Where the reference line begins from its end, and the line in that direction."""
+        back = tuple(Piece(it.length, -it.end, -it.begin) for it in reversed(self.line))
+        return self.pose(self.length, 0.0).moved(0.0, 0.0, math.pi), back
+
+    def lane_at(self, t: float) -> Lane | None:
+        """The lane t m left of the reference line, if there is one."""
+        return next(
+            (it for it in self.lanes.values() if abs(t - it.centre) <= 0.5 * it.width), None
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Network:
     """The roads of a file by id.
 
-    unread: why a road cannot be read, which nobody minds who is not on it.
+    unread: why a road cannot be read; it matters only to entities on that road.
     """
 
     path: Path
@@ -78,6 +107,19 @@ class Network:
                 f"road `{name}` is not in {self.path.name}.{did_you_mean(name, known)}"
             )
         return self.roads[name]
+
+    def driving(self, pose: Pose) -> tuple[MapRoad, Lane, Pose] | None:
+        """The road and driving lane in which a place on the map lies, and its coordinates there.
+
+        Where roads overlap, as in a junction, the one whose direction is nearest.
+        """
+        found = []
+        for road in self.roads.values():
+            at = road.coordinates(pose)
+            lane = road.lane_at(at.y)
+            if lane is not None and lane.kind == "driving" and -_ON <= at.x <= road.length + _ON:
+                found.append((abs(math.sin(at.heading)), road.name, (road, lane, at)))
+        return min(found)[2] if found else None
 
     def lane(self, road: MapRoad, number: str, element: Part) -> Lane:
         """A lane of a road; refused where it is not there."""
@@ -99,17 +141,16 @@ def _is(number: int, written: str) -> bool:
         return False
 
 
-def read_network(path: Path, *, flat: bool = False) -> Network:
-    """The roads of an OpenDRIVE file.
+def read_network(path: Path) -> Network:
+    """The roads of an OpenDRIVE file, without their slopes.
 
-    flat: slopes are left out.
     Raises InputError with what cannot be read.
     """
-    return _read(path, path.stat().st_mtime_ns, flat)
+    return _read(path, path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=32)
-def _read(path: Path, changed: int, flat: bool) -> Network:
+def _read(path: Path, changed: int) -> Network:
     root = Part(read_xml(path, "OpenDRIVE file"))
     if root.tag != "OpenDRIVE":
         raise root.fault("the root of an OpenDRIVE file must be <OpenDRIVE>")
@@ -120,7 +161,7 @@ def _read(path: Path, changed: int, flat: bool) -> Network:
         if name in roads or name in unread:
             raise element.fault(f"there is another road with the `id` {name}")
         try:
-            roads[name] = _road(element, name, flat)
+            roads[name] = _road(element, name)
         except InputError as error:
             unread[name] = error
     if not roads and not unread:
@@ -128,13 +169,13 @@ def _read(path: Path, changed: int, flat: bool) -> Network:
     return Network(path, roads, unread)
 
 
-def _road(element: Part, name: str, flat: bool) -> MapRoad:
+def _road(element: Part, name: str) -> MapRoad:
     owner = f"road `{name}` of OpenDRIVE file {element.file.name}"
     line, begin = reference_line(element.element, owner)
     sections = element.all("lanes/laneSection")
     if len(sections) != 1:
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
-    shift = lane_offset(element.element, owner, flat=flat)
+    shift = lane_offset(element.element, owner, flat=True)
     lanes: dict[int, Lane] = {}
     for side, sign in (("left", 1.0), ("right", -1.0)):
         offset = 0.0
@@ -153,7 +194,17 @@ def _road(element: Part, name: str, flat: bool) -> MapRoad:
                 number, str(lane.get("type")), shift + sign * (offset + 0.5 * width), width
             )
             offset += width
-    return MapRoad(name, begin, line, lanes)
+    return MapRoad(name, begin, line, lanes, _sloped(element))
+
+
+def _sloped(road: Part) -> bool:
+    """Whether a road is not level: its height changes, or it has a superelevation."""
+    heights, tilts = (
+        [[it.decimal(key) if it.get(key) else 0.0 for key in "abcd"] for it in road.all(name)]
+        for name in PROFILES
+    )
+    changes = any(any(rest) for _, *rest in heights) or len({first for first, *_ in heights}) > 1
+    return changes or any(map(any, tilts))
 
 
 def _lane_number(lane: Part, sign: float) -> int:

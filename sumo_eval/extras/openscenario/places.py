@@ -10,17 +10,19 @@ the route goes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
+from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs
 from sumo_eval.extras.openscenario.network import Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Part
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, bends, length_of, map_places
 
+ALONG = 0.01  # rad that an entity in a lane may point beside it
 _FINE = 0.25  # m between two points of a trajectory that bends
 _STRAIGHT = 0.05  # m that a route may be off the straight line through its ends
 
@@ -30,9 +32,9 @@ NOWHERE = Pose(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A place: its pose on the map, and the road, lane, s and t that it was told by, where it was.
+    """A place: its pose on the map, and its road, lane, s and t where it lies on a road.
 
-    turned: an <Orientation> was given.
+    way: 1 along the road's reference line, -1 against it, 0 neither.
     """
 
     pose: Pose
@@ -40,7 +42,18 @@ class Spot:
     lane: Lane | None = None
     s: float = math.nan
     t: float = math.nan
-    turned: bool = False
+    way: int = 0
+
+
+class UnplacedError(InputError):
+    """A place or a speed that needs that of an entity which has none yet.
+
+    entity: its name.
+    """
+
+    def __init__(self, message: str, entity: str) -> None:
+        super().__init__(message)
+        self.entity = entity
 
 
 @dataclass(slots=True)
@@ -70,12 +83,13 @@ class Entity:
     on_map: bool = False
 
     def placed(self, asks: Part) -> Spot:
-        """Where it is; refused while nobody has said."""
+        """Where it is; raises UnplacedError while it has no place."""
         if self.spot is None:
-            raise asks.fault(
-                f"entity `{self.name}` has no place yet: a TeleportAction or a trajectory must "
-                "come first"
+            fault = asks.fault(
+                f"entity `{self.name}` has no place: it needs a TeleportAction or a trajectory "
+                "before the start"
             )
+            raise UnplacedError(str(fault), self.name)
         return self.spot
 
 
@@ -124,11 +138,14 @@ class Trajectory:
 class Places:
     """What knows all places of a scenario at a point: the network, the catalogs and the entities by
     name.
+
+    mirrored: y points to the right, as in the files that CARLA writes.
     """
 
     network: Network
     catalogs: Catalogs
     entities: dict[str, Entity]
+    mirrored: bool = False
 
     def entity(self, name: str, element: Part) -> Entity:
         """An entity by its name; refused where there is none."""
@@ -159,10 +176,19 @@ class Places:
         heading = turn.number("h", 0.0)
         if turn.one_of("type", ("relative", "absolute"), "absolute") == "relative":
             heading += found.pose.heading
-        turned = abs(math.remainder(heading - found.pose.heading, math.tau)) > 1e-9
-        return Spot(
-            found.pose._replace(heading=heading), found.road, found.lane, found.s, found.t, turned
-        )
+        return replace(found, pose=found.pose._replace(heading=heading))
+
+    def located(self, spot: Spot) -> Spot:
+        """A place, however it is given, in the lane where it lies."""
+        road, lane, s, t = spot.road, spot.lane, spot.s, spot.t
+        if road is None:
+            found = self.network.driving(spot.pose)
+            if found is None:
+                return spot
+            road, lane, (s, t, _) = found
+        turned = math.remainder(spot.pose.heading - road.pose(s, t).heading, math.tau)
+        way = 1 if abs(turned) < ALONG else -1 if abs(turned) > math.pi - ALONG else 0
+        return Spot(spot.pose, road, lane or road.lane_at(t), s, t, way)
 
     def _on(self, road: MapRoad, s: float, t: float, lane: Lane | None, element: Part) -> Spot:
         if not -1e-6 <= s <= road.length + 1e-6:
@@ -187,7 +213,7 @@ class Places:
         ahead = element.number("ds", 0.0) + element.number("dsLane", 0.0)
         lane = self.lane_beside(other, element.whole("dLane"), element)
         t = lane.centre + element.number("offset", 0.0)
-        return self._on(other.road, other.s + ahead, t, lane, element)
+        return self._beside(other, other.s + ahead, t, lane, element)
 
     def lane_beside(self, spot: Spot, lanes: int, element: Part) -> Lane:
         """The lane so many lanes to the left of where something is; 0 is no lane and is not
@@ -209,15 +235,23 @@ class Places:
         if other.road is None:
             raise element.fault("the entity that it is relative to is on no road")
         s, t = other.s + element.number("ds"), other.t + element.number("dt")
-        return self._on(other.road, s, t, None, element)
+        return self._beside(other, s, t, None, element)
+
+    def _beside(self, other: Spot, s: float, t: float, lane: Lane | None, element: Part) -> Spot:
+        """A place on the road of another, along or against its line as that one points."""
+        assert other.road is not None
+        spot = self._on(other.road, s, t, lane, element)
+        turned = spot.pose._replace(heading=spot.pose.heading + math.pi)
+        return replace(spot, pose=turned) if other.way < 0 else spot
 
     def _relative_object(self, element: Part) -> Spot:
         other = self.entity(element.text("entityRef"), element).placed(element)
-        return Spot(other.pose.moved(element.number("dx"), element.number("dy")), turned=True)
+        return Spot(other.pose.moved(element.number("dx"), element.number("dy", 0.0)))
 
     def _world(self, element: Part) -> Spot:
-        return Spot(Pose(element.number("x"), element.number("y"), element.number("h", 0.0)),
-                    turned=True)  # fmt: skip
+        side = -1.0 if self.mirrored else 1.0
+        y, heading = element.number("y"), element.number("h", 0.0)
+        return Spot(Pose(element.number("x"), side * y, side * heading))
 
     # -- trajectories ------------------------------------------------------------------------------
 
@@ -263,9 +297,7 @@ class Places:
 
     def _on_trajectory(self, element: Part) -> Spot:
         trajectory = self.trajectory(element.child("TrajectoryRef"))
-        return Spot(
-            trajectory.at(element.number("s"), element, element.number("t", 0.0)), turned=True
-        )
+        return Spot(trajectory.at(element.number("s"), element, element.number("t", 0.0)))
 
     # -- routes ------------------------------------------------------------------------------------
 
@@ -275,7 +307,7 @@ class Places:
         waypoints = element.all("Waypoint")
         if len(waypoints) < 2:
             raise element.fault(f"it must have at least two waypoints, got {len(waypoints)}")
-        spots = [self.spot(waypoint.child("Position")) for waypoint in waypoints]
+        spots = [self.located(self.spot(waypoint.child("Position"))) for waypoint in waypoints]
         begin = spots[0]
         if begin.road is None or begin.lane is None:
             raise waypoints[0].fault("its first waypoint must be in a lane")

@@ -20,7 +20,8 @@ Readings, where the standard leaves one or the world here is narrower:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -28,9 +29,30 @@ from typing import NamedTuple
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs, named_file
-from sumo_eval.extras.openscenario.moments import NEVER, Conditions, Moment, Span
-from sumo_eval.extras.openscenario.network import MARKED, WIDEST, Lane, MapRoad, read_network
-from sumo_eval.extras.openscenario.places import Entity, Places, Spot, Trajectory, entity_of
+from sumo_eval.extras.openscenario.moments import (
+    NEVER,
+    Conditions,
+    Moment,
+    Program,
+    Span,
+    operation,
+)
+from sumo_eval.extras.openscenario.network import (
+    MARKED,
+    WIDEST,
+    Lane,
+    MapRoad,
+    in_frame,
+    read_network,
+)
+from sumo_eval.extras.openscenario.places import (
+    Entity,
+    Places,
+    Spot,
+    Trajectory,
+    UnplacedError,
+    entity_of,
+)
 from sumo_eval.extras.openscenario.reading import Part, read_openscenario
 from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.scenario import played
@@ -49,8 +71,12 @@ from sumo_eval.scenario.road.reference_line import (
 EGO = "Ego"
 _AT_ONCE = 1e-6  # s that a speed takes which is told to change at once
 _SAME = 1e-9
+_PEAKS = {"linear": 1.0, "sinusoidal": 0.5 * math.pi, "cubic": 1.5}
+"""Peak over mean lateral speed by the shape of a move across."""
+_SHARES = tuple(k / 32 for k in range(1, 33))  # of a change of speed, between its knots
 _ON = 1e-6  # m
 
+_STEADY = "over the distance of a move across the speed must stay the same, above 0 m/s"
 IGNORED_GLOBAL = (
     "EnvironmentAction",
     "VariableAction",
@@ -64,11 +90,26 @@ IGNORED_PRIVATE = ("ControllerAction", "ActivateControllerAction", "VisibilityAc
 """Actions of one entity that change no motion here."""
 
 
+class Choice(NamedTuple):
+    """What the user names behind a file's name.
+
+    ego: the entity that the ADS drives; empty: as the file has it.
+    map: the OpenDRIVE file instead of the one that the file names; empty: the file's.
+    """
+
+    ego: str = ""
+    map: str = ""
+
+
+NO_CHOICE = Choice()
+
+
 class Frame(NamedTuple):
     """The road: where its frame begins on the map, its line (none: straight), its lanes and its
     length, m.
 
-    offset: of lane 0's centre left of the reference line of the road `name`, m.
+    offset: of lane 0's centre left of the reference line of the road `road`, m.
+    way: 1 where the ego drives along that line, -1 against it.
     """
 
     origin: Pose
@@ -79,6 +120,7 @@ class Frame(NamedTuple):
     name: str
     offset: float
     road: str
+    way: int = 1
 
 
 @dataclass(slots=True)
@@ -87,6 +129,8 @@ class Doing:
 
     speed: the one it has by what stands above, from `steady` s on;
     offset: to the left of where it starts, by what stands above, m.
+    speed_changes, across: when its last change of speed begins, and its last move across that ends
+        by distance.
     """
 
     acts: list[played.Act] = field(default_factory=list)
@@ -94,6 +138,8 @@ class Doing:
     steady: float = 0.0
     offset: float = 0.0
     busy_until: float = 0.0
+    speed_changes: Moment | None = None
+    across: Moment | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +149,7 @@ class Scene:
     ends: s, inf where no stop says.
 
     ignored: kinds of elements that mean nothing here.
+    ego_name: of the entity that the ADS drives.
     """
 
     frame: Frame
@@ -111,25 +158,23 @@ class Scene:
     actors: tuple[Actor, ...]
     ends: float
     ignored: tuple[str, ...]
+    ego_name: str
 
 
 def scene(
     path: Path,
     given: Mapping[str, Value],
-    ego: str = EGO,
+    choice: Choice,
     *,
-    flat: bool = False,
     constrained: bool = True,
 ) -> Scene:
     """A scenario file with given values of its parameters.
 
-    ego: the entity that is judged.
-    flat: slopes are left out.
     constrained: the constraints of the file must hold.
 
     Raises InputError with file, line and element.
     """
-    return _Player(path, given, ego, flat=flat, constrained=constrained).scene()
+    return _Player(path, given, choice, constrained=constrained).scene()
 
 
 def synchronized(
@@ -196,6 +241,49 @@ def _knots(knots: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
     return tuple(found)
 
 
+def changes_nothing(act: played.Act) -> bool:
+    """Whether a move only keeps a speed, or remembers that a condition held (`_Player._latch`)."""
+    return act.kind == played.KEEP or (act.kind == played.COSINE and act.offset == 0.0)
+
+
+def _along_line(act: played.Act, ground: float) -> played.Act:
+    """A move with its speeds along the road's line.
+
+    ground: m over the ground for a metre along that line.
+    """
+    if act.kind == played.SPEED:
+        return act._replace(speed=act.speed / ground, acceleration=act.acceleration / ground)
+    if act.kind == played.BY_TIME:
+        return act._replace(table=tuple((time, speed / ground) for time, speed in act.table))
+    return act
+
+
+def _at_once(dynamics: Part) -> bool:
+    """Whether a change is a step, or takes 0 s."""
+    if dynamics.one_of("dynamicsShape", ("step", "linear", "cubic", "sinusoidal")) == "step":
+        return True
+    return dynamics.get("dynamicsDimension") == "time" and dynamics.number("value") == 0.0
+
+
+def _from(time: float) -> Program:
+    """The program of a condition that holds from a time on, s."""
+    return (played.VALUE, 0, 0, time), operation(played.TIME), operation(played.AT_MOST)
+
+
+def _leads(element: Part, now: bool) -> bool:
+    """Whether a LongitudinalDistanceAction puts its entity ahead; `any`: where it is now."""
+    known = ("any", "leadingReferencedEntity", "trailingReferencedEntity")
+    where = element.one_of("displacement", known, "any")
+    return now if where == "any" else where == known[1]
+
+
+def _eased(shape: str, share: float) -> float:
+    """The share of a change that is done after a share of its duration."""
+    if shape == "cubic":
+        return share * share * (3.0 - 2.0 * share)
+    return 0.5 * (1.0 - math.cos(math.pi * share))
+
+
 def _kinds(event: Part) -> set[str]:
     """Whether an event tells somebody to move along the road, across it, or on a way of its own."""
     return {action.only().tag for action in event.all("Action/PrivateAction")} - set(
@@ -207,13 +295,23 @@ def _deletes(action: Part) -> bool:
     return action.tag == "EntityAction" and action.find("DeleteEntityAction") is not None
 
 
+def _raise_circle(faults: list[tuple[UnplacedError, Part, Entity]]) -> None:
+    """Raise why no action of Init can be done: a place that is missing, or a circle."""
+    names = [entity.name for _, _, entity in faults]
+    for unplaced, _, _ in faults:
+        if unplaced.entity not in names:
+            raise unplaced
+    raise faults[0][1].fault(
+        f"the starts of {', '.join(dict.fromkeys(names))} depend on each other in a circle"
+    )
+
+
 class _Player:
     """Walks through a file once."""
 
     def __init__(
-        self, path: Path, given: Mapping[str, Value], ego: str, *, flat: bool, constrained: bool
+        self, path: Path, given: Mapping[str, Value], choice: Choice, *, constrained: bool
     ) -> None:
-        self.ego = ego
         self.root = read_openscenario(path)
         if self.root.find("Storyboard") is None:
             raise self.root.fault("it must hold a <Storyboard>")
@@ -223,55 +321,101 @@ class _Player:
                 f"a constraint does not hold: {broken[0]}"
             )
         self.catalogs = Catalogs(self.root.find("CatalogLocations"))
-        network = self.root.child("RoadNetwork")
-        self.network = read_network(named_file(network.child("LogicFile")), flat=flat)
+        self.network = read_network(self._map(choice.map))
         entities = [entity_of(part, self.catalogs)
                     for part in self.root.child("Entities").all("ScenarioObject")]  # fmt: skip
         self.entities = {entity.name: entity for entity in entities}
         for earlier, entity in enumerate(entities):
             if any(entity.name == it.name for it in entities[:earlier]):
                 raise entity.element.fault(f"there is another entity with the name `{entity.name}`")
-        if ego not in self.entities:
-            why = (
-                f"one entity must be named `{ego}`, the one that is judged; `?ego=NAME` behind "
-                "the file's name names"
-            )
+        self.ego = choice.ego or self._only_controlled()
+        if self.ego not in self.entities:
             raise self.root.child("Entities").fault(
-                f"{why} another of {', '.join(self.entities) or 'none'}"
+                "the entity that the ADS drives must be named `Ego`, or be the only one with a "
+                "controller; `?ego=NAME` behind the file's name names it, one of "
+                f"{', '.join(self.entities) or 'none'}"
             )
-        self.places = Places(self.network, self.catalogs, self.entities)
-        self.ignored: dict[str, None] = {"elevation": None} if flat else {}
+        # scenario_runner reads these files with CARLA's axes, in which y points to the right
+        about = str(self.root.child("FileHeader").get("description"))
+        self.places = Places(self.network, self.catalogs, self.entities, about.startswith("CARLA:"))
+        self.ignored: dict[str, None] = {}
         self.doing = {name: Doing() for name in self.entities if name != self.ego}
+        self.distances: list[tuple[Part, Entity]] = []
+        self.begun: list[tuple[Part, Entity]] = []
         self.ends = math.inf
         self.end_of_way: Pose | None = None
         self.turning: Trajectory | None = None
+
+    def _map(self, other: str) -> Path:
+        """The OpenDRIVE file: the one that the user names, or the scenario file."""
+        if other:
+            path = self.root.file.parent / other
+            if not path.is_file():
+                raise self.root.fault(f"the map {path} is not there")
+            return path
+        named = self.root.child("RoadNetwork").child("LogicFile")
+        if not Path(named.text("filepath")).suffix:
+            raise named.fault(
+                f"`{named.text('filepath')}` is the name of a simulator's map: `?map=FILE.xodr` "
+                "behind the file's name names its OpenDRIVE file"
+            )
+        return named_file(named)
+
+    def _only_controlled(self) -> str:
+        """The entity named `Ego`; else the only one with a controller; else none."""
+        init = "Storyboard/Init/Actions/Private"
+        assigned = {
+            part.text("entityRef")
+            for part in self.root.all(init)
+            if part.find("PrivateAction/ControllerAction") is not None
+        }
+        controlled = {
+            name
+            for name, entity in self.entities.items()
+            if name in assigned or entity.element.find("ObjectController/*") is not None
+        }
+        return EGO if EGO in self.entities or len(controlled) != 1 else controlled.pop()
 
     def scene(self) -> Scene:
         """All of it."""
         story = self.root.child("Storyboard")
         self._init(story.child("Init").child("Actions"))
-        for entity in self.entities.values():
-            entity.placed(entity.element)
+        for name in [name for name, entity in self.entities.items() if entity.spot is None]:
+            if self.entities[name].deleted and name != self.ego:
+                del self.entities[name], self.doing[name]
+        roads = [entity.placed(entity.element).road for entity in self.entities.values()]
+        if any(road is not None and road.sloped for road in roads):
+            self.ignored["elevation"] = None
         self.frame = self._frame()
         for entity in self.entities.values():
             entity.on_map = self.turning is not None and entity.name != self.ego
             entity.frame = self._framed(entity)
         for distance, entity in self.distances:
             self._keep_distance(distance, entity)
+            if distance.flag("continuous"):
+                self.begun.append((distance, entity))
+        self.number_of: dict[str, int] = {}
         self._delete_at_once(story)
         numbers = [
             name for name in self.entities if name != self.ego and not self.entities[name].deleted
         ]
         self.number_of = {name: number for number, name in enumerate(numbers)}
-        self.conditions = Conditions(self.places, self.number_of)
+        self.names: dict[str, str] = {}
+        for name in numbers:  # as SUMO can have them: `ego` is the ADS's
+            plain = re.sub(r"[^\w.-]", "_", name)
+            while plain in ("ego", *self.names.values()):
+                plain += "_"
+            self.names[name] = plain
+        self.conditions = self._conditions(self._latch)
         for name in self.doing:
             self.doing[name].speed = self.entities[name].speed
         self._stop(story.find("StopTrigger"))
+        for element, entity in self.begun:
+            move = self._speed if element.tag == "SpeedAction" else self._distance
+            move(element, entity, self.doing[entity.name], Moment(0.0))
         for act in self._acts(story):
             self._act(act)
         ego = self.entities[self.ego]
-        if abs(ego.frame.heading) > 1e-6:
-            raise ego.element.fault("the ego must start along its lane")
         if self.turning is not None and ego.offset != 0.0:
             raise ego.element.fault("the body of an ego that turns must lie over its axle's middle")
         start = Start(ego.frame.x, ego.frame.y, ego.speed)
@@ -283,6 +427,7 @@ class _Player:
             actors,
             self.ends,
             tuple(self.ignored),
+            self.ego,
         )
 
     def _ignore(self, element: Part) -> None:
@@ -291,18 +436,46 @@ class _Player:
     # -- before the start --------------------------------------------------------------------------
 
     def _init(self, actions: Part) -> None:
-        self.distances: list[tuple[Part, Entity]] = []
+        waiting: list[tuple[Part, Entity]] = []
         for part in actions.children():
-            if part.tag == "GlobalAction":
+            added = part.find("EntityAction/AddEntityAction")
+            if added is not None:
+                waiting.append((added, self._referred(part.child("EntityAction"))))
+            elif part.tag == "GlobalAction":
                 self._global(part.only())
             elif part.tag == "UserDefinedAction":
                 self._ignore(part)
             elif part.tag == "Private":
-                entity = self.places.entity(part.text("entityRef"), part)
-                for action in part.all("PrivateAction"):
-                    self._private_at_start(action.only(), entity)
+                entity = self._referred(part)
+                waiting += [(action.only(), entity) for action in part.all("PrivateAction")]
             else:
                 raise part.not_played()
+        self._resolve(waiting)
+
+    def _referred(self, part: Part) -> Entity:
+        """The entity that an element refers to."""
+        return self.places.entity(part.text("entityRef"), part)
+
+    def _resolve(self, waiting: list[tuple[Part, Entity]]) -> None:
+        """Do the actions of Init, each after those that it depends on."""
+        while waiting:
+            waiting = self._resolve_once(waiting)
+
+    def _resolve_once(self, waiting: list[tuple[Part, Entity]]) -> list[tuple[Part, Entity]]:
+        """Do what depends on no later action of Init; what remains.
+
+        Actions of different entities have no order between them.
+        """
+        faults: list[tuple[UnplacedError, Part, Entity]] = []
+        for number, (element, entity) in enumerate(waiting):
+            self.waiting = [(it[1], it[2]) for it in faults] + waiting[number + 1 :]
+            try:
+                self._private_at_start(element, entity)
+            except UnplacedError as fault:
+                faults.append((fault, element, entity))
+        if len(faults) == len(waiting):
+            _raise_circle(faults)
+        return [(element, entity) for _, element, entity in faults]
 
     def _global(self, element: Part) -> None:
         if element.tag in IGNORED_GLOBAL:
@@ -313,21 +486,12 @@ class _Player:
             raise element.not_played()
 
     def _private_at_start(self, element: Part, entity: Entity) -> None:
-        if element.tag == "TeleportAction":
-            entity.spot = self.places.spot(element.child("Position"))
+        if element.tag in ("TeleportAction", "AddEntityAction"):
+            entity.spot = self.places.located(self.places.spot(element.child("Position")))
         elif element.tag == "LongitudinalAction":
             inner = element.only()
             if inner.tag == "SpeedAction":
-                dynamics = inner.child("SpeedActionDynamics")
-                shape = dynamics.one_of("dynamicsShape", ("step", "linear", "cubic", "sinusoidal"))
-                at_once = (
-                    dynamics.get("dynamicsDimension") == "time" and dynamics.number("value") == 0.0
-                )
-                if shape != "step" and not at_once:
-                    raise dynamics.fault(
-                        "before the start a speed must be a step, or be reached within 0 s"
-                    )
-                entity.speed = self._target_speed(inner)
+                self._speed_at_start(inner, entity)
             elif inner.tag == "LongitudinalDistanceAction":
                 self.distances.append((inner, entity))
             else:
@@ -338,6 +502,19 @@ class _Player:
             self._ignore(element)
         else:
             raise element.not_played()
+
+    def _speed_at_start(self, element: Part, entity: Entity) -> None:
+        """A first speed; one that is reached in time, or kept relative, is a move from 0 s on."""
+        speed = self._target_speed(element)
+        kept = element.child("SpeedActionTarget").only().flag("continuous")
+        at_once = _at_once(element.child("SpeedActionDynamics"))
+        if at_once:
+            entity.speed = speed
+        if at_once and not kept:
+            return
+        if entity.name == self.ego:
+            raise element.fault("the ego is driven by the ADS: its first speed must be a step")
+        self.begun.append((element, entity))
 
     def _route_at_start(self, element: Part, entity: Entity) -> None:
         if element.tag == "AssignRouteAction":
@@ -351,14 +528,9 @@ class _Player:
             begin = element.number("initialDistanceOffset", 0.0)
             first = trajectory.begin
             pose = trajectory.at(begin, element)
-            entity.spot = Spot(
-                pose,
-                first.road,
-                first.lane,
-                first.s + begin,
-                first.t,
-                turned=entity.name != self.ego,
-            )
+            entity.spot = Spot(pose, first.road, first.lane, first.s + begin, first.t)
+            if entity.name == self.ego:
+                entity.spot = self.places.located(entity.spot)
             entity.way = ((pose.x, pose.y), *trajectory.rest(begin))
             if entity.name == self.ego:
                 if trajectory.bends and begin != 0.0:
@@ -383,11 +555,9 @@ class _Player:
         if target.tag == "AbsoluteTargetSpeed":
             speed = value
         elif target.tag == "RelativeTargetSpeed":
-            if target.flag("continuous"):
-                raise target.fault(
-                    "a speed that is kept relative to another's all the time is not played"
-                )
             other = self.places.entity(target.text("entityRef"), target)
+            if any(entity is other and it.find("SpeedAction") for it, entity in self.waiting):
+                raise UnplacedError("", other.name)
             base = (
                 other.speed
                 if other.name == self.ego or other.name not in self.doing
@@ -408,7 +578,9 @@ class _Player:
         spot = ego.placed(ego.element)
         road, lane = spot.road, spot.lane
         if road is None or lane is None:
-            raise ego.element.fault("the ego must be placed in a lane")
+            raise ego.element.fault("the ego must be placed in a driving lane")
+        if spot.way == 0:
+            raise ego.element.fault("the ego must start along its lane")
         if self.turning is not None:
             return self._turning_frame(road, lane, spot)
         width, centre, lanes = lane.width, lane.centre, 2
@@ -417,7 +589,7 @@ class _Player:
         else:
             driving = [
                 it
-                for it in sorted(road.lanes.values(), key=lambda it: it.centre)
+                for it in sorted(road.lanes.values(), key=lambda it: spot.way * it.centre)
                 if it.kind == "driving"
             ]
             own = next((k for k, it in enumerate(driving) if it.number == lane.number), None)
@@ -427,24 +599,29 @@ class _Player:
                 )
             first, last = own, own
             while (
-                first > 0 and abs(driving[first].centre - driving[first - 1].centre - width) < _ON
+                first > 0
+                and abs(abs(driving[first].centre - driving[first - 1].centre) - width) < _ON
             ):
                 first -= 1
             while (
                 last + 1 < len(driving)
-                and abs(driving[last + 1].centre - driving[last].centre - width) < _ON
+                and abs(abs(driving[last + 1].centre - driving[last].centre) - width) < _ON
             ):
                 last += 1
             centre, lanes = driving[first].centre, last - first + 1
-        origin = road.pose(0.0, centre)
+        begin, reference = (road.begin, road.line) if spot.way > 0 else road.backward()
+        origin = begin.moved(0.0, spot.way * centre)
         name = f"{self.network.path.stem}_{road.name}_{lanes}x{width:g}m_at_{centre:g}m"
-        if road.bent:
-            line = _beside(road.line, centre, f"road `{road.name}` of {self.network.path.name}")
-            return Frame(origin, line, lanes, width, length_of(line), name, centre, road.name)
+        name += "_back" if spot.way < 0 else ""
+        line: tuple[Piece, ...] = ()
         length = road.length
-        if self.end_of_way is not None:
+        if road.bent:
+            owner = f"road `{road.name}` of {self.network.path.name}"
+            line = _beside(reference, spot.way * centre, owner)
+            length = length_of(line)
+        elif self.end_of_way is not None:
             length = max(length, self.end_of_way.seen_from(origin).x)
-        return Frame(origin, (), lanes, width, length, name, centre, road.name)
+        return Frame(origin, line, lanes, width, length, name, centre, road.name, spot.way)
 
     def _turning_frame(self, road: MapRoad, lane: Lane, spot: Spot) -> Frame:
         """The road of an ego that turns: the way on which it turns, one lane wide, from its own
@@ -482,8 +659,7 @@ class _Player:
         """The place of an entity in the frame of a road that bends, found from where it is on the
         map.
         """
-        at = self._on_map(entity)
-        return Pose(*(float(it) for it in frame_places(self.frame.line, at.x, at.y, at.heading)))
+        return in_frame(self._on_map(entity), Pose(0.0, 0.0, 0.0), self.frame.line)
 
     def _framed(self, entity: Entity) -> Pose:
         """The centre of an entity's body along and across the road, and its heading there."""
@@ -492,50 +668,55 @@ class _Player:
             return self._found_in_frame(entity)
         pose = spot.pose.moved(entity.centre, entity.offset)
         if not frame.line:
-            return pose.seen_from(frame.origin)
+            at = pose.seen_from(frame.origin)
+            here = spot.road is not None and spot.road.name == frame.road
+            return at._replace(heading=0.0) if here and spot.way == frame.way else at
         if self.turning is not None:
             return pose.seen_from(frame.origin)._replace(y=0.0)
         if spot.road is None or spot.road.name != frame.road:
             raise entity.element.fault(
                 "on a road that bends every place must be told along that road"
             )
-        if not spot.turned:
-            pose = spot.road.pose(spot.s + entity.centre, spot.t + entity.offset)
-        at, near = pose.seen_from(frame.origin), spot.s + entity.centre
+        if spot.way:
+            s, t = spot.s + spot.way * entity.centre, spot.t + spot.way * entity.offset
+            pose = spot.road.pose(s, t)
+        at = pose.seen_from(frame.origin)
+        near = spot.s + entity.centre if frame.way > 0 else spot.road.length - spot.s
         x, y, heading = (
             float(it) for it in frame_places(frame.line, at.x, at.y, at.heading, near=near)
         )
-        return Pose(x, 0.0 if abs(y) < _ON else y, heading if spot.turned else 0.0)
+        if spot.way:
+            heading = 0.0 if spot.way == frame.way else math.pi
+        return Pose(x, 0.0 if abs(y) < _ON else y, heading)
 
     def _keep_distance(self, element: Part, entity: Entity) -> None:
         """A LongitudinalDistanceAction that is done once at the start: the entity stands at the
         distance.
         """
-        if element.flag("continuous"):
-            raise element.fault("a distance that is kept all the time is not played")
-        if not element.flag("freespace"):
-            raise element.fault("distances that are played are free space, from bumper to bumper")
-        if element.find("DynamicConstraints") is not None:
-            raise element.fault("a distance that is reached with limited dynamics is not played")
-        other = self.places.entity(element.text("entityRef"), element)
-        where = element.one_of(
-            "displacement", ("any", "leadingReferencedEntity", "trailingReferencedEntity"), "any"
-        )
-        if entity.on_map or other.on_map:
-            raise element.fault(
-                "a distance along the road is not played of who drives straight on the map"
-            )
-        ahead = (
-            entity.frame.x >= other.frame.x
-            if where == "any"
-            else where == "leadingReferencedEntity"
-        )
+        other, ahead, apart = self._apart(element, entity)
         if element.get("timeGap") is not None:
             gap = element.number("timeGap") * (other.speed if ahead else entity.speed)
-        else:
-            gap = element.number("distance")
-        apart = (gap + 0.5 * (entity.length + other.length)) / self._ground(other.frame)
-        entity.frame = entity.frame._replace(x=other.frame.x + (apart if ahead else -apart))
+            apart += (gap if ahead else -gap) / self._ground(other.frame)
+        entity.frame = entity.frame._replace(x=other.frame.x + apart)
+
+    def _apart(self, element: Part, entity: Entity) -> tuple[Entity, bool, float]:
+        """The other of a LongitudinalDistanceAction, whether the entity is ahead of it, and how far
+        ahead its centre must be, m along the road's line, without a time gap.
+        """
+        other = self._referred(element)
+        if element.find("DynamicConstraints") is not None or entity.on_map or other.on_map:
+            raise element.fault(
+                "a distance with limited dynamics, or of an entity that drives on the map, is not "
+                "supported"
+            )
+        ahead = _leads(element, entity.frame.x >= other.frame.x)
+        sign = 1.0 if ahead else -1.0
+        apart = 0.0 if element.get("timeGap") is not None else element.number("distance")
+        if element.flag("freespace"):
+            apart += 0.5 * (entity.length + other.length)
+            return other, ahead, sign * apart / self._ground(other.frame)
+        between = entity.centre - other.centre
+        return other, ahead, (sign * apart + between) / self._ground(other.frame)
 
     # -- the story ---------------------------------------------------------------------------------
 
@@ -544,9 +725,18 @@ class _Player:
         for part in story.all("Story"):
             yield from part.within().all("Act")
 
+    def _conditions(self, latch: Callable[[Program], tuple[int, int]]) -> Conditions:
+        return Conditions(self.places, self.number_of, self.frame.origin, self.frame.line, latch)
+
+    def _latch(self, program: Program) -> tuple[int, int]:
+        """A move of the first actor that changes nothing: its end remembers that a program held."""
+        acts = next(self.doing[name] for name in self.number_of).acts
+        acts.append(played.Act(played.COSINE, 0.0, _AT_ONCE, program=program))
+        return 0, len(acts) - 1
+
     def _delete_at_once(self, story: Part) -> None:
         """Entities that are deleted at the start are not there."""
-        conditions = Conditions(self.places, {})
+        conditions = self._conditions(lambda program: (0, 0))
         for act in self._acts(story):
             for event in act.all("ManeuverGroup/Maneuver/Event"):
                 deleted = event.all("Action/GlobalAction/EntityAction")
@@ -559,26 +749,51 @@ class _Player:
                 if begin.time > 0.0 or not begin.known:
                     raise event.fault("an entity that is deleted during the drive is not played")
                 for part in deleted:
-                    self.places.entity(part.text("entityRef"), part).deleted = True
+                    self._referred(part).deleted = True
 
     def _act(self, act: Part) -> None:
         begin = self.conditions.moment(act.find("StartTrigger"), Moment(0.0))
         self.conditions.note(act, Span(begin, NEVER))  # for who is in it
-        before = sum(len(doing.acts) for doing in self.doing.values())
+        before = {name: len(doing.acts) for name, doing in self.doing.items()}
         ends = [self._group(group, begin) for group in act.all("ManeuverGroup")]
         end = max(ends, default=begin.time)
         self.conditions.note(act, Span(begin, end), again=True)
         stop = act.find("StopTrigger")
         if stop is None or stop.find("ConditionGroup") is None:
             return
-        if sum(len(doing.acts) for doing in self.doing.values()) == before:
+        if all(len(self.doing[name].acts) == count for name, count in before.items()):
             self._ignore(stop)
             return
-        by_time = (
-            stop.find(".//ByEntityCondition") is None and stop.find(".//VariableCondition") is None
-        )
-        if not by_time or self.conditions.moment(stop, Moment(0.0)).time < min(end, self.ends):
-            raise stop.fault("an act that is stopped while somebody moves in it is not played")
+        at = self.conditions.moment(stop, Moment(0.0))
+        if at.known and at.time < min(end, self.ends):
+            raise stop.fault("an act that a time stops while an actor moves in it is not supported")
+        if not at.known:
+            self._stopped(stop, at, before)
+
+    def _stopped(self, stop: Part, at: Moment, before: Mapping[str, int]) -> None:
+        """Let the moves of an act begin only before a condition stops it; speeds stay as they are
+        then.
+
+        before: how many moves the actors have that are not the act's.
+        """
+        actor, latch = self._latch(at.program)
+        stays = (played.ENDED, actor, latch, 0.0), (played.VALUE, 0, 0, 0.5)
+        goes_on = *stays, operation(played.BELOW)
+        for name, count in before.items():
+            acts = self.doing[name].acts
+            own = [k for k in range(count, len(acts)) if not changes_nothing(acts[k])]
+            if not own:
+                continue
+            if at.time > 0.0 or any(acts[k].kind <= played.COSINE for k in own):
+                raise stop.fault("an act that a condition stops is supported for changes of speed, "
+                                 "without a delay")  # fmt: skip
+            for k in own:
+                act = acts[k]
+                if not act.program:
+                    raise stop.fault("an act that a condition stops must begin by one as well")
+                program = (*act.program, *goes_on, operation(played.AND))
+                acts[k] = act._replace(program=program)
+            acts.append(played.Act(played.KEEP, program=at.program))
 
     def _group(self, group: Part, begin: Moment) -> float:
         if group.number("maximumExecutionCount", 1.0) != 1.0:
@@ -705,14 +920,17 @@ class _Player:
         return Span(begin, NEVER, (self.number_of[entity.name], len(doing.acts) - 1))
 
     def _speed(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        kept = element.child("SpeedActionTarget").only()
+        if kept.flag("continuous"):
+            return self._match(kept, element, entity, doing, begin)
         target = self._target_speed(element)
         dynamics = element.child("SpeedActionDynamics")
-        shape = self._shape(dynamics, "change of speed", "linear", "step")
+        shape = self._shape(dynamics, "change of speed", "linear", "step", "cubic", "sinusoidal")
         change = abs(target - doing.speed)
         if change <= _SAME:
             return Span(begin, begin.time)
         rate = change / _AT_ONCE
-        if shape == "linear":
+        if shape != "step":
             kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
             value = (
                 abs(dynamics.number("value")) if kind == "rate" else dynamics.above_zero("value")
@@ -729,15 +947,56 @@ class _Player:
             }[kind]
             if rate == 0.0:  # it never gets there
                 return Span(begin, NEVER)
+        if doing.across == begin:
+            raise dynamics.fault(_STEADY)
+        doing.speed_changes = begin
+        act = played.Act(played.SPEED, 0.0, 0.0, target, 0.0, rate)
+        if shape in ("cubic", "sinusoidal"):
+            if kind == "distance":  # the mean speed of both is halfway
+                rate = 0.5 * (target + doing.speed) * change / value
+            rate /= _PEAKS[shape] if kind == "rate" else 1.0
+            knots = [(share * change / rate, doing.speed + (target - doing.speed)
+                      * _eased(shape, share)) for share in _SHARES]  # fmt: skip
+            act = played.Act(played.BY_TIME, table=tuple(knots))
         doing.speed = target
         doing.steady = begin.time + change / rate if begin.known else 0.0
-        return self._add(
-            entity,
-            doing,
-            begin,
-            played.Act(played.SPEED, 0.0, 0.0, target, 0.0, rate),
-            change / rate,
-        )
+        return self._add(entity, doing, begin, act, change / rate)
+
+    def _match(
+        self, target: Part, element: Part, entity: Entity, doing: Doing, begin: Moment
+    ) -> Span:
+        """A speed relative to another's at every instant, without end."""
+        dynamics = element.child("SpeedActionDynamics")
+        if not _at_once(dynamics):
+            self._shape(dynamics, "continuous speed", "step")
+        doing.speed = self._target_speed(element)
+        value = target.number("value")
+        by_factor = target.attribute("speedTargetValueType") == "factor"
+        other = self.places.entity(target.text("entityRef"), target)
+        factor, added = (value, 0.0) if by_factor else (1.0, value)
+        return self._relative(other, entity, doing, begin, ((added, 0.0), (0.0, 0.0)), factor)
+
+    def _relative(
+        self, other: Entity, entity: Entity, doing: Doing, begin: Moment,
+        rule: tuple[tuple[float, float], ...], factor: float = 1.0,
+    ) -> Span:  # fmt: skip
+        """A speed or a place relative to another's at every instant.
+
+        rule, factor: as in `played.PLAY` under `match`.
+        """
+        self._check_with_road(entity)
+        number = self.number_of.get(other.name, played.EGO)
+        act = played.Act(played.MATCH, table=((float(number), factor), *rule))
+        span = self._add(entity, doing, begin, act, NEVER)
+        if begin.known:  # it looks at the other after every step, as what waits does
+            doing.acts[-1] = doing.acts[-1]._replace(begin=0.0, program=_from(begin.time))
+        return span
+
+    def _check_with_road(self, entity: Entity) -> None:
+        if self.frame.line and math.cos(entity.frame.heading) < 0.0:
+            raise entity.element.fault(
+                "a speed relative to another's is not supported of an oncoming vehicle on a curve"
+            )
 
     def _lateral(self, element: Part, entity: Entity, doing: Doing, begin: Moment, to: float,
         lasts: float,
@@ -754,9 +1013,11 @@ class _Player:
             raise element.fault(
                 f"`{entity.name}` still moves across when this begins, at {begin.time:.2f} s"
             )
+        if math.cos(entity.frame.heading) < 0.0:  # to the left of where it drives
+            offset = -offset
         doing.offset = to
         doing.busy_until = begin.time + lasts if begin.known else 0.0
-        if shape == "sinusoidal":
+        if shape != "linear":
             act = played.Act(played.COSINE, 0.0, lasts, 0.0, offset)
         else:
             act = played.Act(played.CONSTANT, 0.0, lasts, abs(offset) / lasts, offset)
@@ -771,8 +1032,6 @@ class _Player:
         return shape
 
     def _lane_change(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
-        if element.number("targetLaneOffset", 0.0) != 0.0:
-            raise element.fault("`targetLaneOffset` is not played")
         target = element.child("LaneChangeTarget").only()
         own = entity.placed(element)
         if target.tag == "RelativeTargetLane":
@@ -786,18 +1045,20 @@ class _Player:
             lane = self.network.lane(own.road, target.text("value"), target)
         else:
             raise target.not_played()
-        to = self._y(lane.centre, element, own) - entity.frame.y
+        to = self._y(lane.centre + element.number("targetLaneOffset", 0.0), element, own)
+        to -= entity.frame.y
         dynamics = element.child("LaneChangeActionDynamics")
-        shape = self._shape(dynamics, "move across", "linear", "sinusoidal")
+        shape = self._shape(dynamics, "move across", *_PEAKS)
         value, offset = dynamics.above_zero("value"), abs(to - doing.offset)
         kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
-        if kind == "time":
-            lasts = value
-        elif kind == "rate":
-            lasts = offset / value * (0.5 * math.pi if shape == "sinusoidal" else 1.0)
-        else:
-            raise dynamics.fault("a move across by `distance` is not played")
-        return self._lateral(element, entity, doing, begin, to, lasts, shape)
+        if kind == "distance":
+            doing.across = begin
+            changes = begin.known and begin.time < doing.steady - _SAME
+            if doing.speed <= 0.0 or changes or doing.speed_changes == begin:
+                raise dynamics.fault(_STEADY)
+        durations = {"time": value, "rate": offset / value * _PEAKS[shape],
+                     "distance": value / (doing.speed or 1.0)}  # fmt: skip
+        return self._lateral(element, entity, doing, begin, to, durations[kind], shape)
 
     def _now(self, other: Entity, mover: Entity, element: Part) -> Spot:
         """Where somebody is in a lane when a move that is relative to it begins: the mover itself
@@ -820,11 +1081,9 @@ class _Player:
         """y of a place t m left of the reference line of the ego's road."""
         if spot.road is None or spot.road.name != self.frame.road:
             raise element.fault("a move across is played on the ego's road only")
-        return t - self.frame.offset
+        return self.frame.way * (t - self.frame.offset)
 
     def _lane_offset(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
-        if element.flag("continuous"):
-            raise element.fault("an offset that is kept all the time is not played")
         target = element.child("LaneOffsetTarget").only()
         value = target.number("value")
         own = entity.placed(element)
@@ -842,20 +1101,35 @@ class _Player:
             raise target.not_played()
         to -= entity.frame.y
         dynamics = element.child("LaneOffsetActionDynamics")
-        shape = self._shape(dynamics, "move across", "linear", "sinusoidal")
+        shape = self._shape(dynamics, "move across with `maxLateralAcc`", "sinusoidal", "cubic")
         strongest = dynamics.above_zero("maxLateralAcc", " m/s2")
-        if shape != "sinusoidal":
-            raise dynamics.fault(
-                "an offset with `maxLateralAcc` is played in the shape `sinusoidal` only"
-            )
-        lasts = math.pi * math.sqrt(abs(to - doing.offset) / (2.0 * strongest))
-        return self._lateral(element, entity, doing, begin, to, lasts, shape)
+        # peak lateral acceleration of an offset d in T s: d pi^2 / 2 T^2, or of a cubic 6 d / T^2
+        peak = 6.0 if shape == "cubic" else 0.5 * math.pi**2
+        lasts = math.sqrt(peak * abs(to - doing.offset) / strongest)
+        span = self._lateral(element, entity, doing, begin, to, lasts, shape)
+        if not element.flag("continuous"):
+            return span
+        if target.tag == "RelativeTargetLaneOffset":
+            raise target.fault("an offset that is kept to another entity is not supported")
+        return Span(begin, NEVER)  # an actor keeps its offset in the lane without end
 
     def _distance(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        if element.flag("continuous"):
+            return self._distance_kept(element, entity, doing, begin)
         if not begin.known or begin.time > 0.0:
             raise element.fault("a distance is taken up at the start only")
         self._keep_distance(element, entity)
         return Span(begin, begin.time)
+
+    def _distance_kept(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
+        """A distance, or a time gap, to another at every instant, without end."""
+        other, ahead, apart = self._apart(element, entity)
+        if other is not self.entities[self.ego]:
+            doing.speed = self.doing[other.name].speed
+        gap = element.number("timeGap", 0.0)
+        if ahead and gap:
+            raise element.fault("a time gap that is kept ahead of another is not supported")
+        return self._relative(other, entity, doing, begin, ((0.0, 1.0), (apart, gap)))
 
     def _follow(self, element: Part, entity: Entity, doing: Doing, begin: Moment) -> Span:
         trajectory = self._trajectory(element)
@@ -924,9 +1198,12 @@ class _Player:
         wanted = element.find("FinalSpeed")
         if wanted is not None:
             kind = wanted.only()
-            if kind.tag != "AbsoluteSpeed":
-                raise kind.not_played()
             final = kind.number("value")
+            if kind.tag == "RelativeSpeedToMaster":
+                by_factor = kind.attribute("speedTargetValueType") == "factor"
+                final = master.speed * final if by_factor else master.speed + final
+            elif kind.tag != "AbsoluteSpeed":
+                raise kind.not_played()
             rest = kind.children()
             if rest:
                 by_time = rest[0].tag == "TargetTimeSteadyState"
@@ -971,22 +1248,15 @@ class _Player:
             raise entity.element.fault("a trajectory of more than one straight line is not played")
         heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
         across = self._on_map(entity) if entity.on_map else None
-        ground = (
-            1.0 if across is not None or any(act.table for act in acts) else self._ground(frame)
-        )
+        ground = 1.0 if across is not None else self._ground(frame)
         start = Start(frame.x, frame.y, entity.speed / ground)
-        acts = [
-            act._replace(speed=act.speed / ground, acceleration=act.acceleration / ground)
-            if act.kind == played.SPEED
-            else act
-            for act in acts
-        ]
+        acts = [_along_line(act, ground) for act in acts]
         plain = across is None and heading == 0.0 and self._beside_nothing(frame.y)
         if not plain and all(act.timed for act in acts):
             acts.append(keeps_on(acts))
         return Actor(
-            entity.name, start, tuple(acts), entity.length, entity.width, body=entity.body,
-            heading=heading,
+            self.names[entity.name], start, tuple(acts), entity.length, entity.width,
+            body=entity.body, heading=heading,
             on_map=None if across is None else (across.x, across.y, across.heading),
         )  # fmt: skip
 

@@ -1,0 +1,101 @@
+"""Other people's OpenSCENARIO files as they are: how many run, and where every vehicle is then."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sumo_eval.cosim.simulation import simulate
+from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, read_file
+from sumo_eval.scenario.road.reference_line import map_places
+from tests.twins.openscenario import STEP, Reader
+
+SNAPSHOTS = Path(os.environ.get("SNAPSHOTS", Path(__file__).parents[3] / ".mirror"))
+ASAM = "RA-Consulting-GmbH+openscenario.api.test", "cpp/applications/openScenarioTester/res"
+ESMINI = "esmini+esmini", "resources"
+OPTIONS = {"SimpleOvertake": {"ego": "Vehicle 2"}}
+PLAYS = {"exampleFilesVersion1_2": (10, 17), "exampleFilesVersion1_3": (9, 16), "xosc": (21, 69)}
+"""Files of a folder that run, of all."""
+ELSEWHERE = {
+    "cut-in", "cut-in_environment", "cut-in_external", "cut-in_visibility"
+}  # fmt: skip
+"""Files whose headway counts along the reference line, 1.6 % more than along the ego's lane: an
+actor brakes one step later, and is up to 1.1 m further at contact."""
+WITHIN = 0.5  # m
+
+
+def files(repository: tuple[str, str], target: Path) -> dict[str, list[Path]]:
+    """The scenario files of a snapshot by folder, with their roads and catalogs beside them."""
+    store, folder = SNAPSHOTS / repository[0] / "repo", repository[1]
+    if not store.is_dir():
+        pytest.skip(f"no snapshot of {repository[0]} is here")
+    git = ["git", "-C", str(store)]
+    listed = subprocess.check_output(
+        [*git, "ls-tree", "-r", "--name-only", "HEAD", folder], text=True
+    )
+    for name in listed.splitlines():
+        if name.endswith((".xosc", ".xodr")):
+            path = target / Path(name).relative_to(folder)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(subprocess.check_output([*git, "show", f"HEAD:{name}"]))
+    return {
+        name: sorted((target / name).glob("*.xosc")) for name in PLAYS if (target / name).is_dir()
+    }
+
+
+def running(found: list[Path]) -> dict[Path, Read]:
+    """Those that run. The others are refused with the name of an element, or of what is missing."""
+    reads = {}
+    for file in found:
+        try:
+            reads[file] = read_file(file, OPTIONS.get(file.stem))
+        except InputError as error:
+            why = str(error)
+            if "<" not in why and "must" not in why:
+                pytest.fail(why)
+    return reads
+
+
+def furthest(file: Path, read: Read) -> float:
+    """How far a vehicle is at most from where the second reader has it, m: at three times and at
+    the end of a drive of an ego that keeps its speed.
+    """
+    point = next(point for point, why in concrete_points(read) if why is None)
+    drive = simulate(concrete(read, point), "no_reaction")
+    given = {name: str(value) for name, value in read.space.given(point).items()}
+    reader = Reader(read.space.file, given)
+    assert not drive.error
+    ego = OPTIONS.get(file.stem, {}).get("ego", "Ego")
+    apart = []
+    for time in np.linspace(0.25, 1.0, 4) * drive.simulated_time:
+        while reader.time < time - 1e-9 + STEP:
+            reader.step()
+        for name, body in reader.bodies.items():
+            seen = drive.ego if name == ego else drive.actors[name.replace(" ", "_")]
+            if time > seen.time[-1] + 1e-6:  # it has left the road
+                continue
+            x, y = (np.interp(time, seen.time, it) for it in (seen.x, seen.y))
+            if read.frame.line:
+                x, y, _ = map_places(read.frame.line, x, y)
+            apart.append(math.dist(read.frame.origin.moved(float(x), float(y))[:2], body.place()))
+    return max(apart)
+
+
+@pytest.mark.parametrize(
+    "repository", [ASAM, pytest.param(ESMINI, marks=pytest.mark.campaign)], ids=["asam", "esmini"]
+)
+def test_public_files_run_with_every_vehicle_in_place(
+    repository: tuple[str, str], tmp_path: Path
+) -> None:
+    for folder, found in files(repository, tmp_path).items():
+        reads = running(found)
+        assert (len(reads), len(found)) == PLAYS[folder], [it.stem for it in reads]
+        for file, read in reads.items():
+            limit = 1.1 if file.stem in ELSEWHERE else WITHIN
+            assert furthest(file, read) < limit, file.stem

@@ -1,0 +1,480 @@
+"""A second, independent reader of OpenSCENARIO: steps of 0.01 s along reference lines that it
+evaluates geometry by geometry, for an ego that keeps its speed. Tests compare places with it."""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lxml import etree
+
+STEP = 0.01
+RULES = {
+    "greaterThan": operator.gt, "lessThan": operator.lt, "greaterOrEqual": operator.ge,
+    "lessOrEqual": operator.le, "equalTo": operator.eq, "notEqualTo": operator.ne,
+}  # fmt: skip
+SHAPES: dict[str, Callable[[float], float]] = {
+    "linear": lambda u: u,
+    "step": lambda u: 1.0,
+    "cubic": lambda u: u * u * (3.0 - 2.0 * u),
+    "sinusoidal": lambda u: 0.5 - 0.5 * math.cos(math.pi * u),
+}
+PEAKS = {"linear": 1.0, "cubic": 1.5, "sinusoidal": 0.5 * math.pi}
+Point = tuple[float, float, float]
+
+
+class Road:
+    """A reference line, and the lanes of its only section."""
+
+    def __init__(self, element: Any) -> None:
+        self.geometries = list(element.iterfind("planView/geometry"))
+        self.length = sum(float(it.get("length")) for it in self.geometries)
+        shift = element.find("lanes/laneOffset")
+        self.lanes: dict[int, tuple[float, float, str]] = {}
+        for side, sign in (("left", 1), ("right", -1)):
+            edge = 0.0
+            lanes = element.find("lanes/laneSection").findall(f"{side}/lane")
+            for lane in sorted(lanes, key=lambda it: abs(int(it.get("id")))):
+                held = lane.find("width")
+                wide = 0.0 if held is None else float(held.get("a"))
+                centre = sign * (edge + wide / 2) + (
+                    0.0 if shift is None else float(shift.get("a"))
+                )
+                self.lanes[int(lane.get("id"))] = centre, wide, lane.get("type")
+                edge += wide
+
+    def at(self, s: float, t: float = 0.0) -> Point:
+        """x, y and heading."""
+        before = [it for it in self.geometries if float(it.get("s")) <= s + 1e-9]
+        piece = (before or self.geometries[:1])[-1]
+        u, shape = s - float(piece.get("s")), piece[0]
+        x, y, turned = self._local(shape, u, float(piece.get("length")))
+        x, y = x - t * math.sin(turned), y + t * math.cos(turned)
+        hdg = float(piece.get("hdg"))
+        c, d = math.cos(hdg), math.sin(hdg)
+        return (
+            float(piece.get("x")) + c * x - d * y,
+            float(piece.get("y")) + d * x + c * y,
+            hdg + turned,
+        )
+
+    def _local(self, shape: Any, u: float, length: float) -> Point:
+        number = {key: float(value) for key, value in shape.attrib.items() if key != "pRange"}
+        if shape.tag == "paramPoly3":
+            scale = length if shape.get("pRange", "normalized") == "normalized" else 1.0
+            p = u / scale
+            (x, dx), (y, dy) = (
+                (sum(number[f"{k}{axis}"] * p**n for n, k in enumerate("abcd")),
+                 sum(n * number[f"{k}{axis}"] * p ** (n - 1) for n, k in enumerate("abcd") if n))
+                for axis in "UV"
+            )  # fmt: skip
+            return x, y, math.atan2(dy, dx)
+        begin = number.get("curvature", number.get("curvStart", 0.0))
+        rate = (number.get("curvEnd", begin) - begin) / length
+        x = y = 0.0
+        count = 64 if begin or rate else 1
+        for k in range(count):
+            v = u * (k + 0.5) / count
+            turned = begin * v + 0.5 * rate * v * v
+            x, y = x + u / count * math.cos(turned), y + u / count * math.sin(turned)
+        return x, y, begin * u + 0.5 * rate * u * u
+
+    def bend(self, s: float) -> float:
+        """Curvature, 1/m."""
+        return math.remainder(self.at(s + 0.05)[2] - self.at(s - 0.05)[2], math.tau) / 0.1
+
+    def nearest(self, x: float, y: float) -> tuple[float, float]:
+        """s and t of a place."""
+        s = min((0.5 * self.length * k / 200 * 2 for k in range(201)),
+                key=lambda it: math.dist(self.at(it)[:2], (x, y)))  # fmt: skip
+        for _ in range(20):
+            a, b, heading = self.at(s)
+            s = min(
+                max(s + (x - a) * math.cos(heading) + (y - b) * math.sin(heading), 0.0), self.length
+            )
+        a, b, heading = self.at(s)
+        return s, (y - b) * math.cos(heading) - (x - a) * math.sin(heading)
+
+
+@dataclass
+class Body:
+    """A vehicle: its reference point in its road, and what moves it."""
+
+    length: float
+    width: float
+    centre: float
+    road: Road | None = None
+    s: float = 0.0
+    t: float = 0.0
+    way: int = 1
+    v: float = 0.0
+    driven: float = 0.0
+    moves: dict[str, Any] = field(default_factory=dict)
+
+    def place(self) -> tuple[float, float]:
+        """The centre of the body on the map."""
+        assert self.road is not None
+        x, y, heading = self.road.at(self.s, self.t)
+        ahead = self.way * self.centre
+        return x + ahead * math.cos(heading), y + ahead * math.sin(heading)
+
+    def lane(self) -> int:
+        """The number of its lane."""
+        assert self.road is not None
+        return next(k for k, (c, w, _) in self.road.lanes.items() if abs(self.t - c) <= w / 2)
+
+
+class Reader:
+    """A scenario file that runs step by step."""
+
+    def __init__(self, path: Path, given: dict[str, str] | None = None, road: str = "") -> None:
+        self.root = etree.parse(path).getroot()
+        self.time = 0.0
+        self.values: dict[str, str] = {}
+        self._declare(self.root, given or {})
+        self.entries = {}
+        for folder in self.root.iterfind("CatalogLocations/*/Directory"):
+            for file in sorted((path.parent / folder.get("path")).glob("*.xosc")):
+                for catalog in etree.parse(file).getroot().iter("Catalog"):
+                    self._declare(catalog, {})
+                    for entry in catalog.iterchildren(etree.Element):
+                        self.entries[catalog.get("name"), entry.get("name")] = entry
+        logic = path.parent / (
+            road or self.text(self.root.find("RoadNetwork/LogicFile"), "filepath")
+        )
+        self.roads = {
+            it.get("id"): Road(it) for it in etree.parse(logic).getroot().iterfind("road")
+        }
+        self.bodies = {it.get("name"): self._body(it) for it in self.root.iter("ScenarioObject")}
+        self._start()
+        self.states: dict[Any, str] = {}
+        self.before: dict[Any, list[bool]] = {}
+        self.actions: dict[Any, Callable[[], bool]] = {}
+
+    # values
+
+    def _declare(self, element: Any, given: dict[str, str]) -> None:
+        for part in element.iter("ParameterDeclaration"):
+            name = part.get("name").lstrip("$")
+            self.values[name] = given.get(name, part.get("value"))
+
+    def text(self, element: Any, name: str, default: str = "") -> str:
+        written = str(element.get(name, default)).strip()
+        if written.startswith("${"):
+            inner = re.sub(r"\$(\w+)", lambda it: self.values[it[1]], written[2:-1])
+            return str(eval(inner, {"__builtins__": {}}))
+        while written.startswith("$"):
+            written = self.values[written[1:]]
+            if written.startswith("${"):
+                return self.text({"x": written}, "x")
+        return written
+
+    def number(self, element: Any, name: str, default: float = 0.0) -> float:
+        return float(self.text(element, name, str(default)))
+
+    def _body(self, element: Any) -> Body:
+        reference = element.find("CatalogReference")
+        held = element
+        if reference is not None:
+            held = self.entries[
+                tuple(self.text(reference, it) for it in ("catalogName", "entryName"))
+            ]
+        box = next(held.iter("BoundingBox"))
+        size, centre = box.find("Dimensions"), box.find("Center")
+        return Body(
+            *(self.number(size, it) for it in ("length", "width")), self.number(centre, "x")
+        )
+
+    # places
+
+    def _start(self) -> None:
+        waiting = [(self.bodies[self.text(private, "entityRef")], action[0])
+                   for private in self.root.iterfind("Storyboard/Init/Actions/Private")
+                   for action in private.iterfind("PrivateAction")]  # fmt: skip
+        while waiting:
+            left = [it for it in waiting if not self._started(*it)]
+            assert len(left) < len(waiting)
+            waiting = left
+
+    def _started(self, body: Body, action: Any) -> bool:
+        if action.tag == "TeleportAction":
+            return self._put(body, action.find("Position")[0])
+        speed = action.find("SpeedAction")
+        if speed is not None:
+            target = speed.find("SpeedActionTarget")[0]
+            if target.tag == "AbsoluteTargetSpeed":
+                body.v = self.number(target, "value")
+            else:
+                body.v = self._relative(target, self.bodies[self.text(target, "entityRef")].v)
+                if self.text(target, "continuous") == "true":
+                    self._speed(body, speed)
+        return True
+
+    def _relative(self, target: Any, base: float) -> float:
+        value = self.number(target, "value")
+        return base * value if target.get("speedTargetValueType") == "factor" else base + value
+
+    def _put(self, body: Body, position: Any) -> bool:
+        other = self.bodies.get(self.text(position, "entityRef"))
+        if other is not None and other.road is None:
+            return False
+        body.way = 1 if other is None else other.way
+        turn = position.find("Orientation")
+        heading = None if turn is None else self.number(turn, "h")
+        if position.tag in ("LanePosition", "RoadPosition"):
+            body.road = self.roads[self.text(position, "roadId")]
+            body.s = self.number(position, "s")
+            body.t = self.number(position, "t")
+            if position.tag == "LanePosition":
+                lane = int(self.text(position, "laneId"))
+                body.t = body.road.lanes[lane][0] + self.number(position, "offset")
+        elif position.tag == "RelativeLanePosition":
+            assert other is not None
+            assert other.road is not None
+            body.road, body.s = other.road, other.s + self.number(position, "ds")
+            lane = self._beside(other.lane(), int(self.number(position, "dLane")))
+            body.t = body.road.lanes[lane][0] + self.number(position, "offset")
+        elif position.tag == "RelativeRoadPosition":
+            assert other is not None
+            body.road, body.s = other.road, other.s + self.number(position, "ds")
+            body.t = other.t + self.number(position, "dt")
+        else:
+            if position.tag == "RelativeObjectPosition":
+                assert other is not None
+                assert other.road is not None
+                x, y, along = other.road.at(other.s, other.t)
+                dx, dy = self.number(position, "dx"), self.number(position, "dy")
+                x += dx * math.cos(along) - dy * math.sin(along)
+                y += dx * math.sin(along) + dy * math.cos(along)
+            else:
+                assert position.tag == "WorldPosition"
+                x, y, along = (self.number(position, it) for it in "xyh")
+            for road in self.roads.values():
+                s, t = road.nearest(x, y)
+                inside = any(
+                    abs(t - c) <= w / 2 and kind == "driving" for c, w, kind in road.lanes.values()
+                )
+                if inside and 1e-6 < s < road.length - 1e-6:
+                    body.road, body.s, body.t = road, s, t
+            assert body.road is not None
+            body.way = 1 if math.cos(along - body.road.at(body.s)[2]) > 0.0 else -1
+            return True
+        if heading is not None and turn.get("type") == "relative":
+            body.way = 1 if math.cos(heading) > 0.0 else -1
+        elif heading is not None:
+            body.way = 1 if math.cos(heading - body.road.at(body.s)[2]) > 0.0 else -1
+        return True
+
+    @staticmethod
+    def _beside(lane: int, count: int) -> int:
+        for _ in range(abs(count)):
+            lane += 1 if count > 0 else -1
+            lane += 0 if lane else (1 if count > 0 else -1)
+        return lane
+
+    # moves
+
+    def _speed(self, body: Body, action: Any) -> Callable[[], bool]:
+        target, dynamics = action.find("SpeedActionTarget")[0], action.find("SpeedActionDynamics")
+        other = self.bodies.get(self.text(target, "entityRef"))
+        if other is not None and self.text(target, "continuous") == "true":
+            body.moves["speed"] = lambda: self._relative(target, other.v)
+            body.v = self._relative(target, other.v)
+            return lambda: False
+        goal = self.number(target, "value") if other is None else self._relative(target, other.v)
+        shape, kind = dynamics.get("dynamicsShape"), dynamics.get("dynamicsDimension")
+        first, begun, value = body.v, self.time, self.number(dynamics, "value")
+        lasts = value
+        if shape == "step" or goal == first:
+            lasts = 0.0
+        elif kind == "rate":
+            lasts = abs(goal - first) / abs(value) * PEAKS[shape]
+        elif kind == "distance":
+            lasts = 2.0 * value / (goal + first)
+
+        def now() -> float:
+            u = min((self.time - begun) / lasts, 1.0) if lasts else 1.0
+            return first + (goal - first) * SHAPES[shape](u)
+
+        body.moves["speed"] = now
+        body.v = now()
+        return lambda: self.time >= begun + lasts - 1e-9
+
+    def _across(self, body: Body, action: Any) -> Callable[[], bool]:
+        assert body.road is not None
+        target = next(it for it in action if it.tag.endswith("Target"))[0]
+        dynamics = next(it for it in action if it.tag.endswith("Dynamics"))
+        other = self.bodies.get(self.text(target, "entityRef"), body)
+        offset = self.number(action, "targetLaneOffset")
+        if target.tag == "AbsoluteTargetLane":
+            goal = body.road.lanes[int(self.number(target, "value"))][0] + offset
+        elif target.tag == "RelativeTargetLane":
+            lane = self._beside(other.lane(), int(self.number(target, "value")))
+            goal = body.road.lanes[lane][0] + offset
+        elif target.tag == "AbsoluteTargetLaneOffset":
+            goal = body.road.lanes[body.lane()][0] + self.number(target, "value")
+        else:
+            goal = other.t + self.number(target, "value")
+        shape, kind = dynamics.get("dynamicsShape"), dynamics.get("dynamicsDimension", "acc")
+        first, begun, driven = body.t, self.time, body.driven
+        value, way = self.number(dynamics, "value"), abs(goal - first)
+        if kind == "acc":
+            strongest = {"cubic": 6.0, "sinusoidal": 0.5 * math.pi**2}[shape]
+            value = math.sqrt(strongest * way / self.number(dynamics, "maxLateralAcc"))
+        elif kind == "rate":
+            value = way / value * PEAKS[shape]
+
+        def share() -> float:
+            done = body.driven - driven if kind == "distance" else self.time - begun
+            return min(done / value, 1.0) if value else 1.0
+
+        body.moves["across"] = lambda: first + (goal - first) * SHAPES[shape](share())
+        return lambda: share() >= 1.0 - 1e-9 and action.get("continuous") != "true"
+
+    def _do(self, body: Body, private: Any) -> Callable[[], bool]:
+        inner = private[0][0] if len(private[0]) else private[0]
+        if inner.tag == "SpeedAction":
+            return self._speed(body, inner)
+        if inner.tag in ("LaneChangeAction", "LaneOffsetAction"):
+            return self._across(body, inner)
+        assert private[0].tag in (
+            "ControllerAction",
+            "ActivateControllerAction",
+            "VisibilityAction",
+        )
+        return lambda: True
+
+    # conditions
+
+    def _holds(self, trigger: Any) -> bool:
+        groups = [] if trigger is None else trigger.findall("ConditionGroup")
+        return not groups or any([all([self._true(it) for it in group]) for group in groups])  # noqa: C419 - each is looked at
+
+    def _true(self, condition: Any) -> bool:
+        kind = condition[0]
+        if kind.tag == "ByValueCondition":
+            value = self._by_value(kind[0])
+        else:
+            triggering = kind.find("TriggeringEntities")
+            found = [self._of(kind.find("EntityCondition")[0], self.bodies[self.text(it, "entityRef")])
+                     for it in triggering.iterfind("EntityRef")]  # fmt: skip
+            value = (all if triggering.get("triggeringEntitiesRule") == "all" else any)(found)
+        seen = self.before.setdefault(condition, [])
+        seen.append(value)
+        late = round(self.number(condition, "delay") / STEP)
+        if len(seen) <= late:
+            return False
+        now, was = seen[-1 - late], seen[-2 - late] if len(seen) > late + 1 else None
+        edges = {"none": now, "rising": now and was is False, "falling": not now and was is True,
+                 "risingOrFalling": was is not None and now != was}  # fmt: skip
+        return edges[condition.get("conditionEdge")]
+
+    def _by_value(self, element: Any) -> bool:
+        if element.tag == "SimulationTimeCondition":
+            return RULES[element.get("rule")](self.time, self.number(element, "value"))
+        assert element.tag == "StoryboardElementStateCondition", element.tag
+        name, kind = element.get("storyboardElementRef"), element.get("storyboardElementType")
+        states = [state for it, state in self.states.items()
+                  if it.get("name") == name and it.tag.lower() == kind.lower()]  # fmt: skip
+        ended = element.get("state") in ("completeState", "endTransition")
+        return any(state == "complete" or (not ended and state == "running") for state in states)
+
+    def _of(self, element: Any, body: Body) -> bool:
+        rule = RULES[element.get("rule", "greaterOrEqual")]
+        value, free = self.number(element, "value"), element.get("freespace") == "true"
+        reference = self.text(element, "entityRef")
+        for part in element.iter("RelativeObjectPosition", "EntityRef"):
+            reference = self.text(part, "entityRef")
+        other = self.bodies.get(reference)
+        if element.tag == "TraveledDistanceCondition":
+            return body.driven >= value
+        if element.tag == "SpeedCondition":
+            return rule(body.v, value)
+        if element.tag == "ReachPositionCondition":
+            goal = Body(0.0, 0.0, 0.0)
+            self._put(goal, element.find("Position")[0])
+            assert body.road is goal.road
+            reached = math.hypot(goal.s - body.s, goal.t - body.t)
+            return reached <= self.number(element, "tolerance")
+        assert other is not None, element.tag
+        if element.tag == "RelativeSpeedCondition":
+            return rule(body.v - other.v, value)
+        along = other.s - body.s
+        gap = abs(along + free * (other.centre - body.centre)) - free * 0.5 * (
+            body.length + other.length
+        )
+        if element.tag == "TimeHeadwayCondition":
+            follows = along > 0.0 or not free
+            return rule(gap / body.v if follows and body.v > 0.0 else math.inf, value)
+        if element.tag == "TimeToCollisionCondition":
+            closing = math.copysign(1.0, along) * (body.way * body.v - other.way * other.v)
+            return rule(gap / closing if closing > 0.0 else math.inf, value)
+        assert element.tag in ("RelativeDistanceCondition", "DistanceCondition"), element.tag
+        if element.get("relativeDistanceType") == "longitudinal":
+            return rule(gap, value)
+        assert not free
+        return rule(math.hypot(along, other.t - body.t), value)
+
+    # the storyboard
+
+    def step(self) -> None:
+        """The next 0.01 s."""
+        for body in self.bodies.values():
+            assert body.road is not None
+            was = body.v
+            if "speed" in body.moves:
+                body.v = body.moves["speed"]()
+            if "across" in body.moves:
+                body.t = body.moves["across"]()
+            ahead = 0.5 * (was + body.v) * STEP if self.time else 0.0
+            body.driven += ahead
+            body.s += body.way * ahead / (1.0 - body.road.bend(body.s) * body.t)
+        for act in self.root.iterfind("Storyboard/Story/Act"):
+            if self.states.get(act) is None and self._holds(act.find("StartTrigger")):
+                self.states[act] = "running"
+            if self.states.get(act) == "running":
+                self._act(act)
+        self.time += STEP
+
+    def _maneuvers(self, group: Any) -> Iterator[Any]:
+        yield from group.iterfind("Maneuver")
+        for reference in group.iterfind("CatalogReference"):
+            for it in reference.iter("ParameterAssignment"):
+                self.values[it.get("parameterRef")] = self.text(it, "value")
+            yield self.entries[
+                tuple(self.text(reference, it) for it in ("catalogName", "entryName"))
+            ]
+
+    def _act(self, act: Any) -> None:
+        done = []
+        for group in act.iterfind("ManeuverGroup"):
+            names = [self.text(it, "entityRef") for it in group.iterfind("Actors/EntityRef")]
+            for event in (
+                it for maneuver in self._maneuvers(group) for it in maneuver.iterfind("Event")
+            ):
+                self._event(event, names)
+                done.append(self.states.get(event) == "complete")
+        if all(done):
+            self.states[act] = "complete"
+
+    def _event(self, event: Any, names: list[str]) -> None:
+        actions = event.findall("Action")
+        if self.states.get(event) is None and self._holds(event.find("StartTrigger")):
+            self.states[event] = "running"
+            for action in actions:
+                self.states[action] = "running"
+                ends = [self._do(self.bodies[name], action[0]) for name in names
+                        if action[0].tag == "PrivateAction"]  # fmt: skip
+                self.actions[action] = lambda ends=ends: all(it() for it in ends)
+        for action in actions:
+            if self.states.get(action) == "running" and self.actions[action]():
+                self.states[action] = "complete"
+        if self.states.get(event) == "running" and all(
+            self.states[it] == "complete" for it in actions
+        ):
+            self.states[event] = "complete"
