@@ -209,6 +209,8 @@ AloneReason = Literal[
     "one_object",
     "not_together",
     "asks_sumo",
+    "left_batch",
+    "keeps_state",
     "batch",
     "draws",
     "together_failed",
@@ -226,6 +228,9 @@ _ALONE: dict[AloneReason, str] = {
     "conditions, its vehicle "
     "model).",
     "asks_sumo": "Its ADS asks SUMO, which then has to hold its case alone.",
+    "left_batch": "Its ADS asked for more than a row of a batch is, or something out of the "
+    "ordinary happened in it.",
+    "keeps_state": "The ADS keeps state that its cases share ({}): keep it on the object, `self`.",
     "batch": "The ADS's numbers depend on which cases are driven together.",
     "draws": "The ADS draws from the global random generators, so that its cases have to follow "
     "one another.",
@@ -293,6 +298,21 @@ class Recording:
     error_place: str = ""  # `my_ads.py:42 in act`: where in the user's code an exception came from
     # (steps, 2), m/s2 and rad, of a contact of an ego that the vehicle model moved throughout
     commands: FloatArray | None = field(default=None, compare=False, repr=False)
+
+    def same_motion(self, other: Recording) -> bool:
+        """Whether another recording has all that this one has, to the bit, wall times excepted."""
+        mine, its = (
+            [
+                (name, it.length, it.width, *(getattr(it, c).tobytes() for c in CHANNELS))
+                for name, it in ({"ego": one.ego} | one.actors).items()
+            ]
+            for one in (self, other)
+        )
+        facts = ("collision", "end_reason", "clips", "error", "log", "error_place")
+        same_facts = repr([getattr(self, it) for it in facts]) == repr(
+            [getattr(other, it) for it in facts]
+        )
+        return mine == its and same_facts
 
     @property
     def simulated_time(self) -> float:

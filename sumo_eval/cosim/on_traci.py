@@ -10,17 +10,18 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObservingController
 from sumo_eval.cosim.doors.observation import Senses, kinds_of, task_of
-from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
+from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, Names, RefusedCallError, heeding
 from sumo_eval.cosim.impossible import (
     BACKWARDS,
     FASTEST,
@@ -33,7 +34,8 @@ from sumo_eval.cosim.impossible import (
 from sumo_eval.cosim.loop import Driver, Terms, advance_plant, note_unlimited, told, with_time
 from sumo_eval.cosim.plans import HOLD, Wheel, wanted
 from sumo_eval.cosim.records import MODEL, SUMO
-from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, Stage
+from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
+from sumo_eval.cosim.sumo.shared_files import suffix
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import World
@@ -43,31 +45,111 @@ from sumo_eval.scenario.road.reference_line import curvatures, frame_places
 _LIMIT_TOLERANCE = 1e-6  # m/s2
 _JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
 _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
+_ALONG = 0.5  # rad, beside the road's line, within which SUMO finds a vehicle on a lane of its own
 _PLACE_TOLERANCE = 1e-3  # m
 # of the motion on a bend, by which SUMO's polylines and its stretching of lanes change it
 _CHORD_SHARE = 0.03
 
 
 class OnTraci(Driver):
-    """The one row of an ADS that has the simulation to itself."""
+    """The hooks of all rows; one that is alone has the simulation to itself.
 
-    def __init__(self, ads: Adapter, seed: int, terms: Terms) -> None:
+    Beside others a row with anything out of the ordinary leaves its batch, and is driven alone.
+    """
+
+    def __init__(self, ads: Sequence[Adapter], seeds: Sequence[int], terms: Terms) -> None:
         super().__init__(terms)
-        self.ads, self._seed, self._terms = ads, seed, terms
+        self._hooks = [_Hook(self, *it, terms) for it in zip(ads, seeds, strict=True)]
+        self._alone = len(ads) == 1
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """Take charge of the vehicles, and reset the ADSs."""
+        super().begin(world, stage)
+        concrete, settings = world.cases[0], world.settings
+        others, interference = (
+            [actor.name for actor in concrete.actors],
+            settings.conditions.interference,
+        )
+        GUARD.begin(others, settings.step, interference, heeding(concrete))
+        GUARD.shared = not self._alone
+        stage.take_charge(world)
+        for case in () if self._alone else world.errors:
+            world.leave(case, LEFT_BATCH)
+        for case, hook in enumerate(self._hooks):
+            hook.take(world, stage, case)
+        self.keep(world, world.rows)
+        self._each(world, "begin", world)
+
+    def keep(self, world: World, rows: NDArray[np.intp]) -> None:
+        """From now on these rows, in this order."""
+        self._rows = [self._hooks[case] for case in world.rows.tolist()]
+        for row, hook in enumerate(self._rows):
+            hook.watch(world, row)
+
+    def _each(self, world: World, what: str, *arguments: Any) -> None:
+        """Do something with the hook of each row that drives on."""
+        if self._alone:
+            getattr(self._rows[0], what)(*arguments)
+            return
+        goes_on = (world.egos["live"] != 0) & (world.egos["reason"] == 0)
+        for row in np.flatnonzero(goes_on).tolist():
+            if not self._undisturbed(row, getattr(self._rows[row], what), *arguments):
+                world.leave(row, LEFT_BATCH)
+
+    def _undisturbed(self, row: int, call: Callable[..., None], *arguments: Any) -> bool:
+        """Make a call for a row of a batch; whether all went well and stayed within the row."""
+        GUARD.names = self._rows[row].names
+        try:
+            call(*arguments)
+        except KeyboardInterrupt:
+            raise
+        except BaseException:  # noqa: BLE001 - the case alone says what it is
+            GUARD.refusal = None
+            return False
+        refusal, GUARD.refusal = GUARD.refusal, None
+        return refusal is None
+
+    def step(self, world: World, time: float) -> None:
+        """One step of each ADS."""
+        self._each(world, "step", world, time)
+
+    def after(self, world: World, now: float) -> None:
+        """Read the egos that SUMO moved."""
+        self._each(world, "after", now)
+
+    def release(self, world: World, row: int) -> None:
+        """Close the ADS and remove its listeners."""
+        hook = self._rows[row]
+        if self._alone:
+            self._close_guarded(world, row, hook.ads.close, hook.target)
+        elif not self._undisturbed(row, hook.ads.close):
+            world.leave(row, LEFT_BATCH)
+        super().release(world, row)
+
+
+class _Hook:
+    """The ADS of one case, and its ego where SUMO moves it."""
+
+    def __init__(self, driver: OnTraci, ads: Adapter, seed: int, terms: Terms) -> None:
+        self.ads, self._seed, self._terms, self._driver = ads, seed, terms, driver
+        self._step_timeout, self._plant, self._folder, self._every = terms
         self._waits = hasattr(ads, "took")  # for a program that drives in its own time
-        self._target = ads.target
-        self._settled = getattr(self._target, "settled", None)
+        self.target = ads.target
+        self._settled = getattr(self.target, "settled", None)
         self._handed_over = False  # from the vehicle model back to SUMO, in this step
         self._senses: Senses | None = None
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
 
     # -- the ADS -----------------------------------------------------------------------------------
 
-    def begin(self, world: World, stage: Stage) -> None:
-        """Take charge of the vehicles, and reset the ADS."""
-        super().begin(world, stage)
-        self._world, self._calls = world, stage.calls
-        concrete, settings = world.cases[0], world.settings
+    def take(self, world: World, stage: Stage, case: int) -> None:
+        """Make ready for a case of the world."""
+        self._world, self._calls, self._traci, self._case = world, stage.calls, stage.traci, case
+        concrete, settings = world.cases[case], world.settings
+        self._ego = stage.names[case][0]
+        lanes = [f"road_{lane}" for lane in range(concrete.road.lanes)]
+        known = (EGO, *(actor.name for actor in concrete.actors), "road", "along", *lanes)
+        self.names = Names(known, suffix(case, len(world.cases)))
         self._native = isinstance(self.ads, NativeModel)
         self._step, self._limits = settings.step, settings.vehicle
         self._half = 0.5 * settings.vehicle.length
@@ -78,42 +160,41 @@ class OnTraci(Driver):
         self._sideways = _SIDEWAYS_SPEED * settings.step
         # m/s, the ego's as SUMO counts it, without the sideways part
         self._lane_speed = concrete.ego.speed
-        # One number at a time: of a memory view that takes a tenth as long as of an array.
-        # first a body's numbers, and the acceleration
-        self._state: Any = world.egos.view(np.float64).reshape(-1).data
         places = {name: place[1] // 8 for name, place in (world.egos.dtype.fields or {}).items()}
         self._front_x, self._front_y, self._commanded = (
             places[name] for name in ("front_x", "front_y", "command")
         )
-        self._placed = world.egos["placed"].data
-        self._stale = world.egos["stale"].data
-        self._settles = world.egos["settled"].data
         self._road, self._bent = concrete.road, concrete.road.bent
-        self._others = world.others.view(np.float64).reshape(
-            len(concrete.actors), world.others.itemsize // 8
-        )
-        self._wheel = Wheel(settings, partial(world.note, 0), concrete.road.line)
-        self._actuation = Actuation(settings.conditions, lambda *clip: world.note(0, *clip))
-        others, interference = (
-            [actor.name for actor in concrete.actors],
-            settings.conditions.interference,
-        )
-        GUARD.begin(others, settings.step, interference, heeding(concrete))
-        stage.take_charge(world)
-        self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
+        self._wheel = Wheel(settings, partial(world.note, case), concrete.road.line)
+        self._actuation = Actuation(settings.conditions, lambda *clip: world.note(case, *clip))
+
+    def watch(self, world: World, row: int) -> None:
+        """Look at this row of the world's arrays from now on."""
+        self._row, self._mine = row, world.egos[row : row + 1]
+        # One number at a time: of a memory view that takes a tenth as long as of an array.
+        # first a body's numbers, and the acceleration
+        self._state: Any = self._mine.view(np.float64).reshape(-1).data
+        self._placed = self._mine["placed"].data
+        self._stale = self._mine["stale"].data
+        self._settles = self._mine["settled"].data
+
+    def begin(self, world: World) -> None:
+        """Reset the ADS."""
+        concrete, settings = world.cases[self._case], world.settings
+        self._calls.setSpeedMode(self._ego, EGO_SPEED_MODE)
         if self._native:
-            self._calls.setSpeed(EGO, -1)
+            self._calls.setSpeed(self._ego, -1)
         if isinstance(self.ads, ObservingController):
             stream = f"{self._seed}/{concrete.scenario}/{concrete.label}"
             self._senses = self.ads.senses = Senses(
                 concrete.road, settings.conditions, stream, task_of(concrete), kinds_of(concrete)
             )
-        else:
+        elif self._case == 0:
             note_unlimited(world)  # TraCI shows everything
         self._called(
             "in reset", 0.0, self.ads.reset, told(concrete, settings, self._terms), TRACI, EGO
         )
-        self._check_clock(world, 0.0)
+        self._driver._check_clock(world, 0.0)
 
     def _called(self, when: str, time: float, call: Callable[..., Any], *arguments: Any) -> Any:
         """What the user's code answers; None after a refused call, which the check of the clock
@@ -124,13 +205,13 @@ class OnTraci(Driver):
         except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
             raise
         except BaseException as error:
-            self._world.keep_fault(0, error, self._target, self._folder)
+            self._world.keep_fault(self._case, error, self.target, self._folder)
             if isinstance(error, RefusedCallError):
                 return None
             # an adapter, or the watch over the step, has put it in words
             if isinstance(error, ControllerError):
                 raise with_time(error, when) from error
-            self._check_clock(self._world, time)
+            self._driver._check_clock(self._world, time)
             raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
 
     def step(self, world: World, time: float) -> None:
@@ -153,10 +234,11 @@ class OnTraci(Driver):
     def _ask(self, world: World, time: float) -> Command | None:
         if self._senses is not None:
             names = [actor.name for actor in world.cases[0].actors]
+            actors = world.others[0]
             here = {
-                name: Body(*values[:7])
-                for name, values, there in zip(
-                    names, self._others.tolist(), world.others["present"][0].tolist(), strict=True
+                name: Body(*actor.tolist()[:7])
+                for name, actor, there in zip(
+                    names, actors, actors["present"].tolist(), strict=True
                 )
                 if there
             }
@@ -172,18 +254,18 @@ class OnTraci(Driver):
             took = clock.perf_counter() - asked
             if self._waits:
                 took += self.ads.took  # type: ignore[attr-defined]
-            world.latencies.own[0].append(took)
+            world.latencies.own[self._case].append(took)
         if took > self._step_timeout:
             raise ControllerTimeoutError(
                 f"The ADS must answer within {self._step_timeout:g} s, took longer at {time:.2f} s."
             )
-        self._check_clock(world, time)
+        self._driver._check_clock(world, time)
         if answer is None:
             self._wheel.release()
             return self._actuation.pass_on(None, time, took)
         command = self._obeyed(answer, time)
         if GUARD.moved:
-            world.note(0, "dropped_traci_call", 1.0, 0.0)
+            world.note(self._case, "dropped_traci_call", 1.0, 0.0)
         return self._actuation.pass_on(command, time, took)
 
     def _heard(self, time: float) -> Any:
@@ -213,24 +295,24 @@ class OnTraci(Driver):
     def _leave_to_sumo(self) -> None:
         world = self._world
         if self._plant is not None:
-            world.note(0, "vehicle_model_not_used", 1.0, 0.0)
+            world.note(self._case, "vehicle_model_not_used", 1.0, 0.0)
         if self._placed[0] != SUMO:
-            self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
+            self._calls.setSpeedMode(self._ego, EGO_SPEED_MODE)
             self._placed[0] = SUMO
             self._handed_over = True
         elif not self._native:
-            mode = self._calls.getSpeedMode(EGO)
+            mode = self._calls.getSpeedMode(self._ego)
             if mode != EGO_SPEED_MODE:
-                world.note(0, "speed_mode", mode, EGO_SPEED_MODE)
-                self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
+                world.note(self._case, "speed_mode", mode, EGO_SPEED_MODE)
+                self._calls.setSpeedMode(self._ego, EGO_SPEED_MODE)
 
     def _take_over(self, world: World, command: Command) -> None:
-        ego, state = world.egos, self._state
+        ego, state = self._mine, self._state
         if self._placed[0] == SUMO:
-            self._calls.setSpeedMode(EGO, EXACT_SPEED_MODE)
+            self._calls.setSpeedMode(self._ego, EXACT_SPEED_MODE)
             # it has had its hands on the wheel, and the wheel straight, from the start
             if world.steps == 0:
-                world.samples[0, 0, 0, 6] = 0.0
+                world.samples[self._row, 0, 0, 6] = 0.0
             ego["steering"][0] = 0.0
             self._placed[0] = MODEL
         self._stale[0] = 1  # SUMO hears of the ego at every step
@@ -242,7 +324,7 @@ class OnTraci(Driver):
         else:
             advance_plant(self._plant, world, command)
 
-    def after(self, world: World, now: float) -> None:
+    def after(self, now: float) -> None:
         """Read the ego that SUMO moved; where the vehicle model moves it, SUMO must show the
         same.
         """
@@ -250,11 +332,16 @@ class OnTraci(Driver):
             self._read_driven_ego(now)
         else:
             self._check_placed_ego(now)
+        if GUARD.shared:
+            y, heading = self._state[1], self._state[2]
+            on_lanes = self._road.right_edge <= y <= self._road.left_edge
+            if not (on_lanes and abs(heading) < _ALONG):
+                raise SimulationError("SUMO alone knows which lane it is in.")
 
     def _check_placed_ego(self, now: float) -> None:
         state = self._state
         self._lane_speed, front_x, front_y = state[3], state[self._front_x], state[self._front_y]
-        x, y = self._calls.getPosition(EGO)
+        x, y = self._calls.getPosition(self._ego)
         # which no nan is
         if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):
             raise SimulationError(
@@ -268,10 +355,10 @@ class OnTraci(Driver):
         the lane apart.
         """
         calls, state = self._calls, self._state
-        front_x, front_y = calls.getPosition(EGO)
-        angle, speed = calls.getAngle(EGO), calls.getSpeed(EGO)
+        front_x, front_y = calls.getPosition(self._ego)
+        angle, speed = calls.getAngle(self._ego), calls.getSpeed(self._ego)
         last_s, last_speed = state[0], state[3]
-        last_x, last_y, last_heading = self._world.egos["map"][0].tolist()
+        last_x, last_y, last_heading = self._mine["map"][0].tolist()
         if not (
             -LOST < front_x < LOST
             and -LOST < front_y < LOST
@@ -284,7 +371,7 @@ class OnTraci(Driver):
             ):
                 raise LeftTheRoadError
             before = Body(last_x, last_y, last_heading, last_speed, *sizes)
-            raise impossible(calls, EGO, front(before), now, self._step)
+            raise impossible(calls, self._ego, front(before), now, self._step)
         if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
             x, y, heading = front_x - self._half, front_y, 0.0
         else:
@@ -299,7 +386,7 @@ class OnTraci(Driver):
             moved_x = front_x - last_x - self._half * math.cos(last_heading)
             moved_y = front_y - last_y - self._half * math.sin(last_heading)
         stretch = 1.0
-        self._world.egos["map"][0] = (x, y, heading)
+        self._mine["map"][0] = (x, y, heading)
         # SUMO counts along the line, and on the map a vehicle beside it drives less or more
         if self._bent:
             line = self._road.line
@@ -315,9 +402,9 @@ class OnTraci(Driver):
             if abs(math.remainder(heading - last_heading, math.tau)) > 1e-3 + abs(
                 last_speed * self._step * self._bend
             ):
-                self._world.note(0, "heading", last_heading, heading)
+                self._world.note(self._case, "heading", last_heading, heading)
         turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
-        across = calls.getLateralSpeed(EGO) if turned_or_moved else 0.0
+        across = calls.getLateralSpeed(self._ego) if turned_or_moved else 0.0
         if not -FASTEST < across < FASTEST:
             raise SimulationError(
                 f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s."
@@ -350,7 +437,7 @@ class OnTraci(Driver):
                 f"got {gained:.1f} m/s2 at {now:.2f} s.",
             )  # fmt: skip
         elif not lowest + _LIMIT_TOLERANCE <= gained <= highest - _LIMIT_TOLERANCE:
-            self._world.note(0, "vtype_limit", gained, gained)
+            self._world.note(self._case, "vtype_limit", gained, gained)
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
         tolerance = _JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bend else 0.0)
         least, most = slower * step - tolerance, faster * step + tolerance
@@ -374,11 +461,4 @@ class OnTraci(Driver):
                 f"SUMO moved vehicle `{EGO}` {requested:g} m in the step after "
                 f"{self._world.time:.2f} s."
             )
-        self._world.note(0, what, requested, possible)
-
-    # -- the end -----------------------------------------------------------------------------------
-
-    def release(self, world: World, row: int) -> None:
-        """Close the ADS and remove its listeners."""
-        self._close_guarded(world, row, self.ads.close, self._target)
-        super().release(world, row)
+        self._world.note(self._case, what, requested, possible)

@@ -11,6 +11,7 @@ how many, and why.
 from __future__ import annotations
 
 import gc
+import inspect
 import logging
 import math
 import sys
@@ -23,6 +24,7 @@ from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple, TypeVar
+from weakref import WeakKeyDictionary
 
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.doors.controller import (
@@ -30,6 +32,7 @@ from sumo_eval.cosim.doors.controller import (
     ControllerLike,
     ListenerController,
     NativeModel,
+    ObjectController,
     adapted,
     find_controller,
     load_controller,
@@ -38,8 +41,10 @@ from sumo_eval.cosim.doors.controller import (
 )
 from sumo_eval.cosim.doors.entry import PLAIN, split_entry, steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
+from sumo_eval.cosim.doors.kept_state import first_change, kept_state
 from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
 from sumo_eval.cosim.doors.traci_program import TraciProgram, served
+from sumo_eval.cosim.doors.traci_view import sharing
 from sumo_eval.cosim.loop import (
     ASKS_SUMO,
     Batch,
@@ -55,6 +60,7 @@ from sumo_eval.cosim.loop import (
 from sumo_eval.cosim.on_traci import OnTraci
 from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import Stage
+from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.session import running, session
 from sumo_eval.cosim.sumo.shared_files import plain, shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.sumo.sumo_files import network_xml
@@ -77,6 +83,8 @@ SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them
 TOGETHER = 512
 
 USUAL = SimulationSettings()  # checked once, and not for every case
+# cases of hooks in one simulation, whose every vehicle SUMO's driver models move
+HOOKS_TOGETHER = 256
 ON_TRACI = Alone("on_traci")
 ONE_OBJECT = Alone("one_object")
 NOT_TOGETHER = Alone("not_together")
@@ -131,7 +139,7 @@ def simulate(
     elif ads.is_policy:
         driver = _policies([ads], [seed], terms)
     else:
-        driver = OnTraci(ads, seed, terms)
+        driver = OnTraci([ads], [seed], terms)
     asks = not Compiled.rides(target)
     try:
         with _opened(concrete, settings, ads, step_timeout, alone) as traci, seen_as_traci():
@@ -289,6 +297,7 @@ def simulate_together(
             or not as_usual
             or concrete.road.network is not None
             or not _stands_on_its_road(concrete)
+            or (rider.is_hook and not _fits_beside_others(concrete))
         ):
             return None
         body = (
@@ -300,7 +309,8 @@ def simulate_together(
         )  # fmt: skip
         # SUMO's models and a policy over arrays know of one vehicle for all
         one = bool(concrete.changes) and (concrete.reacts or rider.over_arrays)
-        return (*body, rider.kind, concrete.simulation(basis).vehicle if one else None)
+        names = tuple([it.name for it in concrete.actors]) if rider.is_hook else ()
+        return (*body, rider.kind, names, concrete.simulation(basis).vehicle if one else None)
 
     for window in _chunks(list(range(len(cases))), SORTED_AT_ONCE):
         found: dict[int, Recording | Alone] = {}
@@ -316,17 +326,25 @@ def simulate_together(
                 members,
                 key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided),
             )
-            for part in _chunks(order, TOGETHER):
+            size = HOOKS_TOGETHER if riders[members[0]].is_hook else TOGETHER
+            for part in _chunks(order, size):
                 made, batch = (
                     [riders[index].make() for index in part],
                     [cases[index] for index in part],
                 )
-                driver = (
-                    Rows(made, terms) if isinstance(made[0], Compiled)
-                    else Replays(made, terms) if isinstance(made[0], Replay)
-                    else _policies(made, [given[index] for index in part], terms)
-                )  # fmt: skip
-                found.update(zip(part, _together(batch, driver, resolved), strict=True))
+                seeds_here = [given[index] for index in part]
+                if riders[part[0]].is_hook:
+                    driven: Sequence[Recording | Alone] = _hooks_together(
+                        batch, riders[part[0]], made, seeds_here, terms, resolved
+                    )
+                else:
+                    driver = (
+                        Rows(made, terms) if isinstance(made[0], Compiled)
+                        else Replays(made, terms) if isinstance(made[0], Replay)
+                        else _policies(made, seeds_here, terms)
+                    )  # fmt: skip
+                    driven = _together(batch, driver, resolved)
+                found.update(zip(part, driven, strict=True))
         for index in window:
             yield found.pop(index)
 
@@ -336,12 +354,19 @@ class _Rider(NamedTuple):
 
     why: it drives alone.
     over_arrays: one policy drives all of them.
+    hook: the class or function that asks SUMO, which shows it its own row.
     """
 
     kind: type | None
     make: Callable[[], Any]
     why: Alone | None = None
     over_arrays: bool = False
+    hook: Any = None
+
+    @property
+    def is_hook(self) -> bool:
+        """Whether it asks SUMO."""
+        return self.hook is not None
 
 
 def _rider(
@@ -367,12 +392,7 @@ def _rider(
             split_entry(controller)[1],
         )
     make = partial(adapted, found, name, entry.options)
-    in_vain = (
-        isinstance(found, type)
-        and not issubclass(found, Compiled)
-        and not callable(getattr(found, "act", None))
-    )
-    if in_vain or (its_own and entry.period):
+    if its_own and entry.period:
         return alone(ON_TRACI)
     with seen_as_traci():
         ads: Any = make()
@@ -380,7 +400,14 @@ def _rider(
     if Compiled.rides(target):
         return _Rider(type(target), lambda: target)
     if not ads.is_policy:
-        return alone(ON_TRACI)
+        batches_hooks = isinstance(ads, ObjectController) and not _needs_all_of_sumo(found)
+        if not batches_hooks or getattr(found, "vehicle_type", None) is not None:
+            return alone(ON_TRACI)
+        if not inspect.isclass(found) and not inspect.isfunction(found):
+            return alone(ONE_OBJECT)
+        if found in _KEEPS_STATE or getattr(found, "batch", True) is False:
+            return alone(_KEEPS_STATE.get(found, ON_TRACI))
+        return _Rider(ObjectController, lambda: wrap(make()), hook=found)
     if asks_traci(ads.target if ads.target is not None else ads.act):
         return alone(ASKS_SUMO)
     if its_own:
@@ -393,6 +420,12 @@ def _rider(
     if ads.target is None or isinstance(found, type):
         return _Rider(type(ads), lambda: wrap(make()))
     return alone(ONE_OBJECT)
+
+
+def _needs_all_of_sumo(hook: Any) -> bool:
+    """Whether the module of a hook has libsumo itself, or functions of it that know no rows."""
+    values = vars(sys.modules.get(getattr(hook, "__module__", "") or "", sys)).values()
+    return any(it is libsumo or getattr(it, "__module__", "") == "libsumo.libsumo" for it in values)
 
 
 def asks_traci(target: Any) -> bool:
@@ -436,20 +469,78 @@ def _stands_on_its_road(concrete: ConcreteScenario) -> bool:
     )
 
 
+def _fits_beside_others(concrete: ConcreteScenario) -> bool:
+    """Whether SUMO finds the vehicles of a case on the same lanes beside others as alone."""
+    road = concrete.road
+    if road.shaped or concrete.reacts or concrete.changes:
+        return False
+    return all(
+        it.heading == 0.0 and it.on_map is None and road.right_edge <= it.start.y <= road.left_edge
+        for it in concrete.actors
+    )
+
+
+# how many cases of a hook were driven both ways, and why one drives all of them alone
+_COMPARED: WeakKeyDictionary[Any, int] = WeakKeyDictionary()
+_KEEPS_STATE: WeakKeyDictionary[Any, Alone] = WeakKeyDictionary()
+_COMPARED_FIRST, _COMPARED_LATER = 3, 0.01  # cases; share of the cases
+
+
+def _hooks_together(
+    cases: Sequence[ConcreteScenario],
+    rider: _Rider,
+    made: Sequence[Adapter],
+    seeds: Sequence[int],
+    terms: Terms,
+    settings: SimulationSettings,
+) -> Sequence[Recording | Alone]:
+    """The recording of each case of a hook, some of which were compared with those alone."""
+    hook = rider.hook
+    if hook in _KEEPS_STATE:
+        return [_KEEPS_STATE[hook]] * len(cases)
+    before = kept_state(hook)
+    found = _together(cases, OnTraci(made, seeds, terms), settings)
+    del made
+    changed = first_change(before, kept_state(hook))
+    if changed is None:
+        batched = [index for index, one in enumerate(found) if isinstance(one, Recording)]
+        compared = _COMPARED.get(hook, 0)
+        wanted = max(_COMPARED_FIRST - compared, math.ceil(_COMPARED_LATER * len(batched)))
+        for index in batched[:: max(len(batched) // wanted, 1)][:wanted]:
+            own = simulate(
+                cases[index], rider.make(), settings, folder=terms.folder,
+                step_timeout=terms.step_timeout, seed=seeds[index],
+                period=terms.every * settings.step if terms.every > 1 else None,
+            )  # fmt: skip
+            if not found[index].same_motion(own):  # type: ignore[union-attr]
+                changed = f"something else, for {cases[index].label}"
+                break
+            _COMPARED[hook] = _COMPARED.get(hook, 0) + 1
+    if changed is not None:
+        _KEEPS_STATE[hook] = Alone("keeps_state", changed)
+        return [_KEEPS_STATE[hook]] * len(cases)
+    return found
+
+
 def _together(
     cases: Sequence[ConcreteScenario], driver: Driver, settings: SimulationSettings
 ) -> Sequence[Recording | Alone]:
     """The recording of each case, or why it has to be driven alone."""
     began = clock.perf_counter()
-    texts = shared_network_xml(cases), shared_routes_xml(cases, settings.vehicle)
+    asks = isinstance(driver, OnTraci)
+    texts = (
+        shared_network_xml(cases, asked=asks),
+        shared_routes_xml(cases, settings.vehicle, asked=asks),
+    )
     try:
-        world = World(cases, settings)
+        world = World(cases, settings, SUMO if asks else MODEL)
         with (
             running(*texts, settings, collisions="none") as traci,
-            seen_as_traci(_Refused("traci")),
+            sharing() if asks else seen_as_traci(_Refused("traci")),
             _little_garbage(),
         ):
-            drive(world, driver, (Traffic if world.reacts else Stage)(traci, world))
+            stage = Traffic if world.reacts else Stage
+            drive(world, driver, stage(traci, world, asked=asks, as_read=asks))
     # logged in full and told, and each case is driven alone
     except Exception as error:  # noqa: BLE001
         _LOG.error(

@@ -20,12 +20,13 @@ from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import Alone, FloatArray
 
 # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
 EGO_SPEED_MODE = 6
 # setSpeed is taken as it is: the harness's own vehicle model has applied the limits
 EXACT_SPEED_MODE = 32
+LEFT_BATCH = Alone("left_batch")
 CHECKED_EVERY = 10  # steps
 ASIDE = -500.0  # m, y of a vehicle that nothing is to see
 # place, angle and speed of a vehicle that SUMO has no longer
@@ -55,7 +56,7 @@ class Stage:
         self.traci, self.asked, self.as_read = traci, asked, as_read
         self.calls = vehicles(traci)
         self.step = simulation_step(traci)
-        self.names = vehicle_names(world.cases)
+        self.names = vehicle_names(world.cases, asked=asked)
         self._other_names = np.array(self.names, dtype=object)[:, 1:]
         count, road = len(world.cases), world.cases[0].road
         self._alone = count == 1
@@ -66,13 +67,22 @@ class Stage:
         self._told: dict[str, float] = {}
         # a network of many edges, or whatever the ADS has made of it
         own = road.network is not None or as_read
-        self._edges = [("" if own else edge_name(case, count)) for case in range(count)]
+        any_edge = own and self._alone
+        self._edges = [
+            ("" if any_edge else edge_name(case, count, asked=asked)) for case in range(count)
+        ]
         self._lane = -1 if own else 0
-        self._keep = _KEEPS_ROUTE if own else _KEEPS_ROUTE_OFF_ROAD
+        self._keep = _KEEPS_ROUTE if any_edge else _KEEPS_ROUTE_OFF_ROAD
         self._middle = 0.5 * (road.left_edge + road.right_edge)
         self._half = 0.5 * (road.left_edge - road.right_edge)
         self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
-        self._fronts = world.others[["front_x", "front_y"]][0].tolist()
+        self._fronts: dict[str, Any] = dict(
+            zip(
+                [name for names in self.names for name in names[1:]],
+                world.others[["front_x", "front_y"]].ravel().tolist(),
+                strict=True,
+            )
+        )
         self._on_map = frozenset(
             name
             for names, it in zip(self.names, world.cases, strict=True)
@@ -87,15 +97,16 @@ class Stage:
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist()]
         # whose numbers are read one by one: an array takes ten times as long for each
-        if self._alone:
+        if self.as_read:
             self._cells: Any = world.shown.reshape(-1).data
-            self._present: Any = world.others["present"][0].data
+            self._present: Any = world.others["present"].data
         self.without(world)
 
     def without(self, world: World) -> None:
         """Some of the rows have ended."""
         self._live = np.flatnonzero(world.egos["live"])
         self._all = len(self._live) == len(world.rows)
+        self._rows = self._live.tolist()
         self._others = self._other_names[world.rows[self._live]].ravel().tolist()
 
     def take_charge(self, world: World) -> None:
@@ -209,36 +220,43 @@ class Stage:
         if not self.as_read:
             return
         calls, cells, present, far = self.calls, self._cells, self._present, self._far
-        for j, name in enumerate(self._others):
+        actors = self._width - 1
+        for number, name in enumerate(self._others):
+            row, j = divmod(number, actors)
+            row = self._rows[row]
             x, y, angle, speed = _NOT_THERE
-            if present[j]:
+            if present[row, j]:
                 try:
                     x, y = calls.getPosition(name)
                     angle, speed = calls.getAngle(name), calls.getSpeed(name)
-                    last_x, last_y = self._fronts[j]
+                    last_x, last_y = self._fronts[name]
                     there = (
                         -far < x - last_x < far
                         and -far < y - last_y < far
                         and 0.0 <= angle <= 360.0
                     )
                     if not (there and BACKWARDS < speed < FASTEST):
-                        if not self._is_past_the_road(world, j):
+                        if not self._is_past_the_road(world, row, j):
                             raise impossible(
-                                calls, name, self._fronts[j], world.time + self._step, self._step
+                                calls, name, self._fronts[name], world.time + self._step, self._step
                             )
                         raise self.traci.TraCIException(name)
-                    self._fronts[j] = x, y
+                    self._fronts[name] = x, y
                 except self.traci.TraCIException:
                     now = world.time + self._step
-                    present[j] = 0
-                    world.note(0, "actor_left_the_network", now, now)
+                    present[row, j] = 0
+                    world.note(int(world.rows[row]), "actor_left_the_network", now, now)
                     x, y, angle, speed = _NOT_THERE
-            at = 4 * j
+                except SimulationError:
+                    if self._alone:
+                        raise
+                    world.leave(row, LEFT_BATCH)
+            at = 4 * (row * actors + j)
             cells[at], cells[at + 1], cells[at + 2], cells[at + 3] = x, y, angle, speed
 
-    def _is_past_the_road(self, world: World, other: int) -> bool:
+    def _is_past_the_road(self, world: World, row: int, other: int) -> bool:
         """Whether a script has its vehicle's front bumper beyond the last lane."""
-        body, road = world.others[0, other], self._road
+        body, road = world.others[row, other], self._road
         return bool(body["x"] + 0.5 * body["length"] > road.length + road.run_out - BESIDE)
 
     def compare(self, world: World) -> None:
@@ -275,5 +293,7 @@ class Stage:
     def remove(self, world: World, row: int) -> None:
         """Take the vehicles of a case that has ended off their road, while others go on."""
         if not self._alone:
+            held = set(self.traci.vehicle.getIDList()) if self.as_read else None
             for name in self.names[int(world.rows[row])]:
-                self.traci.vehicle.remove(name)
+                if held is None or name in held:
+                    self.traci.vehicle.remove(name)

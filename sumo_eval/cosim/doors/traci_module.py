@@ -29,6 +29,7 @@ from sumo_eval.cosim.doors.traci_numbers import (
 )
 from sumo_eval.cosim.sumo import insides
 from sumo_eval.cosim.sumo.insides import libsumo
+from sumo_eval.cosim.sumo.shared_files import name_in_sumo
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.errors import ControllerError
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -40,11 +41,48 @@ _READS = (
 )  # fmt: skip
 _HARMLESS = ("gui", "poi", "polygon", "route")  # domains in which writing changes nobody's driving
 _CLOCK = ("simulationStep", "step", "executeMove")
+_SHARED = MOTION - {"openGap"} | {
+    "setSpeedMode", "setLaneChangeMode", "setColor", "setSignals", "setParameter", "setMaxSpeed",
+}  # fmt: skip
+"""Calls that write to the ego and concern no other case of the simulation."""
+# keepRoute of moveToXY: the nearest road of a case that is alone is that of its route
+_ANYWHERE, _ANYWHERE_ON_ITS_ROUTE = 2, 3
 _RUNNING = ("close", "start", "load", "loadState", "init", "switchConnection", "setOrder")
 
 
 class RefusedCallError(ControllerError):
     """The ADS called what belongs to the harness, or with a number that nobody can mean."""
+
+
+class Names(dict[str, str]):
+    """Names in SUMO of the vehicles, types, lanes and edges of one case, by the user's names.
+
+    suffix: part of each of them where several cases share a simulation.
+    """
+
+    def __init__(self, known: Iterable[str] = (EGO,), suffix: str = "") -> None:
+        super().__init__({name: name_in_sumo(name, suffix) for name in known})
+        self.suffix = suffix
+
+    def __missing__(self, name: str) -> str:
+        return name
+
+    def inside(self, value: Any) -> Any:
+        """An argument of a call as SUMO takes it."""
+        return self[value] if isinstance(value, str) else value
+
+    def outside(self, answer: Any) -> Any:
+        """The answer to a call as the user knows it.
+
+        Raises TypeError for an object that may hold names.
+        """
+        if type(answer) is str:
+            return answer.replace(self.suffix, "")
+        if type(answer) is tuple or type(answer) is list:
+            return type(answer)(map(self.outside, answer))
+        if answer is None or isinstance(answer, int | float):
+            return answer
+        raise TypeError(f"an answer of type {type(answer).__name__}")
 
 
 class Guard:
@@ -75,13 +113,34 @@ class Guard:
         self.asked: dict[str, int] = {}  # calls that SUMO may ignore
         self.moved = False  # the ego, by a call, since the step began
         self.refusal: tuple[str, str] | None = None
+        self.names, self.shared = Names(), False  # whether other cases share the simulation
+
+    def leave(self) -> NoReturn:
+        """Take a case out of its batch: it needs the simulation to itself."""
+        self.refusal = "", ""
+        raise RefusedCallError("The ADS asks for more than its own row of a batch")
+
+    def told_of_a_row(
+        self, call: str, vehicle: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]
+    ) -> tuple[str, tuple[Any, ...]]:
+        """A call that writes to the ego of a row, as SUMO takes it, if it concerns no other row."""
+        plain = not kwargs and vehicle == EGO and call in _SHARED
+        if not plain or (call == "setSpeed" and not args[0] >= 0.0):
+            self.leave()
+        if call != "moveToXY":
+            return self.names[EGO], tuple(map(self.names.inside, args))
+        edge, lane, x, y, angle, keep = args if len(args) == 6 else self.leave()
+        if edge not in ("", "road") or keep not in (1, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE):
+            self.leave()
+        keep = _ANYWHERE_ON_ITS_ROUTE if keep == _ANYWHERE else keep
+        return self.names[EGO], (self.names["road"], lane, x, y, angle, keep)
 
     def meddles(self, what: str, deed: str, why: str) -> None:
         """An ADS does what is not its own.
 
         deed, why: the sentence's two halves, a time comes between them.
         """
-        if self.interference == "refuse":
+        if self.interference == "refuse" or self.shared:
             self.refuse(deed, why)
         self.count(what)
 
@@ -104,6 +163,8 @@ class Guard:
 
     def count(self, what: str) -> None:
         """Put something on record once more."""
+        if self.shared:
+            self.leave()
         self.touched[what] = self.touched.get(what, 0) + 1
 
     def touches(self, domain: str, call: str, name: object) -> None:
@@ -116,6 +177,8 @@ class Guard:
 
     def asks(self, call: str) -> None:
         """An ADS makes a call that SUMO may ignore."""
+        if self.shared:
+            self.leave()
         self.asked[call] = self.asked.get(call, 0) + 1
 
     @property
@@ -170,7 +233,9 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
                 and not (hands_over and number < 0.0)
             ):
                 # as nearly always: a float, and finite
-                return direct(vehID, number)
+                return direct(guard.names[vehID], number)
+        if guard.shared:
+            vehID, args = guard.told_of_a_row(call, vehID, args, kwargs)  # noqa: N806
         guard.check("vehicle", call, vehID, args, kwargs)
         if ignored and vehID == EGO:
             guard.asks(call)
@@ -188,6 +253,8 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
 
 def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
     def guarded(typeID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
+        if guard.shared:
+            guard.leave()
         if typeID in guard.others and call != "copy":
             guard.touches("vehicletype", call, typeID)
         guard.check("vehicletype", call, typeID, args, kwargs)
@@ -238,7 +305,7 @@ def _running_call(guard: Guard, call: str) -> Callable[..., Any]:
 def _guarded_domain(guard: Guard, name: str, domain: type) -> type:
     """The domain with its writing calls wrapped; reading ones are inherited as they are."""
     wrapped: dict[str, Any] = {}
-    for call in dir(domain):
+    for call in () if name in _HARMLESS else dir(domain):
         write = getattr(domain, call)
         if call.startswith(_READS) or isinstance(write, type) or not callable(write):
             continue
@@ -264,18 +331,20 @@ def _build() -> tuple[ModuleType, Guard]:
     )
     module.__path__, module.__spec__ = list(real.__path__), real.__spec__
     for domain in libsumo.DOMAINS:
-        name = domain.__name__
-        if name not in _HARMLESS:
-            setattr(module, name, _guarded_domain(guard, name, domain))
+        setattr(module, domain.__name__, _guarded_domain(guard, domain.__name__, domain))
     domains = [getattr(module, domain.__name__) for domain in libsumo.DOMAINS]
     module.DOMAINS = domains  # type: ignore[attr-defined]
     for call in ("simulationStep", "executeMove"):
         setattr(module, call, _clock_call(guard, call))
     for call in ("close", "start", "load", "init"):
         setattr(module, call, _running_call(guard, call))
-    module.addStepListener = (  # type: ignore[attr-defined]
-        lambda listener: guard.listeners.addStepListener(listener)
-    )
+
+    def add_listener(listener: Any) -> Any:
+        if guard.shared:
+            guard.leave()
+        return guard.listeners.addStepListener(listener)
+
+    module.addStepListener = add_listener  # type: ignore[attr-defined]
     module.removeStepListener = (  # type: ignore[attr-defined]
         lambda number: guard.listeners.removeStepListener(number)
     )

@@ -86,15 +86,14 @@ def vehicles(traci: Any) -> Any:
     return _DIRECT if _borrows(traci) else traci.vehicle
 
 
-def direct(call: str, write: Callable[..., Any]) -> Callable[..., Any]:
-    """What a call of libsumo's vehicle domain wraps, at half the cost.
+def direct(call: str, wrapper: Callable[..., Any], domain: str = "vehicle") -> Callable[..., Any]:
+    """What a call of one of libsumo's domains wraps, at half the cost.
 
-    write: the call itself.
+    wrapper: the call itself, which stays where it is more than that.
     """
-    return cast(
-        "Callable[..., Any]",
-        write if kernels.PLAIN else getattr(_LIBSUMO, f"vehicle_{call}", write),
-    )
+    plain = getattr(wrapper, "__module__", "") == "libsumo.libsumo"
+    wrapped = getattr(_LIBSUMO, f"{domain}_{call}", wrapper) if plain else wrapper
+    return cast("Callable[..., Any]", wrapper if kernels.PLAIN else wrapped)
 
 
 def simulation_step(traci: Any) -> Callable[[], None]:

@@ -21,17 +21,43 @@ from sumo_eval.settings import VehicleSettings
 _NEVER = 1e6  # s until SUMO's driver models would decide something; beyond every time limit
 
 
-def edge_name(case: int, count: int) -> str:
-    """The road of case number `case` of `count`."""
+def edge_name(case: int, count: int, *, asked: bool = False) -> str:
+    """The road of case number `case` of `count`.
+
+    asked: ADSs ask SUMO, by names.
+    """
+    if asked:
+        return name_in_sumo("road", suffix(case, count))
     return "road" if count == 1 else f"road{case}"
 
 
-def vehicle_names(cases: Sequence[ConcreteScenario]) -> list[list[str]]:
+def suffix(case: int, count: int) -> str:
+    """Part of the names of a case of which an ADS asks SUMO, beside others."""
+    return "" if count == 1 else f"~{case}~"
+
+
+def name_in_sumo(name: str, suffix: str) -> str:
+    """The name of a vehicle, type, edge or lane of a case; a lane's number stays at its end."""
+    edge, line, lane = name.rpartition("_")
+    if edge == "road" and lane.isdigit():
+        return f"{edge}{suffix}{line}{lane}"
+    return f"{name}{suffix}"
+
+
+def vehicle_names(cases: Sequence[ConcreteScenario], *, asked: bool = False) -> list[list[str]]:
     """The vehicles' names in SUMO: of each case the ego's, then those of the others in their
     order.
+
+    asked: ADSs ask SUMO, by names.
     """
-    if len(cases) == 1:
-        return [[EGO, *(actor.name for actor in cases[0].actors)]]
+    if asked or len(cases) == 1:
+        return [
+            [
+                name_in_sumo(name, suffix(case, len(cases)))
+                for name in (EGO, *(actor.name for actor in it.actors))
+            ]
+            for case, it in enumerate(cases)
+        ]
     return [
         [f"{case}.{number}" for number in range(1 + len(it.actors))]
         for case, it in enumerate(cases)
@@ -70,12 +96,15 @@ def shadow_name(name: str) -> str:
     return f"{name}.shadow"
 
 
-def shared_network_xml(cases: Sequence[ConcreteScenario]) -> str:
-    """A road for each case in one network, all between the same two junctions."""
+def shared_network_xml(cases: Sequence[ConcreteScenario], *, asked: bool = False) -> str:
+    """A road for each case in one network, all between the same two junctions.
+
+    asked: ADSs ask SUMO, which has all lanes then.
+    """
     road, edges, lanes, tail = plain(cases[0].road), [], [], ""
     for case, concrete in enumerate(cases):
-        name = edge_name(case, len(cases))
-        head, edge, tail = _parts(road, fits_one_lane(concrete))
+        name = edge_name(case, len(cases), asked=asked)
+        head, edge, tail = _parts(road, not asked and fits_one_lane(concrete))
         edges.append(edge.replace('"road', f'"{name}'))
         lanes += [f"{name}_{lane}" for lane in range(edge.count("<lane "))]
     start, _, end = tail.partition('incLanes="road')
@@ -99,18 +128,26 @@ def _parts(road: Road, one_lane: bool) -> tuple[str, str, str]:
 
 
 def shared_routes_xml(
-    cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, *, own_lanes: bool = False
+    cases: Sequence[ConcreteScenario],
+    vehicle: VehicleSettings,
+    *,
+    own_lanes: bool = False,
+    asked: bool = False,
 ) -> str:
     """Vehicle types, routes and departures of all cases; `vehicle` has the body that their scenario
     prescribes.
 
     own_lanes: on the roads as they are.
+    asked: ADSs ask SUMO; its driver models are awake, and every vehicle has a type of its own.
     """
     types: dict[tuple[str, ...], str] = {}  # vehicles that differ in nothing share a type
     others: list[str] = []
-    names, count = vehicle_names(cases), len(cases)
+    names, count = vehicle_names(cases, asked=asked), len(cases)
+    own_lanes = own_lanes or asked
     for case, concrete in enumerate(cases):
-        others.append(_element("route", {"id": f"along{case}", "edges": edge_name(case, count)}))
+        route = name_in_sumo("along", suffix(case, count)) if asked else f"along{case}"
+        edges = edge_name(case, count, asked=asked)
+        others.append(_element("route", {"id": route, "edges": edges}))
         told = replace(concrete, road=plain(concrete.road)) if concrete.road.shaped else concrete
         starts = departures(
             told, vehicle.length, one_lane=not own_lanes and fits_one_lane(concrete)
@@ -118,14 +155,18 @@ def shared_routes_xml(
         described = zip(vehicle_types(concrete, vehicle), starts, strict=True)
         for index, (kind, attributes) in enumerate(described):
             name = kind.pop("id")
-            if index == 0 or concrete.actors[index - 1].model is None:
-                kind["actionStepLength"] = str(_NEVER)
-            known = types.setdefault(
-                (*kind, *kind.values()), f"type{len(types)}" if count > 1 else name
-            )
-            own = {"id": names[case][index], "type": known, "route": f"along{case}"}
+            if asked:
+                known = names[case][index]
+                types[(*kind, "id", *kind.values(), known)] = known
+            else:
+                if index == 0 or concrete.actors[index - 1].model is None:
+                    kind["actionStepLength"] = str(_NEVER)
+                known = types.setdefault(
+                    (*kind, *kind.values()), f"type{len(types)}" if count > 1 else name
+                )
+            own = {"id": names[case][index], "type": known, "route": route}
             others.append(_element("vehicle", {**attributes, **own}))
-            if concrete.reacts and has_shadow(concrete, index):
+            if not asked and concrete.reacts and has_shadow(concrete, index):
                 others.append(
                     _element(
                         "vehicle", {**attributes, **own, "id": shadow_name(names[case][index])}

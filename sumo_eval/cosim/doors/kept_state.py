@@ -1,0 +1,128 @@
+"""State that an ADS keeps outside its objects, where its cases share it.
+
+One object a case keeps cases apart. A global of a module, an attribute of a class or a function, a
+closure and the global random generators do not.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import random
+import sys
+from collections import deque
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+_DEEPEST = 8  # containers and objects within each other
+_MOST = 10_000  # members of a container, the rest of which is not looked at
+_PLAIN = (type(None), bool, int, float, complex, str, bytes)
+_NOT_ITS_OWN = ("sumo_eval", "numpy", "traci", "libsumo")  # packages, beside Python's own
+_ITERATOR = "itertools"  # whose objects show where they are
+
+
+def kept_state(ads: Any) -> dict[str, object]:
+    """State beside its objects that code of an ADS can change, by the names that it has there.
+
+    ads: a class or a function, whose module's folder holds the code.
+    """
+    state: dict[str, object] = {
+        "random": random.getstate(),
+        "numpy.random": _frozen(np.random.get_state(), 0),  # noqa: NPY002 - what an ADS may use
+        # numba sets its own when its first function is compiled
+        "os.environ": {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")},
+        "the working directory": os.getcwd(),
+    }
+    for module in _modules(ads):
+        for name, value in list(vars(module).items()):
+            if not name.startswith("__"):
+                state[f"{module.__name__}.{name}"] = _frozen(value, 0)
+    for kind in ads.__mro__[:-1] if inspect.isclass(ads) else ():
+        state[kind.__qualname__] = _frozen(kind, 0)
+    state[getattr(ads, "__qualname__", "ads")] = _frozen(ads, 0)
+    return state
+
+
+def first_change(before: dict[str, object], after: dict[str, object]) -> str | None:
+    """Name of the first state that differs; None: all of it is the same."""
+    names = [*before, *(name for name in after if name not in before)]
+    return next((name for name in names if before.get(name, ...) != after.get(name, ...)), None)
+
+
+def _modules(ads: Any) -> Iterator[ModuleType]:
+    """The module of an ADS and those of its folder, installed packages excepted."""
+    own = sys.modules.get(ads.__module__)
+    # a file that was loaded by its path may be in no table
+    if own is None and isinstance(getattr(ads, "__globals__", None), dict):
+        own = ModuleType(ads.__module__)
+        own.__dict__.update(ads.__globals__)
+    if own is None or own.__name__.partition(".")[0] in _NOT_ITS_OWN:
+        return
+    yield own
+    file = getattr(own, "__file__", None)
+    folder = None if file is None or "site-packages" in file else Path(file).parent
+    for module in list(sys.modules.values()):
+        other = getattr(module, "__file__", None)
+        if module is not own and other is not None and folder == Path(other).parent:
+            yield module
+
+
+def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> object:
+    """A value as something that later changes of it do not reach.
+
+    seen: the containers and objects that it is in, by id.
+    """
+    if isinstance(value, _PLAIN):
+        return value
+    if depth > _DEEPEST or id(value) in seen:
+        # containers may be of this look's own making
+        return len(value) if isinstance(value, dict | list | tuple) else id(value)
+
+    def inner(it: Any) -> object:
+        return _frozen(it, depth + 1, seen | {id(value)})
+
+    if isinstance(value, dict):
+        return len(value), [(inner(name), inner(it)) for name, it in _first(value.items())]
+    if isinstance(value, list | tuple | set | frozenset | deque):
+        return len(value), [inner(it) for it in _first(value)]
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, random.Random):
+        return value.getstate()
+    if isinstance(value, np.random.Generator):
+        return repr(value.bit_generator.state)
+    if isinstance(value, np.random.RandomState):
+        return inner(value.get_state())
+    if hasattr(value, "cache_info"):
+        return id(value), repr(value.cache_info())
+    if type(value).__module__ == _ITERATOR:
+        return repr(value)
+    return id(value), *map(inner, _parts(value))
+
+
+def _parts(value: Any) -> tuple[Any, ...]:
+    """What of an object, a class or a function can change; nothing of what is not the ADS's."""
+    kind = value if isinstance(value, type | FunctionType) else type(value)
+    root = (kind.__module__ or "").partition(".")[0]
+    if root in _NOT_ITS_OWN or root in sys.stdlib_module_names:
+        return ()
+    if isinstance(value, FunctionType):
+        cells = [_cell(it) for it in value.__closure__ or ()]
+        return vars(value), value.__defaults__, value.__kwdefaults__, cells
+    return (dict(getattr(value, "__dict__", {})),)
+
+
+def _first(values: Iterable[Any]) -> list[Any]:
+    return list(islice(values, _MOST))
+
+
+def _cell(cell: Any) -> Any:
+    try:
+        return cell.cell_contents
+    except ValueError:  # not yet filled
+        return None

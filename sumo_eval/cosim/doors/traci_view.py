@@ -1,0 +1,125 @@
+"""The view of one row of a batch: what the guarded `traci` answers where many cases share SUMO.
+
+The cases' roads lie on each other, so places, times and speeds are those of the case alone. Names
+differ: a call's get the row's suffix on the way in and lose it on the way out. A call about more
+than the row takes the row out of its batch.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import ModuleType
+from typing import Any
+
+from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, Guard, seen_as_traci
+from sumo_eval.cosim.sumo import insides
+from sumo_eval.cosim.sumo.insides import libsumo
+
+_OF_A_ROW = ("vehicle", "vehicletype", "lane", "edge", "route")
+_READS = ("get", "is", "could", "wants")
+_OF_ALL_ROWS = ("getTime", "getDeltaT", "getCurrentTime")  # the same for each of them
+_OF_MANY = frozenset(
+    {
+        "getLoadedIDList", "getTeleportingIDList", "getTaxiFleet", "getSubscriptionResults",
+        "getAllSubscriptionResults", "getContextSubscriptionResults",
+        "getAllContextSubscriptionResults", "getFoes", "getInternalFoes",
+    }
+)  # fmt: skip
+"""Reading calls of a domain that are about more than one object of the row."""
+
+
+def _reading(guard: Guard, read: Callable[..., Any], direct: Callable[..., Any]) -> Any:
+    """A call that reads from the row.
+
+    direct: what a call with one argument wraps.
+    """
+
+    def reading(*args: Any, **kwargs: Any) -> Any:
+        names = guard.names
+        try:
+            if len(args) == 1 and not kwargs:
+                answer = direct(names[args[0]])
+            else:
+                inside = names.inside
+                answer = read(
+                    *map(inside, args), **{name: inside(it) for name, it in kwargs.items()}
+                )
+            return answer if type(answer) is float else names.outside(answer)
+        except (libsumo.TraCIException, TypeError):
+            guard.leave()
+
+    return reading
+
+
+def _listing(guard: Guard, read: Callable[[], Any]) -> Any:
+    """A call that lists a domain's names, in SUMO's order: the alphabet's."""
+
+    def listing() -> Any:
+        names = guard.names
+        return tuple(sorted(names.outside(it) for it in read() if names.suffix in it))
+
+    return listing
+
+
+def _leaving(guard: Guard) -> Any:
+    def leaving(*args: Any, **kwargs: Any) -> Any:
+        guard.leave()
+
+    return leaving
+
+
+def _view(guard: Guard) -> list[tuple[Any, str, Any]]:
+    """The calls that differ where cases share SUMO: of which domain, name, what stands there."""
+    view: list[tuple[Any, str, Any]] = []
+    for domain in TRACI.DOMAINS:
+        kind = domain.__name__
+        for call in dir(domain):
+            read = getattr(domain, call)
+            written = call in vars(domain)  # guarded already
+            if call.startswith("_") or isinstance(read, type) or not callable(read) or written:
+                continue
+            if kind == "simulation" and call in _OF_ALL_ROWS:
+                continue
+            named = kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY
+            if kind == "vehicle" and call in ("getIDList", "getIDCount"):
+                listing = _listing(guard, domain.getIDList)
+                seen = listing if call == "getIDList" else lambda listing=listing: len(listing())
+            elif named and call not in ("getIDList", "getIDCount"):
+                seen = _reading(guard, read, insides.direct(call, read, kind))
+            else:
+                seen = _leaving(guard)
+            view.append((domain, call, staticmethod(seen)))
+    return view
+
+
+class _None(ModuleType):
+    """A libsumo that knows no rows."""
+
+    def __getattr__(self, name: str) -> Any:
+        GUARD.leave()
+
+
+_NONE = _None("libsumo")
+_VIEW: list[tuple[Any, str, Any]] = []
+
+
+@contextmanager
+def sharing() -> Iterator[None]:
+    """`import traci` gives the guarded one within this block, which answers for the row that
+    `GUARD.names` is of; `import libsumo` gives none.
+    """
+    if not _VIEW:
+        _VIEW.extend(_view(GUARD))
+    for domain, call, seen in _VIEW:
+        setattr(domain, call, seen)
+    real = sys.modules["libsumo"]
+    sys.modules["libsumo"] = _NONE
+    try:
+        with seen_as_traci():
+            yield
+    finally:
+        sys.modules["libsumo"] = real
+        for domain, call, _ in _VIEW:
+            delattr(domain, call)

@@ -1,0 +1,199 @@
+"""Hooks of TraCI in one SUMO have exactly what they have alone."""
+
+import random
+from collections import Counter
+
+import pytest
+from cosim_cases import case, lead
+
+from sumo_eval import Command
+from sumo_eval.cosim.simulation import simulate, simulate_many
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.settings import SimulationSettings
+
+STEPS = SimulationSettings(step=0.1, record_interval=0.1, time_limit=6.0)
+
+
+def points(name: str, number: int):
+    logical = catalogue.load(name)
+    values = sample(logical).points
+    return list(logical.concretes(values[:: max(len(values) // number, 1)]))[:number]
+
+
+def returns_commands(traci, ego, time):
+    return Command(-1.0 if traci.vehicle.getSpeed(ego) > 10.0 else 0.5, 0.001)
+
+
+def sets_speeds(traci, ego, time):
+    vehicle = traci.vehicle
+    speed, ahead = vehicle.getSpeed(ego), vehicle.getLeader(ego, 100.0)
+    limit = vehicle.getSpeed(ahead[0]) + 0.1 * ahead[1] if ahead else speed
+    vehicle.setSpeed(ego, max(min(speed + 0.2, limit), speed - 0.3, 0.0))
+
+
+def slows_down(traci, ego, time):
+    if abs(time - 1.0) < 1e-6:
+        traci.vehicle.slowDown(ego, 5.0, 3.0)
+
+
+def sets_accelerations(traci, ego, time):
+    if abs(time - 1.0) < 1e-6:
+        traci.vehicle.setAcceleration(ego, -2.0, 2.0)
+
+
+def changes_lane(traci, ego, time):
+    if abs(time - 1.0) < 1e-6:
+        traci.vehicle.changeLane(ego, 1, 5.0)
+
+
+def moves(traci, ego, time):
+    (x, y), speed, step = (
+        traci.vehicle.getPosition(ego), traci.vehicle.getSpeed(ego), traci.simulation.getDeltaT()
+    )  # fmt: skip
+    traci.vehicle.setSpeed(ego, speed)
+    traci.vehicle.moveToXY(ego, "", -1, x + speed * step, y + 0.05 * step, 90.0, 2)
+
+
+class Mixture:
+    """Looks at its neighbours, with a state of its own."""
+
+    calls = 0
+
+    def step(self, traci, ego, time):
+        self.calls += 1
+        vehicle = traci.vehicle
+        beside = vehicle.getNeighbors(ego, 0b10) + vehicle.getNeighbors(ego, 0)
+        assert (ego in vehicle.getIDList(), vehicle.getRoadID(ego)) == (True, "road")
+        if self.calls % 2:
+            return Command(-0.1 * len(beside))
+        speed = vehicle.getSpeed(ego)
+        return vehicle.setSpeed(ego, max(speed - 0.01 * sum(gap % 1.0 for _, gap in beside), 0.0))
+
+
+HOOKS = [
+    returns_commands, sets_speeds, slows_down, sets_accelerations, changes_lane, moves, Mixture,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("scenario", ["cut_in", "curve_braking", "r157_cut_out"])
+@pytest.mark.parametrize("hook", HOOKS)
+def test_hooks_are_the_same_together_and_alone(hook, scenario):
+    cases, why = points(scenario, 6), Counter()
+    together = list(simulate_many(cases, hook, STEPS, alone=why))
+    assert all(
+        one.same_motion(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
+    )
+    assert {reason.why for reason in why} <= {"left_batch"}, why
+    assert scenario != "cut_in" or not why
+
+
+def raises(traci, ego, time):
+    if traci.vehicle.getSpeed(ego) < 15.0:
+        raise ValueError("too slow")
+
+
+def touches(traci, ego, time):
+    if traci.vehicle.getSpeed(ego) < 15.0:
+        traci.vehicle.setSpeed("lead", 3.0)
+
+
+def swallows(traci, ego, time):
+    try:
+        touches(traci, ego, time)
+    except Exception:  # noqa: BLE001
+        traci.vehicle.setSpeed(ego, 10.0)
+
+
+def jumps(traci, ego, time):
+    if traci.vehicle.getSpeed(ego) < 15.0:
+        traci.vehicle.moveToXY(ego, "road", 0, 400.0, 0.0, 90.0, 2)
+
+
+def hands_over(traci, ego, time):
+    if traci.vehicle.getSpeed(ego) < 15.0:
+        traci.vehicle.setSpeed(ego, -1)
+
+
+def asks_for_all(traci, ego, time):
+    if traci.vehicle.getSpeed(ego) < 15.0:
+        traci.vehicle.setSpeed(ego, 12.0 + traci.simulation.getMinExpectedNumber())
+
+
+def goes_round_the_guard(traci, ego, time):
+    import libsumo
+
+    if traci.vehicle.getSpeed(ego) < 15.0:
+        libsumo.vehicle.setSpeed(ego, 10.0)
+
+
+class Closes:
+    def step(self, traci, ego, time):
+        self.slow = traci.vehicle.getSpeed(ego) < 15.0
+
+    def close(self):
+        if self.slow:
+            raise ValueError("not closed")
+
+
+@pytest.mark.parametrize(
+    "hook",
+    [raises, touches, swallows, jumps, hands_over, asks_for_all, goes_round_the_guard, Closes],
+)
+def test_one_that_leaves_is_driven_alone_and_no_other(hook):
+    cases, why = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0, 18.0)], Counter()
+    together = list(simulate_many(cases, hook, STEPS, alone=why))
+    assert all(
+        one.same_motion(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
+    )
+    assert {reason.why: count for reason, count in why.items()} == {"left_batch": 1}
+
+
+CACHE: dict[str, float] = {}
+GENERATOR = random.Random(3)
+
+
+def caches(traci, ego, time):
+    return Command(-0.01 * CACHE.setdefault(ego, traci.vehicle.getSpeed(ego)))
+
+
+def remembers(traci, ego, time):
+    remembers.last = time
+    return Command(-1.0)
+
+
+def draws(traci, ego, time):
+    return Command(GENERATOR.gauss(0.0, 0.1))
+
+
+def writes_files(folder):
+    def hook(traci, ego, time):
+        file = folder / "calls"
+        calls = int(file.read_text()) if file.exists() else 0
+        file.write_text(str(calls + 1))
+        return Command(-0.001 * (calls % 7))
+
+    return hook
+
+
+class Counts:
+    calls = 0
+
+    def step(self, traci, ego, time):
+        Counts.calls += 1
+        return Command(-0.001)
+
+
+@pytest.mark.parametrize(
+    ("hook", "name"),
+    [
+        (caches, "CACHE"), (remembers, "remembers"), (draws, "GENERATOR"), (Counts, "Counts"),
+        (writes_files, "something else"),
+    ],
+)  # fmt: skip
+def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path):
+    cases, why = [case(lead(80.0), speed=speed) for speed in (20.0, 18.0)], Counter()
+    list(simulate_many(cases, hook(tmp_path) if hook is writes_files else hook, STEPS, alone=why))
+    (reason,) = why
+    assert (why[reason], reason.why) == (2, "keeps_state")
+    assert name in str(reason)
