@@ -78,7 +78,7 @@ class OnTraci(Driver):
         for case, hook in enumerate(self._hooks):
             hook.take(world, stage, case)
         self.keep(world, world.rows)
-        self._each(world, "begin", world)
+        self._each(world, _Hook.begin, world)
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """From now on these rows, in this order."""
@@ -86,43 +86,48 @@ class OnTraci(Driver):
         for row, hook in enumerate(self._rows):
             hook.watch(world, row)
 
-    def _each(self, world: World, what: str, *arguments: Any) -> None:
+    def _each(self, world: World, do: Callable[..., None], *arguments: Any) -> None:
         """Do something with the hook of each row that drives on."""
         if self._alone:
-            getattr(self._rows[0], what)(*arguments)
+            do(self._rows[0], *arguments)
             return
         goes_on = (world.egos["live"] != 0) & (world.egos["reason"] == 0)
         for row in np.flatnonzero(goes_on).tolist():
-            if not self._undisturbed(row, getattr(self._rows[row], what), *arguments):
+            if not self._undisturbed(self._rows[row], do, *arguments):
                 world.leave(row, LEFT_BATCH)
 
-    def _undisturbed(self, row: int, call: Callable[..., None], *arguments: Any) -> bool:
-        """Make a call for a row of a batch; whether all went well and stayed within the row."""
-        GUARD.names = self._rows[row].names
+    @staticmethod
+    def _undisturbed(hook: _Hook, do: Callable[..., None], *arguments: Any) -> bool:
+        """Do something for a row of a batch; whether all went well and stayed within the row."""
+        GUARD.names = hook.names
         try:
-            call(*arguments)
+            do(hook, *arguments)
         except KeyboardInterrupt:
             raise
         except BaseException:  # noqa: BLE001 - the case alone says what it is
             GUARD.refusal = None
             return False
-        refusal, GUARD.refusal = GUARD.refusal, None
-        return refusal is None
+        if GUARD.refusal is None:
+            return True
+        GUARD.refusal = None
+        return False
 
     def step(self, world: World, time: float) -> None:
         """One step of each ADS."""
-        self._each(world, "step", world, time)
+        self._each(world, _Hook.step, world, time)
+        if not self._alone:
+            self._check_clock(world, time)
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
-        self._each(world, "after", now)
+        self._each(world, _Hook.after, now)
 
     def release(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""
         hook = self._rows[row]
         if self._alone:
             self._close_guarded(world, row, hook.ads.close, hook.target)
-        elif not self._undisturbed(row, hook.ads.close):
+        elif not self._undisturbed(hook, _Hook.close):
             world.leave(row, LEFT_BATCH)
         super().release(world, row)
 
@@ -161,8 +166,8 @@ class _Hook:
         # m/s, the ego's as SUMO counts it, without the sideways part
         self._lane_speed = concrete.ego.speed
         places = {name: place[1] // 8 for name, place in (world.egos.dtype.fields or {}).items()}
-        self._front_x, self._front_y, self._commanded = (
-            places[name] for name in ("front_x", "front_y", "command")
+        self._front_x, self._front_y, self._commanded, self._map = (
+            places[name] for name in ("front_x", "front_y", "command", "map")
         )
         self._road, self._bent = concrete.road, concrete.road.bent
         self._wheel = Wheel(settings, partial(world.note, case), concrete.road.line)
@@ -196,15 +201,22 @@ class _Hook:
         )
         self._driver._check_clock(world, 0.0)
 
+    def close(self) -> None:
+        """Close the ADS."""
+        self.ads.close()
+
     def _called(self, when: str, time: float, call: Callable[..., Any], *arguments: Any) -> Any:
         """What the user's code answers; None after a refused call, which the check of the clock
         reports.
+
+        when: "" in a step.
         """
         try:
             return call(*arguments)
         except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
             raise
         except BaseException as error:
+            when = when or f"at {time:.2f} s"
             self._world.keep_fault(self._case, error, self.target, self._folder)
             if isinstance(error, RefusedCallError):
                 return None
@@ -249,7 +261,7 @@ class _Hook:
         asked = clock.perf_counter()
         GUARD.moved = False
         try:
-            answer = self._called(f"at {time:.2f} s", time, self._heard, time)
+            answer = self._called("", time, self._heard, time)
         finally:
             took = clock.perf_counter() - asked
             if self._waits:
@@ -259,7 +271,8 @@ class _Hook:
             raise ControllerTimeoutError(
                 f"The ADS must answer within {self._step_timeout:g} s, took longer at {time:.2f} s."
             )
-        self._driver._check_clock(world, time)
+        if not GUARD.shared:
+            self._driver._check_clock(world, time)
         if answer is None:
             self._wheel.release()
             return self._actuation.pass_on(None, time, took)
@@ -358,7 +371,8 @@ class _Hook:
         front_x, front_y = calls.getPosition(self._ego)
         angle, speed = calls.getAngle(self._ego), calls.getSpeed(self._ego)
         last_s, last_speed = state[0], state[3]
-        last_x, last_y, last_heading = self._mine["map"][0].tolist()
+        at = self._map
+        last_x, last_y, last_heading = state[at], state[at + 1], state[at + 2]
         if not (
             -LOST < front_x < LOST
             and -LOST < front_y < LOST
@@ -386,7 +400,7 @@ class _Hook:
             moved_x = front_x - last_x - self._half * math.cos(last_heading)
             moved_y = front_y - last_y - self._half * math.sin(last_heading)
         stretch = 1.0
-        self._mine["map"][0] = (x, y, heading)
+        state[at], state[at + 1], state[at + 2] = x, y, heading
         # SUMO counts along the line, and on the map a vehicle beside it drives less or more
         if self._bent:
             line = self._road.line

@@ -79,7 +79,10 @@ class Names(dict[str, str]):
         if type(answer) is str:
             return answer.replace(self.suffix, "")
         if type(answer) is tuple or type(answer) is list:
-            return type(answer)(map(self.outside, answer))
+            for it in answer:
+                if type(it) is not float:
+                    return type(answer)(map(self.outside, answer))
+            return answer  # a place, nearly always
         if answer is None or isinstance(answer, int | float):
             return answer
         raise TypeError(f"an answer of type {type(answer).__name__}")

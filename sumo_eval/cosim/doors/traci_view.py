@@ -41,12 +41,13 @@ def _reading(guard: Guard, read: Callable[..., Any], direct: Callable[..., Any])
         try:
             if len(args) == 1 and not kwargs:
                 answer = direct(names[args[0]])
+                if type(answer) is float:
+                    return answer
             else:
-                inside = names.inside
-                answer = read(
-                    *map(inside, args), **{name: inside(it) for name, it in kwargs.items()}
-                )
-            return answer if type(answer) is float else names.outside(answer)
+                inside = [names[it] if type(it) is str else it for it in args]
+                named = {name: names.inside(it) for name, it in kwargs.items()}
+                answer = read(*inside, **named)
+            return names.outside(answer)
         except (libsumo.TraCIException, TypeError):
             guard.leave()
 
