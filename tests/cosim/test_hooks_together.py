@@ -127,6 +127,11 @@ def goes_round_the_guard(traci, ego, time):
         libsumo.vehicle.setSpeed(ego, 10.0)
 
 
+def prints(traci, ego, time):
+    if traci.vehicle.getSpeed(ego) < 15.0:
+        print("slow")
+
+
 class Closes:
     def step(self, traci, ego, time):
         self.slow = traci.vehicle.getSpeed(ego) < 15.0
@@ -138,7 +143,17 @@ class Closes:
 
 @pytest.mark.parametrize(
     "hook",
-    [raises, touches, swallows, jumps, hands_over, asks_for_all, goes_round_the_guard, Closes],
+    [
+        raises,
+        touches,
+        swallows,
+        jumps,
+        hands_over,
+        asks_for_all,
+        goes_round_the_guard,
+        prints,
+        Closes,
+    ],
 )
 def test_one_that_leaves_is_driven_alone_and_no_other(hook):
     cases, why = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0, 18.0)], Counter()
