@@ -156,6 +156,14 @@ class _Hook:
         known = (EGO, *(actor.name for actor in concrete.actors), "road", "along", *lanes)
         self.names = Names(known, suffix(case, len(world.cases)))
         self._native = isinstance(self.ads, NativeModel)
+        self._know_vehicle(world)
+        self._road, self._bent = concrete.road, concrete.road.bent
+        self._wheel = Wheel(settings, partial(world.note, case), concrete.road.line)
+        self._actuation = Actuation(settings.conditions, lambda *clip: world.note(case, *clip))
+
+    def _know_vehicle(self, world: World) -> None:
+        """Limits of the ego, and where its numbers stand in a row."""
+        concrete, settings = world.cases[self._case], world.settings
         self._step, self._limits = settings.step, settings.vehicle
         self._half = 0.5 * settings.vehicle.length
         self._lowest, self._highest = (
@@ -169,9 +177,6 @@ class _Hook:
         self._front_x, self._front_y, self._commanded, self._map = (
             places[name] for name in ("front_x", "front_y", "command", "map")
         )
-        self._road, self._bent = concrete.road, concrete.road.bent
-        self._wheel = Wheel(settings, partial(world.note, case), concrete.road.line)
-        self._actuation = Actuation(settings.conditions, lambda *clip: world.note(case, *clip))
 
     def watch(self, world: World, row: int) -> None:
         """Look at this row of the world's arrays from now on."""

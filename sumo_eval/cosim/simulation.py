@@ -500,26 +500,37 @@ def _hooks_together(
         return [_KEEPS_STATE[hook]] * len(cases)
     before = kept_state(hook)
     found = _together(cases, OnTraci(made, seeds, terms), settings)
-    del made
     changed = first_change(before, kept_state(hook))
     if changed is None:
-        batched = [index for index, one in enumerate(found) if isinstance(one, Recording)]
-        compared = _COMPARED.get(hook, 0)
-        wanted = max(_COMPARED_FIRST - compared, math.ceil(_COMPARED_LATER * len(batched)))
-        for index in batched[:: max(len(batched) // wanted, 1)][:wanted]:
-            own = simulate(
-                cases[index], rider.make(), settings, folder=terms.folder,
-                step_timeout=terms.step_timeout, seed=seeds[index],
-                period=terms.every * settings.step if terms.every > 1 else None,
-            )  # fmt: skip
-            if not found[index].same_motion(own):  # type: ignore[union-attr]
-                changed = f"something else, for {cases[index].label}"
-                break
-            _COMPARED[hook] = _COMPARED.get(hook, 0) + 1
-    if changed is not None:
-        _KEEPS_STATE[hook] = Alone("keeps_state", changed)
-        return [_KEEPS_STATE[hook]] * len(cases)
-    return found
+        changed = _difference(cases, rider, seeds, terms, settings, found)
+    if changed is None:
+        return found
+    _KEEPS_STATE[hook] = Alone("keeps_state", changed)
+    return [_KEEPS_STATE[hook]] * len(cases)
+
+
+def _difference(
+    cases: Sequence[ConcreteScenario],
+    rider: _Rider,
+    seeds: Sequence[int],
+    terms: Terms,
+    settings: SimulationSettings,
+    found: Sequence[Recording | Alone],
+) -> str | None:
+    """Drive a few cases of a batch alone, too; which of them differs, None: none does."""
+    batched = [index for index, one in enumerate(found) if isinstance(one, Recording)]
+    compared = _COMPARED.get(rider.hook, 0)
+    wanted = max(_COMPARED_FIRST - compared, math.ceil(_COMPARED_LATER * len(batched)), 1)
+    period = terms.every * settings.step if terms.every > 1 else None
+    for index in batched[:: max(len(batched) // wanted, 1)][:wanted]:
+        own = simulate(
+            cases[index], rider.make(), settings, folder=terms.folder,
+            step_timeout=terms.step_timeout, seed=seeds[index], period=period,
+        )  # fmt: skip
+        if not own.same_motion(found[index]):  # type: ignore[arg-type]
+            return f"something else, for {cases[index].label}"
+        _COMPARED[rider.hook] = _COMPARED.get(rider.hook, 0) + 1
+    return None
 
 
 def _together(

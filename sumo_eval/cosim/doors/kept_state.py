@@ -31,21 +31,24 @@ def kept_state(ads: Any) -> dict[str, object]:
 
     ads: a class or a function, whose module's folder holds the code.
     """
-    state: dict[str, object] = {
+    state = _of_process()
+    for module in _modules(ads):
+        own = [(k, v) for k, v in list(vars(module).items()) if not k.startswith("__")]
+        state |= {f"{module.__name__}.{name}": _frozen(value, 0) for name, value in own}
+    for kind in ads.__mro__[:-1] if inspect.isclass(ads) else (ads,):
+        state[kind.__qualname__] = _frozen(kind, 0)
+    return state
+
+
+def _of_process() -> dict[str, object]:
+    """State that all code of a process shares."""
+    return {
         "random": random.getstate(),
         "numpy.random": _frozen(np.random.get_state(), 0),  # noqa: NPY002 - what an ADS may use
         # numba sets its own when its first function is compiled
         "os.environ": {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")},
         "the working directory": os.getcwd(),
     }
-    for module in _modules(ads):
-        for name, value in list(vars(module).items()):
-            if not name.startswith("__"):
-                state[f"{module.__name__}.{name}"] = _frozen(value, 0)
-    for kind in ads.__mro__[:-1] if inspect.isclass(ads) else ():
-        state[kind.__qualname__] = _frozen(kind, 0)
-    state[getattr(ads, "__qualname__", "ads")] = _frozen(ads, 0)
-    return state
 
 
 def first_change(before: dict[str, object], after: dict[str, object]) -> str | None:
@@ -61,9 +64,12 @@ def _modules(ads: Any) -> Iterator[ModuleType]:
     if own is None and isinstance(getattr(ads, "__globals__", None), dict):
         own = ModuleType(ads.__module__)
         own.__dict__.update(ads.__globals__)
-    if own is None or own.__name__.partition(".")[0] in _NOT_ITS_OWN:
-        return
-    yield own
+    if own is not None and own.__name__.partition(".")[0] not in _NOT_ITS_OWN:
+        yield own
+        yield from _beside(own)
+
+
+def _beside(own: ModuleType) -> Iterator[ModuleType]:
     file = getattr(own, "__file__", None)
     folder = None if file is None or "site-packages" in file else Path(file).parent
     for module in list(sys.modules.values()):
@@ -92,17 +98,21 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
         return len(value), [inner(it) for it in _first(value)]
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
+    stream = _stream(value)
+    return (id(value), *map(inner, _parts(value))) if stream is None else stream
+
+
+def _stream(value: Any) -> object:
+    """Where a generator, an iterator or a cache is; None: it is none of them."""
     if isinstance(value, random.Random):
         return value.getstate()
     if isinstance(value, np.random.Generator):
         return repr(value.bit_generator.state)
     if isinstance(value, np.random.RandomState):
-        return inner(value.get_state())
+        return _frozen(value.get_state(), 0)
     if hasattr(value, "cache_info"):
         return id(value), repr(value.cache_info())
-    if type(value).__module__ == _ITERATOR:
-        return repr(value)
-    return id(value), *map(inner, _parts(value))
+    return repr(value) if type(value).__module__ == _ITERATOR else None
 
 
 def _parts(value: Any) -> tuple[Any, ...]:

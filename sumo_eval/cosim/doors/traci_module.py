@@ -130,13 +130,18 @@ class Guard:
         plain = not kwargs and vehicle == EGO and call in _SHARED
         if not plain or (call == "setSpeed" and not args[0] >= 0.0):
             self.leave()
-        if call != "moveToXY":
-            return self.names[EGO], tuple(map(self.names.inside, args))
-        edge, lane, x, y, angle, keep = args if len(args) == 6 else self.leave()
+        told = self._place_of_a_row(args) if call == "moveToXY" else args
+        return self.names[EGO], tuple(map(self.names.inside, told))
+
+    def _place_of_a_row(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Arguments of moveToXY with the road of the row, the only one that it can be on."""
+        if len(args) != 6:
+            self.leave()
+        edge, keep = args[0], args[5]
         if edge not in ("", "road") or keep not in (1, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE):
             self.leave()
         keep = _ANYWHERE_ON_ITS_ROUTE if keep == _ANYWHERE else keep
-        return self.names[EGO], (self.names["road"], lane, x, y, angle, keep)
+        return ("road", *args[1:5], keep)
 
     def meddles(self, what: str, deed: str, why: str) -> None:
         """An ADS does what is not its own.

@@ -23,7 +23,7 @@ _READS = ("get", "is", "could", "wants")
 _OF_ALL_ROWS = ("getTime", "getDeltaT", "getCurrentTime")  # the same for each of them
 _OF_MANY = frozenset(
     {
-        "getLoadedIDList", "getTeleportingIDList", "getTaxiFleet", "getSubscriptionResults",
+        "getIDList", "getIDCount", "getLoadedIDList", "getTeleportingIDList", "getTaxiFleet", "getSubscriptionResults",
         "getAllSubscriptionResults", "getContextSubscriptionResults",
         "getAllContextSubscriptionResults", "getFoes", "getInternalFoes",
     }
@@ -46,8 +46,7 @@ def _reading(guard: Guard, read: Callable[..., Any], direct: Callable[..., Any])
                     return answer
             else:
                 inside = [names[it] if type(it) is str else it for it in args]
-                named = {name: names.inside(it) for name, it in kwargs.items()}
-                answer = read(*inside, **named)
+                answer = read(*inside, **kwargs)
             return names.outside(answer)
         except (libsumo.TraCIException, TypeError):
             guard.leave()
@@ -72,6 +71,17 @@ def _leaving(guard: Guard) -> Any:
     return leaving
 
 
+def _seen(guard: Guard, domain: Any, call: str) -> Any:
+    """What stands where a domain has a call that reads."""
+    kind = domain.__name__
+    if kind == "vehicle" and call == "getIDList":
+        return _listing(guard, domain.getIDList)
+    if kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY:
+        read = getattr(domain, call)
+        return _reading(guard, read, insides.direct(call, read, kind))
+    return _leaving(guard)
+
+
 def _view(guard: Guard) -> list[tuple[Any, str, Any]]:
     """The calls that differ where cases share SUMO: of which domain, name, what stands there."""
     view: list[tuple[Any, str, Any]] = []
@@ -82,17 +92,8 @@ def _view(guard: Guard) -> list[tuple[Any, str, Any]]:
             written = call in vars(domain)  # guarded already
             if call.startswith("_") or isinstance(read, type) or not callable(read) or written:
                 continue
-            if kind == "simulation" and call in _OF_ALL_ROWS:
-                continue
-            named = kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY
-            if kind == "vehicle" and call in ("getIDList", "getIDCount"):
-                listing = _listing(guard, domain.getIDList)
-                seen = listing if call == "getIDList" else lambda listing=listing: len(listing())
-            elif named and call not in ("getIDList", "getIDCount"):
-                seen = _reading(guard, read, insides.direct(call, read, kind))
-            else:
-                seen = _leaving(guard)
-            view.append((domain, call, staticmethod(seen)))
+            if kind != "simulation" or call not in _OF_ALL_ROWS:
+                view.append((domain, call, staticmethod(_seen(guard, domain, call))))
     return view
 
 
