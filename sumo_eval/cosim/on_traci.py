@@ -40,6 +40,7 @@ from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
+from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.road.reference_line import curvatures, frame_places
 
 _LIMIT_TOLERANCE = 1e-6  # m/s2
@@ -73,6 +74,9 @@ class OnTraci(Driver):
         GUARD.begin(others, settings.step, interference, heeding(concrete))
         GUARD.shared = not self._alone
         stage.take_charge(world)
+        self._begin_each(world, stage)
+
+    def _begin_each(self, world: World, stage: Stage) -> None:
         for case in () if self._alone else world.errors:
             world.leave(case, LEFT_BATCH)
         for case, hook in enumerate(self._hooks):
@@ -152,17 +156,21 @@ class _Hook:
         self._world, self._calls, self._traci, self._case = world, stage.calls, stage.traci, case
         concrete, settings = world.cases[case], world.settings
         self._ego = stage.names[case][0]
-        lanes = [f"road_{lane}" for lane in range(concrete.road.lanes)]
-        known = (EGO, *(actor.name for actor in concrete.actors), "road", "along", *lanes)
-        self.names = Names(known, suffix(case, len(world.cases)))
+        self.names = _names(concrete, suffix(case, len(world.cases)))
         self._native = isinstance(self.ads, NativeModel)
-        self._know_vehicle(world)
+        self._know_limits(world)
+        self._take_wheel(world)
+
+    def _take_wheel(self, world: World) -> None:
+        """Make what carries out commands."""
+        case, settings = self._case, world.settings
+        concrete = world.cases[case]
         self._road, self._bent = concrete.road, concrete.road.bent
         self._wheel = Wheel(settings, partial(world.note, case), concrete.road.line)
         self._actuation = Actuation(settings.conditions, lambda *clip: world.note(case, *clip))
 
-    def _know_vehicle(self, world: World) -> None:
-        """Limits of the ego, and where its numbers stand in a row."""
+    def _know_limits(self, world: World) -> None:
+        """Limits of the ego's motion."""
         concrete, settings = world.cases[self._case], world.settings
         self._step, self._limits = settings.step, settings.vehicle
         self._half = 0.5 * settings.vehicle.length
@@ -173,6 +181,10 @@ class _Hook:
         self._sideways = _SIDEWAYS_SPEED * settings.step
         # m/s, the ego's as SUMO counts it, without the sideways part
         self._lane_speed = concrete.ego.speed
+        self._know_places(world)
+
+    def _know_places(self, world: World) -> None:
+        """Where the ego's numbers stand in a row."""
         places = {name: place[1] // 8 for name, place in (world.egos.dtype.fields or {}).items()}
         self._front_x, self._front_y, self._commanded, self._map = (
             places[name] for name in ("front_x", "front_y", "command", "map")
@@ -481,3 +493,10 @@ class _Hook:
                 f"{self._world.time:.2f} s."
             )
         self._world.note(self._case, what, requested, possible)
+
+
+def _names(concrete: ConcreteScenario, suffix: str) -> Names:
+    """Names of what a hook can ask SUMO about in a case."""
+    lanes = [f"road_{lane}" for lane in range(concrete.road.lanes)]
+    actors = [actor.name for actor in concrete.actors]
+    return Names((EGO, *actors, "road", "along", *lanes), suffix)

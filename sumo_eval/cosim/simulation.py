@@ -496,17 +496,16 @@ def _hooks_together(
 ) -> Sequence[Recording | Alone]:
     """The recording of each case of a hook, some of which were compared with those alone."""
     hook = rider.hook
-    if hook in _KEEPS_STATE:
-        return [_KEEPS_STATE[hook]] * len(cases)
+    if why := _KEEPS_STATE.get(hook):
+        return [why] * len(cases)
     before = kept_state(hook)
     found = _together(cases, OnTraci(made, seeds, terms), settings)
     changed = first_change(before, kept_state(hook))
-    if changed is None:
-        changed = _difference(cases, rider, seeds, terms, settings, found)
+    changed = changed or _difference(cases, rider, seeds, terms, settings, found)
     if changed is None:
         return found
-    _KEEPS_STATE[hook] = Alone("keeps_state", changed)
-    return [_KEEPS_STATE[hook]] * len(cases)
+    why = _KEEPS_STATE[hook] = Alone("keeps_state", changed)
+    return [why] * len(cases)
 
 
 def _difference(
@@ -518,19 +517,24 @@ def _difference(
     found: Sequence[Recording | Alone],
 ) -> str | None:
     """Drive a few cases of a batch alone, too; which of them differs, None: none does."""
-    batched = [index for index, one in enumerate(found) if isinstance(one, Recording)]
-    compared = _COMPARED.get(rider.hook, 0)
-    wanted = max(_COMPARED_FIRST - compared, math.ceil(_COMPARED_LATER * len(batched)), 1)
     period = terms.every * settings.step if terms.every > 1 else None
-    for index in batched[:: max(len(batched) // wanted, 1)][:wanted]:
-        own = simulate(
-            cases[index], rider.make(), settings, folder=terms.folder,
-            step_timeout=terms.step_timeout, seed=seeds[index], period=period,
-        )  # fmt: skip
+    drive_alone = partial(simulate, settings=settings, folder=terms.folder,
+        step_timeout=terms.step_timeout, period=period)  # fmt: skip
+    for index in _chosen(rider.hook, found):
+        own = drive_alone(cases[index], rider.make(), seed=seeds[index])
         if not own.same_motion(found[index]):  # type: ignore[arg-type]
             return f"something else, for {cases[index].label}"
         _COMPARED[rider.hook] = _COMPARED.get(rider.hook, 0) + 1
     return None
+
+
+def _chosen(hook: Any, found: Sequence[Recording | Alone]) -> list[int]:
+    """Cases of a batch to be driven alone, too, spread over it."""
+    batched = [index for index, one in enumerate(found) if isinstance(one, Recording)]
+    wanted = max(
+        _COMPARED_FIRST - _COMPARED.get(hook, 0), math.ceil(_COMPARED_LATER * len(batched))
+    )
+    return batched[:: max(len(batched) // max(wanted, 1), 1)][:wanted]
 
 
 def _together(

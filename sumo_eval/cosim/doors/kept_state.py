@@ -11,7 +11,7 @@ import os
 import random
 import sys
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from types import FunctionType, ModuleType
@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
-_DEEPEST = 8  # containers and objects within each other
+_DEEPEST = 12  # containers and objects within each other
 _MOST = 10_000  # members of a container, the rest of which is not looked at
+_CONTAINERS = (dict, list, tuple, set, frozenset, deque)
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 _NOT_ITS_OWN = ("sumo_eval", "numpy", "traci", "libsumo")  # packages, beside Python's own
 _ITERATOR = "itertools"  # whose objects show where they are
@@ -85,25 +86,24 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
     """
     if isinstance(value, _PLAIN):
         return value
+    contains = isinstance(value, _CONTAINERS)
+    # containers may be of this look's own making
+    name = len(value) if contains else id(value)
     if depth > _DEEPEST or id(value) in seen:
-        # containers may be of this look's own making
-        return len(value) if isinstance(value, dict | list | tuple) else id(value)
-
-    def inner(it: Any) -> object:
-        return _frozen(it, depth + 1, seen | {id(value)})
-
-    if isinstance(value, dict):
-        return len(value), [(inner(name), inner(it)) for name, it in _first(value.items())]
-    if isinstance(value, list | tuple | set | frozenset | deque):
-        return len(value), [inner(it) for it in _first(value)]
-    if isinstance(value, np.ndarray):
-        return value.dtype.str, value.shape, value.tobytes()
+        return name
     stream = _stream(value)
-    return (id(value), *map(inner, _parts(value))) if stream is None else stream
+    if stream is not None:
+        return stream
+    within = seen | {id(value)}
+    members = value.items() if isinstance(value, dict) else value
+    parts = islice(members, _MOST) if contains else _parts(value)
+    return name, [_frozen(it, depth + 1, within) for it in parts]
 
 
 def _stream(value: Any) -> object:
-    """Where a generator, an iterator or a cache is; None: it is none of them."""
+    """What an array holds; where a generator, an iterator or a cache is; None: it is none of them."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, random.Random):
         return value.getstate()
     if isinstance(value, np.random.Generator):
@@ -125,10 +125,6 @@ def _parts(value: Any) -> tuple[Any, ...]:
         cells = [_cell(it) for it in value.__closure__ or ()]
         return vars(value), value.__defaults__, value.__kwdefaults__, cells
     return (dict(getattr(value, "__dict__", {})),)
-
-
-def _first(values: Iterable[Any]) -> list[Any]:
-    return list(islice(values, _MOST))
 
 
 def _cell(cell: Any) -> Any:

@@ -23,11 +23,19 @@ _READS = ("get", "is", "could", "wants")
 _OF_ALL_ROWS = ("getTime", "getDeltaT", "getCurrentTime")  # the same for each of them
 _OF_MANY = frozenset(
     {
-        "getIDList", "getIDCount", "getLoadedIDList", "getTeleportingIDList", "getTaxiFleet", "getSubscriptionResults",
-        "getAllSubscriptionResults", "getContextSubscriptionResults",
-        "getAllContextSubscriptionResults", "getFoes", "getInternalFoes",
+        "getIDList",
+        "getIDCount",
+        "getLoadedIDList",
+        "getTeleportingIDList",
+        "getTaxiFleet",
+        "getFoes",
+        "getInternalFoes",
+        "getSubscriptionResults",
+        "getAllSubscriptionResults",
+        "getContextSubscriptionResults",
+        "getAllContextSubscriptionResults",
     }
-)  # fmt: skip
+)
 """Reading calls of a domain that are about more than one object of the row."""
 
 
