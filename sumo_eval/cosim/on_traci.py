@@ -154,7 +154,7 @@ class _Hook:
     def take(self, world: World, stage: Stage, case: int) -> None:
         """Make ready for a case of the world."""
         self._world, self._calls, self._traci, self._case = world, stage.calls, stage.traci, case
-        concrete, settings = world.cases[case], world.settings
+        concrete = world.cases[case]
         self._ego = stage.names[case][0]
         self.names = _names(concrete, suffix(case, len(world.cases)))
         self._native = isinstance(self.ads, NativeModel)

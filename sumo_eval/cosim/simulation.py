@@ -500,8 +500,9 @@ def _hooks_together(
         return [why] * len(cases)
     before = kept_state(hook)
     found = _together(cases, OnTraci(made, seeds, terms), settings)
-    changed = first_change(before, kept_state(hook))
-    changed = changed or _difference(cases, rider, seeds, terms, settings, found)
+    changed = first_change(before, kept_state(hook)) or _difference(
+        cases, rider, seeds, terms, settings, found
+    )
     if changed is None:
         return found
     why = _KEEPS_STATE[hook] = Alone("keeps_state", changed)
@@ -524,17 +525,17 @@ def _difference(
         own = drive_alone(cases[index], rider.make(), seed=seeds[index])
         if not own.same_motion(found[index]):  # type: ignore[arg-type]
             return f"something else, for {cases[index].label}"
-        _COMPARED[rider.hook] = _COMPARED.get(rider.hook, 0) + 1
     return None
 
 
 def _chosen(hook: Any, found: Sequence[Recording | Alone]) -> list[int]:
     """Cases of a batch to be driven alone, too, spread over it."""
     batched = [index for index, one in enumerate(found) if isinstance(one, Recording)]
-    wanted = max(
-        _COMPARED_FIRST - _COMPARED.get(hook, 0), math.ceil(_COMPARED_LATER * len(batched))
-    )
-    return batched[:: max(len(batched) // max(wanted, 1), 1)][:wanted]
+    compared = _COMPARED.get(hook, 0)
+    wanted = max(_COMPARED_FIRST - compared, math.ceil(_COMPARED_LATER * len(batched)), 1)
+    chosen = batched[:: max(len(batched) // wanted, 1)][:wanted]
+    _COMPARED[hook] = compared + len(chosen)
+    return chosen
 
 
 def _together(

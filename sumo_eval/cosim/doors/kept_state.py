@@ -101,7 +101,7 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
 
 
 def _stream(value: Any) -> object:
-    """What an array holds; where a generator, an iterator or a cache is; None: it is none of them."""
+    """What an array holds, or where a generator, an iterator or a cache is; None: neither."""
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, random.Random):
