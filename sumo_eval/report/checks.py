@@ -79,42 +79,36 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
 
 
 def checks_content(evaluation: Evaluation) -> Mapping[str, Any] | None:
-    """For each scenario with requirements: what they are, how often each ADS misses them, and each
+    """For each scenario with requirements: their texts, how often each ADS misses them, and each
     row's verdict.
     """
-    tables = []
-    for scenario, checks in evaluation.checks.items():
-        scores = [score for score in evaluation.scores if score.scenario == scenario]
-        if not scores:
-            continue
-        names = [score.ads for score in scores]
-        failed, passed = {name: Counter[str]() for name in names}, Counter[str]()
-        points: set[int] = set()
-        rows: dict[str, dict[str, CheckedCase]] = {}
-        for one in checked_cases(evaluation, scores):
-            failed[one.ads].update(name for name in checks if one.verdict_of(name) == FAILED)
-            passed[one.ads] += one.verdict == PASSED
-            points.add(hash(one.point))  # of a million points the texts would be 100 MB
-            if len(rows) < MOST_ROWS or one.point in rows:
-                rows.setdefault(one.point, {})[one.ads] = one
-        tables.append(
-            {
-                "scenario": scenario,
-                "ads": names,
-                "checks": [
-                    (name, text, [failed[ads][name] for ads in names])
-                    for name, text in checks.items()
-                ],
-                "passed": [passed[ads] for ads in names],
-                "of": len(points),
-                "rows": [
-                    (
-                        place,
-                        [found.get(ads) for ads in names],
-                    )
-                    for place, found in rows.items()
-                ],
-                "more": max(0, len(points) - MOST_ROWS),
-            }
-        )
+    scored = {score.scenario for score in evaluation.scores}
+    tables = [_table(evaluation, scenario) for scenario in evaluation.checks if scenario in scored]
     return {"tables": tables} if tables else None
+
+
+def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
+    """The table of one scenario."""
+    checks = evaluation.checks[scenario]
+    scores = [score for score in evaluation.scores if score.scenario == scenario]
+    names = [score.ads for score in scores]
+    failed, passed = Counter[tuple[str, str]](), Counter[str]()
+    points: set[int] = set()
+    rows: dict[str, dict[str, CheckedCase]] = {}
+    for one in checked_cases(evaluation, scores):
+        failed.update((one.ads, name) for name in checks if one.verdict_of(name) == FAILED)
+        passed[one.ads] += one.verdict == PASSED
+        points.add(hash(one.point))  # of a million points the texts would be 100 MB
+        if len(rows) < MOST_ROWS or one.point in rows:
+            rows.setdefault(one.point, {})[one.ads] = one
+    return {
+        "scenario": scenario,
+        "ads": names,
+        "checks": [
+            (name, text, [failed[ads, name] for ads in names]) for name, text in checks.items()
+        ],
+        "passed": [passed[ads] for ads in names],
+        "of": len(points),
+        "rows": [(point, [found.get(ads) for ads in names]) for point, found in rows.items()],
+        "more": max(0, len(points) - MOST_ROWS),
+    }

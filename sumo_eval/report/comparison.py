@@ -287,8 +287,7 @@ def compare(
     if not comparison.ads:
         raise InputError(
             f"{base.folder} and {new.folder} have no ADS in a common logical scenario; name the "
-            "ADSs that belong "
-            "together with --pair BASE=NEW."
+            "ADSs that belong together with --pair BASE=NEW."
         )
     return comparison
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,7 +46,7 @@ PICTURE = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class CaseDrives:
     """One case with all that drove at its point.
 
     beside: drives of drivers and of the reference car, by name.
@@ -85,7 +86,7 @@ def driving_words(
     return [*sentences, *picture(scene, moment), f"See it: {command}"]
 
 
-def _scene(case: CaseResult, fact: Fact, store: Store) -> Scene:
+def _scene(case: CaseResult, fact: Fact, store: Store) -> CaseDrives:
     vehicles = store.trajectories(case.case)
     points = range(fact.point, fact.point + 1)
     drives = [
@@ -100,14 +101,14 @@ def _scene(case: CaseResult, fact: Fact, store: Store) -> Scene:
     humans = tuple(
         beside[one.driver] for one in drives if one.role == "human" and one.driver in beside
     )
-    return Scene(case, vehicles.pop(EGO), vehicles, humans, beside)
+    return CaseDrives(case, vehicles.pop(EGO), vehicles, humans, beside)
 
 
 _Said = Iterator[tuple[str, float]]
 """A sentence, and the time that it is about, s since the start of the drive."""
 
 
-def _incident(scene: Scene, fact: Fact) -> _Said:
+def _incident(scene: CaseDrives, fact: Fact) -> _Said:
     """Contact, departure, or an end that the harness brought, and what the ADS did before."""
     case, hit = scene.case, fact.collision
     if hit is not None:
@@ -143,7 +144,7 @@ def _braking_before(ego: Trajectory, contact: float) -> str:
     )
 
 
-def task_words(scene: Scene, logical: LogicalScenario) -> _Said:
+def task_words(scene: CaseDrives, logical: LogicalScenario) -> _Said:
     """Where the drive fell behind the slowest of the references."""
     share = scene.case.task_share
     begin = logical.placed(scene.case.values).ego.x
@@ -176,12 +177,12 @@ def task_words(scene: Scene, logical: LogicalScenario) -> _Said:
     yield f"Needed {late}.", float(own[int(np.argmax(own - asked.slowest))])
 
 
-def _people(scene: Scene, car: str) -> str:
+def _people(scene: CaseDrives, car: str) -> str:
     drivers = count(len(scene.drivers), "driver")
     return f"{drivers} and the {car}" if len(scene.beside) > len(scene.drivers) else drivers
 
 
-def likeness_words(scene: Scene, people: Quantiles) -> _Said:
+def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:
     """The factor that lowers H most, in words; each factor below `LOW`, the lowest first."""
     factors = {name: getattr(scene.case, field) for name, field in LIKENESS_FACTORS.items()}
     low = sorted(
@@ -203,7 +204,7 @@ def likeness_words(scene: Scene, people: Quantiles) -> _Said:
             yield f"Drove {gone:z.0f} m, the drivers {theirs:z.0f} m in the mean.", end
 
 
-def _extreme(scene: Scene, people: Quantiles) -> tuple[str, float]:
+def _extreme(scene: CaseDrives, people: Quantiles) -> tuple[str, float]:
     """The extreme that few people reach: its value and time, the event nearest to it, and how many
     people do so.
     """
@@ -227,7 +228,7 @@ def _extreme(scene: Scene, people: Quantiles) -> tuple[str, float]:
     )
 
 
-def _reached(scene: Scene, name: str, value: float) -> float:
+def _reached(scene: CaseDrives, name: str, value: float) -> float:
     """When a drive first reached an extreme, s: the shortest drive from its start that has it, by
     bisection.
     """
@@ -247,7 +248,7 @@ def _until(drive: Trajectory, samples: int) -> Trajectory:
     )
 
 
-def _event(scene: Scene, when: float) -> str:
+def _event(scene: CaseDrives, when: float) -> str:
     """`, at 3.2 s, 2.1 s before `lead` braked`: the move of another road user that is nearest in
     time.
     """
@@ -267,18 +268,16 @@ def _event(scene: Scene, when: float) -> str:
     return f" at {when:z.1f} s, {abs(when - time):z.1f} s {order} {words}"
 
 
-def _unlike(scene: Scene) -> tuple[str, float]:
+def _unlike(scene: CaseDrives) -> tuple[str, float]:
     """Where path or speed lies furthest from the drivers' own spread."""
     ego, end = scene.ego, min(float(one.x.max()) for one in (scene.ego, *scene.drivers))
     places = np.arange(float(ego.x[0]), max(end, float(ego.x[0]) + 1.0))
-    worst = max(
-        (_furthest(scene, places, channel) for channel in ("y", "speed")),
-        key=lambda found: found[0],
-    )
-    _, place, own, theirs, channel = worst
-    when = float(times_at(ego, np.array([place]))[0])
+    speed, y = (_furthest(scene, places, channel) for channel in ("speed", "y"))
+    worst = speed if speed.deviations > y.deviations else y
+    own, theirs = worst.own, worst.drivers
+    when = float(times_at(ego, np.array([worst.place]))[0])
     at = f"At {when:z.1f} s"
-    if channel == "speed":
+    if worst is speed:
         low, high = 3.6 * theirs.min(), 3.6 * theirs.max()
         return (
             f"{at} it drove {3.6 * own:z.0f} km/h where {len(theirs)} drivers drove {low:z.0f} to "
@@ -290,16 +289,27 @@ def _unlike(scene: Scene) -> tuple[str, float]:
     return f"{at} it was {away:z.1f} m further {side} than {len(theirs)} drivers in the mean.", when
 
 
-def _furthest(
-    scene: Scene, places: FloatArray, channel: str
-) -> tuple[float, float, float, FloatArray, str]:
-    """(deviations from the drivers' mean, place x, own value, the drivers' values, channel)."""
+class Furthest(NamedTuple):
+    """The place at which a quantity lies furthest from that of the drivers.
+
+    deviations: from the drivers' mean, in their standard deviations.
+    place: x, m.
+    own, drivers: the quantity of the ADS and of each driver there.
+    """
+
+    deviations: float
+    place: float
+    own: float
+    drivers: FloatArray
+
+
+def _furthest(scene: CaseDrives, places: FloatArray, channel: str) -> Furthest:
     own = _at_places(scene.ego, places, channel)
     theirs = np.array([_at_places(one, places, channel) for one in scene.drivers])
     spread = np.maximum(theirs.std(axis=0, ddof=1), 0.2 if channel == "y" else 1.0)
     away = np.abs(own - theirs.mean(axis=0)) / spread
     worst = int(np.argmax(away))
-    return float(away[worst]), float(places[worst]), float(own[worst]), theirs[:, worst], channel
+    return Furthest(float(away[worst]), float(places[worst]), float(own[worst]), theirs[:, worst])
 
 
 def _at_places(drive: Trajectory, places: FloatArray, channel: str) -> FloatArray:
@@ -311,7 +321,7 @@ def _way(drive: Trajectory) -> float:
     return float(np.hypot(np.diff(drive.x), np.diff(drive.y)).sum())
 
 
-def picture(scene: Scene, moment: float | None) -> list[str]:
+def picture(scene: CaseDrives, moment: float | None) -> list[str]:
     """Speed over time of the ego and of the drivers in the mean, in blocks; a mark at the
     moment.
     """

@@ -32,7 +32,7 @@ from sumo_eval.scoring.preventability import preventability, reference_ads, verd
 FORMAT_VERSION = 1
 PAGE, PLAIN = "evidence.html", "evidence.json"
 MOST_CASES = 50  # that a claim names; cases.csv has all
-Verdict = Literal["supported", "not supported", "open"]
+Support = Literal["supported", "not supported", "open"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Claim:
     ads: str
     scenario: str
     claim: str
-    verdict: Verdict
+    verdict: Support
     argument: str
     evidence: tuple[str, ...] = ()
     interval: dict[str, float] | None = None
@@ -183,9 +183,8 @@ def _collisions(
             "not supported" if score.not_evaluated else "open" if it.high >= 1.0 else "supported"
         ),
         argument="Upper end of the two-sided interval of the weighted share: a bootstrap over the "
-                 "cases, or, where "
-        "none collided, the exact binomial limit for as many equally frequent cases as tell as "
-        "much.",
+                 "cases, or, where none collided, the exact binomial limit for as many equally "
+                 "frequent cases as tell as much.",
         evidence=(
             f"{count(len(hit), 'collision')} in {count(len(judged), 'evaluated case')}.",
             f"As informative as {found.effective_cases:z.1f} equally frequent cases.",
@@ -207,15 +206,14 @@ def _preventable(
     against = cases[np.isin(verdicts(evaluation, score), ["preventable", "undecided"])]
     skilled = reference_ads(evaluation.settings) or "the ideal vehicle"
     undecided = row.undecided + row.not_evaluated
-    verdict: Verdict = "not supported" if row.preventable else "open" if undecided else "supported"
+    verdict: Support = "not supported" if row.preventable else "open" if undecided else "supported"
     return _claim(
         score, "preventability",
         claim=f"{about} has no incident that is preventable for a skilled driver.",
         verdict=verdict,
         argument=f"The skilled driver is {skilled}, driven through each concrete scenario beside "
-                 "the ADS: an incident "
-        "(collision, leaving the road, giving up) is unpreventable for it where it has one as "
-        "well.",
+                 "the ADS: an incident (collision, leaving the road, giving up) is unpreventable "
+                 "for it where it has one as well.",
         evidence=(
             f"{count(row.incidents, 'incident')}: {row.preventable} preventable for a skilled "
             "driver, "
@@ -223,8 +221,7 @@ def _preventable(
             f"{count(row.better, 'case')} unpreventable for a skilled driver, preventable for the "
             "ADS.",
             f"{row.off_road} left the road, {row.gave_up} given up, {row.not_evaluated} not "
-            "evaluated, "
-            f"of {count(row.cases, 'case')}.",
+            f"evaluated, of {count(row.cases, 'case')}.",
         ),
         cases=_names(against),
     )  # fmt: skip
@@ -252,12 +249,10 @@ def _avoided(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
     return _claim(
         score, "avoided",
         claim=f"{about} avoids at least {ends[0]:z.3g} of the harm that the ideal vehicle avoids "
-              "and a car that does "
-        "nothing does not.",
+              "and a car that does nothing does not.",
         verdict="supported" if ends[0] > 0.0 else "open",
         argument="Lower end of the interval of A = 1 - sum w max(0, U - Ug) / sum w max(0, U0 - "
-                 "Ug) over all evaluated "
-        "cases; cases without an outcome count as worst.",
+                 "Ug) over all evaluated cases; cases without an outcome count as worst.",
         evidence=(
             f"A = {score.avoided_share:z.3g}; "
             f"{count(score.avoidable_collisions, 'avoidable collision')}, "
@@ -276,7 +271,7 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult) -> Claim
         number, passed = number + 1, passed + (one.verdict == PASSED)
         if one.verdict == FAILED and len(failed) < MOST_CASES:
             failed.append(one.case)
-    verdict: Verdict = "not supported" if failed else "supported" if passed == number else "open"
+    verdict: Support = "not supported" if failed else "supported" if passed == number else "open"
     checks = evaluation.checks[score.scenario]
     return _claim(
         score, "checks",
@@ -300,8 +295,7 @@ def _assumptions(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult
     method = entry.sampling.method or "the scenario's own"
     yield (
         f"{count(zone.sampled, 'point')}, chosen by `{method}`, stand for the space; what lies "
-        "outside of it is not "
-        "claimed."
+        "outside of it is not claimed."
     )
     if not evaluation.exposure_known(score.scenario):
         yield "The frequency of concrete scenarios is not known: every point counts the same."

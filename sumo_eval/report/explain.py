@@ -102,8 +102,7 @@ def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     peak = "unbounded, ideal braking hits" if math.isinf(largest) else f"{largest:z.4f} 1/s"
     yield (
         f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} m/s2: "
-        f"{peak}; "
-        f"hazardous from {settings.critical_inverse_ttc:g} 1/s"
+        f"{peak}; hazardous from {settings.critical_inverse_ttc:g} 1/s"
     )
     learnt = float(zones.predicted(row))
     yield (
@@ -129,8 +128,7 @@ def _collision(
     yield (
         f"Eq. 15: U = |({own[0]:z.3f}, {own[1]:z.3f}) - ({other[0]:z.3f}, {other[1]:z.3f})| / w = "
         f"{hit.relative_speed:z.3f} / {used:z.3f}{floor} = {number(case.severity, 3)} m/s, with "
-        f"`{hit.other}` at "
-        f"t = {hit.time:z.2f} s"
+        f"`{hit.other}` at t = {hit.time:z.2f} s"
     )
     yield f"Eq. 14: L = {number(case.loss, 1)}"
     if case.ideal_severity is None:
@@ -158,10 +156,9 @@ def _collision(
     whole = worth(found.settings.method.score)
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (found.score.c or 0.0):z.4f} this case took r (1 - {what}) / "
-        "sum r = "
-        f"{number(case.weight, 4)} x {1.0 - ratio:z.4f} / {math.fsum(weights):z.4f} = "
-        f"{share * (1.0 - ratio):z.4f} "
-        f"({len(weights)} collisions), {whole.c * share * (1.0 - ratio):z.2f} points of S"
+        f"sum r = {number(case.weight, 4)} x {1.0 - ratio:z.4f} / {math.fsum(weights):z.4f} = "
+        f"{share * (1.0 - ratio):z.4f} ({len(weights)} collisions), "
+        f"{whole.c * share * (1.0 - ratio):z.2f} points of S"
     )
 
 
@@ -226,8 +223,7 @@ def _likeness(
     whole = worth(found.settings.method.score)
     yield (
         f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {math.fsum(exposures):z.6g} = "
-        f"{share:z.5f} "
-        f"({len(exposures)} cases); of D = {number(found.score.d, 4)} this case gives "
+        f"{share:z.5f} ({len(exposures)} cases); of D = {number(found.score.d, 4)} this case gives "
         f"{share * case.index:z.5f} and took {share * (1.0 - case.index):z.5f}, "
         f"{whole.d * share * (1.0 - case.index):z.2f} points of S"
     )
@@ -239,8 +235,7 @@ def _factors(index: CaseIndex) -> Iterator[str]:
     made = index.ingredients
     yield (
         f"Eq. 12: f_L = min(1, L / mean L of {made.drivers} drivers) = min(1, "
-        f"{made.ads_length:z.2f} / "
-        f"{made.mean_length:z.2f}) = {index.length_factor:z.4f}"
+        f"{made.ads_length:z.2f} / {made.mean_length:z.2f}) = {index.length_factor:z.4f}"
     )
     ratio = (
         f"{made.mean_operations:z.2f} / {made.ads_operations}"
@@ -252,10 +247,8 @@ def _factors(index: CaseIndex) -> Iterator[str]:
     )
     yield (
         f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {made.slices} slices = "
-        f"{index.similarity:z.4f} "
-        f"(path alone {made.centre_similarity:z.4f}, field alone {made.field_similarity:z.4f}; "
-        "lowest "
-        f"{made.lowest:z.4f} at x = {made.lowest_at:z.1f} m)"
+        f"{index.similarity:z.4f} (path alone {made.centre_similarity:z.4f}, field alone "
+        f"{made.field_similarity:z.4f}; lowest {made.lowest:z.4f} at x = {made.lowest_at:z.1f} m)"
     )
     product = (
         f"{index.length_factor:z.4f} x {index.operation_factor:z.4f} x {index.similarity:z.4f}"
@@ -301,9 +294,8 @@ def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
     taken = float(found.share_lost[row])
     yield (
         f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = "
-        f"{(case.weight or 0.0) * lost:z.4f}, "
-        f"w max(0, U0 - Ug) = {(case.weight or 0.0) * at_stake:z.4f}; of 1 - A = "
-        f"{1.0 - score.avoided_share:z.4f} this "
+        f"{(case.weight or 0.0) * lost:z.4f}, w max(0, U0 - Ug) = "
+        f"{(case.weight or 0.0) * at_stake:z.4f}; of 1 - A = {1.0 - score.avoided_share:z.4f} this "
         f"case took {taken:z.4f}; A' = {number(score.avoidance_grade, 4)}"
         + (": below 0, S+ takes 0" if score.avoided_share < 0.0 else "")
     )
@@ -323,9 +315,8 @@ def _task(case: CaseResult, found: Findings) -> Iterator[str]:
     counted = found.cases.safe & np.isfinite(found.cases.task_share)
     exposures, share = _share(case, found.cases, counted, found.cases.exposure)
     yield (
-        f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest "
-        f"of {beside} / own "
-        f"time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
+        f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of "
+        f"{beside} / own time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
         f"{share * (1.0 - case.task_share):z.4f} ({len(exposures)} cases)"
     )
 
@@ -349,9 +340,8 @@ def _human(case: CaseResult, found: Findings) -> Iterator[str]:
         factors = [getattr(case, field) for field in LIKENESS_FACTORS.values()]
         yield (
             "H: f_L f_n+ similarity plausibility = "
-            f"{' x '.join(number(value, 4) for value in factors)} = "
-            f"{case.human_likeness:z.4f}; plausibility: 1 where at least 5 % of recorded people "
-            "go to such extremes"
+            f"{' x '.join(number(value, 4) for value in factors)} = {case.human_likeness:z.4f}; "
+            "plausibility: 1 where at least 5 % of recorded people go to such extremes"
         )
     exposures, share = _share(case, found.cases, found.likened, found.cases.exposure)
     if math.fsum(exposures) > 0.0:

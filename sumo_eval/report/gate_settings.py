@@ -250,8 +250,7 @@ def _check(limit: LimitSettings, where: str) -> None:
     if relative and limit.quantity in OF_THE_COMPARISON:
         raise InputError(
             f"{where} must have at_most for `{limit.quantity}`, which is a change already; it "
-            "cannot be worse by "
-            "something."
+            "cannot be worse by something."
         )
     if limit.only_if_certain and not (relative and limit.quantity in WITH_INTERVAL):
         raise InputError(

@@ -144,8 +144,7 @@ def _judge_change(
     if change.new is None:
         return GateResult(
             *where, False, f"{quantity} was {_number(quantity, change.base)} and is not computed "
-                           "any more: "
-            f"{_why_missing(quantity, score)}",
+                           f"any more: {_why_missing(quantity, score)}",
         )  # fmt: skip
     allowed = abs(change.base) * bound / 100.0 if percent else bound
     loss = change.base - change.new if higher else change.new - change.base

@@ -20,7 +20,7 @@ from sumo_eval.report.words import (
     severity_unit,
     span,
 )
-from sumo_eval.results import Evaluation, RankedAds, ScenarioResult
+from sumo_eval.results import Evaluation, RankedAds
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.findings import Findings, findings
 
@@ -28,15 +28,12 @@ CONTACT = 50.0 / 3.6
 """Impact speed that excess impact speed is counted in, m/s."""
 BY_CHANCE = 0.05
 """Probability of a sign test below which two ADSs count as different."""
-NOTICEABLE = 0.01
-"""Share of the task from which an ADS counts as slower than the slowest reference."""
-
 MOST_NAMED = 3
 """ADSs that share the first place and are named; the rest is a number."""
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Behaviour:
     """One ADS in one scenario, or in all scenarios of a run; counts are numbers of cases.
 
     stands, slower: safe cases in which it stands, or is slower, where the references drive.
@@ -103,42 +100,28 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
 # --- what was found -------------------------------------------------------------------------------
 
 
-def finding(evaluation: Evaluation, ads: str) -> Finding:
+def finding(evaluation: Evaluation, ads: str) -> Behaviour:
     """Behaviour of one ADS in all scenarios: sums, and means by the weights of the ranking."""
-    parts = [_in_scenario(one) for one in findings(evaluation) if one.score.ads == ads]
-    weights = [_weight(evaluation, score) for score in evaluation.scores if score.ads == ads]
-    sums = {
-        name: sum(getattr(part, name) for part in parts)
-        for name in (
-            "cases",
-            "avoidable",
-            "departures",
-            "stands",
-            "slower",
-            "gave_up",
-            "not_evaluated",
-        )
-    }
-    human = [
-        (part.human, weight)
-        for part, weight in zip(parts, weights, strict=True)
-        if part.human is not None
-    ]
+    parts = [one for one in findings(evaluation) if one.score.ads == ads]
+    scores = [one.score for one in parts]
+    by_scenario = {} if evaluation.ranking is None else evaluation.ranking.weights
+    weights = [by_scenario.get(score.scenario, 1.0) for score in scores]
+    human = zip((score.human_likeness for score in scores), weights, strict=True)
+    stands = sum(int(one.stands.sum()) for one in parts)
 
-    return Finding(
+    return Behaviour(
         ads,
-        **sums,
-        worst=max(part.worst for part in parts),
-        excess=_mean((part.excess, weight) for part, weight in zip(parts, weights, strict=True))
-        or 0.0,
-        grade=_mean((part.grade, weight) for part, weight in zip(parts, weights, strict=True)),
-        human=_mean(human),
-    )
-
-
-def _weight(evaluation: Evaluation, score: ScenarioResult) -> float:
-    return (
-        1.0 if evaluation.ranking is None else evaluation.ranking.weights.get(score.scenario, 1.0)
+        cases=sum(score.cases for score in scores),
+        avoidable=sum(score.avoidable_collisions for score in scores),
+        departures=sum(score.departures for score in scores),
+        stands=stands,
+        slower=sum(int(one.slow.sum()) for one in parts) - stands,
+        gave_up=sum(score.gave_up for score in scores),
+        not_evaluated=sum(score.not_evaluated for score in scores),
+        worst=max(map(_hardest, parts)),
+        excess=_mean(zip(map(_excess, parts), weights, strict=True)) or 0.0,
+        grade=_mean(zip((score.avoidance_grade for score in scores), weights, strict=True)),
+        human=_mean(pair for pair in human if pair[0] is not None),
     )
 
 
@@ -151,32 +134,22 @@ def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
     return sum((value or 0.0) * weight for value, weight in pairs) / whole
 
 
-def _in_scenario(found: Findings) -> Finding:
-    score, cases, terms = found.score, found.cases, case_terms(found.cases, found.settings.method)
-    behind = cases.safe & ~cases.incident & (cases.task_share < 1.0 - NOTICEABLE)
-    stands = behind & (cases.end_reason == "standstill")
-    beyond = exposure_mean(excess(terms.severity, terms.ideal), terms.exposure, once(len(cases)))
+def _hardest(found: Findings) -> float:
+    """Impact speed of the hardest avoidable collision, m/s; 0 without one."""
+    return float(found.cases.impact_speed[found.cases.avoidable].max(initial=0.0))
 
-    return Finding(
-        score.ads,
-        score.cases,
-        score.avoidable_collisions,
-        score.departures,
-        stands=int(stands.sum()),
-        slower=int((behind & ~stands).sum()),
-        gave_up=score.gave_up,
-        not_evaluated=score.not_evaluated,
-        worst=float(cases.impact_speed[cases.avoidable].max(initial=0.0)),
-        excess=float(beyond[0]),
-        grade=score.avoidance_grade,
-        human=score.human_likeness,
-    )
+
+def _excess(found: Findings) -> float:
+    """Mean of max(0, U - Ug) by exposure, m/s; nan where nothing could be evaluated."""
+    terms = case_terms(found.cases, found.settings.method)
+    beyond = excess(terms.severity, terms.ideal)
+    return float(exposure_mean(beyond, terms.exposure, once(len(beyond)))[0])
 
 
 # --- in words -------------------------------------------------------------------------------------
 
 
-def alarms(found: Finding) -> list[str]:
+def alarms(found: Behaviour) -> list[str]:
     """Findings on an ADS that need a look, the gravest first; empty for an ADS without any."""
     given_up = ", those given up among them" if found.gave_up else ""
     said = (
@@ -190,7 +163,7 @@ def alarms(found: Finding) -> list[str]:
     return [words for number_of, words in said if number_of]
 
 
-def safety_words(evaluation: Evaluation, found: Finding) -> str:
+def safety_words(evaluation: Evaluation, found: Behaviour) -> str:
     """`3 avoidable collisions in 192 cases, worst 43 km/h`, and how much excess impact speed that
     is.
     """
@@ -215,7 +188,7 @@ def safety_words(evaluation: Evaluation, found: Finding) -> str:
     )
 
 
-def _safest(evaluation: Evaluation, findings: Sequence[Finding]) -> str:
+def _safest(evaluation: Evaluation, findings: Sequence[Behaviour]) -> str:
     known = sorted(
         (one for one in findings if one.grade is not None), key=lambda one: -(one.grade or 0.0)
     )
@@ -258,7 +231,7 @@ def _told_apart(other: str, less: int, more: int) -> str:
     )
 
 
-def _most_human(findings: Sequence[Finding]) -> str:
+def _most_human(findings: Sequence[Behaviour]) -> str:
     known = sorted(
         (one for one in findings if one.human is not None), key=lambda one: -(one.human or 0.0)
     )

@@ -307,7 +307,8 @@ def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
 
 def _row(found: Findings) -> dict[str, Any]:
     """One ADS in one logical scenario, in the words and digits of the page."""
-    score, cases, likened, indexed = found.score, found.cases, found.likened, found.indexed
+    score, cases = found.score, found.cases
+    likened, indexed = found.likened, found.indexed
     means, likeness = found.factor_means, found.likeness_means
     hits, losses = found.collisions, found.share_lost
     return {

@@ -41,7 +41,7 @@ from sumo_eval.scoring.findings import findings
 from sumo_eval.settings import ReportSettings
 
 JUNIT = "junit.xml"
-Verdict = Literal["passed", "failure", "error", "skipped"]
+TestVerdict = Literal["passed", "failure", "error", "skipped"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Test:
     """
 
     name: str
-    verdict: Verdict
+    verdict: TestVerdict
     kind: str = ""
     message: str = ""
     text: str = ""
@@ -266,8 +266,7 @@ def _facts(case: CaseResult) -> str:
         )
         lines.append(
             f"U = {number(case.severity, 2)} m/s, Ug of the ideal vehicle = {ideal}, U0 of doing "
-            f"nothing = {nothing}, "
-            f"overlap {number(case.overlap, 2)}, hit at the {case.side}"
+            f"nothing = {nothing}, overlap {number(case.overlap, 2)}, hit at the {case.side}"
         )
     return "\n".join([*lines, *_task_and_harm(case)])
 
@@ -277,8 +276,7 @@ def _task_and_harm(case: CaseResult) -> Iterator[str]:
     if case.departed:
         yield (
             f"left the road at {number(case.departure_time, 1)} s, "
-            f"{number(case.departure_speed, 1)} m/s: "
-            f"U = {number(case.departure_severity, 2)} m/s"
+            f"{number(case.departure_speed, 1)} m/s: U = {number(case.departure_severity, 2)} m/s"
         )
     if case.gave_up:
         yield f"giving up counts as doing nothing: U = {number(case.no_reaction_severity, 2)} m/s"
@@ -350,7 +348,7 @@ class _Cell:
 
 def _together(name: str, cell: _Cell) -> Test:
     seconds, everyone = math.fsum(cell.seconds), count(len(cell.seconds), "case")
-    verdicts: tuple[tuple[Verdict, str], ...] = (
+    verdicts: tuple[tuple[TestVerdict, str], ...] = (
         ("failure", "failed"),
         ("error", "could not be evaluated"),
     )

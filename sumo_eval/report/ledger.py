@@ -25,7 +25,7 @@ from sumo_eval.report.words import (
     reason_without_d,
     reason_without_h,
 )
-from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
+from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, NOTICEABLE, Findings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 FULL = 100.0  # points
@@ -37,15 +37,16 @@ Term = Literal["S+", "T", "A", "H", "C", "D"]
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LedgerLine:
     """One term of the ledger.
 
     index: in units of T, A, H, C or D;
     points: of S+ or S.
 
     entries: its cases, the costliest first.
-    parts: what each adds, in units of the index, at most 0, (m,).
-    equation: its number in the paper; empty for what is not the paper's.
+    parts: addition of each, in units of the index, at most 0, (m,).
+    cases: number of those that lost something worth counting.
+    equation: its number in the paper; empty for a term that is not the paper's.
     """
 
     term: Term
@@ -56,11 +57,7 @@ class Line:
     scale: float
     entries: CaseTable
     parts: FloatArray
-
-    @property
-    def cases(self) -> int:
-        """Number of cases that lost something worth counting."""
-        return int(np.count_nonzero(self.parts <= -WORTH_COUNTING))
+    cases: int
 
     def worst(self, most: int) -> Iterator[tuple[CaseResult, float]]:
         """The costliest cases that cost anything, each with its points."""
@@ -83,7 +80,7 @@ class Ledger:
     name: Literal["S+", "S"]
     ads: str
     scenario: str
-    lines: tuple[Line, ...]
+    lines: tuple[LedgerLine, ...]
     total: float
 
     def index(self, term: Term) -> float:
@@ -109,7 +106,7 @@ def ledger_plus(found: Findings) -> Ledger:
     lines = _scaled("S+", FULL, cases, [whole])
     for term, lost, parts in terms:
         taken = -math.fsum(
-            alone if not len(places) else float(its.sum()) for _, _, alone, (places, its) in parts
+            float(its.sum()) if len(its) else alone for _, _, alone, (_, its, _) in parts
         )
         lines += _scaled(term, lost / taken if taken > 0.0 else 0.0, cases, parts)
     return Ledger("S+", score.ads, score.scenario, tuple(lines), _total(lines))
@@ -125,7 +122,7 @@ def ledger(found: Findings) -> Ledger:
     return Ledger("S", score.ads, score.scenario, lines, _total(lines))
 
 
-def _total(lines: Iterable[Line]) -> float:
+def _total(lines: Iterable[LedgerLine]) -> float:
     """The sum of all points; rounding that would print as -0 is none."""
     total = math.fsum(line.points for line in lines)
     return 0.0 if abs(total) < ROUNDING else total
@@ -147,21 +144,25 @@ def sentences(found: Ledger) -> list[str]:
     ]
 
 
-_Parts = tuple[IntArray, FloatArray]
-"""Places of cases, and what each adds to a line in units of the index: (m,) each."""
-_NONE: Final[_Parts] = (np.empty(0, dtype=np.intp), np.empty(0))
+_Parts = tuple[IntArray, FloatArray, int]
+"""Places of cases, their additions to a line in units of the index, (m,) each, and its `cases`."""
+_NONE: Final[_Parts] = (np.empty(0, dtype=np.intp), np.empty(0), 0)
 _Lines = Iterable[tuple[str, str, float, _Parts]]
-"""(equation, words, index where there are no cases, what its cases add)."""
+"""(equation, words, index where there are no cases, the parts of its cases)."""
 
 
-def _scaled(term: Term, scale: float, cases: CaseTable, lines: _Lines) -> list[Line]:
+def _parts(places: IntArray, lost: FloatArray) -> _Parts:
+    return places, -lost, int(np.count_nonzero(lost >= WORTH_COUNTING))
+
+
+def _scaled(term: Term, scale: float, cases: CaseTable, lines: _Lines) -> list[LedgerLine]:
     scaled, names = [], cases.case
-    for equation, words, alone, (places, parts) in lines:
+    for equation, words, alone, (places, parts, number) in lines:
         index = math.fsum(map(float, parts)) if len(places) else alone
         order = np.lexsort((names[places], parts))
-        entries = cases[places[order]]
+        entries, parts = cases[places[order]], parts[order]
         scaled.append(
-            Line(term, equation, words, index, index * scale, scale, entries, parts[order])
+            LedgerLine(term, equation, words, index, index * scale, scale, entries, parts, number)
         )
     return scaled
 
@@ -173,27 +174,32 @@ def _task_lines(found: Findings) -> _Lines:
         return
     shares = cases.task_share
     lost = np.nan_to_num(_shares(cases, cases.safe & np.isfinite(shares)) * (1.0 - shares))
-    stands = cases.end_reason == "standstill"
     yield from _first_of(
         (
             ("given up", cases.gave_up),
             ("a contact", cases.collided),
             ("left the road", cases.departed),
-            ("stands where the references drive", stands),
+            ("stands where the references drive", found.stands),
             ("slower than the slowest reference", np.ones(len(lost), dtype=np.bool_)),
         ),
         lost,
+        shares < 1.0 - NOTICEABLE,
     )
 
 
-def _first_of(groups: Sequence[tuple[str, BoolArray]], lost: FloatArray) -> _Lines:
-    """A line for each group: the cases of it that lost something and are in no group before it."""
+def _first_of(
+    groups: Sequence[tuple[str, BoolArray]], lost: FloatArray, counts: BoolArray
+) -> _Lines:
+    """A line for each group: the cases of it that lost something and are in no group before it.
+
+    counts: which cases lost something worth counting, (n,).
+    """
     left = lost > 0.0
     for words, belongs in groups:
         places = np.flatnonzero(belongs & left)
         left = left & ~belongs
         if len(places):
-            yield "", words, 0.0, (places, -lost[places])
+            yield "", words, 0.0, (places, -lost[places], int(np.count_nonzero(counts[places])))
 
 
 def _avoided_lines(found: Findings) -> _Lines:
@@ -201,6 +207,7 @@ def _avoided_lines(found: Findings) -> _Lines:
     if found.score.avoided_share is None:
         yield "", "A not computed", -1.0, _NONE
         return
+    lost = np.nan_to_num(found.share_lost)
     yield from _first_of(
         (
             ("given up, which counts as doing nothing", cases.gave_up),
@@ -209,7 +216,8 @@ def _avoided_lines(found: Findings) -> _Lines:
             ("collisions that the ideal vehicle has too, but softer", cases.unavoidable),
             ("left the road", cases.departed),
         ),
-        np.nan_to_num(found.share_lost),
+        lost,
+        lost >= WORTH_COUNTING,
     )
 
 
@@ -222,7 +230,7 @@ def _human_lines(found: Findings) -> _Lines:
     weights, incident = _shares(cases, counted), cases.incident
     hits = np.flatnonzero(counted & incident)
     if len(hits):
-        yield "", "an avoidable incident in a safe case", 0.0, (hits, -weights[hits])
+        yield "", "an avoidable incident in a safe case", 0.0, _parts(hits, weights[hits])
     yield from _factor_lines(cases, np.flatnonzero(counted & ~incident), weights, "human_likeness")
 
 
@@ -241,7 +249,7 @@ def _collision_lines(found: Findings) -> _Lines:
     for words, belongs in groups:
         part = belongs[shares.places] & np.isfinite(shares.lost)
         if part.any():
-            yield "14–17", words, 0.0, (shares.places[part], -shares.lost[part])
+            yield "14–17", words, 0.0, _parts(shares.places[part], shares.lost[part])
 
 
 def _likeness_lines(found: Findings) -> _Lines:
@@ -249,8 +257,8 @@ def _likeness_lines(found: Findings) -> _Lines:
     yield "13", "D = 1, within the drivers' own spread everywhere", 1.0, _NONE
     if score.d is None:
         hits = np.flatnonzero(cases.voids_index)
-        each = np.full(len(hits), -1.0 / max(len(hits), 1))
-        yield "18", f"D not computed: {reason_without_d(score)}", -1.0, (hits, each)
+        each = np.full(len(hits), 1.0 / max(len(hits), 1))
+        yield "18", f"D not computed: {reason_without_d(score)}", -1.0, _parts(hits, each)
         return
     indexed = cases.counts_for_index & np.isfinite(cases.index)
     yield from _factor_lines(cases, np.flatnonzero(indexed), _shares(cases, indexed), "index")
@@ -281,7 +289,7 @@ def _factor_lines(
     losses = product_losses(values)
     for column, name in enumerate(factors):
         label = name if name in ("similarity", "plausibility") else f"{name} factor"
-        yield equation, label, 0.0, (places, -share * losses[:, column])
-    rest = share * (getattr(cases, what)[places] - values.prod(axis=1))
+        yield equation, label, 0.0, _parts(places, share * losses[:, column])
+    rest = share * (values.prod(axis=1) - getattr(cases, what)[places])
     if (np.abs(rest) > ROUNDING).any():
-        yield equation, "what is not the product of the factors", 0.0, (places, rest)
+        yield equation, "the rest, not a product of the factors", 0.0, _parts(places, rest)

@@ -449,7 +449,7 @@ def drawn_shape(road: Road) -> dict[str, Any]:
     """
     gone, solid, last = [], [], road.length + road.run_out
     for span in road.spans:
-        opens, is_open, closes, is_gone = span.places
+        (opens, is_open), (closes, is_gone) = span.places[:2], span.places[2:]
         middle, half = road.lane_centre(span.lane), 0.5 * road.lane_width
         outer, inner = (
             (middle - half, middle + half) if span.lane == 0 else (middle + half, middle - half)

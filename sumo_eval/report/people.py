@@ -79,9 +79,8 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
         )
         return [
             f"{everybody}; {count(told['drives'], 'drive')} by {told['with_drives']} of them "
-            "count, "
-            f"{len(left)} {'is' if len(left) == 1 else 'are'} left out by the study's rules of "
-            "quality.",
+            f"count, {len(left)} {'is' if len(left) == 1 else 'are'} left out by the study's rules "
+            "of quality.",
             *(
                 [f"The road was drawn for them in these ways: {drawn_words(drawn)}."]
                 if drawn

@@ -84,8 +84,7 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
         (
             "1–6",
             f"A point is hazardous where ideal braking with {zones.deceleration:g} m/s² meets an "
-            "inverse TTC of "
-            f"{zones.critical_inverse_ttc:g} 1/s or more.",
+            f"inverse TTC of {zones.critical_inverse_ttc:g} 1/s or more.",
         ),
         (
             "7–8",
@@ -100,23 +99,20 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
         ),
         (
             "11",
-            f"Slices lie every {index.slice_spacing:g} m; each has "
-            f"{2 * index.points_per_side + 1} points within "
-            f"±{index.side_width:g} m of the ADS's own path, fewer metres where the road ends "
-            "sooner.",
+            f"Slices lie every {index.slice_spacing:g} m; each has {2 * index.points_per_side + 1} "
+            f"points within ±{index.side_width:g} m of the ADS's own path, fewer metres where the "
+            "road ends sooner.",
         ),
         (
             "12",
             "p/p_2σ = min(1, exp(2 − z²/2)): full marks within two deviations of the drivers. "
-            "Deviations are at "
-            f"least {index.centre_deviation_floor:g} m (path) and "
+            f"Deviations are at least {index.centre_deviation_floor:g} m (path) and "
             f"{100 * index.field_deviation_floor:g} % (field).",
         ),
         (
             "12",
-            "f_n = min(1, operations of the drivers / operations of the ADS). The printed "
-            "fraction is upside down: it "
-            "would reward more operations.",
+            "f_n = min(1, operations of the drivers / operations of the ADS). The printed fraction "
+            "is upside down: it would reward more operations.",
         ),
         (
             "13",
@@ -143,35 +139,27 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
         (
             "17",
             "C averages over collisions only, as the paper has it, so avoiding one can lower it. "
-            "Read it beside the "
-            "number of collisions. Without a collision C = 1.",
+            "Read it beside the number of collisions. Without a collision C = 1.",
         ),
         (
             "beside 17",
-            "A = 1 − Σ w max(0, U − Ug) / Σ w max(0, U0 − Ug) over all evaluated points, w = r: "
-            "U0 is that of "
-            "`no_reaction`, U that of the worst incident: contact, departure, giving up. An ADS "
-            "that is no worse in "
-            "any case and better in one never has a lower A. A' = 1 − ln(1 + x/x0) / ln(1 + "
-            "1/x0), x = 1 − A, "
-            f"x0 = {method.task.sharpness:g}.",
+            "A = 1 − Σ w max(0, U − Ug) / Σ w max(0, U0 − Ug) over all evaluated points, w = r: U0 "
+            "is that of `no_reaction`, U that of the worst incident: contact, departure, giving "
+            "up. An ADS that is no worse in any case and better in one never has a lower A. A' = 1 "
+            f"− ln(1 + x/x0) / ln(1 + 1/x0), x = 1 − A, x0 = {method.task.sharpness:g}.",
         ),
         (
             "beside 13",
             "T is the mean over the safe cases of t_i: along the way that the drivers and the "
-            "reference car "
-            f"`{method.task.task_reference}` drove, the mean of min(1, time of the slowest of "
-            "them / own time); 0 with "
-            "an incident. A departure: a corner of the body more than "
-            f"{method.task.road_margin:g} m off the road.",
+            f"reference car `{method.task.task_reference}` drove, the mean of min(1, time of the "
+            "slowest of them / own time); 0 with an incident. A departure: a corner of the body "
+            f"more than {method.task.road_margin:g} m off the road.",
         ),
         (
             "beside 13",
-            "H is the mean over the safe cases of f_L, f_n+, the similarity among drivers who "
-            "make the same kind of "
-            "manoeuvre and the plausibility, multiplied. An avoidable incident there counts 0; a "
-            "collision that the "
-            "ideal vehicle has as well is left out.",
+            "H is the mean over the safe cases of f_L, f_n+, the similarity among drivers who make "
+            "the same kind of manoeuvre and the plausibility, multiplied. An avoidable incident "
+            "there counts 0; a collision that the ideal vehicle has as well is left out.",
         ),
         ("beside 18", f"S+ = T max(0, A') ({method.score.a:g} + {method.score.b:g} H)."),
         (

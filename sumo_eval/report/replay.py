@@ -64,8 +64,7 @@ def write_replay(
         "trajectories": encode_trajectories(trajectories),
     }  # fmt: skip
     page = template("replay.html.j2").render(
-        title=f"{fact.driver} in "
-              f"{fact.scenario}", point=point(fact.values), case=fact.case,
+        title=f"{fact.driver} in {fact.scenario}", point=point(fact.values), case=fact.case,
               end=fact.end_reason or "",
         status=fact.status, drivers=len(ghosts), data=packed_json(data),
     )  # fmt: skip

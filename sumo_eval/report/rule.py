@@ -263,26 +263,35 @@ def tally(
 
     zone: a value that is missing counts as one at the zone's limit.
     """
-    worse, better, cases, kept = [], 0, 0, 1.0
-    for one in compared:
-        before, after, there = values_of(one.changed.paired, measure, fill=zone)
-        by = worsening(before, after, measure)
-        limit = tolerance(before, measure, repeats.floors.get(measure.quantity, 0.0)) * (
-            1.0 + LAST_DIGIT
-        )
+    floor = repeats.floors.get(measure.quantity, 0.0)
+    found = [_tally(ads, one, measure, floor, zone=zone) for one in compared]
+    return Tally(
+        ads,
+        measure,
+        tuple(worse for one in found for worse in one.worse),
+        better=sum(one.better for one in found),
+        cases=sum(one.cases for one in found),
+        least_kept=min((one.least_kept for one in found), default=1.0),
+    )
 
-        if zone and measure.zone is not None:
-            nearest = (
-                np.fmin(before, after) if measure.higher_is_better else -np.fmax(before, after)
-            )
-            there &= nearest < (measure.zone if measure.higher_is_better else -measure.zone)
-        flags = there & (by > limit)
 
-        better += int(np.sum(there & (by < -limit)))
-        cases += int(np.sum(there))
-        worse.append(_worst(one, flags, by, before, after))
-        kept = min(kept, float(kept_margin(before, after, measure)[flags].min(initial=1.0)))
-    return Tally(ads, measure, tuple(worse), better, cases, kept)
+def _tally(
+    ads: str, one: AdsComparison, measure: MeasureSettings, floor: float, *, zone: bool
+) -> Tally:
+    """Worse and better cases in one scenario."""
+    before, after, there = values_of(one.changed.paired, measure, fill=zone)
+    by = worsening(before, after, measure)
+    limit = tolerance(before, measure, floor) * (1.0 + LAST_DIGIT)
+    if zone and measure.zone is not None:
+        if measure.higher_is_better:
+            there &= np.fmin(before, after) < measure.zone
+        else:
+            there &= np.fmax(before, after) > measure.zone
+    flags = there & (by > limit)
+
+    kept = float(kept_margin(before, after, measure)[flags].min(initial=1.0))
+    better, worse = int(np.sum(there & (by < -limit))), _worst(one, flags, by, before, after)
+    return Tally(ads, measure, (worse,), better, int(np.sum(there)), kept)
 
 
 def values_of(

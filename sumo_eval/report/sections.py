@@ -17,7 +17,14 @@ from typing import Any
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checks_content
-from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
+from sumo_eval.report.comparison import (
+    BETTER,
+    WORSE,
+    AdsComparison,
+    ChangedCase,
+    Comparison,
+    QuantityChange,
+)
 from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gate_settings import HIGHER_IS_BETTER
 from sumo_eval.report.gates import GateResult
@@ -108,34 +115,23 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
                 beside.gates, key=lambda gate: (gate.passed is not False, gate.passed is None)
             )
         ],
-        "counts": [
-            (
-                one,
-                [
-                    (kind, one.count(kind), kind in WORSE)
-                    for kind in (*WORSE, *BETTER)
-                    if one.count(kind)
-                ],
-                [
-                    (
-                        name,
-                        quantity_words(name, value, confidence).replace("->", "→"),
-                        _standing(name, value),
-                    )
-                    for name, value in one.quantities.items()
-                    if not value.unchanged
-                ],
-                [
-                    name.replace("_", " ")
-                    for name, value in one.quantities.items()
-                    if value.unchanged
-                ],
-            )
-            for one in ads
-        ],
+        "counts": [_counts(one, confidence) for one in ads],
         "cases": [_changed(item) for item in changed[:MOST_CHANGED]],
         "more": max(0, of - MOST_CHANGED),
     }
+
+
+def _counts(one: AdsComparison, confidence: float) -> tuple[Any, ...]:
+    """One ADS in one scenario: itself, its changes by kind, moved and unchanged quantities."""
+    kinds = [(kind, one.count(kind), kind in WORSE) for kind in (*WORSE, *BETTER)]
+    values = one.quantities
+    moved = [
+        (name, quantity_words(name, it, confidence).replace("->", "→"), _standing(name, it))
+        for name, it in values.items()
+        if not it.unchanged
+    ]
+    unchanged = [name.replace("_", " ") for name, it in values.items() if it.unchanged]
+    return one, [kind for kind in kinds if kind[1]], moved, unchanged
 
 
 def _alone(gate: GateResult, comparison: Comparison | None) -> str:

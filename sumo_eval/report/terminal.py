@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
@@ -22,7 +22,6 @@ from sumo_eval.report.words import (
     REASON_WITHOUT_T,
     WITHOUT_REFERENCE_CAR,
     count,
-    drivers_are_synthetic,
     interval_words,
     number,
     one_line,
@@ -34,7 +33,13 @@ from sumo_eval.report.words import (
     score_note,
     why_missing,
 )
-from sumo_eval.results import CasesMissing, Evaluation, Ranking, ReferenceMissing
+from sumo_eval.results import (
+    CasesMissing,
+    Evaluation,
+    Ranking,
+    ReferenceMissing,
+    ScenarioResult,
+)
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.findings import findings, unevaluated
 from sumo_eval.text import without_numbers
@@ -46,84 +51,89 @@ MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists 
 
 def closing_lines(evaluation: Evaluation) -> list[str]:
     """Information that the table does not hold, one sentence a line."""
-    lines = ranking_lines(evaluation.ranking)
-    lines += [
-        f"C of {score.ads} in {score.scenario} is not computed: {REASON_WITHOUT_C}. Its term "
-        "counts 0 points."
-        for score in evaluation.scores
-        if score.c is None
+    lines = [
+        *ranking_lines(evaluation.ranking),
+        *_not_computed_lines(evaluation.scores),
+        *_missing_lines(evaluation),
+        *_note_lines(evaluation.scores),
+        *check_lines(evaluation),
+        *_space_lines(evaluation),
     ]
-    lines += [
-        f"D of {score.ads} in {score.scenario} is not computed: {reason_without_d(score)}. Its "
-        "term counts 0 points."
-        for score in evaluation.scores
-        if score.d is None and not score.nobody_compared
-    ]
-    lines += [
-        f"H of {score.ads} in {score.scenario} is not computed: {reason_without_h(score)}. "
-        "Its term counts 0 points of S+."
-        for score in evaluation.scores
-        if score.human_likeness is None and score.h_reason is not None and not score.nobody_compared
-    ]
-    alone = [score for score in evaluation.scores if score.nobody_compared]
-    if alone:
-        names = ", ".join(dict.fromkeys(score.scenario for score in alone))
-        lines.append(
-            f"D and H are not computed in {names}: {reason_without_h(alone[0])}. They count 0 "
-            "points."
-        )
-    taskless = list(
-        dict.fromkeys(score.scenario for score in evaluation.scores if score.task_share is None)
-    )
-    if taskless:
-        lines.append(
-            f"T and S+ are not computed in {', '.join(taskless)}: {REASON_WITHOUT_T}. Read A' "
-            "there."
-        )
-    if any(
-        not score.task_reference and score.task_share is not None for score in evaluation.scores
-    ):
-        lines.append(WITHOUT_REFERENCE_CAR)
-    missing = unevaluated(evaluation)
-    if number_of := sum(map(len, missing)):
-        lines.append(f"{count(number_of, 'case')} could not be evaluated and left the means:")
-        kinds, rest = _by_kind(case for table in missing for case in table)
-        lines += [f"  {_of_a_kind(kind)}" for kind in kinds]
-        if rest:
-            lines.append(f"  and {rest} more, all in the report.")
-    owners: dict[tuple[str, str], list[str]] = {}  # of a note: the ADSs, which may share it
-    for score in evaluation.scores:
-        for note in score.notes:
-            if not isinstance(note, CasesMissing | ReferenceMissing):  # above, with the cases
-                owners.setdefault((score.scenario, score_note(note)), []).append(score.ads)
-    lines += [f"{', '.join(ads)} in {name}: {text}" for (name, text), ads in owners.items()]
-    lines += check_lines(evaluation)
-    lines += [
-        f"The sample of {zone.scenario} leaves out {zone.refused} of "
-        f"{count(zone.sampled + zone.refused, 'point')}: "
-        "impossible by its constraints."
-        for zone in evaluation.zones
-        if zone.refused
-    ]
-    lines += [
-        f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes
-    ]
-    lines += [
-        f"Not supported in the catalogue: {why}"
-        if Path(file).name in why
-        else f"{file} of the catalogue is not supported: {why}"
-        for entry in evaluation.settings.scenario
-        for file, why in entry.not_played.items()
-    ]
-    if (
-        drivers_are_synthetic(evaluation.settings)
-        or evaluation.settings.drivers.source == "recorded"
-    ):
+    if evaluation.settings.drivers.source in ("synthetic", "recorded"):
         lines.append(people_sentence(evaluation))
     if "qualification" in evaluation.manifest:
         lines.append(qualification_sentence(evaluation.manifest))
-    lines.append(f"The report is {evaluation.folder / 'report.html'}")
-    return lines
+    return [*lines, f"The report is {evaluation.folder / REPORT}"]
+
+
+def _not_computed_lines(scores: Sequence[ScenarioResult]) -> Iterator[str]:
+    """Scores that are not computed, with the reason."""
+    compared = [score for score in scores if not score.nobody_compared]
+    alone = [score for score in scores if score.nobody_compared]
+    without = [("C", score, REASON_WITHOUT_C, "") for score in scores if score.c is None]
+    without += [("D", score, reason_without_d(score), "") for score in compared if score.d is None]
+    without += [
+        ("H", score, reason_without_h(score), " of S+")
+        for score in compared
+        if score.human_likeness is None and score.h_reason is not None
+    ]
+    for name, score, reason, of in without:
+        yield (
+            f"{name} of {score.ads} in {score.scenario} is not computed: {reason}. Its term counts "
+            f"0 points{of}."
+        )
+    if alone:
+        names = ", ".join(dict.fromkeys(score.scenario for score in alone))
+        reason = reason_without_h(alone[0])
+        yield f"D and H are not computed in {names}: {reason}. They count 0 points."
+    taskless = dict.fromkeys(score.scenario for score in scores if score.task_share is None)
+    if taskless:
+        names = ", ".join(taskless)
+        yield f"T and S+ are not computed in {names}: {REASON_WITHOUT_T}. Read A' there."
+    if any(not score.task_reference and score.task_share is not None for score in scores):
+        yield WITHOUT_REFERENCE_CAR
+
+
+def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
+    """Cases that could not be evaluated, by kind."""
+    missing = unevaluated(evaluation)
+    if number_of := sum(map(len, missing)):
+        yield f"{count(number_of, 'case')} could not be evaluated and left the means:"
+        kinds, rest = _by_kind(case for table in missing for case in table)
+        yield from (f"  {_of_a_kind(kind)}" for kind in kinds)
+        if rest:
+            yield f"  and {rest} more, all in the report."
+
+
+def _note_lines(scores: Sequence[ScenarioResult]) -> list[str]:
+    """Notes on scores; ADSs that share a note are on one line."""
+    owners: dict[tuple[str, str], list[str]] = {}
+    for score in scores:
+        for note in score.notes:
+            if not isinstance(note, CasesMissing | ReferenceMissing):  # above, with the cases
+                owners.setdefault((score.scenario, score_note(note)), []).append(score.ads)
+    return [f"{', '.join(ads)} in {name}: {text}" for (name, text), ads in owners.items()]
+
+
+def _space_lines(evaluation: Evaluation) -> Iterator[str]:
+    """Refused points, notes on zones, and files of a catalogue that are not supported."""
+    for zone in evaluation.zones:
+        if zone.refused:
+            points = count(zone.sampled + zone.refused, "point")
+            yield (
+                f"The sample of {zone.scenario} leaves out {zone.refused} of {points}: impossible "
+                "by its constraints."
+            )
+    for zone in evaluation.zones:
+        yield from (f"Zones of {zone.scenario}: {note}" for note in zone.notes)
+    for entry in evaluation.settings.scenario:
+        for file, why in entry.not_played.items():
+            named = Path(file).name in why
+            yield (
+                f"Not supported in the catalogue: {why}"
+                if named
+                else f"{file} of the catalogue is not supported: {why}"
+            )
 
 
 @dataclass(slots=True)

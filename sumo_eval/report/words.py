@@ -62,24 +62,19 @@ LIKENESS_FACTORS = {
 """Meaning of the factors of a case's part in H."""
 
 GLOSSARY = {
-    "A": "avoided share: how much of the collision severity that doing nothing would bring and "
-    "the ideal vehicle would "
-    "not was avoided, over all cases. 1: as the ideal vehicle; 0: as doing nothing; below 0: "
-    "worse than that",
-    "H": "human-likeness: mean over the safe cases of length factor, operations factor, "
-    "similarity and plausibility "
-    "multiplied; 0 for a safe case with an avoidable incident",
+    "A": "avoided share: how much of the collision severity that doing nothing would bring and the "
+    "ideal vehicle would not was avoided, over all cases. 1: as the ideal vehicle; 0: as doing "
+    "nothing; below 0: worse than that",
+    "H": "human-likeness: mean over the safe cases of length factor, operations factor, similarity "
+    "and plausibility multiplied; 0 for a safe case with an avoidable incident",
     "T": "share of the driving task done: mean over the safe cases of t_i, how much of the way "
-    "that the drivers and "
-    "the reference car drove was driven in no more time than the slowest of them; 0 with an "
-    "incident",
+    "that the drivers and the reference car drove was driven in no more time than the slowest of "
+    "them; 0 with an incident",
     "A'": "grade of A: each ten times as much avoidable harm costs 0.37 to 0.48 of it. 1: as the "
-    "ideal vehicle; 0: as "
-    "doing nothing",
+    "ideal vehicle; 0: as doing nothing",
     "S+": "the score that orders: T A' (a + b H), 0 to 100 points; an A' below 0 counts 0",
     "departure": "a corner of the body is more than 0.5 m off the road; it weighs as a full-width "
-    "contact with a "
-    "standing car at that speed",
+    "contact with a standing car at that speed",
     "gave up": "the ADS failed, ran out of time or ended its process: as bad as doing nothing, no "
     "task done",
     "regret": "by how much severity the ADS exceeds the ideal vehicle: mean over all cases, "
@@ -87,8 +82,7 @@ GLOSSARY = {
     "C": "collision avoidance of the paper, Eq. 17: mean of Ug/U over the collisions alone; 1 "
     "without a collision",
     "D": "human-likeness index of the paper, Eq. 13: mean of D_i over the safe cases; none after "
-    "an avoidable "
-    "collision among them",
+    "an avoidable collision among them",
     "S": "score of the paper, Eq. 18: a C + b D, 0 to 100 points",
     "avoidable": "a collision that the ideal vehicle does not have in the same concrete scenario",
     "unavoidable": "a collision that the ideal vehicle has as well",
@@ -112,8 +106,7 @@ GLOSSARY = {
     "slice": "a cross-section of the road, every half metre, at which paths are compared",
     "trajectory field": "how strongly a vehicle claims the space around its path, Eqs. 9–10",
     "plausibility": "share of recorded people who go to such extremes of headway, time to "
-    "collision, braking, jerk and "
-    "lateral motion, 1 from 5 % on",
+    "collision, braking, jerk and lateral motion, 1 from 5 % on",
     "safe zone, hazardous zone": "where braking as set (5 m/s²) keeps the inverse time to "
     "collision below 0.7 1/s",
     "interval": "a range that would hold the true number in 95 of 100 evaluations with other "
@@ -123,7 +116,7 @@ GLOSSARY = {
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class VerdictStyle:
     """How a verdict appears: words, the letter in a cell of the map (readable without colour),
     colours.
     """
@@ -134,13 +127,13 @@ class Look:
     ink: str
 
 
-LOOKS: Mapping[Verdict, Look] = {
-    "avoided": Look("avoided", "", "#d3e6f3", "#1b1f24"),
-    "better": Look("avoided, the reference had an incident", "+", "#2b74a8", "#ffffff"),
-    "preventable": Look("preventable incident", "P", "#b23c00", "#ffffff"),
-    "unpreventable": Look("unpreventable incident", "U", "#f2b97c", "#1b1f24"),
-    "undecided": Look("incident, reference not known", "?", "#e0cfdc", "#1b1f24"),
-    "not evaluated": Look("not evaluated", "–", "#69727c", "#ffffff"),
+LOOKS: Mapping[Verdict, VerdictStyle] = {
+    "avoided": VerdictStyle("avoided", "", "#d3e6f3", "#1b1f24"),
+    "better": VerdictStyle("avoided, the reference had an incident", "+", "#2b74a8", "#ffffff"),
+    "preventable": VerdictStyle("preventable incident", "P", "#b23c00", "#ffffff"),
+    "unpreventable": VerdictStyle("unpreventable incident", "U", "#f2b97c", "#1b1f24"),
+    "undecided": VerdictStyle("incident, reference not known", "?", "#e0cfdc", "#1b1f24"),
+    "not evaluated": VerdictStyle("not evaluated", "–", "#69727c", "#ffffff"),
 }
 
 MEASURES = (
@@ -295,9 +288,8 @@ def people_sentence(evaluation: Evaluation) -> str:
     settings = evaluation.settings
     if nobody_drove(evaluation):
         return (
-            "D and H have no drivers to compare with: synthetic drivers do not cover these "
-            "scenes, and no recorded "
-            "driver matches them."
+            "D and H have no drivers to compare with: synthetic drivers do not cover these scenes, "
+            "and no recorded driver matches them."
         )
     if settings.drivers.source != "recorded":
         alone = ", ".join(
@@ -339,8 +331,7 @@ def drivers_sentence(settings: EvaluationSettings) -> str:
     if drivers_are_synthetic(settings):
         return (
             f"The {settings.drivers.count} human drivers of each concrete scenario are synthetic: "
-            "drawn from "
-            "distributions fitted to recorded traffic. They are not recorded people."
+            "drawn from distributions fitted to recorded traffic. They are not recorded people."
         )
     return (
         f"The human drivers come from `{settings.drivers.source}`, which this evaluation names as "
@@ -502,8 +493,7 @@ def reference_sentence(settings: EvaluationSettings) -> str:
         )
     return (
         f"No ADS of this run is “{settings.report.reference}”, so the reference is the ideal "
-        "vehicle, which brakes at "
-        "once at the limit, driven through the same concrete scenarios."
+        "vehicle, which brakes at once at the limit, driven through the same concrete scenarios."
     )
 
 
@@ -642,11 +632,9 @@ _INDEX_NOTES: dict[NoteKind, str] = {
     "drivers_start_late": "{count} of {of} drivers start beyond the ADS's start and hold their "
     "first y up to there.",
     "drivers_still_driving": "{count} of {of} drivers were still driving when last seen: their "
-    "length counts to the "
-    "road's end.",
+    "length counts to the road's end.",
     "ads_still_driving": "The ADS was still driving when last seen: its length counts to the "
-    "road's end, and slices "
-    "end there.",
+    "road's end, and slices end there.",
     "ads_left_the_road": "The ADS left the road: its length is what it drove.",
     "drivers_without_operation": "The drivers made no operation at all, so the ADS's operations "
     "make D zero.",
@@ -696,20 +684,17 @@ def exposure_note_words(case: CaseResult) -> str:
 
 _COUNTED = {
     "actors_left": "In {cases} an actor reached the end of the network and left it; the case "
-    "continued without it "
-    "(clip `actor_left_the_network`).",
+    "continued without it (clip `actor_left_the_network`).",
     "outside_support": "{number} of {of} cases lie outside the support of the recorded exposure.",
-    "struck_from_behind": "In {cases} an actor that reacts ran into the ego's rear: its own "
-    "fault, counted apart, no "
-    "collision for C and A (`method.collision.rear_end`).",
+    "struck_from_behind": "In {cases} an actor that reacts ran into the ego's rear: its own fault, "
+    "counted apart, no collision for C and A (`method.collision.rear_end`).",
     "gentler_than_ideal": "In {hits} the ADS hit more softly than the ideal vehicle; each has the "
     "ratio 1.",
     "references_collide": "The space is called safe at {of_points}, yet drivers or the reference "
     "car collide at {number} of them: a scripted actor does not react and may strike an ego that "
     "slows down. If another actor is struck, check `zone.obstacle` of the scenario.",
-    "ideal_collides_too": "The ideal vehicle has {number} of {of_hits} in the safe zone as well: "
-    "C and A count them, D "
-    "and H leave them out.",
+    "ideal_collides_too": "The ideal vehicle has {number} of {of_hits} in the safe zone as well: C "
+    "and A count them, D and H leave them out.",
 }
 
 
@@ -740,9 +725,8 @@ def score_note(note: ScoreNote) -> str:
             return f"{count(hits, 'collision')} outside the range of `{severity}`: {why}."
         case ThinReferences(thin, safe, left_out):
             return (
-                f"Reference too thin in {thin} of {safe} safe cases: {thin - left_out} filled "
-                "with synthetic drivers, "
-                f"{left_out} left out of D."
+                f"Reference too thin in {thin} of {safe} safe cases: {thin - left_out} filled with "
+                f"synthetic drivers, {left_out} left out of D."
             )
         case Counted(what, counted, of):
             return _COUNTED[what].format(
@@ -758,8 +742,7 @@ def score_note(note: ScoreNote) -> str:
                 )
             return (
                 f"Plausibility compares with {instead} people on a motorway: the run has {people} "
-                "recorded drivers in "
-                f"`{scenario}`, and a table needs {least}."
+                f"recorded drivers in `{scenario}`, and a table needs {least}."
             )
         case CasesMissing(zones):
             places = " and ".join(f"{number} in the {zone} zone" for zone, number in zones)
@@ -771,8 +754,7 @@ def score_note(note: ScoreNote) -> str:
             drove, unknown = _REFERENCES[who]
             return (
                 f"In {count(cases, 'case')}, e.g. {example}, {drove} could not be evaluated, so "
-                f"{unknown} is not "
-                f"known.{because(reason)}"
+                f"{unknown} is not known.{because(reason)}"
             )
         case WorstAndBest(c, d, s):
             parts = [

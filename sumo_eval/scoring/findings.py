@@ -27,6 +27,8 @@ LIKENESS_FACTORS = {
     "plausibility": "plausibility",
 }
 """The factors of a case's part in H: name -> field of CaseResult."""
+NOTICEABLE = 0.01
+"""Share of the task from which an ADS counts as slower than the slowest reference."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +68,17 @@ class Findings:
         if why is not None and why.why in ("collisions", "no_drivers"):
             missed = np.zeros(len(cases), dtype=np.bool_)  # there is no D whatever the D_i are
         return np.asarray(cases.missing | missed)
+
+    @property
+    def slow(self) -> BoolArray:
+        """Which safe cases without an incident are slower than the slowest reference, (n,)."""
+        cases = self.cases
+        return np.asarray(cases.safe & ~cases.incident & (cases.task_share < 1.0 - NOTICEABLE))
+
+    @property
+    def stands(self) -> BoolArray:
+        """Which of the slow cases end at a standstill, (n,)."""
+        return np.asarray(self.slow & (self.cases.end_reason == "standstill"))
 
     @property
     def share_lost(self) -> FloatArray:

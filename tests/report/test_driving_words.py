@@ -12,7 +12,7 @@ import pytest
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.plausibility import EXTREMES, MOTORWAY_PEOPLE
 from sumo_eval.report import driving_words as words
-from sumo_eval.report.driving_words import Scene
+from sumo_eval.report.driving_words import CaseDrives
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import Trajectory
@@ -43,8 +43,10 @@ def case(evaluation: Evaluation) -> CaseResult:
     )  # type: ignore[arg-type]
 
 
-def scene(case: CaseResult, ego: Trajectory, *drivers: Trajectory, **actors: Trajectory) -> Scene:
-    return Scene(
+def scene(
+    case: CaseResult, ego: Trajectory, *drivers: Trajectory, **actors: Trajectory
+) -> CaseDrives:
+    return CaseDrives(
         case, ego, actors, drivers, {f"driver_{place}": one for place, one in enumerate(drivers)}
     )
 

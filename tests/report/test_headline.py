@@ -10,7 +10,9 @@ import pytest
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.report.failure_groups import failure_kinds
 from sumo_eval.report.headline import finding, harm_beside, headline, safety_words
+from sumo_eval.report.ledger import ledger_plus
 from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
+from sumo_eval.scoring.findings import findings
 
 NAME = builders.SCENARIOS[1]
 
@@ -76,6 +78,21 @@ def test_each_alarm_is_raised_by_one_case(evaluation: Evaluation, words: str) ->
     ((ads, said),) = odd.alarms
     assert ads == builders.CALM
     assert words in said
+
+
+def test_alarm_and_ledger_count_the_same_standing_cases(evaluation: Evaluation) -> None:
+    """A case that stands just before the end of the way is in neither."""
+    shares = (0.4, 0.9, 0.995, 1.0)
+    odd = of_one_scenario(
+        evaluation,
+        [
+            replace(case, task_share=share, end_reason="standstill")
+            for case, share in zip(clean(evaluation, builders.CALM), shares, strict=True)
+        ],
+    )
+    (found,) = findings(odd)
+    lines = {line.words: line.cases for line in ledger_plus(found).lines}
+    assert lines["stands where the references drive"] == finding(odd, builders.CALM).stands == 2
 
 
 def test_safety_in_a_test_engineers_words(evaluation: Evaluation) -> None:
