@@ -222,8 +222,10 @@ FOLLOWED = fields("accepted")
 
 @kernel
 def follow(
-    followed: Any, me: Any, lead: Any, desired_speed: float, gap: float, idm: Any, step: float
-) -> float:
+    followed: Any, speed: float, desired_speed: float, gap: float, lead_speed: float,
+    lead_braking: float, idm: Any,
+    step: float,
+) -> float:  # fmt: skip
     """The enhanced IDM with a memory of the headway accepted behind a lead, m/s2; call once a step
     and lead.
 
@@ -233,10 +235,10 @@ def follow(
     """
     own, accepted = idm.headway, followed.accepted
     if math.isnan(accepted):
-        accepted = min(own, max(gap - idm.standstill_gap, 0.0) / max(me.speed, MIN_SPEED))
+        accepted = min(own, max(gap - idm.standstill_gap, 0.0) / max(speed, MIN_SPEED))
     followed.accepted = accepted + (own - accepted) * (step / HEADWAY_RECOVERY)
     return enhanced_idm_acceleration(
-        me.speed, desired_speed, gap, lead.along, idm, accepted, lead.braking
+        speed, desired_speed, gap, lead_speed, idm, accepted, lead_braking
     )
 
 

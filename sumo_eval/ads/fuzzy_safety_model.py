@@ -129,8 +129,7 @@ def fuzzy_demand(scene: Any, after: float) -> float:
 
     scene: as `brake` makes it.
     """
-    own, known, others = scene[:3]
-    scenario = scene[3]
+    own, known, others, scenario = scene
     foresee_all(own, known, others, after, scenario.step)
     me, demanded = own.then, 0.0
     for j in range(len(others)):
@@ -155,7 +154,7 @@ def fuzzy_safety_model(
     CFS asks for more the harder the ego brakes already, so beside a limit of it the demand goes up
     and down from look to look.
     """
-    brake(fuzzy_demand, ego, others, (own, known, later), scenario, time)
+    brake(fuzzy_demand, ego, others, own, known, later, scenario, time)
 
 
 class FuzzySafetyModel(Compiled):

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from sumo_eval.ads.braking import JUMP, first_instant
 from sumo_eval.ads.car_following import PARAMETERS, IdmParameters, free_acceleration
 from sumo_eval.ads.lane_change import path_at, rear_axle_next, steering
-from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, Wish, overtake
+from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
 from sumo_eval.ads.pedals import PEDALS, gained_towards, pedal_command
 from sumo_eval.ads.perception import is_visible, take
 from sumo_eval.ads.r157 import SIGHTED, foresee, sight
@@ -25,8 +25,12 @@ SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, dura
 def _remember(to: Any, decided: Any) -> None:
     """Write what is decided into another record."""
     path, goes = decided.path, to.path
-    goes.start, goes.offset = path.start, path.offset
-    goes.begin, goes.length = path.begin, path.length
+    goes.start, goes.offset, goes.begin, goes.length = (
+        path.start,
+        path.offset,
+        path.begin,
+        path.length,
+    )
     to.cruising_speed, to.began = decided.cruising_speed, decided.began
     to.passing, to.changing, to.curvature = decided.passing, decided.changing, decided.curvature
 
@@ -47,8 +51,7 @@ def wanted_at(scene: Any, after: float) -> float:
 
     scene: as the rule makes it.
     """
-    me, own, known = scene[:3]
-    later, way, scenario = scene[3:]
+    me, own, known, later, way, scenario = scene
     _foresee_ego(own.then, me, own.pedals.level, after)
     for j in range(len(later)):
         foresee(later[j], known[j].sighting, after, scenario.step)
@@ -60,9 +63,11 @@ def wanted_at(scene: Any, after: float) -> float:
         if known[j].leads == 0:
             later[j].x = math.nan
     _remember(own.tried, own.decided)
-    free = free_acceleration(own.then.speed, own.desired_speed, own.p.idm)
-    wish = Wish(own.p.habits, own.p.idm, own.desired_speed, free)
-    return float(overtake(own.tried, own.then, later, known, wish, way, scenario))
+    idm, desired = own.p.idm, own.desired_speed
+    free = free_acceleration(own.then.speed, desired, idm)
+    return float(
+        overtake(own.tried, own.then, later, known, own.p.habits, idm, desired, free, way, scenario)
+    )
 
 
 @kernel
@@ -107,7 +112,7 @@ def _decide(scene: Any) -> float:
     The wanted acceleration counts as in the middle of the parts of the cycle before and after the
     instant at which it jumps or the lane change begins; that begins at that instant.
     """
-    me, memory, scenario = scene[0], scene[1], scene[5]
+    me, memory, _, _, _, scenario = scene
     step, vehicle = scenario.step, scenario.vehicle
     turn = _turn_in(scene, step)
     gained, lasts = 0.0, step

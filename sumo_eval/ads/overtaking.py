@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from sumo_eval.ads.car_following import FOLLOWED, change_as_asked, follow
 from sumo_eval.ads.lane_change import (
@@ -98,25 +98,12 @@ the way.
 """
 
 
-class Wish(NamedTuple):
-    """Wishes of an ego in a step.
-
-    habits: of overtaking.
-    idm: its parameters.
-    desired_speed: m/s.
-    free: the acceleration wanted with nothing in the way, m/s2.
-    """
-
-    habits: Any
-    idm: Any
-    desired_speed: float
-    free: float
-
-
 @kernel
 def overtake(
-    memory: Any, me: Any, others: Any, watched: Any, wish: Any, way: Any, scenario: Any
-) -> float:
+    memory: Any, me: Any, others: Any, watched: Any, habits: Any, idm: Any, desired_speed: float,
+    free: float,
+    way: Any, scenario: Any,
+) -> float:  # fmt: skip
     """Acceleration wanted in this step, m/s2; may begin the lane change, which then shows in
     `memory.path`.
 
@@ -124,31 +111,38 @@ def overtake(
     that has to change lanes (`way`) does that and never overtakes.
 
     others: the vehicles known.
-    wish: a `Wish`.
+    desired_speed: m/s.
+    free: the acceleration wanted with nothing in the way, m/s2.
     """
-    habits, desired_speed = wish.habits, wish.desired_speed
     if memory.began == 0:
         memory.began, memory.cruising_speed = 1, me.speed
         keep_lane(memory.path, me, scenario.road)
         memory.curvature = curvature_kept(memory.path, me)
     asked = math.inf
     if way.asked:
-        asked = change_as_asked(memory.path, way, me, others, desired_speed, wish.idm, scenario)
+        asked = change_as_asked(memory.path, way, me, others, desired_speed, idm, scenario)
     leads = _find_leads(memory, me, others, watched, scenario)
     free_to = memory.changing == 0 and way.asked == 0 and _has_left_lane(memory, me, scenario.road)
     if leads and free_to and not _comes_towards(others, watched):
         if _begins(memory, me, others, watched, habits, scenario):
             _find_leads(memory, me, others, watched, scenario)
         elif _bides_its_time(memory, me, others, watched, habits, scenario):
-            return float(wish.free)
-    wanted = min(wish.free, asked)
+            return free
+    wanted = min(free, asked)
     for j in range(len(others)):
         known = watched[j]
         if known.leads:
-            wanted = min(
-                wanted,
-                follow(known, me, others[j], desired_speed, known.gap, wish.idm, scenario.step),
+            behind_it = follow(
+                known,
+                me.speed,
+                desired_speed,
+                known.gap,
+                others[j].along,
+                others[j].braking,
+                idm,
+                scenario.step,
             )
+            wanted = min(wanted, behind_it)
     memory.passing = 0
     if memory.changing:
         held = False
@@ -160,7 +154,7 @@ def overtake(
                 )
         if held and wanted > 0.0:
             return 0.0
-    return float(wanted)
+    return wanted
 
 
 @kernel

@@ -164,16 +164,22 @@ def foresee_all(own: Any, known: Any, later: Any, time: float, step: float) -> N
 
 @kernel
 def brake(
-    demand: Callable[..., float], ego: Any, others: Any, mind: Any, scenario: Any, time: float
+    demand: Callable[..., float],
+    ego: Any,
+    others: Any,
+    own: Any,
+    known: Any,
+    later: Any,
+    scenario: Any,
+    time: float,
 ) -> None:
     """Command the braking that `demand` asks for, decided once in the step of the last scenario,
     and keep the lane.
 
     demand: called with (own, known, later, scenario) and a time after now, s; the deceleration
         demanded then if all continue as now, m/s2.
-    mind: (own, known, later), own of `SAFETY_MEMORY` with `BRAKES` in `p`.
+    own: of `SAFETY_MEMORY`, with `BRAKES` in `p`.
     """
-    own, known, later = mind
     if decides(own, scenario):
         cycle = scenario[-1]
         take(own.me, ego.seen)

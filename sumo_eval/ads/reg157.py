@@ -85,8 +85,7 @@ def reg157_demand(scene: Any, after: float) -> float:
 
     scene: as `brake` makes it.
     """
-    own, known, others = scene[:3]
-    scenario = scene[3]
+    own, known, others, scenario = scene
     foresee_all(own, known, others, after, scenario.step)
     for j in range(len(others)):
         if is_in_sight(own.then, others, j, SHOWING) and demands_braking(
@@ -101,7 +100,7 @@ def reg157(
     ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
 ) -> None:
     """Braking while a lead vehicle demands it, else the speed is kept; decided once a cycle."""
-    brake(reg157_demand, ego, others, (own, known, later), scenario, time)
+    brake(reg157_demand, ego, others, own, known, later, scenario, time)
 
 
 class Reg157(Compiled):

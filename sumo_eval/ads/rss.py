@@ -67,8 +67,7 @@ def rss_demand(scene: Any, after: float) -> float:
 
     scene: as `brake` makes it.
     """
-    own, known, others = scene[:3]
-    scenario = scene[3]
+    own, known, others, scenario = scene
     foresee_all(own, known, others, after, scenario.step)
     me = own.then
     for j in range(len(others)):
@@ -89,7 +88,7 @@ def responsibility_sensitive_safety(
     ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
 ) -> None:
     """0.774 g while unsafe, the speed kept while safe, decided at every step."""
-    brake(rss_demand, ego, others, (own, known, later), scenario[:1], time)
+    brake(rss_demand, ego, others, own, known, later, scenario[:1], time)
 
 
 class ResponsibilitySensitiveSafety(Compiled):

@@ -1,7 +1,6 @@
 """The IDM and its enhanced form as printed, and the ADS `idm` in SUMO."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,8 +22,6 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 
 IDM = IdmParameters(headway=1.2, standstill_gap=2.0, acceleration=1.5, deceleration=2.0)
-FAST = SimpleNamespace(speed=25.0)
-STEADY, SLOWER = (SimpleNamespace(along=speed, braking=0.0) for speed in (25.0, 22.0))
 STATES = [
     (speed, gap, lead)
     for speed in (0.5, 10.0, 20.0, 30.0)
@@ -100,13 +97,13 @@ def test_the_enhanced_idm_brakes_at_least_as_needed_and_at_most_b_more(speed, ga
 
 def test_a_follower_accepts_the_short_headway_it_finds_and_lets_it_grow_back():
     known = fresh(FOLLOWED)
-    first = follow(known, FAST, STEADY, 25.0, 12.0, IDM, 0.05)
+    first = follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
     assert first == pytest.approx(0.0, abs=1e-9)
     assert enhanced_idm_acceleration(25.0, 25.0, 12.0, 25.0, IDM) < -1.5
     for _ in range(int(25.0 / 0.05) - 1):
-        follow(known, FAST, STEADY, 25.0, 12.0, IDM, 0.05)
+        follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
     accepted = 1.2 - (1.2 - 0.4) * math.exp(-1.0)
-    later = follow(known, FAST, STEADY, 25.0, 12.0, IDM, 0.05)
+    later = follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
     assert later == pytest.approx(
         enhanced_idm_acceleration(25.0, 25.0, 12.0, 25.0, IDM, accepted), abs=1e-2
     )
@@ -115,7 +112,7 @@ def test_a_follower_accepts_the_short_headway_it_finds_and_lets_it_grow_back():
 def test_a_follower_with_room_keeps_its_own_headway():
     known = fresh(FOLLOWED)
     expected = enhanced_idm_acceleration(25.0, 30.0, 60.0, 22.0, IDM)
-    assert follow(known, FAST, SLOWER, 30.0, 60.0, IDM, 0.05) == expected
+    assert follow(known, 25.0, 30.0, 60.0, 22.0, 0.0, IDM, 0.05) == expected
 
 
 @pytest.mark.parametrize("name", ["headway", "standstill_gap", "acceleration", "deceleration"])

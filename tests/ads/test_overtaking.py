@@ -8,14 +8,7 @@ from road_scenes import BRIEFING, fresh, mover
 
 from sumo_eval.ads.car_following import IdmParameters, enhanced_idm_acceleration
 from sumo_eval.ads.lane_change import path_y, share_of_duration, smooth_step
-from sumo_eval.ads.overtaking import (
-    CLEARANCE,
-    OVERTAKING,
-    WATCHED,
-    OvertakingHabits,
-    Wish,
-    overtake,
-)
+from sumo_eval.ads.overtaking import CLEARANCE, OVERTAKING, WATCHED, OvertakingHabits, overtake
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Road
 
@@ -44,7 +37,10 @@ class Ego:
             me,
             others,
             watched,
-            Wish(self.habits, IDM, desired_speed, free),
+            self.habits,
+            IDM,
+            desired_speed,
+            free,
             STAYS,
             self.briefing,
         )

@@ -64,7 +64,7 @@ class Attention:
         away = mover("", float("nan"))
         scene = [here.get(name, away) for name in self.memories]
         memories, looks, known = zip(*self.memories.values(), strict=True)
-        attend(self.state, me, scene, (looks, memories, known), self.driver, time)
+        attend(self.state, me, scene, looks, memories, known, self.driver, time)
         found = zip(self.memories, known, strict=True)
         return [
             Mover(name=name, **{k: v for k, v in vars(it).items() if k != "speed"})

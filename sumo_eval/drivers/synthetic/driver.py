@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from sumo_eval.ads.lane_change import (
     smooth_step_rate,
     steering,
 )
-from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, Wish, overtake
+from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
 from sumo_eval.ads.perception import carry_on, is_visible, take
 from sumo_eval.cosim.compiled import Compiled, unknown
 from sumo_eval.cosim.records import MOVER, Records, fields, flags
@@ -29,6 +29,7 @@ from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.trajectory import FloatArray
 
 WANDER_DEVIATION = 0.25  # m, within a driver (DLR Highway Traffic)
 WANDER_CORRELATION_TIME = 2.2
@@ -71,24 +72,10 @@ oldest that counts, and how many there have been."""
 ATTENTION = [*fields("delay"), *flags("attends")]
 
 
-class Sight(NamedTuple):
-    """Sight of the other vehicles: the looks at each, their memories, and what is known of it."""
-
-    looks: Any
-    memories: Any
-    known: Any
-
-
-class Mind(NamedTuple):
-    """A driver's memory, waves of the wander and of the pedal, (2, 8, 2), and parameters."""
-
-    memory: Any
-    waves: Any
-    parameters: Any
-
-
 @kernel
-def attend(attention: Any, me: Any, others: Any, sight: Any, p: Any, time: float) -> None:
+def attend(
+    attention: Any, me: Any, others: Any, looks: Any, memories: Any, known: Any, p: Any, time: float
+) -> None:
     """Look at the true scene at `time`, and write what the driver acts upon to `known`; nan: not
     known.
 
@@ -97,10 +84,7 @@ def attend(attention: Any, me: Any, others: Any, sight: Any, p: Any, time: float
     change) one reaction time late: the human driver model's delay with anticipation (Treiber,
     Kesting, Helbing, Physica A 360, 71 (2006)). The reaction time is the alerted one from the
     moment at which a vehicle in front crosses, is closed upon or appears.
-
-    sight: a `Sight`, a row of each vehicle.
     """
-    looks, memories, known = sight
     if attention.attends == 0:
         attention.attends, attention.delay = 1, p.reaction_time
     for j in range(len(others)):
@@ -148,27 +132,27 @@ _PARAMETERS = np.dtype(
 
 @kernel
 def synthetic_driver(
-    ego: Any, others: Any, sight: Any, watched: Any, own: Any, scenario: Any, time: float
-) -> None:
-    """Command acceleration and steering wheel angle: look, decide, work the pedals and the wheel.
+    me: Any, others: Any, memory: Any, looks: Any, memories: Any, known: Any, watched: Any,
+    waves: Any, p: Any,
+    way: Any, scenario: Any, time: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Acceleration, m/s2, and steering wheel angle, rad: look, decide, work the pedals and the
+    wheel.
 
-    sight: as in `attend`.
-    own: a `Mind`.
+    waves: of the wander and of the pedal, (2, 8, 2).
     """
-    me = ego.seen
-    memory, waves, p = own
     if memory.began == 0:
         memory.ease = 1.0
-    attend(memory, me, others, sight, p, time)
+    attend(memory, me, others, looks, memories, known, p, time)
     start = memory.cruising_speed if memory.began else me.speed
     desired = start * p.gain
     free = (desired - me.speed) / SPEED_RELAXATION + noise_value(waves[1], p.pedal_amplitude, time)
     free *= smooth_step(time / SETTLING_TIME)
-    wish = Wish(p.habits, p.idm, desired, free)
-    wanted = overtake(memory, me, sight[2], watched, wish, ego.way, scenario)
+    wanted = overtake(memory, me, known, watched, p.habits, p.idm, desired, free, way, scenario)
     y, slope, bend = _line(memory, me, waves, p, scenario)
-    ego.command.acceleration = max(wanted, -scenario.vehicle.max_deceleration)
-    ego.command.steering = steering(memory, me, y, slope, bend, scenario)
+    return max(wanted, -scenario.vehicle.max_deceleration), steering(
+        memory, me, y, slope, bend, scenario
+    )
 
 
 @kernel
@@ -200,16 +184,19 @@ def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[floa
 
 @rows
 def synthetic_driver_rows(
-    egos: Records, seen: Records, sights: Sight, watched: Records, minds: Mind, scenario: Records,
-    time: float,
+    egos: Records, seen: Records, memory: Records, looks: Records, memories: Records,
+    known: Records, watched: Records,
+    waves: FloatArray, parameters: Records, scenario: Records, time: float,
 ) -> None:  # fmt: skip
     """`synthetic_driver` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
-            sight = Sight(sights.looks[i], sights.memories[i], sights.known[i])
-            own = Mind(minds.memory[i], minds.waves[i], minds.parameters[i])
-            its = scenario[first_of(scenario, i)]
-            synthetic_driver(egos[i], seen[i], sight, watched[i], own, its, time)
+            command = egos[i].command
+            command.acceleration, command.steering = synthetic_driver(
+                egos[i].seen, seen[i], memory[i], looks[i], memories[i], known[i], watched[i],
+                waves[i], parameters[i],
+                egos[i].way, scenario[first_of(scenario, i)], time,
+            )  # fmt: skip
 
 
 class SyntheticDriver(Compiled):
@@ -237,20 +224,23 @@ class SyntheticDriver(Compiled):
         )
 
     @classmethod
-    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Any, ...]:
-        """Sights, what is watched, and minds, a row for each driver."""
+    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
+        """Memory, looks and what is remembered of them, what is known, what is watched, waves and
+        parameters.
+        """
         count, step = len(together), float(scenario["step"][0])
         longest = max(
             max(it.driver.reaction_time, it.driver.alerted_reaction_time) for it in together
         )
-        sights = Sight(
+        return (
+            np.zeros(count, _MEMORY),
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
             np.zeros((count, others), LOOKS),
             np.zeros((count, others), MOVER),
+            unknown(count, others, WATCHED),
+            np.array([(it.wander.waves, it.pedal.waves) for it in together]),
+            parameters(together),
         )
-        waves = np.array([(it.wander.waves, it.pedal.waves) for it in together])
-        minds = Mind(np.zeros(count, _MEMORY), waves, parameters(together))
-        return sights, unknown(count, others, WATCHED), minds
 
 
 def parameters(together: Sequence[SyntheticDriver]) -> Records:
