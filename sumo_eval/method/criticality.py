@@ -104,7 +104,7 @@ def ideal_braking_gap(
     closing = _closing_speed(ego_speed, lead_speed)
     strength = _not_negative("deceleration", deceleration, above_zero=True)
     braking = _braking_time(time, delay)
-    before = np.asarray(time, dtype=np.float64) - braking
+    before = np.asarray(time) - braking
     lasting = np.where(closing > 0.0, np.minimum(braking, closing / strength), braking)
     slower = np.where(closing > 0.0, strength * lasting, 0.0)
     return np.asarray(_finite("gap", gap) - closing * before - lasting * (closing - slower / 2.0))[
