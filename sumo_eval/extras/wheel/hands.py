@@ -15,7 +15,8 @@ from typing import Final, NamedTuple
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.settings import VehicleSettings
 
-LEFT, RIGHT, DRIVE, BRAKE, HARD, EVADE = (1 << bit for bit in range(6))
+LEFT, RIGHT, DRIVE = 1, 2, 4
+BRAKE, HARD, EVADE = 8, 16, 32
 KEYS: Final = {
     "left": LEFT,
     "right": RIGHT,

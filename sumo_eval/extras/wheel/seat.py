@@ -76,13 +76,8 @@ class Seat:
         show: Callable[[list[Any]], None],
         held: Callable[[str], None], *, paced: bool = True,
     ) -> None:  # fmt: skip
-        self._desk, self._hands, self._step, self._writer, self._show = (
-            desk,
-            hands,
-            step,
-            writer,
-            show,
-        )
+        self._desk, self._hands, self._step = desk, hands, step
+        self._writer, self._show = writer, show
         self._held, self._paced = held, paced
         self._tick, self._start = 0, 0.0
         # step and time (`awake`) at which the drive last went on; of the last step

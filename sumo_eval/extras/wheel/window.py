@@ -36,7 +36,9 @@ LOOPBACK: Final = "127.0.0.1"
 # s within which who connects must say what he wants (browsers also connect ahead), and his token
 SILENT: Final = 2.0
 COUNTDOWN: Final = 3.0  # s
-WRONG, UNKNOWN, TAKEN, FLOODED = 4400, 4401, 4409, 4429  # why a window is shut
+# codes that close a window
+WRONG, UNKNOWN = 4400, 4401
+TAKEN, FLOODED = 4409, 4429
 BROKEN: Final = {
     1002: "is no message of a WebSocket",
     1007: "is no text",
