@@ -210,8 +210,7 @@ class CaseResult(Outcome):
     index (in tables also `d_i`): D_i and its factors, of safe-zone cases without a collision, Eqs.
         11-12. Beside it the
     terms of H: operation_tolerance f_n+, mixture_similarity, plausibility (of every evaluated case)
-    and human_likeness,
-    which is 0 for a safe case with a collision that the ideal vehicle avoids.
+    and human_likeness, which is 0 for a safe case with a collision that the ideal vehicle avoids.
 
     min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2,
     max_jerk m/s3 and delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not

@@ -65,8 +65,7 @@ def evaluate(
     Raises StoppedError when `stopping` asks for it; what was done by then is kept.
 
     The folder is the one that `sumo-eval run` leaves, with `scores.json`, `cases.csv` and
-    `junit.xml`; its page,
-    `report.html`, is written by `sumo-eval report OUT`.
+    `junit.xml`; its page, `report.html`, is written by `sumo-eval report OUT`.
     """
     from sumo_eval.record.facts import resolve
 

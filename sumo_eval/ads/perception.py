@@ -110,8 +110,7 @@ def next_ahead(me: Any, others: Any, last: int) -> int:
 @kernel
 def neighbours(me: Any, others: Any, centre: float, width: float) -> tuple[int, int]:
     """Indexes of the nearest vehicles ahead and behind whose body reaches into the strip `width` m
-    wide around
-    y = `centre`, -1: none. One beside the ego is both.
+    wide around y = `centre`, -1: none. One beside the ego is both.
     """
     ahead = behind = -1
     for j in range(len(others)):

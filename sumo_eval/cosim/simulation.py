@@ -112,10 +112,9 @@ def simulate(
         locator says.
 
     A fault of the ADS (an exception, a command that is no finite number, motion that no vehicle can
-    do, touching SUMO's
-    clock) ends the run with `end_reason` "ads_error" and a sentence in `error`, too slow a step
-    with "ads_timeout", a
-    fault of SUMO with "sim_error". What was driven until then is kept.
+    do, touching SUMO's clock) ends the run with `end_reason` "ads_error" and a sentence in `error`,
+    too slow a step with "ads_timeout", a fault of SUMO with "sim_error". What was driven until then
+    is kept.
     """
     settings = concrete.simulation(settings or USUAL)
     check_intervals(settings)
@@ -267,9 +266,8 @@ def simulate_together(
     batches: bool = True,
 ) -> Iterator[Recording | Alone]:
     """Recordings of cases driven together, in their order; for one that has to be driven alone, the
-    reason. Those of a
-    kind go together: as many other vehicles on one road. How many there are of a stream depends on
-    its density.
+    reason. Those of a kind go together: as many other vehicles on one road. How many there are of a
+    stream depends on its density.
 
     seeds: of each case, of what the conditions leave to chance.
     wrap: put around the policy of each case.

@@ -163,8 +163,7 @@ def slip_rates(
     grip: float,
 ) -> tuple[float, float, float]:
     """Rates of side slip, rad/s, and yaw rate, rad/s2, of the dynamic single-track model; and the
-    largest share that
-    linear tyres would use of an axle's limit.
+    largest share that linear tyres would use of an axle's limit.
 
     wheel: angle of the front wheels on the road, rad.
     grip: friction coefficient that limits forces; with inf tyres stay linear, and the rates are

@@ -51,14 +51,11 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
     samples: rows of x, y, k2 vx, k2 vy, k2 v, weight, (k, 6). Returns (n,).
 
     Every inner loop is over points and becomes vector instructions. Points that lie together are
-    quickest, because a
-    sample more than 1 m away from all points of a block needs no decisions: with u = 1/sqrt(r) its
-    field is u exp(f),
-    f = (k2 v r) u^2 for k1 = 0.5. u comes from single precision and one Newton step in double; what
-    is held is u over
-    the root of two, for which the step costs one multiplication less. While one sample's polynomial
-    is summed the next
-    one's roots are found: the processor does both at a time.
+    quickest, because a sample more than 1 m away from all points of a block needs no decisions:
+    with u = 1/sqrt(r) its field is u exp(f), f = (k2 v r) u^2 for k1 = 0.5. u comes from single
+    precision and one Newton step in double; what is held is u over the root of two, for which the
+    step costs one multiplication less. While one sample's polynomial is summed the next one's roots
+    are found: the processor does both at a time.
     """
     field = np.empty(points.shape[0])
     px, py, total = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
@@ -181,8 +178,7 @@ def _add_terms(
 @compiled
 def far_values(samples: FloatArray, grid: Any, near: NDArray[np.int64], k1: float) -> FloatArray:
     """The field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes along
-    x, as Chebyshev
-    series of q terms across.
+    x, as Chebyshev series of q terms across.
 
     samples: as in `magnitude_sum`, by x.
     grid: `shared_fields.Grid`, with p nodes in each box.

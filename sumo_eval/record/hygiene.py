@@ -151,9 +151,7 @@ def family(pid: int | None = None) -> list[int]:
 
 
 def processor_time(pid: int) -> float:
-    """Processor time of all processes below one so far, s; 0 where the system does
-    not tell.
-    """
+    """Processor time of all processes below one so far, s; 0 where the system does not tell."""
     ticks = 0
     for one in family(pid):
         with suppress(OSError, IndexError):  # it has gone meanwhile

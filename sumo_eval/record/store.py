@@ -557,9 +557,7 @@ class Store:
     def each_fact(
         self, role: Role, scenario: str | None = None, driver: str | None = None
     ) -> Iterator[Fact]:
-        """Recorded cases of a role, as `facts` has them, read in order without holding
-        them all.
-        """
+        """Recorded cases of a role, as `facts` has them, read in order without holding them all."""
         self.check_all()
         where = "role = ? AND scenario = coalesce(?, scenario) AND driver = coalesce(?, driver)"
         return self._facts(f"{where} ORDER BY scenario, point, driver", role, scenario, driver)

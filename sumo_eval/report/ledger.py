@@ -4,8 +4,8 @@ printed number.
 S+ is 100 times the product of T, A' and (a + b H) / 100: each of the three costs its Shapley value
 of 100 - S+, which its cases share by what they take from T, A and H. S begins with what C = 1 and D
 = 1 would give; off go what each collision and each factor of a case's D_i cost. A case loses 1
-minus the product of its factors. A factor's
-part of that loss is its Shapley value (`score_terms.product_losses`).
+minus the product of its factors. A factor's part of that loss is its Shapley value
+(`score_terms.product_losses`).
 """
 
 from __future__ import annotations

@@ -5,8 +5,7 @@ Two kinds over the same events, both cut to the box of the space:
 
 - kde: a Gaussian at each event, with the events' covariance times the squared bandwidth.
 - copula: each parameter by a one-dimensional KDE of its own, cut to its range; together by the
-  correlation of their
-  normal scores (a Gaussian copula).
+  correlation of their normal scores (a Gaussian copula).
 
 A sum of kernels is wider than the events, by sqrt(1 + h^2) for a bandwidth h, and has too often
 what is rare among events whose tails are normal. The narrow form of either kind draws events and

@@ -214,23 +214,18 @@ def missing_bounds(
     moves.
 
     T, A, A', regret, H, S+: a case that could not be evaluated counts as doing nothing, or as the
-    ideal vehicle where
-    that is harder; at best as the ideal vehicle. Where the ideal vehicle's own drive is missing, at
-    worst it avoids, or
-    the point has no part in A as in the score itself, whichever is lower; at best it hits as hard
-    as the ADS. Where
-    that of doing nothing is missing, it hits at worst as hard as the ADS, at best as hard as
-    anywhere else. A safe case
-    without a human-likeness that could have one counts 0, and 1; one with a collision of which
-    it is unknown whether the
-    ideal vehicle avoids it counts 0, and not at all.
+    ideal vehicle where that is harder; at best as the ideal vehicle. Where the ideal vehicle's own
+    drive is missing, at worst it avoids, or the point has no part in A as in the score itself,
+    whichever is lower; at best it hits as hard as the ADS. Where that of doing nothing is missing,
+    it hits at worst as hard as the ADS, at best as hard as anywhere else. A safe case without a
+    human-likeness that could have one counts 0, and 1; one with a collision of which it is unknown
+    whether the ideal vehicle avoids it counts 0, and not at all.
 
     C: a missing case is a collision, one that the ideal vehicle avoids, or as gentle as its own.
         Both are bounds: a
     collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it. D: a safe case
-    without a collision
-    that has no D_i counts 0, and 1. S: a missing safe case may have been a collision, after which
-    there is no D.
+    without a collision that has no D_i counts 0, and 1. S: a missing safe case may have been a
+    collision, after which there is no D.
 
     values: the scores as they are.
     people: whether there are drivers to be like.

@@ -19,10 +19,8 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
     numbers: of each case's point.
 
     Critical is where, with some ADS, there was a collision; where its drive could not be evaluated
-    or left the road;
-    where the nearest other point of the space ended otherwise, with a collision or without; and
-    where it is among its
-    `LEAST_HUMAN` least human-like.
+    or left the road; where the nearest other point of the space ended otherwise, with a collision
+    or without; and where it is among its `LEAST_HUMAN` least human-like.
     """
     found: set[tuple[str, int]] = set()
     for score in evaluation.scores:

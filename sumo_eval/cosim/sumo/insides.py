@@ -1,8 +1,7 @@
 """libsumo, and the insides of it and of Xerces that this package borrows. Tried with SUMO 1.28.
 
 - `vehicles`, `direct`, `simulation_step`, `simulation_time`: the functions that libsumo's Python
-  ones wrap. 40 cut-ins
-  one by one take 1.2 s of processor time in place of 1.5 s.
+  ones wrap. 40 cut-ins one by one take 1.2 s of processor time in place of 1.5 s.
 - `keep_xml_parser`: Xerces is set up once in a process. The same cases take 1.2 s in place of 1.6
   s.
 

@@ -2,8 +2,8 @@
 `sumo_eval/<scenario>-v0`.
 
 `gymnasium.make("sumo_eval/cut_in-v0")` runs single cases, `gymnasium.make_vec(..., num_envs=256)`
-parallel ones in one process. `sumo_eval/scenario-v0` takes a scenario of
-your own: `use="my_scenario.toml"`. Needs the extra `gym`.
+parallel ones in one process. `sumo_eval/scenario-v0` takes a scenario of your own:
+`use="my_scenario.toml"`. Needs the extra `gym`.
 """
 
 from __future__ import annotations

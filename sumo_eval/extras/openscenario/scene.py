@@ -6,11 +6,11 @@ Readings, where the standard leaves one or the world here is narrower:
 - The ego belongs to the ADS from the start: its controllers and actions during the drive are
   ignored, its start is not.
 - A speed relative to the ego's is relative to the one with which the ego starts, a lane or an
-  offset relative to the
-  ego's to where the ego starts: nobody knows before the drive where an ADS will be.
+  offset relative to the ego's to where the ego starts: nobody knows before the drive where an ADS
+  will be.
 - SynchronizeAction is planned once, when it begins, for a master that keeps the speed it has; when
-  the master leaves
-  its approach speed afterwards, because the ADS brakes, the target keeps its plan (`synchronized`).
+  the master leaves its approach speed afterwards, because the ADS brakes, the target keeps its plan
+  (`synchronized`).
 - `sinusoidal` by `rate` has that peak lateral speed, by `maxLateralAcc` that peak lateral
   acceleration.
 - A `rate` is a size; the target says which way.

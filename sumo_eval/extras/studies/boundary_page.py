@@ -161,8 +161,7 @@ def sentences(found: FailureBoundary, held: Mapping[str, float]) -> list[str]:
 
 def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
     """The title, and trials over the likelier outcome: one map for two parameters, one for each of
-    some values of a
-    third, on the nearest of which a trial is drawn.
+    some values of a third, on the nearest of which a trial is drawn.
 
     Parameters behind the third are in the middle of their ranges.
 

@@ -2,11 +2,10 @@
 
 A Gaussian process classifier (probit-like, Laplace approximation) learns the outcomes in the unit
 box. The next points are those where the sign of its latent function f is most open: the straddle
-rule of Bryan et al. (2005),
-1.96 sd(f) - |mean(f)|. The points of one batch are chosen one after the other, each as if the
-earlier ones had been tried; one in eight goes where sd(f) alone is largest, so that an island that
-nothing hints at is found as well. Nothing is assumed about the shape of the sets: intervals, holes
-and several pieces are as good as a half-space.
+rule of Bryan et al. (2005), 1.96 sd(f) - |mean(f)|. The points of one batch are chosen one after
+the other, each as if the earlier ones had been tried; one in eight goes where sd(f) alone is
+largest, so that an island that nothing hints at is found as well. Nothing is assumed about the
+shape of the sets: intervals, holes and several pieces are as good as a half-space.
 """
 
 from __future__ import annotations

@@ -245,8 +245,7 @@ def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> floa
     flat: whatever its height is.
 
     Raises InputError where that changes along the road, or where the road is not level: a slope or
-    a superelevation,
-    not the height at which it lies.
+    a superelevation, not the height at which it lies.
     """
     found = {}
     for name in ("lanes/laneOffset", *(() if flat else PROFILES)):

@@ -2,9 +2,9 @@
 drawn.
 
 The synthetic drivers are not a simple random sample: of any n, the recorded share overtakes,
-rounded
-down or up (`sumo_eval.drivers.synthetic.population`). So followers are compared with followers and
-overtakers with overtakers, and the rounding is an error of its own. Recorded people are one group.
+rounded down or up (`sumo_eval.drivers.synthetic.population`). So followers are compared with
+followers and overtakers with overtakers, and the rounding is an error of its own. Recorded people
+are one group.
 """
 
 from __future__ import annotations

@@ -5,12 +5,11 @@ A bootstrap. Each replicate draws the points again (`resamples`), the same ones 
 adds to D and H an error of the drivers' own size, which a jackknife over drivers has measured
 (`sumo_eval.scoring.confidence.drivers`). What was never seen is counted too: a sample in which k of
 n hazardous points hold a collision does not prove that other points hold none. The end of an
-interval
-on the bad side therefore carries e unseen collisions, e from an exponential distribution of mean 1,
-as hard as those of doing nothing: together with the drawn ones a gamma distribution of shape k + 1,
-as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the rule of three. A
-sum loses with each of them. C is a mean over collisions, so the first of them makes it what
-collisions leave: it loses that with the chance that an evaluation of as many points sees any.
+interval on the bad side therefore carries e unseen collisions, e from an exponential distribution
+of mean 1, as hard as those of doing nothing: together with the drawn ones a gamma distribution of
+shape k + 1, as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the rule
+of three. A sum loses with each of them. C is a mean over collisions, so the first of them makes it
+what collisions leave: it loses that with the chance that an evaluation of as many points sees any.
 
 Points of a method that leaves no part of the space out are balanced over it: their mean place is
 the box's, so what a score's terms owe to a trend along a parameter is not an error of theirs.
@@ -339,8 +338,7 @@ class UnseenLoss:
 
 @dataclass(frozen=True, slots=True)
 class FreePoints:
-    """Where an ADS may have unseen collisions, as far as that depends on all of its
-    cases.
+    """Where an ADS may have unseen collisions, as far as that depends on all of its cases.
 
     A free point is a hazardous one without a collision (any evaluated one, if none is hazardous).
     An unseen collision is as hard there as that of `no_reaction`.

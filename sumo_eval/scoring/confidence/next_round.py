@@ -161,8 +161,8 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
     """How many points of S+ a case would move that stands for one point, (n,): first order, its sum
     weighted by `stands_for` is 0 except for a constant in A and in H.
 
-    S+ = T A' (a + b H): a case moves T by p (t - T) / sum(p), H likewise, and A by
-    w ((1 - A) stake - lost) / sum(w stake), each times the slope of S+ along it.
+    S+ = T A' (a + b H): a case moves T by p (t - T) / sum(p), H likewise, and A by w ((1 - A) stake
+    - lost) / sum(w stake), each times the slope of S+ along it.
     """
     values = point_values(terms, method)
     task, human = values["task_share"] or 0.0, values["human_likeness"] or 0.0
