@@ -41,7 +41,7 @@ from sumo_eval.cosim.doors.controller import (
 )
 from sumo_eval.cosim.doors.entry import PLAIN, split_entry, steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.cosim.doors.kept_state import first_change, kept_state
+from sumo_eval.cosim.doors.kept_state import first_change, kept_state, reached_modules
 from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
 from sumo_eval.cosim.doors.traci_program import TraciProgram, served
 from sumo_eval.cosim.doors.traci_view import sharing
@@ -421,9 +421,12 @@ def _rider(
 
 
 def _needs_all_of_sumo(hook: Any) -> bool:
-    """Whether the module of a hook has libsumo itself, or functions of it that know no rows."""
-    values = vars(sys.modules.get(getattr(hook, "__module__", "") or "", sys)).values()
-    return any(it is libsumo or getattr(it, "__module__", "") == "libsumo.libsumo" for it in values)
+    """Whether a hook's code has libsumo itself, or functions of it that know no rows."""
+    return any(
+        it is libsumo or getattr(it, "__module__", "") == "libsumo.libsumo"
+        for module in reached_modules(hook)
+        for it in list(vars(module).values())
+    )
 
 
 def asks_traci(target: Any) -> bool:

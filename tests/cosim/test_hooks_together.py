@@ -164,6 +164,21 @@ def test_one_that_leaves_is_driven_alone_and_no_other(hook):
     assert {reason.why: count for reason, count in why.items()} == {"left_batch": 1}
 
 
+def test_libsumo_bound_in_a_module_that_a_hook_imports_keeps_it_alone(tmp_path, monkeypatch):
+    (tmp_path / "deep.py").write_text("import libsumo\nSPEED = libsumo.vehicle.getSpeed\n")
+    (tmp_path / "between.py").write_text("import deep\nspeed = lambda ego: deep.SPEED(ego)\n")
+    (tmp_path / "hook.py").write_text(
+        "from between import speed\n"
+        "def step(traci, ego, time): traci.vehicle.setSpeed(ego, speed(ego) - 0.1)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    cases, why = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0)], Counter()
+    locator = f"{tmp_path / 'hook.py'}:step"
+    together = list(simulate_many(cases, locator, STEPS, alone=why))
+    assert [one.ego.speed[20] for one in together] == pytest.approx([8.0, 18.0], abs=0.11)
+    assert {reason.why for reason in why} == {"on_traci"}
+
+
 CACHE: dict[str, float] = {}
 GENERATOR = random.Random(3)
 

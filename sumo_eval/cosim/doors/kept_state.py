@@ -41,6 +41,22 @@ def kept_state(ads: Any) -> dict[str, object]:
     return state
 
 
+def reached_modules(ads: Any) -> list[ModuleType]:
+    """The module of an ADS and all that it uses, by way of others too; no installed package."""
+    reached, waiting = dict[str, ModuleType](), [ads]
+    while waiting:
+        it = waiting.pop()
+        name = it.__name__ if isinstance(it, ModuleType) else str(getattr(it, "__module__", ""))
+        module, root = sys.modules.get(name), name.partition(".")[0]
+        if module is None or name in reached or root in _NOT_ITS_OWN:
+            continue
+        file = getattr(module, "__file__", None)
+        if file is not None and "site-packages" not in file and root not in sys.stdlib_module_names:
+            reached[name] = module
+            waiting += vars(module).values()
+    return list(reached.values())
+
+
 def _of_process() -> dict[str, object]:
     """State that all code of a process shares."""
     return {
