@@ -30,6 +30,7 @@ import numpy as np
 
 import sumo_eval
 from sumo_eval.cosim.doors.controller import SHIPPED
+from sumo_eval.cosim.no_return import NO_RETURN
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.scenario.catalogue import SCENARIOS
@@ -213,7 +214,7 @@ def _drive(fact: Any, store: Store) -> dict[str, Any]:
         "end": fact.end_reason,
         "time": fact.simulated_time,
         "impact": None if hit is None else hit.relative_speed,
-        "clips": sum(clip.count for clip in fact.clips),
+        "clips": sum(clip.count for clip in fact.clips if clip.what != NO_RETURN),
         "trajectories": _hash(store, fact.case),
     }
 

@@ -11,9 +11,7 @@ import os
 import random
 import sys
 from collections import deque
-from collections.abc import Iterator
 from itertools import islice
-from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -33,7 +31,7 @@ def kept_state(ads: Any) -> dict[str, object]:
     ads: a class or a function, whose module's folder holds the code.
     """
     state = _of_process()
-    for module in _modules(ads):
+    for module in reached_modules(ads):
         own = [(k, v) for k, v in list(vars(module).items()) if not k.startswith("__")]
         state |= {f"{module.__name__}.{name}": _frozen(value, 0) for name, value in own}
     for kind in ads.__mro__[:-1] if inspect.isclass(ads) else (ads,):
@@ -42,19 +40,42 @@ def kept_state(ads: Any) -> dict[str, object]:
 
 
 def reached_modules(ads: Any) -> list[ModuleType]:
-    """The module of an ADS and all that it uses, by way of others too; no installed package."""
+    """The module of an ADS and those that it uses, by way of others too.
+
+    Installed packages are left out, but for the ADS's own.
+    """
+    own = ads.__module__.partition(".")[0]
     reached, waiting = dict[str, ModuleType](), [ads]
     while waiting:
         it = waiting.pop()
-        name = it.__name__ if isinstance(it, ModuleType) else str(getattr(it, "__module__", ""))
-        module, root = sys.modules.get(name), name.partition(".")[0]
-        if module is None or name in reached or root in _NOT_ITS_OWN:
+        module = it if isinstance(it, ModuleType) else _module_of(it)
+        if module is None or module.__name__ in reached:
             continue
-        file = getattr(module, "__file__", None)
-        if file is not None and "site-packages" not in file and root not in sys.stdlib_module_names:
-            reached[name] = module
-            waiting += vars(module).values()
+        root, file = module.__name__.partition(".")[0], getattr(module, "__file__", None)
+        known = root in _NOT_ITS_OWN or root in sys.stdlib_module_names
+        if known or file is None or ("site-packages" in file and root != own):
+            continue
+        reached[module.__name__] = module
+        waiting += vars(module).values()
     return list(reached.values())
+
+
+def _module_of(value: Any) -> ModuleType | None:
+    """Where a function, a class or an object's class is defined.
+
+    A file that was loaded by its path may be in no table.
+    """
+    code = value if isinstance(value, type | FunctionType) else type(value)
+    if code.__module__ in sys.modules:
+        return sys.modules[code.__module__]
+    function = next(
+        (it for it in (code, *vars(code).values()) if isinstance(it, FunctionType)), None
+    )
+    if function is None:
+        return None
+    module = ModuleType(function.__module__)
+    module.__dict__.update(function.__globals__)
+    return module
 
 
 def _of_process() -> dict[str, object]:
@@ -72,27 +93,6 @@ def first_change(before: dict[str, object], after: dict[str, object]) -> str | N
     """Name of the first state that differs; None: all of it is the same."""
     names = [*before, *(name for name in after if name not in before)]
     return next((name for name in names if before.get(name, ...) != after.get(name, ...)), None)
-
-
-def _modules(ads: Any) -> Iterator[ModuleType]:
-    """The module of an ADS and those of its folder, installed packages excepted."""
-    own = sys.modules.get(ads.__module__)
-    # a file that was loaded by its path may be in no table
-    if own is None and isinstance(getattr(ads, "__globals__", None), dict):
-        own = ModuleType(ads.__module__)
-        own.__dict__.update(ads.__globals__)
-    if own is not None and own.__name__.partition(".")[0] not in _NOT_ITS_OWN:
-        yield own
-        yield from _beside(own)
-
-
-def _beside(own: ModuleType) -> Iterator[ModuleType]:
-    file = getattr(own, "__file__", None)
-    folder = None if file is None or "site-packages" in file else Path(file).parent
-    for module in list(sys.modules.values()):
-        other = getattr(module, "__file__", None)
-        if module is not own and other is not None and folder == Path(other).parent:
-            yield module
 
 
 def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> object:
