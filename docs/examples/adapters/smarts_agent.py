@@ -8,6 +8,7 @@ The observation has SMARTS's own classes where SMARTS is installed. Its headings
 from __future__ import annotations
 
 import math
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import SimpleNamespace
@@ -44,6 +45,7 @@ _LANE_TIME = 3.0  # s to the centre line of a lane
 _AHEAD = 80.0  # m of waypoints
 
 
+@cache
 def _class(module: str, name: str, otherwise: Any = SimpleNamespace) -> Any:
     return getattr(import_module(module), name) if find_spec("smarts") else otherwise
 
