@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import sumo_eval
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
 
 SHIPPED = Path(sumo_eval.__file__).parent / "scenario" / "files" / "cut_in.toml"
@@ -43,6 +44,12 @@ def test_delay_and_range_are_axes_that_only_the_ads_feels(tmp_path):
     late = logical.concrete(**here, **worst)
     assert dict(late.changes) == worst
     assert not late.without_ads.changes
+    sharp = logical.concrete(
+        **here, **dict.fromkeys(worst, 0.0) | {"conditions.sensor_range": 120.0}
+    )
+    keeps = f"{tmp_path / 'keeps.py'}:Keeps"
+    assert not simulate(late, keeps).same_motion(simulate(sharp, keeps))
+    assert simulate(late, "no_reaction").same_motion(simulate(sharp, "no_reaction"))
 
     evaluation = """
 name = "seen"

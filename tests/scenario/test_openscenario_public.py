@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from twins.openscenario import STEP, Reader
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, read_file
 from sumo_eval.scenario.road.reference_line import map_places
-from tests.twins.openscenario import STEP, Reader
 
 SNAPSHOTS = Path(os.environ.get("SNAPSHOTS", Path(__file__).parents[3] / ".mirror"))
 ASAM = "RA-Consulting-GmbH+openscenario.api.test", "cpp/applications/openScenarioTester/res"
