@@ -102,7 +102,17 @@ engine = "serial"
 """What stands in for a page's own evaluation.toml: three points, in this process."""
 
 CASE = "front_vehicle_low_speed-0000-idm"
-READS_A_RUN = ("score", "report", "explain", "replay", "plot", "export", "compare", "verify")
+READS_A_RUN = (
+    "score",
+    "report",
+    "explain",
+    "whatif",
+    "replay",
+    "plot",
+    "export",
+    "compare",
+    "verify",
+)
 
 
 def as_a_shell(folder: Path, pattern: str) -> list[str]:
@@ -137,7 +147,11 @@ class Desk:
     def stand_in(self, words: list[str]) -> list[str]:
         """A command as it is run here: placeholders filled, a small evaluation for a dear one,
         folders made ready."""
-        words = [CASE if word == "CASE" else word for word in words if word != "--open"]
+        words = [
+            CASE if word == "CASE" or re.fullmatch(r"\w+-\d{4}-\w+", word) else word
+            for word in words
+            if word != "--open"
+        ]
         words = [
             path
             for word in words

@@ -525,7 +525,7 @@ def _difference(
     for index in _chosen(rider.hook, found):
         own = drive_alone(cases[index], rider.make(), seed=seeds[index])
         if not own.same_motion(found[index]):  # type: ignore[arg-type]
-            return f"something else, for {cases[index].label}"
+            return f"not seen where; {cases[index].label} differs alone"
     return None
 
 

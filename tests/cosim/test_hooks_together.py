@@ -218,7 +218,7 @@ class Counts:
     ("hook", "name"),
     [
         (caches, "CACHE"), (remembers, "remembers"), (draws, "GENERATOR"), (Counts, "Counts"),
-        (writes_files, "something else"),
+        (writes_files, "not seen where"),
     ],
 )  # fmt: skip
 def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path):
