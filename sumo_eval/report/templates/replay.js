@@ -9,6 +9,11 @@ const sumoReplay = (() => {
   const LIGHT = { ink: "#1b1f24", muted: "#57606a", hair: "#e6eaee", ground: "#f5f7f9", road: "#d9dde1", lines: COLOURS.views };
   const DARK = { ink: "#e6eaee", muted: "#a3adb8", hair: "#2a323a", ground: "#12161a", road: "#2c343d", lines: ["#3d9ad6", "#d48cc0"] };
   let paper = LIGHT; // what is drawn on: that of the page, and white where it is printed
+  let printing = false;
+  for (const name of ["beforeprint", "afterprint"]) globalThis.window?.addEventListener(name, () => { printing = name === "beforeprint"; });
+  function choosePaper() {
+    paper = document.documentElement.dataset.theme === "dark" && !printing ? DARK : LIGHT;
+  }
   const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', Arial, sans-serif";
   const BRAKING = -0.5; // m/s2 from which the brake lights are drawn
   const MOST_TTC = 10; // s; longer ones are off the chart
@@ -297,6 +302,7 @@ const sumoReplay = (() => {
 
   /** How a case stands at a time, with everybody on the sheet. */
   function still(canvas, scene, view, colour, time) {
+    choosePaper();
     named(scene.bodies, view);
     const all = [view.ego, ...view.actors.map(([, actor]) => actor)].map((t) => [at(t, "x", time), t.length / 2]);
     drawTop(canvas, scene, view, colour, time, [Math.min(...all.map(([x, half]) => x - half)) - 8, Math.max(...all.map(([x, half]) => x + half)) + 8]);
@@ -304,6 +310,7 @@ const sumoReplay = (() => {
 
   /** How a case stands at a time, near the ego. */
   function moment(canvas, scene, view, colour, time) {
+    choosePaper();
     named(scene.bodies, view);
     drawTop(canvas, scene, view, colour, time);
   }
@@ -818,13 +825,12 @@ const sumoReplay = (() => {
       draw();
     }
 
-    let printing = false;
     /** sharp: the three-dimensional pictures with all pixels, as they are drawn once nothing has moved for a while. */
     function draw(sharp = false) {
       clearTimeout(settled);
       if (!scene) return;
       if (!sharp && frame === null && panes.some(({ space }) => space)) settled = setTimeout(() => draw(frame === null), SETTLES);
-      paper = document.documentElement.dataset.theme === "dark" && !printing ? DARK : LIGHT;
+      choosePaper();
       const time = now;
       const one = !ghosted.hidden && together.checked;
       panes.forEach(({ chase, space, top, words, view, colour }, which) => {
@@ -881,8 +887,7 @@ const sumoReplay = (() => {
     });
     hit.addEventListener("click", () => { stop(); seek(scene.views.find((view) => view.contact).contact.time); });
     slider.addEventListener("input", () => { stop(); now = Number(slider.value); draw(); });
-    for (const [what, name] of [[camera, "change"], [together, "change"], [window, "resize"]]) what.addEventListener(name, () => draw());
-    for (const name of ["beforeprint", "afterprint"]) window.addEventListener(name, () => { printing = name === "beforeprint"; draw(); });
+    for (const [what, name] of [[camera, "change"], [together, "change"], ...["resize", "beforeprint", "afterprint"].map((it) => [window, it])]) what.addEventListener(name, () => draw());
     if (typeof sumoPage !== "undefined") sumoPage.onTheme(() => draw());
     return { show, stop, draw };
   }

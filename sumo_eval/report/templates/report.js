@@ -761,7 +761,7 @@
     }
     whenSeen(card, draw);
     moveRings.push(() => { if (drawn.includes(draw)) draw(); });
-    window.addEventListener("resize", () => { if (drawn.includes(draw)) draw(); });
+    for (const name of ["resize", "beforeprint", "afterprint"]) window.addEventListener(name, () => { if (drawn.includes(draw)) draw(); });
   }
 
   function drawCharts(view) {
@@ -1116,7 +1116,7 @@
     frame();
     stillFigure.addEventListener("click", play);
     drawn.push(frame);
-    window.addEventListener("resize", frame);
+    for (const name of ["resize", "beforeprint", "afterprint"]) window.addEventListener(name, frame);
   }
 
   function entryOf(key) {
