@@ -21,11 +21,10 @@ from sumo_eval.extras.openscenario.describe import described
 from sumo_eval.extras.openscenario.logical import (
     concrete,
     concrete_points,
-    grid_size,
     read_file,
 )
-from sumo_eval.extras.openscenario.reading import Part
-from sumo_eval.extras.openscenario.scene import synchronized
+from sumo_eval.extras.openscenario.moves import synchronized
+from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.written import scenario_content, write_scenario
 from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.catalogue import find
@@ -245,7 +244,7 @@ BAD = {
                                'storyboardElementType="action" storyboardElementRef="other" '
                                'state="endTransition"/>')
     },
-    "line .*<AcquirePositionAction>: this is not played|<RoutingAction>": {
+    "line .*<AcquirePositionAction>: this is not supported|<RoutingAction>": {
         "events": TIMED.format(n=1,
             action="<RoutingAction><AcquirePositionAction/></RoutingAction>", delay=0,
                                when=AT.format(1))
@@ -736,7 +735,7 @@ def test_of_a_file_whose_road_is_decided_by_two_parameters_every_point_of_each_r
     only the straight one has both lanes."""
     file = ALKS / "alks_scenario_4_2_3_crossing_pedestrian_variation.xosc"
     reads = [read for _, read in uses_of(file, file.name)]
-    assert sorted(grid_size(read.space) for read in reads) == [12] * 8 + [24]
+    assert sorted(read.space.size for read in reads) == [12] * 8 + [24]
     assert all(why is None for read in reads for _, why in concrete_points(read))
 
 
@@ -995,7 +994,7 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
 )
 def test_a_parameter_in_km_h_is_never_taken_as_m_s(written, value):
     element = etree.fromstring(f'<AbsoluteTargetSpeed value="{written}"/>')
-    part = Part(element, {"kph": 72.0, "Ego_Kmh": 72.0, "v": 5.0})
+    part = Node(element, {"kph": 72.0, "Ego_Kmh": 72.0, "v": 5.0})
     if value is not None:
         assert part.number("value") == value
         return

@@ -101,10 +101,10 @@ EVENTS = {
         speed_change(1, 0.0, 5.0, 6.0)
         + speed_change(2, 2.0, 20.0, 3.0, "skip").replace('"time"', '"rate"')
     ),
-    r"<Condition>: a condition on the drive is not played together with a time until which": when(
+    r"<Condition>: a condition on the drive is not supported together with a time until which": when(
         BY_GAP.format(one="Ego", condition=GAP.format(other="Other")), SOON
     ),
-    r"<SpeedCondition>: `direction` must be longitudinal to be played, got 'lateral'": when(
+    r"<SpeedCondition>: `direction` must be longitudinal to be supported, got 'lateral'": when(
         BY_GAP.format(one="Other", condition=SLOW)
     ),
     r"<RelativeDistanceCondition>: entity `Nobody` is not among Ego, Other": when(
@@ -139,7 +139,7 @@ TEXTS = {
     r"fastest": ("${$kph / 3.6}", "61"),
     r"`value` must be a finite number, got '\$v', which is '2_0'": ("${$kph / 3.6}", "2_0"),
     r"expression .* divides by zero": ("${$kph / 3.6}", "${$kph % 0}"),
-    r"<ManeuverGroup>: a group of manoeuvres that runs more or less than once": (
+    r"<ManeuverGroup>: a group of manoeuvres must run once": (
         'maximumExecutionCount="1"', 'maximumExecutionCount="2"'
     ),
     r"<ScenarioObject>: there is another entity with the name `Ego`": (
@@ -363,7 +363,7 @@ def test_what_is_no_scenario_is_said(tmp_path: Path) -> None:
     assert "is not XML" in said(path)
     path.write_text("<OpenDRIVE/>", encoding="utf-8")
     assert "its root must be <OpenSCENARIO>, got <OpenDRIVE>" in said(path)
-    assert "cannot be read" in said(tmp_path / "none.xosc")
+    assert "There is no OpenSCENARIO file" in said(tmp_path / "none.xosc")
     (tmp_path / "folder.xosc").mkdir()
     assert "cannot be read" in said(tmp_path / "folder.xosc")
 

@@ -250,7 +250,7 @@ def test_stochastic_distributions_have_their_moments_and_their_limits(files):
         (("mapping.toml", "Ve0_kph / 3.6", "Ve0_kph * 100"), "lies within the ranges of `cut_in`"),
         (
             ("variation.xosc", "DistributionSet", "UserDefinedDistribution"),
-            "<UserDefinedDistribution>: this is not played",
+            "<UserDefinedDistribution>: this is not supported",
         ),
         (("variation.xosc", 'stepWidth="0.5"', 'stepWidth="0"'), "`stepWidth`"),
         (

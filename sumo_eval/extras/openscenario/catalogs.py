@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sumo_eval.errors import did_you_mean
-from sumo_eval.extras.openscenario.reading import Part, read_openscenario
+from sumo_eval.extras.openscenario.reading import Node, read_openscenario
 
 
 @dataclass(slots=True)
@@ -16,15 +16,15 @@ class Catalogs:
     locations: its <CatalogLocations>, None where it has none.
     """
 
-    locations: Part | None
+    locations: Node | None
     _missing: list[str] = field(default_factory=list)
-    _found: dict[str, list[Part]] | None = None
+    _found: dict[str, list[Node]] | None = None
 
-    def _all(self) -> dict[str, list[Part]]:
+    def _all(self) -> dict[str, list[Node]]:
         """The catalogs by name; several files may have one of a name."""
         if self._found is not None:
             return self._found
-        found: dict[str, list[Part]] = {}
+        found: dict[str, list[Node]] = {}
         seen: set[Path] = set()
         for location in [] if self.locations is None else self.locations.children():
             directory = location.child("Directory")
@@ -43,7 +43,7 @@ class Catalogs:
         self._found = found
         return found
 
-    def entry(self, reference: Part) -> Part:
+    def entry(self, reference: Node) -> Node:
         """The entry that a <CatalogReference> names, with the values that its parameters have
         there.
         """
@@ -53,7 +53,7 @@ class Catalogs:
             near = did_you_mean(name, catalogs)
             missing = "; ".join(self._missing)
             raise reference.fault(f"catalog `{name}` is not there.{near}{missing and ' '}{missing}")
-        entries: dict[str, list[Part]] = {}
+        entries: dict[str, list[Node]] = {}
         for part in (it for catalog in catalogs[name] for it in catalog.children()):
             entries.setdefault(str(part.get("name")), []).append(part)
         if entry not in entries:
@@ -78,7 +78,7 @@ class Catalogs:
             raise reference.fault(f"a value that it gives breaks a constraint: {broken[0]}")
         return replace(found, entries=(*reference.entries, (name, entry)))
 
-    def held(self, holder: Part, name: str) -> Part:
+    def held(self, holder: Node, name: str) -> Node:
         """The thing that stands in `holder`, or that its <CatalogReference> names."""
         reference = holder.find("CatalogReference")
         if reference is None:
@@ -89,7 +89,7 @@ class Catalogs:
         return found
 
 
-def named_file(part: Part) -> Path:
+def named_file(part: Node) -> Path:
     """A file that an element names, relative to its own; refused where it is not there."""
     path = part.file.parent / part.text("filepath")
     if not path.exists():

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 Treatment = Literal["played", "ignored", "refused"]
 
 
-class Row(NamedTuple):
+class Support(NamedTuple):
     """An element of the standard.
 
     words: how it is played, why it is ignored, or with what it is refused.
@@ -26,13 +26,13 @@ class Row(NamedTuple):
     used: tuple[int, ...]
 
 
-def _rows(kind: str, treatment: Treatment, *elements: tuple[Any, ...]) -> list[Row]:
+def _rows(kind: str, treatment: Treatment, *elements: tuple[Any, ...]) -> list[Support]:
     """Elements of a kind.
 
     elements: each with its words and how often it is used, where there are any.
     """
     return [
-        Row(kind, treatment, name, (*rest, "")[0], tuple(rest[1:]) or (0, 0))
+        Support(kind, treatment, name, (*rest, "")[0], tuple(rest[1:]) or (0, 0))
         for name, *rest in elements
     ]
 

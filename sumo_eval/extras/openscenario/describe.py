@@ -9,8 +9,8 @@ from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.collections import uses_of
-from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, grid_size
-from sumo_eval.extras.openscenario.scene import changes_nothing
+from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points
+from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
 
@@ -49,7 +49,7 @@ def described(read: Read) -> Iterator[str]:
             f"  this is road {read.road + 1} of {len(read.roads)} ({', '.join(read.roads)}); "
             "`?road=2` names another"
         )
-    size, known, first = grid_size(space), all_points(read), None
+    size, known, first = space.size, all_points(read), None
     if known is None:
         reasons = dict(read.refused)
         yield f"  {size} points, of which those are tried that are driven"
@@ -93,7 +93,7 @@ def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
             continue
         files += 1
         for read in reads:
-            size, known = grid_size(read.space), all_points(read)
+            size, known = read.space.size, all_points(read)
             points += size
             if known is None:
                 played_ += size
@@ -114,7 +114,7 @@ def all_points(read: Read) -> list[tuple[dict[str, float], str | None]] | None:
     """All points of a file that was read, each with why it does not play; None where they are too
     many.
     """
-    return list(concrete_points(read)) if grid_size(read.space) <= _MOST else None
+    return list(concrete_points(read)) if read.space.size <= _MOST else None
 
 
 def _why(reasons: Iterable[tuple[str, int]]) -> str:

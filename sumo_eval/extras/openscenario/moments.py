@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from sumo_eval.extras.openscenario.network import in_frame
 from sumo_eval.extras.openscenario.places import Entity, Places
-from sumo_eval.extras.openscenario.reading import Part
+from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import RULES
 from sumo_eval.scenario import played
 from sumo_eval.scenario.road.pose import Pose
@@ -23,7 +23,6 @@ from sumo_eval.text import shown
 Step = tuple[int, int, int, float]
 Program = tuple[Step, ...]
 NEVER = math.inf
-NO_STEPS: Program = ()
 _BENT = 0.1  # m that the road's curve may change a distance across it
 
 DISTANCES = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
@@ -34,20 +33,38 @@ def operation(op: int) -> Step:
     return op, 0, 0, 0.0
 
 
-_PRODUCT = (operation(played.MULTIPLY),)
+def from_time(time: float) -> Program:
+    """The program of a condition that holds from a time on, s."""
+    return (played.VALUE, 0, 0, time), operation(played.TIME), operation(played.AT_MOST)
 
 
-class Measure(NamedTuple):
-    """A number of the drive that a condition compares.
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number of the drive.
 
     program: leaves it on the stack.
     start: its value at the start.
-    limit: it is compared with.
     """
 
     program: Program
     start: float
-    limit: float
+
+    def joined(self, op: int, other: Number) -> Number:
+        """The result of an operation on both."""
+        program = (*self.program, *other.program, operation(op))
+        return Number(program, played.arithmetic(op, self.start, other.start))
+
+    def __add__(self, other: Number) -> Number:
+        return self.joined(played.ADD, other)
+
+    def __sub__(self, other: Number) -> Number:
+        return self.joined(played.SUBTRACT, other)
+
+    def __mul__(self, other: Number) -> Number:
+        return self.joined(played.MULTIPLY, other)
+
+    def __abs__(self) -> Number:
+        return Number((*self.program, operation(played.ABSOLUTE)), abs(self.start))
 
 
 class Truth(NamedTuple):
@@ -108,22 +125,14 @@ class Conditions:
     latch: Callable[[Program], tuple[int, int]] = lambda program: (0, 0)
     spans: list[tuple[str, tuple[str, ...], Span]] = field(default_factory=list)
 
-    def note(self, element: Part, span: Span, *, again: bool = False) -> None:
-        """Remember when an element of the storyboard runs, for conditions below it.
+    def note(self, element: Node, span: Span) -> Span:
+        """Remember when an element of the storyboard runs, for conditions below it."""
+        names = [it.get("name") for it in element.element.iterancestors()]
+        path = (*filter(None, reversed(names)), element.attribute("name"))
+        self.spans.append((element.tag.lower(), path, span))
+        return span
 
-        again: in place of what was noted of it before.
-        """
-        kind = str(element.tag).lower()
-        names = (
-            *(it.get("name", "") for it in element.element.iterancestors()),
-            element.attribute("name"),
-        )
-        path = tuple(str(name) for name in (*reversed(names[:-1]), names[-1]) if name)
-        if again:
-            self.spans = [it for it in self.spans if it[:2] != (kind, path)]
-        self.spans.append((kind, path, span))
-
-    def _span(self, kind: str, name: str, element: Part) -> Span:
+    def _span(self, kind: str, name: str, element: Node) -> Span:
         """When the element above of a kind and a name runs; `act::event` where the name alone is
         not one element's.
         """
@@ -140,30 +149,27 @@ class Conditions:
             raise element.fault(f"{len(found)} elements are called {kind} `{name}`: {wanted}")
         return found[0]
 
-    def moment(self, trigger: Part | None, after: Moment) -> Moment:
+    def moment(self, trigger: Node | None, after: Moment) -> Moment:
         """When a <StartTrigger> lets something begin that cannot begin before `after`; without one,
         at `after`.
         """
         if trigger is None or trigger.find("ConditionGroup") is None:
             return after
-        groups = [self.group(group) for group in trigger.all("ConditionGroup")]
+        groups = map(self.group, trigger.all("ConditionGroup"))
         live = [group for group in groups if group.time < NEVER]
         if not live:
             return Moment(NEVER)
         if all(group.known for group in live):
             return self._later(after, Moment(min(group.time for group in live)), trigger)
-        if len(live) == 1:
-            return self._later(after, live[0], trigger)
-        if any(group.known or group.time > 0.0 for group in live):
-            raise trigger.fault("groups of conditions of which some depend on the drive and some "
-                                "are times, or have a "
-                                 "delay, are not played together")  # fmt: skip
-        program = live[0].program
-        for group in live[1:]:
-            program = (*program, *group.program, operation(played.OR))
-        return self._later(after, Moment(0.0, program), trigger)
+        if len(live) > 1 and any(group.known or group.time > 0.0 for group in live):
+            raise trigger.fault(
+                "groups of conditions of which some depend on the drive and some are times, or "
+                "have a delay, are not supported together"
+            )
+        program = _joined([group.program for group in live], played.OR)
+        return self._later(after, replace(live[0], program=program), trigger)
 
-    def _later(self, one: Moment, two: Moment, element: Part) -> Moment:
+    def _later(self, one: Moment, two: Moment, element: Node) -> Moment:
         """The later of two moments."""
         until = min(one.until, two.until)
         if one.time == NEVER or two.time == NEVER:
@@ -173,7 +179,7 @@ class Conditions:
             return Moment(time, until=until) if time < until else Moment(NEVER)
         if until < NEVER:
             raise element.fault(
-                "a condition on the drive is not played together with a time until which it may "
+                "a condition on the drive is not supported together with a time until which it may "
                 "hold"
             )
         if one.known or two.known:
@@ -182,26 +188,21 @@ class Conditions:
                 return what
             if what.time > 0.0:
                 raise element.fault(
-                    "a delay after a condition on the drive is not played together with a time"
+                    "a delay after a condition on the drive is not supported together with a time"
                 )
-            holds = (
-                (played.VALUE, 0, 0, when.time),
-                operation(played.TIME),
-                operation(played.AT_MOST),
-            )
-            return Moment(0.0, (*what.program, *holds, operation(played.AND)))
+            return Moment(0.0, (*what.program, *from_time(when.time), operation(played.AND)))
         if one.time > 0.0 or two.time > 0.0:
             raise element.fault("two conditions on the drive are not played together with a delay")
         return Moment(0.0, (*one.program, *two.program, operation(played.AND)))
 
-    def group(self, group: Part) -> Moment:
+    def group(self, group: Node) -> Moment:
         """When all conditions of a group hold."""
         found = Moment(0.0)
         for condition in group.all("Condition"):
             found = self._later(found, self._condition(condition), condition)
         return found
 
-    def _condition(self, element: Part) -> Moment:
+    def _condition(self, element: Node) -> Moment:
         edge = element.one_of("conditionEdge", ("none", "rising", "falling", "risingOrFalling"))
         delay = element.number("delay", 0.0)
         if delay < 0.0:
@@ -214,10 +215,10 @@ class Conditions:
         elif kind.tag == "ByEntityCondition":
             moment = Moment(0.0, self._by_entity(kind, edge))
         else:
-            raise kind.not_played()
+            raise kind.unsupported()
         return Moment(moment.time + delay, moment.program, moment.until + delay)
 
-    def _by_value(self, element: Part) -> Moment:
+    def _by_value(self, element: Node) -> Moment:
         if element.tag == "SimulationTimeCondition":
             rule, value = element.one_of("rule", RULES), element.number("value")
             if rule in ("greaterThan", "greaterOrEqual"):
@@ -243,11 +244,11 @@ class Conditions:
             return Moment(0.0 if holds else NEVER)
         if element.tag == "StoryboardElementStateCondition":
             return self._state(element)
-        raise element.not_played(
+        raise element.unsupported(
             "a start that depends on a variable or on the world outside is not known here"
         )
 
-    def _state(self, element: Part) -> Moment:
+    def _state(self, element: Node) -> Moment:
         kind = element.attribute("storyboardElementType")
         state = element.one_of("state", (
             "completeState", "endTransition", "startTransition", "runningState", "standbyState",
@@ -265,7 +266,7 @@ class Conditions:
             return Moment(0.0, ((played.ENDED, vehicle, move, 0.0),))
         return Moment(span.end)
 
-    def _by_entity(self, element: Part, edge: str) -> Program:
+    def _by_entity(self, element: Node, edge: str) -> Program:
         """The program of a condition on entities; an edge needs the opposite before."""
         triggering = element.child("TriggeringEntities")
         every = triggering.one_of("triggeringEntitiesRule", ("any", "all")) == "all"
@@ -285,39 +286,41 @@ class Conditions:
         actor, move = self.latch(fails)
         return (*holds, (played.ENDED, actor, move, 0.0), operation(played.AND))
 
-    def _number(self, entity: Entity, element: Part) -> int:
+    def _number(self, entity: Entity, element: Node) -> int:
         if entity.deleted:
             raise element.fault(
                 f"entity `{entity.name}` is deleted at the start, so nothing depends on it"
             )
         return self.number_of.get(entity.name, played.EGO)
 
-    def _of_entity(self, element: Part, one: Entity) -> Truth:
+    def _of_entity(self, element: Node, one: Entity) -> Truth:
         """A condition on one entity."""
-        known: dict[str, Callable[[Part, Entity], Measure]] = {
+        known: dict[str, Callable[[Node, Entity], tuple[Number, float]]] = {
             "RelativeDistanceCondition": self._distance, "DistanceCondition": self._distance,
             "ReachPositionCondition": self._reach, "TimeHeadwayCondition": self._headway,
             "TimeToCollisionCondition": self._to_collision, "SpeedCondition": self._speed,
-            "RelativeSpeedCondition": self._relative_speed,
+            "RelativeSpeedCondition": self._speed,
             "TraveledDistanceCondition": self._travelled,
         }  # fmt: skip
         if element.tag not in known:
-            raise element.not_played(f"conditions on an entity that are: {', '.join(known)}")
-        program, start, limit = known[element.tag](element, one)
-        default = {"TraveledDistanceCondition": "greaterOrEqual"}.get(element.tag)
-        default = "lessOrEqual" if element.tag == "ReachPositionCondition" else default
-        rule = element.one_of("rule", RULES, default)
+            raise element.unsupported(f"conditions on an entity that are: {', '.join(known)}")
+        number, limit = known[element.tag](element, one)
+        defaults = {
+            "TraveledDistanceCondition": "greaterOrEqual", "ReachPositionCondition": "lessOrEqual"
+        }  # fmt: skip
+        rule = element.one_of("rule", RULES, defaults.get(element.tag))
         if rule not in ("lessThan", "lessOrEqual", "greaterThan", "greaterOrEqual"):
-            raise element.fault(f"`{rule}` between numbers of the drive is not played")
-        below, above = (*program, _value(limit)), (_value(limit), *program)
-        holds, fails = (below, above) if rule.startswith("less") else (above, below)
+            raise element.fault(f"`{rule}` between numbers of the drive is not supported")
+        sides = (number.program, _constant(limit).program)
+        low, high = sides if rule.startswith("less") else sides[::-1]
         strict, equal = operation(played.BELOW), operation(played.AT_MOST)
         first, second = (strict, equal) if rule.endswith("Than") else (equal, strict)
-        return Truth((*holds, first), (*fails, second), element.compared(rule, start, limit))
+        start = element.compared(rule, number.start, limit)
+        return Truth((*low, *high, first), (*high, *low, second), start)
 
     # -- distances ---------------------------------------------------------------------------------
 
-    def _target(self, element: Part) -> Entity | Pose:
+    def _target(self, element: Node) -> Entity | Pose:
         """What a condition measures to: an entity, or a fixed place in the road's frame."""
         holder = element.find("TimeToCollisionConditionTarget") or element
         if holder.get("entityRef") is not None:
@@ -331,154 +334,120 @@ class Conditions:
             return in_frame(pose, self.origin, self.line)
         return self._moving(position)
 
-    def _moving(self, position: Part) -> Entity:
+    def _moving(self, position: Node) -> Entity:
         """The entity at whose reference point a place is."""
         shifted = any(position.number(key, 0.0) for key in ("dx", "dy"))
         if position.tag != "RelativeObjectPosition" or shifted:
             raise position.fault("a place beside an entity that moves is not supported here")
         return self.places.entity(position.text("entityRef"), position)
 
-    def _coordinate(
-        self, body: Entity | Pose, axis: int, element: Part, *, free: bool
-    ) -> tuple[Program, float]:
+    def _coordinate(self, body: Entity | Pose, axis: int, element: Node, *, free: bool) -> Number:
         """x or y of a place, of a body's centre, or of its reference point.
 
         axis: `played.X` or `played.Y`.
         free: the centre.
         """
-        number = axis - played.X
+        k = axis - played.X
         if isinstance(body, Pose):
-            return (_value(body[number]),), body[number]
-        centre = body.frame[number]
-        point = body.frame.moved(-body.centre, -body.offset)[number]
-        program: Program = ((axis, self._number(body, element), 0, 0.0),)
-        if free or point == centre:
-            return program, centre
-        return (*program, _value(point - centre), operation(played.ADD)), point
+            return _constant(body[k])
+        centre = Number(((axis, self._number(body, element), 0, 0.0),), body.frame[k])
+        ahead = body.frame.moved(-body.centre, -body.offset)[k] - centre.start
+        return centre if free or ahead == 0.0 else centre + _constant(ahead)
 
-    def _apart(
-        self, element: Part, one: Entity, other: Entity | Pose, axis: int
-    ) -> tuple[Program, float]:
-        """How far two bodies, or their reference points, are apart along one axis, m."""
+    def _ahead(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> Number:
+        """How far another body, or its reference point, is ahead or to the left, m."""
         free = element.flag("freespace")
-        half = _half(one, axis) + _half(other, axis)
-        first, begin = self._coordinate(one, axis, element, free=free)
-        second, end = self._coordinate(other, axis, element, free=free)
-        if free and axis == played.X and isinstance(other, Entity):
-            return self._gap(element, one, other), abs(end - begin) - half
-        program = (*second, *first, operation(played.SUBTRACT), operation(played.ABSOLUTE))
-        if free:
-            program = (*program, _value(half), operation(played.SUBTRACT))
-        return program, abs(end - begin) - (half if free else 0.0)
+        other_at = self._coordinate(other, axis, element, free=free)
+        return other_at - self._coordinate(one, axis, element, free=free)
 
-    def _gap(self, element: Part, one: Entity, other: Entity) -> Program:
-        """The free distance along the road of two bodies as they point at that time."""
+    def _apart(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> Number:
+        """How far two bodies, or their reference points, are apart along one axis, m."""
+        apart = abs(self._ahead(element, one, other, axis))
+        if not element.flag("freespace"):
+            return apart
+        apart -= _constant(_half(one, axis) + _half(other, axis))
+        if axis == played.Y or isinstance(other, Pose):
+            return apart
+        # along the road of the bodies as they point at that time
         a, b = self._number(one, element), self._number(other, element)
-        return (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
+        gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
+        return Number(gaps, apart.start)
 
-    def _distance(self, element: Part, one: Entity) -> Measure:
+    def _distance(self, element: Node, one: Entity) -> tuple[Number, float]:
         default = "euclidianDistance" if element.tag == "DistanceCondition" else None
         kind = element.one_of("relativeDistanceType", DISTANCES, default)
         value, other = element.number("value"), self._target(element)
         if kind in ("longitudinal", "lateral"):
             axis = played.X if kind == "longitudinal" else played.Y
-            return Measure(*self._apart(element, one, other, axis), value)
+            return self._apart(element, one, other, axis), value
         return self._straight(element, one, other, value)
 
-    def _straight(self, element: Part, one: Entity, other: Entity | Pose, value: float) -> Measure:
+    def _straight(
+        self, element: Node, one: Entity, other: Entity | Pose, value: float
+    ) -> tuple[Number, float]:
         """The square of the distance in a straight line, m2."""
-        self._check_curve(element, value)
-        program, square = NO_STEPS, 0.0
-        for axis in (played.X, played.Y):
-            part, start = self._apart(element, one, other, axis)
-            if element.flag("freespace"):
-                part = (*part, _value(0.0), operation(played.LARGER))
-                start = max(start, 0.0)
-            program = (*program, *part, *part, *_PRODUCT)
-            square += start * start
-        return Measure((*program, operation(played.ADD)), square, value * abs(value))
-
-    def _check_curve(self, element: Part, value: float) -> None:
-        """Refuse a distance, m, that is not the one along the road's curve."""
+        # a distance that is not the one along the road's curve
         if self.line and abs(value) ** 3 / (24.0 * tightest(self.line) ** 2) > _BENT:
             raise element.fault("a distance across a curve of the road is not supported")
+        x, y = (self._apart(element, one, other, axis) for axis in (played.X, played.Y))
+        if element.flag("freespace"):
+            x, y = (it.joined(played.LARGER, _constant(0.0)) for it in (x, y))
+        return x * x + y * y, value * abs(value)
 
-    def _reach(self, element: Part, one: Entity) -> Measure:
-        return self._straight(
-            element, one, self._target(element), element.above_zero("tolerance", " m")
-        )
+    def _reach(self, element: Node, one: Entity) -> tuple[Number, float]:
+        tolerance = element.above_zero("tolerance", " m")
+        return self._straight(element, one, self._target(element), tolerance)
 
-    def _along_road(self, element: Part, name: str) -> None:
-        """A condition that says in which direction it measures must say along the road."""
-        if element.get(name) not in (None, "longitudinal"):
-            raise element.fault(
-                f"`{name}` must be longitudinal to be played, got {shown(element.attribute(name))}"
-            )
+    # -- speeds and times --------------------------------------------------------------------------
 
-    def _headway(self, element: Part, one: Entity) -> Measure:
+    def _along(self, element: Node, body: Entity, direction: str) -> Number:
+        """The speed of a body along the road, m/s.
+
+        direction: the attribute that must ask for that direction.
+        """
+        if element.get(direction) not in (None, "longitudinal"):
+            got = shown(element.attribute(direction))
+            raise element.fault(f"`{direction}` must be longitudinal to be supported, got {got}")
+        steps = ((played.ALONG, self._number(body, element), 0, 0.0),)
+        return Number(steps, body.speed * math.cos(body.frame.heading))
+
+    def _headway(self, element: Node, one: Entity) -> tuple[Number, float]:
         """The time headway by its sign: gap - value v, m."""
-        self._along_road(element, "relativeDistanceType")
-        value = element.number("value")
-        program, gap = self._apart(element, one, self._target(element), played.X)
-        speed = _value(value), (played.ALONG, self._number(one, element), 0, 0.0), *_PRODUCT
-        program = (*program, *speed, operation(played.SUBTRACT))
-        return Measure(program, gap - value * one.speed, 0.0)
+        speed = self._along(element, one, "relativeDistanceType")
+        gap = self._apart(element, one, self._target(element), played.X)
+        return gap - _constant(element.number("value")) * speed, 0.0
 
-    def _to_collision(self, element: Part, one: Entity) -> Measure:
+    def _to_collision(self, element: Node, one: Entity) -> tuple[Number, float]:
         """The time to collision by its sign: gap |dx| - value dx dv, m2."""
-        self._along_road(element, "relativeDistanceType")
-        other, value = self._target(element), element.number("value")
-        closing = one.speed * math.cos(one.frame.heading)
-        speeds: Program = ((played.ALONG, self._number(one, element), 0, 0.0),)
+        other, value = self._target(element), _constant(element.number("value"))
+        speed = self._along(element, one, "relativeDistanceType")
         if isinstance(other, Entity):
-            closing -= other.speed * math.cos(other.frame.heading)
-            its = played.ALONG, self._number(other, element), 0, 0.0
-            speeds = (*speeds, its, operation(played.SUBTRACT))
-        gap, start = self._apart(element, one, other, played.X)
-        free = element.flag("freespace")
-        first, begin = self._coordinate(one, played.X, element, free=free)
-        second, end = self._coordinate(other, played.X, element, free=free)
-        ahead = *second, *first, operation(played.SUBTRACT)
-        closed = *ahead, *speeds, *_PRODUCT, _value(value), *_PRODUCT
-        program = *gap, *ahead, operation(played.ABSOLUTE), *_PRODUCT, *closed
-        before = start * abs(end - begin) - value * (end - begin) * closing
-        return Measure((*program, operation(played.SUBTRACT)), before, 0.0)
+            speed -= self._along(element, other, "relativeDistanceType")
+        ahead = self._ahead(element, one, other, played.X)
+        gap = self._apart(element, one, other, played.X)
+        return gap * abs(ahead) - ahead * speed * value, 0.0
 
-    # -- speeds and ways ---------------------------------------------------------------------------
+    def _speed(self, element: Node, one: Entity) -> tuple[Number, float]:
+        speed = self._along(element, one, "direction")
+        if element.tag == "RelativeSpeedCondition":
+            speed -= self._along(element, self.places.referred(element), "direction")
+        return speed, element.number("value")
 
-    def _speed(self, element: Part, one: Entity) -> Measure:
-        self._along_road(element, "direction")
-        steps = ((played.ALONG, self._number(one, element), 0, 0.0),)
-        return Measure(steps, one.speed, element.number("value"))
-
-    def _relative_speed(self, element: Part, one: Entity) -> Measure:
-        self._along_road(element, "direction")
-        other = self.places.entity(element.text("entityRef"), element)
-        steps = (
-            (played.ALONG, self._number(one, element), 0, 0.0),
-            (played.ALONG, self._number(other, element), 0, 0.0),
-        )
-        program = (*steps, operation(played.SUBTRACT))
-        return Measure(program, one.speed - other.speed, element.number("value"))
-
-    def _travelled(self, element: Part, one: Entity) -> Measure:
+    def _travelled(self, element: Node, one: Entity) -> tuple[Number, float]:
         if one.on_map or abs(math.sin(one.frame.heading)) > 1e-9:
-            raise element.fault("a distance travelled across the road is not played as a start")
-        begin = ((played.X, self._number(one, element), 0, 0.0), _value(one.frame.x))
-        program = (*begin, operation(played.SUBTRACT), operation(played.ABSOLUTE))
-        return Measure(program, 0.0, element.number("value"))
+            raise element.fault("a distance travelled across the road is not supported as a start")
+        x = self._coordinate(one, played.X, element, free=True)
+        return abs(x - _constant(x.start)), element.number("value")
 
 
-def _value(number: float) -> Step:
-    return played.VALUE, 0, 0, number
+def _constant(value: float) -> Number:
+    return Number(((played.VALUE, 0, 0, value),), value)
 
 
 def _joined(programs: list[Program], op: int) -> Program:
     """Programs joined by and, or by or."""
-    found = programs[0]
-    for program in programs[1:]:
-        found = (*found, *program, (op, 0, 0, 0.0))
-    return found
+    first, *rest = programs
+    return (*first, *(step for program in rest for step in (*program, operation(op))))
 
 
 def _half(body: Entity | Pose, axis: int) -> float:

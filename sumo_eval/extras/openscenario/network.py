@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
-from sumo_eval.extras.openscenario.reading import Part
+from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario.road.opendrive import PROFILES, lane_offset, reference_line
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, bends, frame_places, length_of
@@ -94,7 +94,7 @@ class Network:
     roads: dict[str, MapRoad]
     unread: dict[str, InputError]
 
-    def road(self, name: str, element: Part) -> MapRoad:
+    def road(self, name: str, element: Node) -> MapRoad:
         """A road by its id; refused where it is not there, or cannot be read.
 
         element: what asks for it.
@@ -121,7 +121,7 @@ class Network:
                 found.append((abs(math.sin(at.heading)), road.name, (road, lane, at)))
         return min(found)[2] if found else None
 
-    def lane(self, road: MapRoad, number: str, element: Part) -> Lane:
+    def lane(self, road: MapRoad, number: str, element: Node) -> Lane:
         """A lane of a road; refused where it is not there."""
         found = next((lane for lane in road.lanes.values() if _is(lane.number, number)), None)
         if found is None:
@@ -151,7 +151,7 @@ def read_network(path: Path) -> Network:
 
 @lru_cache(maxsize=32)
 def _read(path: Path, changed: int) -> Network:
-    root = Part(read_xml(path, "OpenDRIVE file"))
+    root = Node(read_xml(path, "OpenDRIVE file"))
     if root.tag != "OpenDRIVE":
         raise root.fault("the root of an OpenDRIVE file must be <OpenDRIVE>")
     roads: dict[str, MapRoad] = {}
@@ -169,7 +169,7 @@ def _read(path: Path, changed: int) -> Network:
     return Network(path, roads, unread)
 
 
-def _road(element: Part, name: str) -> MapRoad:
+def _road(element: Node, name: str) -> MapRoad:
     owner = f"road `{name}` of OpenDRIVE file {element.file.name}"
     line, begin = reference_line(element.element, owner)
     sections = element.all("lanes/laneSection")
@@ -197,7 +197,7 @@ def _road(element: Part, name: str) -> MapRoad:
     return MapRoad(name, begin, line, lanes, _sloped(element))
 
 
-def _sloped(road: Part) -> bool:
+def _sloped(road: Node) -> bool:
     """Whether a road is not level: its height changes, or it has a superelevation."""
     heights, tilts = (
         [[it.decimal(key) if it.get(key) else 0.0 for key in "abcd"] for it in road.all(name)]
@@ -207,7 +207,7 @@ def _sloped(road: Part) -> bool:
     return changes or any(map(any, tilts))
 
 
-def _lane_number(lane: Part, sign: float) -> int:
+def _lane_number(lane: Node, sign: float) -> int:
     """The `id` of a lane: above 0 to the left of the reference line, below 0 to its right."""
     number = lane.decimal("id")
     if not number.is_integer() or number * sign <= 0.0:

@@ -10,7 +10,7 @@ the route goes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,8 @@ import numpy as np
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs
 from sumo_eval.extras.openscenario.network import Lane, MapRoad, Network
-from sumo_eval.extras.openscenario.reading import Part
+from sumo_eval.extras.openscenario.reading import Node
+from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, bends, length_of, map_places
 
@@ -65,7 +66,12 @@ class Entity:
 
     way: the points of a trajectory on the map that it follows; times: s at them, where it has any.
     frame: the centre of its body along and across the road, once the road is known.
-    on_map: its line is straight on the map, not along the road, which bends.
+    on_map: its path is straight on the map, not along the road, which is curved.
+
+    acts: its moves by what the file says so far. waits: actions of Init that set its speed and were
+    not done. pace: its speed by its moves so far, m/s, from `steady` s on. moved: to the left of
+    its start, m. busy_until: end of its last lateral move, s. begins: the moment of its last change
+    of `speed`, and of its last lateral move by distance, `across`.
     """
 
     name: str
@@ -74,15 +80,30 @@ class Entity:
     centre: float
     offset: float
     body: str
-    element: Part
+    element: Node
     spot: Spot | None = None
     speed: float = 0.0
     way: tuple[tuple[float, float], ...] = ()
     frame: Pose = NOWHERE
     deleted: bool = False
     on_map: bool = False
+    acts: list[Act] = field(default_factory=list)
+    waits: int = 0
+    pace: float = 0.0
+    steady: float = 0.0
+    moved: float = 0.0
+    busy_until: float = 0.0
+    begins: dict[str, object] = field(default_factory=dict)
 
-    def placed(self, asks: Part) -> Spot:
+    @property
+    def heading(self) -> float:
+        """Where it goes, on the map."""
+        if len(self.way) < 2:
+            return self.placed(self.element).pose.heading
+        (x, y), (x2, y2) = self.way[0], self.way[-1]
+        return math.atan2(y2 - y, x2 - x)
+
+    def placed(self, asks: Node) -> Spot:
         """Where it is; raises UnplacedError while it has no place."""
         if self.spot is None:
             fault = asks.fault(
@@ -94,7 +115,7 @@ class Entity:
 
 
 @dataclass(frozen=True, slots=True)
-class Trajectory:
+class Course:
     """A trajectory on the map.
 
     points: (x, y);
@@ -112,7 +133,7 @@ class Trajectory:
         """Whether it is no straight line."""
         return bends(self.pieces)
 
-    def at(self, s: float, element: Part, t: float = 0.0) -> Pose:
+    def at(self, s: float, element: Node, t: float = 0.0) -> Pose:
         """The place s m along it, and t m to its left."""
         left = s
         for (x, y), (x2, y2) in pairwise(self.points):
@@ -147,13 +168,17 @@ class Places:
     entities: dict[str, Entity]
     mirrored: bool = False
 
-    def entity(self, name: str, element: Part) -> Entity:
+    def entity(self, name: str, element: Node) -> Entity:
         """An entity by its name; refused where there is none."""
         if name not in self.entities:
             raise element.fault(f"entity `{name}` is not among {', '.join(self.entities)}")
         return self.entities[name]
 
-    def spot(self, position: Part) -> Spot:
+    def referred(self, element: Node) -> Entity:
+        """The entity that an element refers to."""
+        return self.entity(element.text("entityRef"), element)
+
+    def spot(self, position: Node) -> Spot:
         """The place that a <Position> (or what holds one of its kinds) says."""
         kind = position.only()
         known = {
@@ -165,7 +190,7 @@ class Places:
             "WorldPosition": self._world,
         }  # fmt: skip
         if kind.tag not in known:
-            raise kind.not_played(f"positions that are: {', '.join(known)}")
+            raise kind.unsupported(f"positions that are: {', '.join(known)}")
         found = known[kind.tag](kind)
         turn = kind.find("Orientation")
         if turn is None:
@@ -190,22 +215,22 @@ class Places:
         way = 1 if abs(turned) < ALONG else -1 if abs(turned) > math.pi - ALONG else 0
         return Spot(spot.pose, road, lane or road.lane_at(t), s, t, way)
 
-    def _on(self, road: MapRoad, s: float, t: float, lane: Lane | None, element: Part) -> Spot:
+    def _on(self, road: MapRoad, s: float, t: float, lane: Lane | None, element: Node) -> Spot:
         if not -1e-6 <= s <= road.length + 1e-6:
             raise element.fault(
                 f"s = {s:g} m is not on road `{road.name}`, which is {road.length:g} m long"
             )
         return Spot(road.pose(s, t), road, lane, s, t)
 
-    def _lane(self, element: Part) -> Spot:
+    def _lane(self, element: Node) -> Spot:
         road = self.network.road(element.text("roadId"), element)
         lane = self.network.lane(road, element.text("laneId"), element)
         return self._on(road, element.number("s"), lane.centre + element.number("offset", 0.0),
             lane,
                         element)  # fmt: skip
 
-    def _relative_lane(self, element: Part) -> Spot:
-        other = self.entity(element.text("entityRef"), element).placed(element)
+    def _relative_lane(self, element: Node) -> Spot:
+        other = self.referred(element).placed(element)
         if other.road is None or other.lane is None:
             raise element.fault("the entity that it is relative to is in no lane")
         if element.get("dsLane") is not None and other.road.bent:
@@ -215,7 +240,7 @@ class Places:
         t = lane.centre + element.number("offset", 0.0)
         return self._beside(other, other.s + ahead, t, lane, element)
 
-    def lane_beside(self, spot: Spot, lanes: int, element: Part) -> Lane:
+    def lane_beside(self, spot: Spot, lanes: int, element: Node) -> Lane:
         """The lane so many lanes to the left of where something is; 0 is no lane and is not
         counted.
         """
@@ -226,36 +251,36 @@ class Places:
             chosen += 1 if lanes > 0 else -1
         return self.network.lane(spot.road, str(chosen), element)
 
-    def _road(self, element: Part) -> Spot:
+    def _road(self, element: Node) -> Spot:
         road = self.network.road(element.text("roadId"), element)
         return self._on(road, element.number("s"), element.number("t"), None, element)
 
-    def _relative_road(self, element: Part) -> Spot:
-        other = self.entity(element.text("entityRef"), element).placed(element)
+    def _relative_road(self, element: Node) -> Spot:
+        other = self.referred(element).placed(element)
         if other.road is None:
             raise element.fault("the entity that it is relative to is on no road")
         s, t = other.s + element.number("ds"), other.t + element.number("dt")
         return self._beside(other, s, t, None, element)
 
-    def _beside(self, other: Spot, s: float, t: float, lane: Lane | None, element: Part) -> Spot:
+    def _beside(self, other: Spot, s: float, t: float, lane: Lane | None, element: Node) -> Spot:
         """A place on the road of another, along or against its line as that one points."""
         assert other.road is not None
         spot = self._on(other.road, s, t, lane, element)
         turned = spot.pose._replace(heading=spot.pose.heading + math.pi)
         return replace(spot, pose=turned) if other.way < 0 else spot
 
-    def _relative_object(self, element: Part) -> Spot:
-        other = self.entity(element.text("entityRef"), element).placed(element)
+    def _relative_object(self, element: Node) -> Spot:
+        other = self.referred(element).placed(element)
         return Spot(other.pose.moved(element.number("dx"), element.number("dy", 0.0)))
 
-    def _world(self, element: Part) -> Spot:
+    def _world(self, element: Node) -> Spot:
         side = -1.0 if self.mirrored else 1.0
         y, heading = element.number("y"), element.number("h", 0.0)
         return Spot(Pose(element.number("x"), side * y, side * heading))
 
     # -- trajectories ------------------------------------------------------------------------------
 
-    def trajectory(self, holder: Part) -> Trajectory:
+    def trajectory(self, holder: Node) -> Course:
         """The trajectory of a <TrajectoryRef>."""
         element = self.catalogs.held(holder, "Trajectory")
         if element.flag("closed"):
@@ -265,9 +290,16 @@ class Places:
             return self._polyline(shape)
         if shape.tag == "ClothoidSpline":
             return self._spline(shape)
-        raise shape.not_played("shapes that are: Polyline, ClothoidSpline")
+        raise shape.unsupported("shapes that are: Polyline, ClothoidSpline")
 
-    def _polyline(self, shape: Part) -> Trajectory:
+    def followed(self, action: Node) -> Course:
+        """The trajectory of a FollowTrajectoryAction."""
+        mode = action.find("TrajectoryFollowingMode")
+        if mode is not None:
+            mode.one_of("followingMode", ("position", "follow"))
+        return self.trajectory(action.find("TrajectoryRef") or action)
+
+    def _polyline(self, shape: Node) -> Course:
         vertices = shape.all("Vertex")
         if len(vertices) < 2:
             raise shape.fault(f"it must have at least two vertices, got {len(vertices)}")
@@ -277,9 +309,9 @@ class Places:
             raise shape.fault("either all of its vertices must have a `time`, or none")
         times = tuple(vertex.number("time") for vertex in vertices) if all(timed) else ()
         points = tuple((spot.pose.x, spot.pose.y) for spot in spots)
-        return Trajectory(points, times, spots[0])
+        return Course(points, times, spots[0])
 
-    def _spline(self, shape: Part) -> Trajectory:
+    def _spline(self, shape: Node) -> Course:
         segments = shape.all("ClothoidSplineSegment")
         first = None if not segments else segments[0].find("PositionStart")
         if first is None:
@@ -293,15 +325,15 @@ class Places:
         s = np.linspace(0.0, total, math.ceil(total / _FINE) + 1)
         x, y, _ = map_places(tuple(pieces), s, 0.0)
         poses = [begin.pose.moved(float(a), float(b)) for a, b in zip(x, y, strict=True)]
-        return Trajectory(tuple((pose.x, pose.y) for pose in poses), (), begin, tuple(pieces))
+        return Course(tuple((pose.x, pose.y) for pose in poses), (), begin, tuple(pieces))
 
-    def _on_trajectory(self, element: Part) -> Spot:
+    def _on_trajectory(self, element: Node) -> Spot:
         trajectory = self.trajectory(element.child("TrajectoryRef"))
         return Spot(trajectory.at(element.number("s"), element, element.number("t", 0.0)))
 
     # -- routes ------------------------------------------------------------------------------------
 
-    def route(self, holder: Part) -> tuple[Spot, Spot]:
+    def route(self, holder: Node) -> tuple[Spot, Spot]:
         """Both ends of a route; refused where it turns."""
         element = self.catalogs.held(holder, "Route")
         waypoints = element.all("Waypoint")
@@ -317,7 +349,7 @@ class Places:
                 raise waypoint.fault("a route that turns is not played")
         return begin, spots[-1]
 
-    def _route(self, element: Part) -> Spot:
+    def _route(self, element: Node) -> Spot:
         holder = element.child("RouteRef")
         begin, end = self.route(holder)
         road = begin.road
@@ -331,7 +363,7 @@ class Places:
         elif at.tag == "FromRoadCoordinates":
             t = at.number("t")
         else:
-            raise at.not_played(
+            raise at.unsupported(
                 "places on a route that are: FromLaneCoordinates, FromRoadCoordinates"
             )
         line = road.pose(begin.s, 0.0)
@@ -348,7 +380,7 @@ BODY_OF = {
 }  # fmt: skip
 
 
-def entity_of(element: Part, catalogs: Catalogs) -> Entity:
+def entity_of(element: Node, catalogs: Catalogs) -> Entity:
     """An entity of a <ScenarioObject>."""
     name = element.attribute("name")
     holders = [part for part in element.children() if part.tag != "ObjectController"]
@@ -365,7 +397,7 @@ def entity_of(element: Part, catalogs: Catalogs) -> Entity:
     elif found.tag == "MiscObject":
         body = "car"
     else:
-        raise found.not_played()
+        raise found.unsupported()
     box = found.child("BoundingBox")
     centre, size = box.child("Center"), box.child("Dimensions")
     length, width = size.number("length"), size.number("width")

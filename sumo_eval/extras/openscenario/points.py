@@ -26,8 +26,8 @@ from typing import Annotated
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.extras.openscenario.logical import Axis, axes_of, range_of
-from sumo_eval.extras.openscenario.reading import Part, read_openscenario
+from sumo_eval.extras.openscenario.reading import Node, read_openscenario
+from sumo_eval.extras.openscenario.space import Axis, axes_of, range_of
 from sumo_eval.extras.openscenario.values import Value, plain
 from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
@@ -69,7 +69,7 @@ class Variation:
     """
 
     combinations: tuple[Combination, ...]
-    scenario: Part | None
+    scenario: Node | None
     notes: tuple[str, ...]
 
     def completed(self, combination: Combination) -> Combination | None:
@@ -187,7 +187,7 @@ def read_variation(path: Path, count: int | None, seed: int) -> Variation:
     return Variation(combinations, scenario, tuple(notes))
 
 
-def _scenario(path: Path, distribution: Part, notes: list[str]) -> Part | None:
+def _scenario(path: Path, distribution: Node, notes: list[str]) -> Node | None:
     named = distribution.find("ScenarioFile")
     target = None if named is None else path.parent / str(named.get("filepath", ""))
     if target is None or not target.exists():
@@ -200,7 +200,7 @@ def _scenario(path: Path, distribution: Part, notes: list[str]) -> Part | None:
     return None if scenario.find("ParameterDeclarations") is None else scenario
 
 
-def _deterministic(distribution: Part, owner: str) -> Iterator[Combination]:
+def _deterministic(distribution: Node, owner: str) -> Iterator[Combination]:
     axes = list(axes_of(distribution))
     total = math.prod(axis.count for axis in axes)
     if not axes or total > MAX_POINTS:
@@ -222,7 +222,7 @@ def _choices(axis: Axis) -> list[tuple[tuple[str, Value], ...]]:
 
 
 def _stochastic(
-    element: Part, path: Path, count: int | None, seed: int, notes: list[str]
+    element: Node, path: Path, count: int | None, seed: int, notes: list[str]
 ) -> Iterator[Combination]:
     runs = count if count is not None else int(str(element.get("numberOfTestRuns", "0")))
     if not 1 <= runs <= MAX_POINTS:
@@ -246,7 +246,7 @@ def _stochastic(
         yield dict(zip(columns, row, strict=True))
 
 
-def _draws(item: Part, name: str, runs: int, stream: np.random.Generator) -> list[Value]:
+def _draws(item: Node, name: str, runs: int, stream: np.random.Generator) -> list[Value]:
     kind = next(iter(item.children()), None)
     tag = "nothing" if kind is None else kind.tag
     if kind is None or tag not in _DISTRIBUTIONS:

@@ -28,7 +28,7 @@ _IN_KMH = re.compile(r"\$(\w+_)?(kph|kmh|kmph)", re.IGNORECASE)
 
 
 @lru_cache(maxsize=64)
-def _read_once(path: Path, changed: int) -> Part:
+def _read_once(path: Path, changed: int) -> Node:
     root = read_xml(path, "OpenSCENARIO file")
     if root.tag != "OpenSCENARIO":
         raise InputError(
@@ -39,19 +39,19 @@ def _read_once(path: Path, changed: int) -> Part:
         raise InputError(f"OpenSCENARIO file {path}: <FileHeader> is missing.")
     version = f"{header.get('revMajor', '?')}.{header.get('revMinor', '?')}"
     if version not in _VERSIONS:
-        raise Part(header).fault(
+        raise Node(header).fault(
             f"its version must be one of {', '.join(_VERSIONS)}, got {shown(version)}"
         )
-    return Part(root)
+    return Node(root)
 
 
-def read_openscenario(path: Path) -> Part:
+def read_openscenario(path: Path) -> Node:
     """The root of an OpenSCENARIO file of a version that is known."""
     return _read_once(path, input_file(path, "OpenSCENARIO file").stat().st_mtime_ns)
 
 
 @dataclass(slots=True, eq=False)
-class Part:
+class Node:
     """An element of a file, and what is known in it.
 
     values: of parameters by name.
@@ -86,10 +86,10 @@ class Part:
         text = text.rstrip(".")
         return InputError(f"{self.where}: {text}{'' if text.endswith('?') else '.'}")
 
-    def not_played(self, among: str = "") -> InputError:
+    def unsupported(self, among: str = "") -> InputError:
         """A sentence that it is one that is not played."""
         rest = f": {among}" if among else ""
-        return self.fault(f"this is not played{rest}, and nothing is guessed in its place")
+        return self.fault(f"this is not supported{rest}, and nothing is guessed in its place")
 
     # -- what is in it -----------------------------------------------------------------------------
 
@@ -97,29 +97,29 @@ class Part:
         """An attribute as it is written."""
         return self.element.get(name, default)
 
-    def all(self, path: str) -> list[Part]:
+    def all(self, path: str) -> list[Node]:
         """The elements at a path below it."""
-        return [Part(one, self.values, self.entries) for one in self.element.iterfind(path)]
+        return [Node(one, self.values, self.entries) for one in self.element.iterfind(path)]
 
-    def find(self, path: str) -> Part | None:
+    def find(self, path: str) -> Node | None:
         """The first element at a path below it."""
         found = self.element.find(path)
-        return None if found is None else Part(found, self.values, self.entries)
+        return None if found is None else Node(found, self.values, self.entries)
 
-    def children(self) -> list[Part]:
+    def children(self) -> list[Node]:
         """The elements inside it, without comments."""
         return [
-            Part(one, self.values, self.entries) for one in self.element if isinstance(one.tag, str)
+            Node(one, self.values, self.entries) for one in self.element if isinstance(one.tag, str)
         ]
 
-    def only(self) -> Part:
+    def only(self) -> Node:
         """The one element inside it."""
         found = self.children()
         if len(found) != 1:
             raise self.fault(f"it must hold one element, got {len(found)}")
         return found[0]
 
-    def child(self, name: str) -> Part:
+    def child(self, name: str) -> Node:
         """The element of a name inside it."""
         found = self.find(name)
         if found is None:
@@ -225,7 +225,7 @@ class Part:
 
     # -- what is known in it -----------------------------------------------------------------------
 
-    def declared(self, given: Mapping[str, Value]) -> tuple[Part, list[str]]:
+    def declared(self, given: Mapping[str, Value]) -> tuple[Node, list[str]]:
         """It with the parameters that its <ParameterDeclarations> add or replace, and the
         constraints that do not hold.
 
@@ -258,7 +258,7 @@ class Part:
         ]
         return replace(self, values=values), broken
 
-    def within(self) -> Part:
+    def within(self) -> Node:
         """A story or a manoeuvre, which knows all around it and what it declares itself."""
         inner, broken = self.declared({})
         if broken:

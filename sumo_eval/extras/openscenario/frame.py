@@ -1,0 +1,165 @@
+"""The road of a scenario file: the frame along the ego's lane, and places in it."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+from sumo_eval.extras.openscenario.network import MARKED, WIDEST, MapRoad, Network, in_frame
+from sumo_eval.extras.openscenario.places import Course, Entity, Spot
+from sumo_eval.scenario.road.opendrive import beside
+from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.road.reference_line import (
+    Piece,
+    bends,
+    curvatures,
+    frame_places,
+    length_of,
+    tightest,
+)
+
+SAME = 1e-9
+ON = 1e-6  # m
+ORIGIN = Pose(0.0, 0.0, 0.0)
+
+_beside = lru_cache(maxsize=64)(beside)
+
+
+class Frame(NamedTuple):
+    """The road: where its frame begins on the map, its line (none: straight), its lanes and its
+    length, m.
+
+    offset: of lane 0's centre left of the reference line of the road `road`, m.
+    way: 1 where the ego drives along that line, -1 against it.
+    turns: the line is the path of an ego that turns.
+    """
+
+    origin: Pose
+    line: tuple[Piece, ...]
+    lanes: int
+    lane_width: float
+    length: float
+    name: str
+    offset: float
+    road: str
+    way: int = 1
+    turns: bool = False
+
+    def ground(self, at: Pose) -> float:
+        """m over the ground for a metre along the road's line, at a place beside that line."""
+        if not self.line or self.turns:
+            return 1.0
+        return 1.0 - float(curvatures(self.line, at.x)) * at.y
+
+    def pose_on_map(self, entity: Entity) -> Pose:
+        """The centre of a body that points along its path, in the axes of the road's beginning."""
+        pose = entity.placed(entity.element).pose._replace(heading=entity.heading)
+        return pose.moved(entity.centre, entity.offset).seen_from(self.origin)
+
+
+def frame_of(ego: Entity, network: Network, course: Course | None, end: Pose | None) -> Frame:
+    """The road on which an ego drives.
+
+    course: its trajectory where it turns.
+    end: of its route, up to which a straight road reaches.
+    """
+    spot = ego.placed(ego.element)
+    road, lane = spot.road, spot.lane
+    if road is None or lane is None:
+        raise ego.element.fault("the ego must be placed in a driving lane")
+    if spot.way == 0:
+        raise ego.element.fault("the ego must start along its lane")
+    width = MARKED if lane.width > WIDEST else lane.width
+    if course is not None:
+        return _turning(ego, road, width, network.path.stem, course)
+    centre, lanes = lane.centre, 2
+    if lane.width <= WIDEST:
+        centre, lanes = _lanes(ego, road, spot)
+    begin, reference = (road.begin, road.line) if spot.way > 0 else road.backward()
+    origin = begin.moved(0.0, spot.way * centre)
+    name = f"{network.path.stem}_{road.name}_{lanes}x{width:g}m_at_{centre:g}m"
+    name += "_back" if spot.way < 0 else ""
+    line: tuple[Piece, ...] = ()
+    length = road.length
+    if road.bent:
+        line = _beside(reference, spot.way * centre, f"road `{road.name}` of {network.path.name}")
+        length = length_of(line)
+    elif end is not None:
+        length = max(length, end.seen_from(origin).x)
+    return Frame(origin, line, lanes, width, length, name, centre, road.name, spot.way)
+
+
+def _lanes(ego: Entity, road: MapRoad, spot: Spot) -> tuple[float, int]:
+    """The centre of the rightmost driving lane of the ego's width beside the ego's own without a
+    gap, m, and the number of such lanes.
+    """
+    own = spot.lane
+    assert own is not None
+    driving = sorted(
+        (it for it in road.lanes.values() if it.kind == "driving"),
+        key=lambda it: spot.way * it.centre,
+    )
+    if own not in driving:
+        raise ego.element.fault(
+            f"the ego's lane {own.number} must be a driving lane, it is `{own.kind}`"
+        )
+    first = last = driving.index(own)
+
+    def adjoin(lane: int) -> bool:
+        apart = abs(driving[lane].centre - driving[lane - 1].centre)
+        return abs(apart - own.width) < ON
+
+    while first > 0 and adjoin(first):
+        first -= 1
+    while last + 1 < len(driving) and adjoin(last + 1):
+        last += 1
+    return driving[first].centre, last - first + 1
+
+
+def _turning(ego: Entity, road: MapRoad, width: float, network: str, course: Course) -> Frame:
+    """The road of an ego that turns: its path, one lane wide, from its own road's beginning on.
+
+    At a junction no lane lies beside a path, and crossing actors use map coordinates.
+    """
+    spot = ego.placed(ego.element)
+    origin = road.pose(0.0, spot.t)
+    place = spot.pose.seen_from(origin)
+    if road.bent or abs(place.y) > ON or abs(place.heading) > SAME:
+        raise ego.element.fault("an ego that turns must begin along a straight road")
+    if ego.offset != 0.0:
+        raise ego.element.fault("the body of an ego that turns must lie over its axle's middle")
+    line = course.pieces
+    if place.x > ON:
+        first, *rest = line
+        straight = not bends([first])
+        ahead = Piece(place.x + first.length * straight)
+        line = (ahead, *(rest if straight else line))
+    name = f"{network}_{road.name}_turn_{tightest(line):g}m"
+    return Frame(origin, line, 1, width, length_of(line), name, spot.t, road.name, turns=True)
+
+
+def framed(entity: Entity, frame: Frame) -> Pose:
+    """The centre of an entity's body along and across the road, and its heading there."""
+    spot = entity.placed(entity.element)
+    if entity.on_map:
+        return in_frame(frame.pose_on_map(entity), ORIGIN, frame.line)
+    pose = spot.pose.moved(entity.centre, entity.offset)
+    if frame.turns:
+        return pose.seen_from(frame.origin)._replace(y=0.0)
+    along = spot.road is not None and spot.road.name == frame.road
+    if not frame.line:
+        at = pose.seen_from(frame.origin)
+        return at._replace(heading=0.0) if along and spot.way == frame.way else at
+    if spot.road is None or not along:
+        raise entity.element.fault("on a curved road every place must be given along that road")
+    if spot.way:
+        s, t = spot.s + spot.way * entity.centre, spot.t + spot.way * entity.offset
+        pose = spot.road.pose(s, t)
+    near = spot.s + entity.centre if frame.way > 0 else spot.road.length - spot.s
+    x, y, heading = (
+        float(it) for it in frame_places(frame.line, *pose.seen_from(frame.origin), near=near)
+    )
+    if spot.way:
+        heading = 0.0 if spot.way == frame.way else math.pi
+    return Pose(x, 0.0 if abs(y) < ON else y, heading)

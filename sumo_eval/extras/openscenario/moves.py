@@ -1,0 +1,480 @@
+"""Actions of a scenario file during the drive, as acts of an actor.
+
+Readings, where the standard leaves a choice or this package supports less:
+
+- A speed relative to the ego's is relative to the ego's first speed, a lane or an offset relative
+  to the ego's to its first place: where an ADS will be is unknown before the drive.
+- SynchronizeAction is planned once, when it begins, for a master that keeps its speed
+  (`synchronized`).
+- `sinusoidal` by `rate` has that peak lateral speed, by `maxLateralAcc` that peak lateral
+  acceleration.
+- A `rate` is a size; the target gives the direction.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.frame import ON, SAME, Frame, framed
+from sumo_eval.extras.openscenario.moments import NEVER, Moment, Span, from_time
+from sumo_eval.extras.openscenario.network import Lane, in_frame
+from sumo_eval.extras.openscenario.places import Entity, Places, UnplacedError
+from sumo_eval.extras.openscenario.reading import Node
+from sumo_eval.scenario import played
+from sumo_eval.scenario.played import Act
+from sumo_eval.scenario.road.pose import Pose
+
+AT_ONCE = 1e-6  # s of a change of speed that is a step
+_PEAKS = {"linear": 1.0, "sinusoidal": 0.5 * math.pi, "cubic": 1.5}
+"""Peak over mean rate by the shape of a change."""
+_STRONGEST = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
+"""Peak lateral acceleration of a move by 1 m in 1 s."""
+_SHAPES = ("linear", "step", "cubic", "sinusoidal")
+_SHARES = np.arange(1, 33) / 32  # of a change of speed, at its knots
+_STEADY = "over the distance of a lateral move the speed must stay the same, above 0 m/s"
+
+
+def synchronized(
+    distance: float, time: float, speed: float, final: float, steady: float
+) -> tuple[tuple[float, float], ...]:
+    """Knots (s, m/s) of the speed with which a target is at its place, `distance` m ahead, after
+    `time` s.
+
+    It begins with `speed` and has `final` over the last `steady` m. Before that it changes its
+    speed once, as gently as possible: it keeps the first speed and then changes, or changes and
+    then keeps the final one. Where neither is possible, it changes at an even rate to a speed in
+    the middle of the remaining time, and on to the final one; where that speed would be below 0 it
+    brakes, stands and starts.
+
+    Raises InputError where no forward motion does it.
+    """
+    if final <= 0.0:
+        raise InputError(f"a final speed above 0 m/s is needed, got {final:g}")
+    ahead, rest = distance - steady, time - steady / final
+    if ahead < -ON or rest < -SAME:
+        raise InputError(
+            f"{distance:.2f} m in {time:.2f} s leave no room for {steady:g} m at {final:g} m/s"
+        )
+    if rest <= AT_ONCE or ahead <= ON:
+        return ((rest, speed),) * (rest > 0.0) + ((max(rest, 0.0) + AT_ONCE, final),)
+    mean = ahead / rest
+    if abs(mean - final) <= SAME and abs(mean - speed) <= SAME:
+        return ((rest, final),)
+    if min(speed, final) + SAME < mean < max(speed, final) - SAME:
+        # nearer to the first speed: that first
+        if (mean < 0.5 * (speed + final)) == (final > speed):
+            ramp = 2.0 * (ahead - speed * rest) / (final - speed)
+            return _knots((rest - ramp, speed), (rest, final))
+        ramp = 2.0 * (final * rest - ahead) / (final - speed)
+        return _knots((ramp, final), (rest, final))
+    middle = 2.0 * mean - 0.5 * (speed + final)
+    if middle >= 0.0:
+        return _knots((0.5 * rest, middle), (rest, final))
+    # brakes and starts at one rate, and stands in between
+    rate = (speed * speed + final * final) / (2.0 * ahead)
+    if (speed + final) / rate > rest + SAME:
+        raise InputError(
+            f"{distance:.2f} m in {time:.2f} s are too few for {speed:g} m/s at the start"
+        )
+    return _knots((speed / rate, 0.0), (rest - final / rate, 0.0), (rest, final))
+
+
+def _knots(*knots: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+    """Those knots that lie behind the one before them; of two at one time the later one."""
+    kept: list[tuple[float, float]] = []
+    for time, speed in knots:
+        if time > (kept[-1][0] if kept else 0.0) + AT_ONCE:
+            kept.append((time, speed))
+        elif kept:
+            kept[-1] = (kept[-1][0], speed)
+    return tuple(kept)
+
+
+def changes_nothing(act: Act) -> bool:
+    """Whether a move only keeps a speed, or remembers that a condition held."""
+    return act.kind == played.KEEP or (act.kind == played.COSINE and act.offset == 0.0)
+
+
+def is_step(dynamics: Node) -> bool:
+    """Whether a change is a step, or takes 0 s."""
+    if dynamics.one_of("dynamicsShape", _SHAPES) == "step":
+        return True
+    return dynamics.get("dynamicsDimension") == "time" and dynamics.number("value") == 0.0
+
+
+@dataclass(slots=True)
+class Moves:
+    """Actions of a file made acts.
+
+    ego: the entity that the ADS drives.
+    numbers: of the actors, by name.
+    """
+
+    places: Places
+    frame: Frame
+    ego: Entity
+    numbers: dict[str, int]
+
+    def begin(self, element: Node, entity: Entity, moment: Moment) -> Span:
+        """Let an entity begin an action; from when to when it lasts."""
+        if entity.deleted:
+            return Span(moment, moment.time)
+        if element.tag in ("LongitudinalAction", "LateralAction", "RoutingAction"):
+            element = element.only()
+        known = {
+            "SpeedAction": self._speed, "LaneChangeAction": self._lane_change,
+            "LaneOffsetAction": self._lane_offset, "LongitudinalDistanceAction": self._distance,
+            "FollowTrajectoryAction": self._follow, "SynchronizeAction": self._synchronize,
+        }  # fmt: skip
+        if element.tag not in known:
+            raise element.unsupported(f"moves that are: {', '.join(known)}")
+        return known[element.tag](element, entity, moment)
+
+    def _add(self, entity: Entity, begin: Moment, act: Act, lasts: float) -> Span:
+        entity.acts.append(act._replace(begin=begin.time, program=begin.program))
+        if begin.known:
+            return Span(begin, begin.time + lasts)
+        return Span(begin, NEVER, (self.numbers[entity.name], len(entity.acts) - 1))
+
+    # -- speeds ------------------------------------------------------------------------------------
+
+    def _speed(self, element: Node, entity: Entity, begin: Moment) -> Span:
+        speed = target_speed(element, self.places)
+        dynamics = element.child("SpeedActionDynamics")
+        target = element.child("SpeedActionTarget").only()
+        if target.flag("continuous"):
+            return self._match_speed(target, dynamics, entity, begin, speed)
+        shape = dynamics.one_of("dynamicsShape", _SHAPES)
+        change = abs(speed - entity.pace)
+        if change <= SAME:
+            return Span(begin, begin.time)
+        rate = change / AT_ONCE if shape == "step" else self._rate(dynamics, entity, begin, speed)
+        if rate == 0.0:  # it never gets there
+            return Span(begin, NEVER)
+        lasts = change / rate
+        if entity.begins.get("across") == begin:
+            raise dynamics.fault(_STEADY)
+        entity.begins["speed"] = begin
+        act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, rate)
+        if shape in _STRONGEST:
+            shares = _SHARES * _SHARES * (3.0 - 2.0 * _SHARES)
+            if shape == "sinusoidal":
+                shares = 0.5 * (1.0 - np.cos(math.pi * _SHARES))
+            speeds = entity.pace + (speed - entity.pace) * shares
+            table = zip((_SHARES * change / rate).tolist(), speeds.tolist(), strict=True)
+            act = Act(played.BY_TIME, table=tuple(table))
+        entity.pace = speed
+        entity.steady = begin.time + lasts if begin.known else 0.0
+        return self._add(entity, begin, act, lasts)
+
+    def _rate(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> float:
+        """The mean rate of a change of speed, m/s2."""
+        kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
+        if kind == "rate":
+            return abs(dynamics.number("value")) / _PEAKS[dynamics.text("dynamicsShape")]
+        change, value = abs(speed - entity.pace), dynamics.above_zero("value")
+        if begin.known and begin.time < entity.steady - SAME:
+            raise dynamics.fault(
+                f"`{entity.name}` still changes its speed when this begins, at {begin.time:g} s: "
+                "only a change by `rate` is supported then"
+            )
+        # the mean speed of every shape is halfway
+        return change / value * (1.0 if kind == "time" else 0.5 * (speed + entity.pace))
+
+    def _match_speed(
+        self, target: Node, dynamics: Node, entity: Entity, begin: Moment, speed: float
+    ) -> Span:
+        """Keep a speed relative to another's at every instant, without end."""
+        if not is_step(dynamics):
+            raise dynamics.fault("a continuous speed is supported with the shape `step` only")
+        entity.pace, value = speed, target.number("value")
+        by_factor = target.text("speedTargetValueType") == "factor"
+        factor, added = (value, 0.0) if by_factor else (1.0, value)
+        other = self.places.referred(target)
+        return self._relative(entity, begin, (self._number(other), factor), (added, 0.0))
+
+    def _number(self, entity: Entity) -> float:
+        return float(self.numbers.get(entity.name, played.EGO))
+
+    def _relative(self, entity: Entity, begin: Moment, *table: tuple[float, float]) -> Span:
+        """Keep a speed or a place relative to another's at every instant.
+
+        table: as in `played.PLAY` under `match`.
+        """
+        if self.frame.line and math.cos(entity.frame.heading) < 0.0:
+            raise entity.element.fault(
+                "a speed relative to another's is not supported of an oncoming vehicle on a curve"
+            )
+        table = (*table, (0.0, 0.0))[:3]
+        span = self._add(entity, begin, Act(played.MATCH, table=table), NEVER)
+        if begin.known:  # it looks at the other after every step, as what waits does
+            entity.acts[-1] = entity.acts[-1]._replace(begin=0.0, program=from_time(begin.time))
+        return span
+
+    # -- distances ---------------------------------------------------------------------------------
+
+    def place_apart(self, element: Node, entity: Entity) -> None:
+        """Put an entity at the distance of a LongitudinalDistanceAction at the start."""
+        other, ahead, apart = self._apart(element, entity)
+        gap = element.number("timeGap", 0.0) * (other.speed if ahead else -entity.speed)
+        x = other.frame.x + (apart + gap / self.frame.ground(other.frame))
+        entity.frame = entity.frame._replace(x=x)
+
+    def _apart(self, element: Node, entity: Entity) -> tuple[Entity, bool, float]:
+        """The other entity of a LongitudinalDistanceAction, whether the entity is ahead of it, and
+        how far ahead its centre must be, m along the road's line, without a time gap.
+        """
+        other = self.places.referred(element)
+        if element.find("DynamicConstraints") is not None or entity.on_map or other.on_map:
+            raise element.fault(
+                "a distance with limited dynamics, or of an entity that drives on the map, is not "
+                "supported"
+            )
+        sides = ("any", "leadingReferencedEntity", "trailingReferencedEntity")
+        side = element.one_of("displacement", sides, "any")
+        ahead = entity.frame.x >= other.frame.x if side == "any" else side == sides[1]
+        apart = 0.0 if element.get("timeGap") is not None else element.number("distance")
+        free = element.flag("freespace")
+        if free:
+            apart += 0.5 * (entity.length + other.length)
+        apart = (apart if ahead else -apart) + (0.0 if free else entity.centre - other.centre)
+        return other, ahead, apart / self.frame.ground(other.frame)
+
+    def _distance(self, element: Node, entity: Entity, begin: Moment) -> Span:
+        if not element.flag("continuous"):
+            if not begin.known or begin.time > 0.0:
+                raise element.fault("a distance is reached at the start only")
+            self.place_apart(element, entity)
+            return Span(begin, begin.time)
+        other, ahead, apart = self._apart(element, entity)
+        if other is not self.ego:
+            entity.pace = other.pace
+        gap = element.number("timeGap", 0.0)
+        if ahead and gap:
+            raise element.fault("a time gap that is kept ahead of another is not supported")
+        return self._relative(entity, begin, (self._number(other), 1.0), (0.0, 1.0), (apart, gap))
+
+    # -- lateral moves -----------------------------------------------------------------------------
+
+    def _lane_change(self, element: Node, entity: Entity, begin: Moment) -> Span:
+        target = element.child("LaneChangeTarget").only()
+        if target.tag == "RelativeTargetLane":
+            other = self.places.referred(target)
+            spot = replace(other.placed(target), lane=self._lane_now(other, entity, target))
+            lane = self.places.lane_beside(spot, target.whole("value"), target)
+        elif target.tag == "AbsoluteTargetLane":
+            road = entity.placed(element).road
+            if road is None:
+                raise target.fault("the entity is on no road")
+            lane = self.places.network.lane(road, target.text("value"), target)
+        else:
+            raise target.unsupported()
+        t = lane.centre + element.number("targetLaneOffset", 0.0)
+        offset = self._y(t, element, entity) - entity.frame.y
+        dynamics = element.child("LaneChangeActionDynamics")
+        shape = self._shape(dynamics, "lateral move", *_PEAKS)
+        value = dynamics.above_zero("value")
+        kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
+        if kind == "rate":
+            value = abs(offset - entity.moved) / value * _PEAKS[shape]
+        elif kind == "distance":
+            entity.begins["across"] = begin
+            changes = begin.known and begin.time < entity.steady - SAME
+            if entity.pace <= 0.0 or changes or entity.begins.get("speed") == begin:
+                raise dynamics.fault(_STEADY)
+            value /= entity.pace
+        return self._across(element, entity, begin, offset, value, shape)
+
+    def _lane_offset(self, element: Node, entity: Entity, begin: Moment) -> Span:
+        target = element.child("LaneOffsetTarget").only()
+        relative, kept = target.tag == "RelativeTargetLaneOffset", element.flag("continuous")
+        if relative:
+            other = self.places.referred(target)
+            if other is not entity:
+                self._check_still(other, target)
+            y = other.frame.y + other.moved
+        elif target.tag == "AbsoluteTargetLaneOffset":
+            y = self._y(self._lane_now(entity, entity, target).centre, element, entity)
+        else:
+            raise target.unsupported()
+        if relative and kept:
+            raise target.fault("an offset that is kept to another entity is not supported")
+        offset = y + target.number("value") - entity.frame.y
+        dynamics = element.child("LaneOffsetActionDynamics")
+        shape = self._shape(dynamics, "lateral move with `maxLateralAcc`", *_STRONGEST)
+        strongest = dynamics.above_zero("maxLateralAcc", " m/s2")
+        lasts = math.sqrt(_STRONGEST[shape] * abs(offset - entity.moved) / strongest)
+        span = self._across(element, entity, begin, offset, lasts, shape)
+        # an actor keeps its offset in the lane without end
+        return Span(begin, NEVER) if kept else span
+
+    def _shape(self, dynamics: Node, what: str, *shapes: str) -> str:
+        """The shape of a change, one of those that are supported."""
+        shape = dynamics.one_of("dynamicsShape", _SHAPES)
+        if shape not in shapes:
+            names = " and ".join(f"`{name}`" for name in shapes)
+            raise dynamics.fault(f"a {what} of the shape `{shape}` is not supported, {names} are")
+        return shape
+
+    def _check_still(self, other: Entity, element: Node) -> None:
+        if other.moved != 0.0:
+            raise element.fault(f"`{other.name}`, to which it is relative, moves across itself")
+
+    def _lane_now(self, other: Entity, mover: Entity, element: Node) -> Lane:
+        """The lane of an entity when a move that is relative to it begins: of the mover itself
+        after its own lateral moves, of the ego where it starts. Another one must keep its lane.
+        """
+        spot = other.placed(element)
+        if spot.road is None or spot.lane is None:
+            raise element.fault("the entity that it is relative to is in no lane")
+        if other.moved == 0.0:
+            return spot.lane
+        if other is not mover:
+            self._check_still(other, element)
+        lane = spot.road.lane_at(spot.t + other.moved)
+        if lane is None:
+            raise element.fault(f"`{other.name}`, to which it is relative, is in no lane any more")
+        return lane
+
+    def _y(self, t: float, element: Node, entity: Entity) -> float:
+        """y of a place t m left of the reference line of the ego's road."""
+        road = entity.placed(element).road
+        if road is None or road.name != self.frame.road:
+            raise element.fault("a lateral move is supported on the ego's road only")
+        return self.frame.way * (t - self.frame.offset)
+
+    def _across(
+        self, element: Node, entity: Entity, begin: Moment, to: float, lasts: float, shape: str
+    ) -> Span:
+        """A lateral move to the offset `to` m from the start, in `lasts` s."""
+        if entity.on_map:
+            raise element.fault(
+                f"`{entity.name}` drives straight on the map, so it has no lane to move across"
+            )
+        offset = to - entity.moved
+        if abs(offset) <= ON:
+            return Span(begin, begin.time)
+        if begin.known and begin.time < entity.busy_until - SAME:
+            raise element.fault(
+                f"`{entity.name}` still moves across when this begins, at {begin.time:.2f} s"
+            )
+        if math.cos(entity.frame.heading) < 0.0:  # to the left of where it drives
+            offset = -offset
+        entity.moved = to
+        entity.busy_until = begin.time + lasts if begin.known else 0.0
+        act = Act(played.COSINE, 0.0, lasts, 0.0, offset)
+        if shape == "linear":
+            act = Act(played.CONSTANT, 0.0, lasts, abs(offset) / lasts, offset)
+        return self._add(entity, begin, act, lasts)
+
+    # -- trajectories ------------------------------------------------------------------------------
+
+    def _follow(self, element: Node, entity: Entity, begin: Moment) -> Span:
+        course = self.places.followed(element)
+        spot = entity.placed(element)
+        if math.dist(course.points[0], spot.pose[:2]) > 0.5:
+            raise element.fault(f"the trajectory must begin where `{entity.name}` is")
+        if course.bends:
+            raise element.fault("a curved trajectory is not supported")
+        entity.way = course.points
+        entity.spot = replace(spot, pose=Pose(*course.points[0], spot.pose.heading))
+        entity.on_map = bool(self.frame.line)
+        if self.frame.line and entity.speed > 0.0 and (begin.program or begin.time > 0.0):
+            raise element.fault(
+                "on a curved road a trajectory is supported from the start, or of a standing entity"
+            )
+        entity.frame = self.frame.pose_on_map(entity)
+        if entity.on_map:
+            entity.frame = framed(entity, self.frame)
+        if element.number("initialDistanceOffset", 0.0) != 0.0:
+            raise element.fault("`initialDistanceOffset` is supported before the start only")
+        if not course.times:
+            return self._add(entity, begin, Act(played.KEEP), NEVER)
+        if course.times[0] != 0.0:
+            raise element.fault(
+                f"the first time of its trajectory must be 0 s, got {course.times[0]:g}"
+            )
+        timing = element.find("TimeReference/Timing")
+        scale = 1.0 if timing is None else timing.number("scale", 1.0)
+        if timing is not None and timing.number("offset", 0.0) != 0.0:
+            raise timing.fault("`offset` must be 0")
+        if timing is not None and timing.attribute("domainAbsoluteRelative") != "relative":
+            raise timing.fault("times of a trajectory are supported relative to its begin only")
+        times = np.array(course.times) * scale
+        lasts = np.diff(times)
+        if not (lasts > 0.0).all():
+            raise element.fault("the times of its trajectory must ascend")
+        speeds = np.hypot(*np.diff(course.points, axis=0).T) / lasts
+        at = np.column_stack([times[:-1] + AT_ONCE, times[1:]]).ravel().tolist()
+        knots = tuple(zip(at, np.repeat(speeds, 2).tolist(), strict=True))
+        entity.pace = knots[-1][1]
+        return self._add(entity, begin, Act(played.BY_TIME, table=knots), knots[-1][0])
+
+    def _synchronize(self, element: Node, entity: Entity, begin: Moment) -> Span:
+        master = self.places.entity(element.text("masterEntityRef"), element)
+        if not begin.known:
+            raise element.fault(
+                "a SynchronizeAction that begins by a condition on the drive is not supported"
+            )
+        if master is not self.ego or master.speed <= 0.0:
+            raise element.fault("its master must be the ego and move at the start")
+        goal, start = (
+            self.places.spot(element.child("TargetPositionMaster")).pose,
+            master.placed(element).pose,
+        )
+        way = goal.seen_from(start).x
+        if self.frame.turns:  # along the path on which it turns
+            at = in_frame(goal, self.frame.origin, self.frame.line)
+            way = at.x - start.seen_from(self.frame.origin).x
+        arrives = way / master.speed - begin.time
+        final, steady = self._final_speed(element, master, entity)
+        target = self.places.spot(element.child("TargetPosition")).pose
+        pose = entity.placed(element).pose._replace(heading=entity.heading)
+        ahead = target.seen_from(pose).x - entity.pace * begin.time
+        try:
+            knots = synchronized(ahead, arrives, entity.pace, final, steady)
+        except InputError as error:
+            raise element.fault(
+                f"`{entity.name}` cannot be there when the ego is: {error}"
+            ) from None
+        entity.pace = final
+        return self._add(entity, begin, Act(played.BY_TIME, table=knots), arrives)
+
+    def _final_speed(self, element: Node, master: Entity, entity: Entity) -> tuple[float, float]:
+        """The final speed of a SynchronizeAction, m/s, and the distance over which it has it, m."""
+        holder = element.find("FinalSpeed")
+        if holder is None:
+            return entity.pace, 0.0
+        kind = holder.only()
+        final = kind.number("value")
+        if kind.tag == "RelativeSpeedToMaster":
+            by_factor = kind.text("speedTargetValueType") == "factor"
+            final = master.speed * final if by_factor else master.speed + final
+        elif kind.tag != "AbsoluteSpeed":
+            raise kind.unsupported()
+        for rest in kind.children():
+            if rest.tag == "TargetTimeSteadyState":
+                return final, rest.number("time") * final
+            return final, rest.number("distance")
+        return final, 0.0
+
+
+def target_speed(action: Node, places: Places) -> float:
+    """The speed that a SpeedAction leads to, m/s."""
+    target = action.child("SpeedActionTarget").only()
+    speed = target.number("value")
+    if target.tag == "RelativeTargetSpeed":
+        other = places.referred(target)
+        if other.waits:
+            raise UnplacedError("", other.name)
+        kind = target.one_of("speedTargetValueType", ("delta", "factor"))
+        speed = other.pace + speed if kind == "delta" else other.pace * speed
+    elif target.tag != "AbsoluteTargetSpeed":
+        raise target.unsupported()
+    if speed < 0.0:
+        raise target.fault(f"the speed must be at least 0 m/s, got {speed:g}")
+    return speed

@@ -1,0 +1,268 @@
+"""The space that an OpenSCENARIO file spans.
+
+A ParameterValueDistribution spans the space: a range is a range, a set its values, a set of
+parameters that go together one axis. An axis has numbers where a parameter of it has different
+ones, otherwise the place in the list, from 0 on. A file without a distribution is a space of one
+point.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sumo_eval.errors import did_you_mean
+from sumo_eval.extras.openscenario.catalogs import named_file
+from sumo_eval.extras.openscenario.reading import Node, read_openscenario
+from sumo_eval.extras.openscenario.scene import FileOptions
+from sumo_eval.extras.openscenario.values import Value, plain
+from sumo_eval.scenario.distribution import Distribution
+
+Assignments = tuple[tuple[str, Value], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """An axis of the space.
+
+    choices: the assignments of each of its values; empty: the value itself, to `name`.
+    step: of a range, otherwise 1.
+    weights: of the choices, where the file gives any.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    low: float
+    high: float
+    step: float
+    choices: tuple[tuple[float, Assignments], ...] = ()
+    distribution: Distribution | None = None
+    weights: tuple[float, ...] = ()
+
+    def assigned(self, value: float) -> Assignments:
+        """The assignments at a value; between listed ones, which only maps of the space look at,
+        those of the nearest.
+        """
+        if not self.choices or self.choices[0][1] == ((self.name, self.choices[0][0]),):
+            return ((self.name, float(value)),)
+        return min(self.choices, key=lambda choice: abs(choice[0] - value))[1]
+
+    @property
+    def values(self) -> list[float]:
+        """Its values on the grid."""
+        if self.choices:
+            return [value for value, _ in self.choices]
+        low, step = Fraction(repr(self.low)), Fraction(repr(self.step))
+        return [float(low + step * k) for k in range(self.count)]
+
+    @property
+    def count(self) -> int:
+        """The number of its values on the grid."""
+        if self.choices:
+            return len(self.choices)
+        low, high, step = (Fraction(repr(it)) for it in (self.low, self.high, self.step))
+        return (high - low) // step + 1
+
+    def nearest(self, values: ArrayLike) -> NDArray[Any]:
+        """The places of the values on the grid that are nearest to values of any shape."""
+        return np.abs(np.asarray(values)[..., None] - np.array(self.values)).argmin(axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class FileSpace:
+    """The space of a file.
+
+    file: the scenario file.
+    fixed: assignments at every point.
+    """
+
+    name: str
+    about: str
+    file: Path
+    fixed: Assignments
+    axes: tuple[Axis, ...]
+    version: str
+    options: FileOptions
+
+    def given(self, values: Mapping[str, float]) -> dict[str, Value]:
+        """The parameters of the scenario file at a point."""
+        varied = (axis.assigned(float(values[axis.name])) for axis in self.axes)
+        return dict(itertools.chain(self.fixed, *varied))
+
+    @property
+    def size(self) -> int:
+        """The number of points of its grid."""
+        return math.prod(axis.count for axis in self.axes)
+
+    def grid(self) -> Iterator[dict[str, float]]:
+        """The points of its grid, the first axis slowest."""
+        names = [axis.name for axis in self.axes]
+        for row in itertools.product(*(axis.values for axis in self.axes)):
+            yield dict(zip(names, row, strict=True))
+
+    def along_axes(self) -> list[dict[str, float]]:
+        """Each axis at each of its values, from the first, the last and the middle point."""
+        values = {axis.name: axis.values for axis in self.axes}
+        points: dict[tuple[float, ...], dict[str, float]] = {}
+        for share in (0.0, 1.0, 0.5):
+            base = {
+                name: row[min(int(share * len(row)), len(row) - 1)] for name, row in values.items()
+            }
+            for name, value in ((name, value) for name, row in values.items() for value in row):
+                point = base | {name: value}
+                points[tuple(point.values())] = point
+        return list(points.values())
+
+    def chosen(self, kept: Mapping[str, tuple[tuple[float, Assignments], ...]]) -> FileSpace:
+        """It with these choices of axes alone; axes of one value are fixed."""
+        fixed, axes = list(self.fixed), []
+        for axis in self.axes:
+            choices = kept.get(axis.name, axis.choices)
+            if len(choices) == 1:
+                fixed += choices[0][1]
+            elif choices:
+                axes.append(replace(axis, choices=choices, low=choices[0][0], high=choices[-1][0]))
+            else:
+                axes.append(axis)
+        return replace(self, fixed=tuple(fixed), axes=tuple(axes))
+
+
+def read_space(path: Path, options: FileOptions) -> FileSpace:
+    """The space of an OpenSCENARIO file: a ParameterValueDistribution, or a scenario file.
+
+    Raises InputError.
+    """
+    root = read_openscenario(path)
+    header = root.child("FileHeader")
+    about = " ".join(str(header.get("description", "")).split()) or path.stem
+    version = f"{header.get('revMajor')}.{header.get('revMinor')}"
+    distribution = root.find("ParameterValueDistribution")
+    if distribution is None:
+        return FileSpace(path.stem, about, path, (), (), version, options)
+    file = named_file(distribution.child("ScenarioFile"))
+    scenario = read_openscenario(file)
+    inner = scenario.find("ParameterValueDistribution/ScenarioFile")
+    if inner is not None:
+        if named_file(inner).resolve() == path.resolve():
+            raise inner.fault(f"it leads back to {path.name}")
+        raise distribution.fault(
+            f"{file.name} must be a scenario file, it is a distribution itself"
+        )
+    axes = tuple(axes_of(distribution))
+    known = [part.attribute("name") for part in scenario.all("ParameterDeclarations/*")]
+    names: list[str] = []
+    for name in itertools.chain.from_iterable(axis.names for axis in axes):
+        if name in names:
+            raise distribution.fault(f"parameter `{name}` is given by more than one distribution")
+        if name not in known:
+            near = did_you_mean(name, known)
+            raise distribution.fault(f"parameter `{name}` is not declared in {file.name}.{near}")
+        names.append(name)
+    return FileSpace(path.stem, about, file, (), axes, version, options).chosen({})
+
+
+def axes_of(distribution: Node) -> Iterator[Axis]:
+    """The axes that a ParameterValueDistribution varies."""
+    kinds = [
+        part for part in distribution.children() if part.tag in ("Deterministic", "Stochastic")
+    ]
+    if len(kinds) != 1:
+        raise distribution.fault("it must be either <Deterministic> or <Stochastic>")
+    for part in kinds[0].children():
+        if part.tag == "DeterministicSingleParameterDistribution":
+            yield _single(part)
+        elif part.tag == "DeterministicMultiParameterDistribution":
+            yield _together(part)
+        elif part.tag == "StochasticDistribution":
+            yield _drawn(part)
+        else:
+            raise part.unsupported()
+
+
+def _single(element: Node) -> Axis:
+    name, kind = element.attribute("parameterName"), element.only()
+    if kind.tag == "DistributionSet":
+        return _values(element, name, [plain(it.attribute("value")) for it in kind.all("Element")])
+    if kind.tag != "DistributionRange":
+        raise kind.unsupported()
+    low, high = range_of(kind)
+    step = kind.above_zero("stepWidth")
+    if low == high:
+        return _values(element, name, [low])
+    return Axis(name, (name,), low, high, step)
+
+
+def _together(element: Node) -> Axis:
+    rows: list[Assignments] = [
+        tuple((it.attribute("parameterRef"), plain(it.attribute("value")))
+            for it in part.all("ParameterAssignment"))
+        for part in element.all("ValueSetDistribution/ParameterValueSet")
+    ]  # fmt: skip
+    names = tuple(dict.fromkeys(name for row in rows for name, _ in row))
+    columns = {name: [value for row in rows for it, value in row if it == name] for name in names}
+    shared = [name for name in names if len(columns[name]) == len(rows)]
+    if not shared:
+        raise element.fault("its <ParameterValueSet>s must have a parameter in common")
+    # the axis is named by a parameter with different values in all rows, by one with numbers if
+    # there is one; a parameter without a value in a row keeps the value that the file declares
+    apart = [name for name in shared if len(set(columns[name])) == len(rows)]
+    numeric = [name for name in apart if all(isinstance(value, float) for value in columns[name])]
+    return _listed(element, (numeric or apart or shared)[0], names, rows)
+
+
+def _values(element: Node, name: str, values: Sequence[Value]) -> Axis:
+    """The axis of one parameter with listed values."""
+    return _listed(element, name, (name,), [((name, value),) for value in values])
+
+
+def _listed(element: Node, name: str, names: tuple[str, ...], rows: Sequence[Assignments]) -> Axis:
+    if not rows:
+        raise element.fault("it must list at least one value")
+    own = [value for row in rows for it, value in row if it == name]
+    places = [value for value in own if isinstance(value, float)]
+    if len(set(places)) < len(rows):
+        places = [float(place) for place in range(len(rows))]
+    choices = sorted(zip(places, rows, strict=True))
+    return Axis(name, names, choices[0][0], choices[-1][0], 1.0, tuple(choices))
+
+
+def range_of(element: Node) -> tuple[float, float]:
+    """The limits of a distribution, low to high."""
+    limits = element.child("Range")
+    low, high = limits.decimal("lowerLimit"), limits.decimal("upperLimit")
+    if low > high:
+        raise limits.fault(f"`lowerLimit` must be at most `upperLimit`, got {low:g} and {high:g}")
+    return low, high
+
+
+def _drawn(element: Node) -> Axis:
+    """A stochastic distribution: a range with a density, sampled as the evaluation says."""
+    name, kind = element.attribute("parameterName"), element.only()
+    if kind.tag == "ProbabilityDistributionSet":
+        parts = kind.all("Element")
+        weight_of = {plain(it.attribute("value")): it.decimal("weight") for it in parts}
+        axis = _values(kind, name, list(weight_of))
+        return replace(axis, weights=tuple(weight_of[row[0][1]] for _, row in axis.choices))
+    if kind.tag not in ("UniformDistribution", "NormalDistribution"):
+        raise kind.unsupported(
+            "stochastic distributions that are: ProbabilityDistributionSet, UniformDistribution "
+            "and NormalDistribution with a Range; others are drawn by the sampling method "
+            "`openscenario`"
+        )
+    low, high = range_of(kind)
+    if not low < high:
+        raise kind.fault(f"its range must not be empty, got {low:g}..{high:g}")
+    density = Distribution("uniform", (("loc", low), ("scale", high - low)))
+    if kind.tag == "NormalDistribution":
+        deviation = math.sqrt(kind.above_zero("variance"))
+        loc = kind.decimal("expectedValue")
+        density = Distribution("norm", (("loc", loc), ("scale", deviation)))
+    return Axis(name, (name,), low, high, (high - low) / 10.0, (), density)
