@@ -123,12 +123,12 @@ class Conditions:
     origin: Pose
     line: tuple[Piece, ...]
     latch: Callable[[Program], tuple[int, int]] = lambda program: (0, 0)
-    spans: list[tuple[str, tuple[str, ...], Span]] = field(default_factory=list)
+    spans: list[tuple[str, str, Span]] = field(default_factory=list)
 
     def note(self, element: Node, span: Span) -> Span:
         """Remember when an element of the storyboard runs, for conditions below it."""
         names = [it.get("name") for it in element.element.iterancestors()]
-        path = (*filter(None, reversed(names)), element.attribute("name"))
+        path = "::".join((*filter(None, reversed(names)), element.attribute("name")))
         self.spans.append((element.tag.lower(), path, span))
         return span
 
@@ -136,18 +136,17 @@ class Conditions:
         """When the element above of a kind and a name runs; `act::event` where the name alone is
         not one element's.
         """
-        parts = tuple(name.split("::"))
-        found = [
+        spans = [
             span
-            for known, path, span in self.spans
-            if known == kind.lower() and path[-len(parts) :] == parts
+            for tag, path, span in self.spans
+            if tag == kind.lower() and f"::{path}".endswith(f"::{name}")
         ]
-        if not found:
+        if not spans:
             raise element.fault(f"no {kind} `{name}` stands above it")
-        if len(found) > 1:
+        if len(spans) > 1:
             wanted = f"a path such as `story::act::{name}` must say which"
-            raise element.fault(f"{len(found)} elements are called {kind} `{name}`: {wanted}")
-        return found[0]
+            raise element.fault(f"{len(spans)} elements are called {kind} `{name}`: {wanted}")
+        return spans[0]
 
     def moment(self, trigger: Node | None, after: Moment) -> Moment:
         """When a <StartTrigger> lets something begin that cannot begin before `after`; without one,
@@ -171,36 +170,36 @@ class Conditions:
 
     def _later(self, one: Moment, two: Moment, element: Node) -> Moment:
         """The later of two moments."""
-        until = min(one.until, two.until)
-        if one.time == NEVER or two.time == NEVER:
-            return Moment(NEVER)
+        time, until = max(one.time, two.time), min(one.until, two.until)
         if one.known and two.known:
-            time = max(one.time, two.time)
             return Moment(time, until=until) if time < until else Moment(NEVER)
+        if time == NEVER:
+            return Moment(NEVER)
         if until < NEVER:
             raise element.fault(
-                "a condition on the drive is not supported together with a time until which it may "
-                "hold"
+                "a condition on the drive is not supported together with a time until which it "
+                "may hold"
             )
-        if one.known or two.known:
-            when, what = (one, two) if one.known else (two, one)
-            if when.time <= 0.0:
-                return what
-            if what.time > 0.0:
-                raise element.fault(
-                    "a delay after a condition on the drive is not supported together with a time"
-                )
-            return Moment(0.0, (*what.program, *from_time(when.time), operation(played.AND)))
-        if one.time > 0.0 or two.time > 0.0:
-            raise element.fault("two conditions on the drive are not played together with a delay")
-        return Moment(0.0, (*one.program, *two.program, operation(played.AND)))
+        if one.known and one.time <= 0.0:
+            return two
+        if two.known and two.time <= 0.0:
+            return one
+        if any(it.program and it.time > 0.0 for it in (one, two)):
+            raise element.fault(
+                "a delay after a condition on the drive is not supported together with a time or "
+                "another such condition"
+            )
+        first, second = (
+            it.program or from_time(it.time) for it in sorted((one, two), key=lambda it: it.known)
+        )
+        return Moment(0.0, _joined([first, second], played.AND))
 
     def group(self, group: Node) -> Moment:
         """When all conditions of a group hold."""
-        found = Moment(0.0)
+        moment = Moment(0.0)
         for condition in group.all("Condition"):
-            found = self._later(found, self._condition(condition), condition)
-        return found
+            moment = self._later(moment, self._condition(condition), condition)
+        return moment
 
     def _condition(self, element: Node) -> Moment:
         edge = element.one_of("conditionEdge", ("none", "rising", "falling", "risingOrFalling"))
@@ -221,49 +220,42 @@ class Conditions:
     def _by_value(self, element: Node) -> Moment:
         if element.tag == "SimulationTimeCondition":
             rule, value = element.one_of("rule", RULES), element.number("value")
-            if rule in ("greaterThan", "greaterOrEqual"):
-                return Moment(max(value, 0.0))
-            if rule == "equalTo":
-                return Moment(value if value >= 0.0 else NEVER)
-            if rule == "notEqualTo":
-                return Moment(0.0)
-            return Moment(0.0, until=value) if element.compared(rule, 0.0, value) else Moment(NEVER)
+            if rule.startswith("less"):
+                holds = element.compared(rule, 0.0, value)
+                return Moment(0.0, until=value) if holds else Moment(NEVER)
+            if rule == "equalTo" and value < 0.0:
+                return Moment(NEVER)
+            return Moment(0.0 if rule == "notEqualTo" else max(value, 0.0))
         if element.tag == "ParameterCondition":
             name = element.attribute("parameterRef").removeprefix("$")
-            if any(
-                it.get("parameterRef") == name
-                for it in element.element.getroottree().iter("ParameterAction")
-            ):
+            actions = element.element.getroottree().iter("ParameterAction")
+            if any(it.get("parameterRef") == name for it in actions):
                 raise element.fault(
                     f"parameter `{name}` is set during the drive, and is read before it here"
                 )
             wanted = element.worked_out(element.attribute("value"))
-            holds = element.compared(
-                element.attribute("rule"), element.worked_out(f"${name}"), wanted
-            )
+            value = element.worked_out(f"${name}")
+            holds = element.compared(element.attribute("rule"), value, wanted)
             return Moment(0.0 if holds else NEVER)
         if element.tag == "StoryboardElementStateCondition":
             return self._state(element)
         raise element.unsupported(
-            "a start that depends on a variable or on the world outside is not known here"
+            "a start that depends on a variable or on the world outside is unknown here"
         )
 
     def _state(self, element: Node) -> Moment:
-        kind = element.attribute("storyboardElementType")
-        state = element.one_of("state", (
-            "completeState", "endTransition", "startTransition", "runningState", "standbyState",
-            "skipTransition",
-            "stopTransition",
-        ))  # fmt: skip
-        name = element.attribute("storyboardElementRef")
-        span = self._span(kind, name, element)
+        span = self._span(
+            element.attribute("storyboardElementType"),
+            element.attribute("storyboardElementRef"),
+            element,
+        )
+        state = element.attribute("state")
         if state in ("startTransition", "runningState"):
             return span.begin
         if state not in ("completeState", "endTransition"):
-            raise element.fault(f"the state `{state}` is not played")
+            raise element.fault(f"the state `{state}` is not supported")
         if span.move is not None:
-            vehicle, move = span.move
-            return Moment(0.0, ((played.ENDED, vehicle, move, 0.0),))
+            return Moment(0.0, ((played.ENDED, *span.move, 0.0),))
         return Moment(span.end)
 
     def _by_entity(self, element: Node, edge: str) -> Program:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -44,6 +44,11 @@ class Spot:
     s: float = math.nan
     t: float = math.nan
     way: int = 0
+
+    def turned(self, way: int) -> Spot:
+        """It along the road's line, or, for -1, against it."""
+        heading = self.pose.heading + (math.pi if way < 0 else 0.0)
+        return replace(self, pose=self.pose._replace(heading=heading))
 
 
 class UnplacedError(InputError):
@@ -135,24 +140,20 @@ class Course:
 
     def at(self, s: float, element: Node, t: float = 0.0) -> Pose:
         """The place s m along it, and t m to its left."""
-        left = s
+        ahead = s
         for (x, y), (x2, y2) in pairwise(self.points):
             length = math.hypot(x2 - x, y2 - y)
-            if left <= length or (x2, y2) == self.points[-1]:
-                if left > length + _STRAIGHT or s < -_STRAIGHT:
+            if ahead <= length or (x2, y2) == self.points[-1]:
+                if ahead > length + _STRAIGHT or s < -_STRAIGHT:
                     raise element.fault(f"s = {s:g} m is beyond its trajectory")
-                return Pose(x, y, math.atan2(y2 - y, x2 - x)).moved(left, t)
-            left -= length
+                return Pose(x, y, math.atan2(y2 - y, x2 - x)).moved(ahead, t)
+            ahead -= length
         raise element.fault("a trajectory must have two different points")
 
     def rest(self, s: float) -> tuple[tuple[float, float], ...]:
         """Its points behind s m."""
-        found, gone = [], 0.0
-        for (x, y), (x2, y2) in pairwise(self.points):
-            gone += math.hypot(x2 - x, y2 - y)
-            if gone > s + 1e-9:
-                found.append((x2, y2))
-        return tuple(found)
+        ways = accumulate(math.dist(*ends) for ends in pairwise(self.points))
+        return tuple(it for it, way in zip(self.points[1:], ways, strict=True) if way > s + 1e-9)
 
 
 @dataclass(slots=True)
@@ -191,17 +192,17 @@ class Places:
         }  # fmt: skip
         if kind.tag not in known:
             raise kind.unsupported(f"positions that are: {', '.join(known)}")
-        found = known[kind.tag](kind)
+        spot = known[kind.tag](kind)
         turn = kind.find("Orientation")
         if turn is None:
-            return found
+            return spot
         for name in ("p", "r"):
             if turn.number(name, 0.0) != 0.0:
                 raise turn.fault(f"`{name}` must be 0 on a road that is flat")
         heading = turn.number("h", 0.0)
         if turn.one_of("type", ("relative", "absolute"), "absolute") == "relative":
-            heading += found.pose.heading
-        return replace(found, pose=found.pose._replace(heading=heading))
+            heading += spot.pose.heading
+        return replace(spot, pose=spot.pose._replace(heading=heading))
 
     def located(self, spot: Spot) -> Spot:
         """A place, however it is given, in the lane where it lies."""
@@ -225,20 +226,19 @@ class Places:
     def _lane(self, element: Node) -> Spot:
         road = self.network.road(element.text("roadId"), element)
         lane = self.network.lane(road, element.text("laneId"), element)
-        return self._on(road, element.number("s"), lane.centre + element.number("offset", 0.0),
-            lane,
-                        element)  # fmt: skip
+        t = lane.centre + element.number("offset", 0.0)
+        return self._on(road, element.number("s"), t, lane, element)
 
     def _relative_lane(self, element: Node) -> Spot:
         other = self.referred(element).placed(element)
         if other.road is None or other.lane is None:
             raise element.fault("the entity that it is relative to is in no lane")
         if element.get("dsLane") is not None and other.road.bent:
-            raise element.fault("`dsLane` is not played on a bend, `ds` is")
-        ahead = element.number("ds", 0.0) + element.number("dsLane", 0.0)
+            raise element.fault("`dsLane` is not supported on a curve, `ds` is")
+        s = other.s + (element.number("ds", 0.0) + element.number("dsLane", 0.0))
         lane = self.lane_beside(other, element.whole("dLane"), element)
-        t = lane.centre + element.number("offset", 0.0)
-        return self._beside(other, other.s + ahead, t, lane, element)
+        spot = self._on(other.road, s, lane.centre + element.number("offset", 0.0), lane, element)
+        return spot.turned(other.way)
 
     def lane_beside(self, spot: Spot, lanes: int, element: Node) -> Lane:
         """The lane so many lanes to the left of where something is; 0 is no lane and is not
@@ -260,14 +260,7 @@ class Places:
         if other.road is None:
             raise element.fault("the entity that it is relative to is on no road")
         s, t = other.s + element.number("ds"), other.t + element.number("dt")
-        return self._beside(other, s, t, None, element)
-
-    def _beside(self, other: Spot, s: float, t: float, lane: Lane | None, element: Node) -> Spot:
-        """A place on the road of another, along or against its line as that one points."""
-        assert other.road is not None
-        spot = self._on(other.road, s, t, lane, element)
-        turned = spot.pose._replace(heading=spot.pose.heading + math.pi)
-        return replace(spot, pose=turned) if other.way < 0 else spot
+        return self._on(other.road, s, t, None, element).turned(other.way)
 
     def _relative_object(self, element: Node) -> Spot:
         other = self.referred(element).placed(element)
@@ -286,11 +279,9 @@ class Places:
         if element.flag("closed"):
             raise element.fault("a closed trajectory is not played")
         shape = element.child("Shape").only()
-        if shape.tag == "Polyline":
-            return self._polyline(shape)
-        if shape.tag == "ClothoidSpline":
-            return self._spline(shape)
-        raise shape.unsupported("shapes that are: Polyline, ClothoidSpline")
+        if shape.tag not in ("Polyline", "ClothoidSpline"):
+            raise shape.unsupported("shapes that are: Polyline, ClothoidSpline")
+        return self._polyline(shape) if shape.tag == "Polyline" else self._spline(shape)
 
     def followed(self, action: Node) -> Course:
         """The trajectory of a FollowTrajectoryAction."""
@@ -303,29 +294,28 @@ class Places:
         vertices = shape.all("Vertex")
         if len(vertices) < 2:
             raise shape.fault(f"it must have at least two vertices, got {len(vertices)}")
-        spots = [self.spot(vertex.child("Position")) for vertex in vertices]
-        timed = [vertex.get("time") is not None for vertex in vertices]
-        if any(timed) and not all(timed):
+        timed = [vertex for vertex in vertices if vertex.get("time") is not None]
+        if timed not in ([], vertices):
             raise shape.fault("either all of its vertices must have a `time`, or none")
-        times = tuple(vertex.number("time") for vertex in vertices) if all(timed) else ()
-        points = tuple((spot.pose.x, spot.pose.y) for spot in spots)
-        return Course(points, times, spots[0])
+        spots = [self.spot(vertex.child("Position")) for vertex in vertices]
+        times = tuple(vertex.number("time") for vertex in timed)
+        return Course(tuple(spot.pose[:2] for spot in spots), times, spots[0])
 
     def _spline(self, shape: Node) -> Course:
-        segments = shape.all("ClothoidSplineSegment")
-        first = None if not segments else segments[0].find("PositionStart")
+        first = shape.find("ClothoidSplineSegment[1]/PositionStart")
         if first is None:
             raise shape.fault("its first segment must have a <PositionStart>")
-        begin = self.spot(first)
-        pieces = []
-        for segment in segments:
-            ends = segment.number("curvatureStart"), segment.number("curvatureEnd")
-            pieces.append(Piece(segment.above_zero("length", " m"), *ends))
-        total = length_of(pieces)
-        s = np.linspace(0.0, total, math.ceil(total / _FINE) + 1)
-        x, y, _ = map_places(tuple(pieces), s, 0.0)
-        poses = [begin.pose.moved(float(a), float(b)) for a, b in zip(x, y, strict=True)]
-        return Course(tuple((pose.x, pose.y) for pose in poses), (), begin, tuple(pieces))
+        pieces = tuple(
+            Piece(it.above_zero("length", " m"), it.number("curvatureStart"),
+                it.number("curvatureEnd"))
+            for it in shape.all("ClothoidSplineSegment")
+        )  # fmt: skip
+        begin, total = self.spot(first), length_of(pieces)
+        x, y, _ = map_places(pieces, np.linspace(0.0, total, math.ceil(total / _FINE) + 1), 0.0)
+        points = tuple(
+            begin.pose.moved(*place)[:2] for place in zip(x.tolist(), y.tolist(), strict=True)
+        )
+        return Course(points, (), begin, pieces)
 
     def _on_trajectory(self, element: Node) -> Spot:
         trajectory = self.trajectory(element.child("TrajectoryRef"))
@@ -335,28 +325,24 @@ class Places:
 
     def route(self, holder: Node) -> tuple[Spot, Spot]:
         """Both ends of a route; refused where it turns."""
-        element = self.catalogs.held(holder, "Route")
-        waypoints = element.all("Waypoint")
+        waypoints = self.catalogs.held(holder, "Route").all("Waypoint")
         if len(waypoints) < 2:
-            raise element.fault(f"it must have at least two waypoints, got {len(waypoints)}")
-        spots = [self.located(self.spot(waypoint.child("Position"))) for waypoint in waypoints]
-        begin = spots[0]
+            raise holder.fault(f"its route must have at least two waypoints, got {len(waypoints)}")
+        begin, *spots = [self.located(self.spot(it.child("Position"))) for it in waypoints]
         if begin.road is None or begin.lane is None:
             raise waypoints[0].fault("its first waypoint must be in a lane")
-        for spot, waypoint in zip(spots[1:], waypoints[1:], strict=True):
-            there = spot.pose.seen_from(begin.pose)
-            if there.x <= 0.0 or abs(there.y) > _STRAIGHT:
-                raise waypoint.fault("a route that turns is not played")
+        for spot, waypoint in zip(spots, waypoints[1:], strict=True):
+            at = spot.pose.seen_from(begin.pose)
+            if at.x <= 0.0 or abs(at.y) > _STRAIGHT:
+                raise waypoint.fault("a route that turns is not supported")
         return begin, spots[-1]
 
     def _route(self, element: Node) -> Spot:
-        holder = element.child("RouteRef")
-        begin, end = self.route(holder)
+        begin, end = self.route(element.child("RouteRef"))
         road = begin.road
         assert road is not None
         at = element.child("InRoutePosition").only()
-        s = at.number("pathS")
-        lane = None
+        s, lane = at.number("pathS"), None
         if at.tag == "FromLaneCoordinates":
             lane = self.network.lane(road, at.text("laneId"), at)
             t = lane.centre + at.number("laneOffset", 0.0)
@@ -375,32 +361,27 @@ class Places:
 
 BODY_OF = {
     "car": "car", "van": "van", "truck": "truck", "trailer": "truck", "semitrailer": "truck",
-    "bus": "truck",
-    "motorbike": "motorcycle", "bicycle": "bicycle", "train": None, "tram": None,
+    "bus": "truck", "motorbike": "motorcycle", "bicycle": "bicycle",
 }  # fmt: skip
 
 
 def entity_of(element: Node, catalogs: Catalogs) -> Entity:
     """An entity of a <ScenarioObject>."""
-    name = element.attribute("name")
     holders = [part for part in element.children() if part.tag != "ObjectController"]
     if len(holders) != 1:
         raise element.fault(f"it must be one vehicle, pedestrian or object, got {len(holders)}")
-    found = catalogs.entry(holders[0]) if holders[0].tag == "CatalogReference" else holders[0]
-    if found.tag == "Vehicle":
-        category = found.text("vehicleCategory")
-        body = BODY_OF.get(category)
-        if body is None:
-            raise found.fault(f"a vehicle of category `{category}` is not played")
-    elif found.tag == "Pedestrian":
-        body = "pedestrian"
-    elif found.tag == "MiscObject":
-        body = "car"
-    else:
-        raise found.unsupported()
-    box = found.child("BoundingBox")
+    held = catalogs.entry(holders[0]) if holders[0].tag == "CatalogReference" else holders[0]
+    body = {"Pedestrian": "pedestrian", "MiscObject": "car", "Vehicle": ""}.get(held.tag)
+    if body is None:
+        raise held.unsupported()
+    if held.tag == "Vehicle":
+        category = held.text("vehicleCategory")
+        if category not in BODY_OF:
+            raise held.fault(f"a vehicle of category `{category}` is not supported")
+        body = BODY_OF[category]
+    box = held.child("BoundingBox")
     centre, size = box.child("Center"), box.child("Dimensions")
-    length, width = size.number("length"), size.number("width")
-    if not (length > 0.0 and width > 0.0):
-        raise size.fault(f"its length and width must be above 0 m, got {length:g} and {width:g}")
-    return Entity(name, length, width, centre.number("x"), centre.number("y"), body, element)
+    return Entity(
+        element.attribute("name"), size.above_zero("length", " m"), size.above_zero("width", " m"),
+        centre.number("x"), centre.number("y"), body, element,
+    )  # fmt: skip
