@@ -102,7 +102,7 @@ class Holds:
         if self.allowed:
             table = np.frombuffer(self.allowed, dtype=np.bool_)
             places = tuple(axis.nearest(row) for axis, row in zip(axes, rows, strict=True))
-            return table.reshape([axis.count for axis in axes])[places]
+            return np.asarray(table.reshape([axis.count for axis in axes])[places])
         declared = read_openscenario(self.space.file).declared
         holds = np.ones(rows[0].shape, dtype=np.bool_)
         for index in np.ndindex(holds.shape):

@@ -234,8 +234,8 @@ class Conditions:
                     f"parameter `{name}` is set during the drive, and is read before it here"
                 )
             wanted = element.worked_out(element.attribute("value"))
-            value = element.worked_out(f"${name}")
-            holds = element.compared(element.attribute("rule"), value, wanted)
+            present = element.worked_out(f"${name}")
+            holds = element.compared(element.attribute("rule"), present, wanted)
             return Moment(0.0 if holds else NEVER)
         if element.tag == "StoryboardElementStateCondition":
             return self._state(element)

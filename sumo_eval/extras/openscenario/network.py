@@ -50,7 +50,7 @@ class MapRoad:
     name: str
     begin: Pose
     line: tuple[Piece, ...]
-    lanes: dict[int, Lane]
+    lanes: dict[float, Lane]
     sloped: bool = False
 
     @property
@@ -60,7 +60,7 @@ class MapRoad:
 
     @property
     def bent(self) -> bool:
-        """Whether it is no straight line."""
+        """Whether it is curved."""
         return bends(self.line)
 
     def pose(self, s: float, t: float) -> Pose:
@@ -113,32 +113,24 @@ class Network:
 
         Where roads overlap, as in a junction, the one whose direction is nearest.
         """
-        found = []
+        lanes = []
         for road in self.roads.values():
             at = road.coordinates(pose)
             lane = road.lane_at(at.y)
             if lane is not None and lane.kind == "driving" and -_ON <= at.x <= road.length + _ON:
-                found.append((abs(math.sin(at.heading)), road.name, (road, lane, at)))
-        return min(found)[2] if found else None
+                lanes.append((abs(math.sin(at.heading)), road.name, (road, lane, at)))
+        return min(lanes)[2] if lanes else None
 
     def lane(self, road: MapRoad, number: str, element: Node) -> Lane:
-        """A lane of a road; refused where it is not there."""
-        found = next((lane for lane in road.lanes.values() if _is(lane.number, number)), None)
-        if found is None:
-            known = ", ".join(str(it) for it in road.lanes)
+        """A lane of a road by what is written, `-1` or `-1.0`; refused where it is not there."""
+        try:
+            return road.lanes[float(number)]
+        except (KeyError, ValueError):
+            known = ", ".join(f"{it:g}" for it in road.lanes)
             raise element.fault(
                 f"lane `{number}` is not on road `{road.name}` of {self.path.name}, which has "
                 f"{known}"
-            )
-        return found
-
-
-def _is(number: int, written: str) -> bool:
-    """Whether what is written is a number: `-1`, or `-1.0`."""
-    try:
-        return float(written) == number
-    except ValueError:
-        return False
+            ) from None
 
 
 def read_network(path: Path) -> Network:
@@ -176,23 +168,21 @@ def _road(element: Node, name: str) -> MapRoad:
     if len(sections) != 1:
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
     shift = lane_offset(element.element, owner, flat=True)
-    lanes: dict[int, Lane] = {}
-    for side, sign in (("left", 1.0), ("right", -1.0)):
+    lanes: dict[float, Lane] = {}
+    for side, sign, must in (("left", 1.0, "above"), ("right", -1.0, "below")):
         offset = 0.0
-        numbered = [(_lane_number(lane, sign), lane) for lane in sections[0].all(f"{side}/lane")]
+        numbered = [(lane.whole("id"), lane) for lane in sections[0].all(f"{side}/lane")]
         for number, lane in sorted(numbered, key=lambda it: abs(it[0])):
-            widths = lane.all("width")
-            changes = len(widths) == 1 and any(
-                widths[0].decimal(key) for key in "bcd" if widths[0].get(key) is not None
-            )
-            if len(widths) != 1 or changes:
-                raise lane.fault("its width must be one constant")
+            if number * sign <= 0.0:
+                raise lane.fault(f"its `id` must be {must} 0, got {number}")
             if number in lanes:
                 raise lane.fault(f"there is another lane with the `id` {number}")
-            width = widths[0].decimal("a")
-            lanes[number] = Lane(
-                number, str(lane.get("type")), shift + sign * (offset + 0.5 * width), width
-            )
+            widths = lane.all("width")
+            if len(widths) != 1 or any(widths[0].number(key, 0.0) for key in "bcd"):
+                raise lane.fault("its width must be one constant")
+            width = widths[0].number("a")
+            centre = shift + sign * (offset + 0.5 * width)
+            lanes[number] = Lane(number, str(lane.get("type")), centre, width)
             offset += width
     return MapRoad(name, begin, line, lanes, _sloped(element))
 
@@ -200,17 +190,7 @@ def _road(element: Node, name: str) -> MapRoad:
 def _sloped(road: Node) -> bool:
     """Whether a road is not level: its height changes, or it has a superelevation."""
     heights, tilts = (
-        [[it.decimal(key) if it.get(key) else 0.0 for key in "abcd"] for it in road.all(name)]
-        for name in PROFILES
+        [[it.number(key, 0.0) for key in "abcd"] for it in road.all(name)] for name in PROFILES
     )
     changes = any(any(rest) for _, *rest in heights) or len({first for first, *_ in heights}) > 1
     return changes or any(map(any, tilts))
-
-
-def _lane_number(lane: Node, sign: float) -> int:
-    """The `id` of a lane: above 0 to the left of the reference line, below 0 to its right."""
-    number = lane.decimal("id")
-    if not number.is_integer() or number * sign <= 0.0:
-        side = "above" if sign > 0.0 else "below"
-        raise lane.fault(f"its `id` must be a whole number {side} 0, got {lane.get('id')}")
-    return int(number)

@@ -227,7 +227,7 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
     if kind.tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
         raise kind.unsupported()
     low, high = (-math.inf, math.inf) if kind.find("Range") is None else range_of(kind)
-    mean, variance = kind.decimal("expectedValue"), float(str(kind.get("variance", "0")))
+    mean, variance = kind.number("expectedValue"), float(str(kind.get("variance", "0")))
     drawn: list[Value] = []
     for _ in range(1000):  # rejection: a value outside the Range is drawn again
         if kind.tag == "NormalDistribution":

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.extras.openscenario.values import (
@@ -87,13 +88,13 @@ class Node:
         return InputError(f"{self.where}: {text}{'' if text.endswith('?') else '.'}")
 
     def unsupported(self, among: str = "") -> InputError:
-        """A sentence that it is one that is not played."""
+        """A message that it is not supported."""
         rest = f": {among}" if among else ""
-        return self.fault(f"this is not supported{rest}, and nothing is guessed in its place")
+        return self.fault(f"this is not supported{rest}, and nothing is guessed instead")
 
     # -- what is in it -----------------------------------------------------------------------------
 
-    def get(self, name: str, default: str | None = None) -> str | None:
+    def get(self, name: str, default: Any = None) -> Any:
         """An attribute as it is written."""
         return self.element.get(name, default)
 
@@ -114,48 +115,38 @@ class Node:
 
     def only(self) -> Node:
         """The one element inside it."""
-        found = self.children()
-        if len(found) != 1:
-            raise self.fault(f"it must hold one element, got {len(found)}")
-        return found[0]
+        parts = self.children()
+        if len(parts) != 1:
+            raise self.fault(f"it must hold one element, got {len(parts)}")
+        return parts[0]
 
     def child(self, name: str) -> Node:
         """The element of a name inside it."""
-        found = self.find(name)
-        if found is None:
+        part = self.find(name)
+        if part is None:
             raise self.fault(f"<{name}> is missing in it")
-        return found
+        return part
 
     # -- its attributes ----------------------------------------------------------------------------
 
     def attribute(self, name: str) -> str:
         """An attribute as it is written."""
-        found = self.get(name)
-        if found is None:
+        written = self.get(name)
+        if written is None:
             raise self.fault(f"`{name}` is missing")
-        return str(found)
-
-    def decimal(self, name: str) -> float:
-        """An attribute of a format without parameters, as a finite number."""
-        try:
-            value = float(self.attribute(name))
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise self.fault(f"`{name}` must be a finite number, got {self.get(name)}")
-        return value
+        return str(written)
 
     def one_of(self, name: str, known: tuple[str, ...], default: str | None = None) -> str:
         """An attribute that must be one of some words."""
         if default is not None and self.get(name) is None:
             return default
-        found = self.attribute(name)
-        if found not in known:
-            near = did_you_mean(found, known)
+        word = self.attribute(name)
+        if word not in known:
+            near = did_you_mean(word, known)
             raise self.fault(
-                f"`{name}` must be one of {', '.join(known)}, got {shown(found)}.{near}"
+                f"`{name}` must be one of {', '.join(known)}, got {shown(word)}.{near}"
             )
-        return found
+        return word
 
     def worked_out(self, written: str) -> Value:
         """The value of what is written in it: a literal, `$name`, or `${expression of $names}`."""
@@ -229,32 +220,29 @@ class Node:
         """It with the parameters that its <ParameterDeclarations> add or replace, and the
         constraints that do not hold.
 
-        given: values in the place of those that are declared.
-        Raises InputError for one that nobody declares.
+        given: values instead of the declared ones.
+        Raises InputError for one without a declaration.
         """
-        holder = self.find("ParameterDeclarations")
-        found = (
-            []
-            if holder is None
-            else [it for it in holder.children() if it.tag == "ParameterDeclaration"]
-        )
-        names = [part.attribute("name") for part in found]
+        values = dict(self.values)
+        parts = [
+            replace(part, values=values)
+            for part in self.all("ParameterDeclarations/ParameterDeclaration")
+        ]
+        names = [part.attribute("name") for part in parts]
         for name in given:
             if name not in names:
+                holder = self.find("ParameterDeclarations")
                 place = "The file" if holder is None else holder.where
                 raise InputError(
                     f"{place}: parameter `{name}` is not declared.{did_you_mean(name, names)}"
                 )
-        values = dict(self.values)
-        found = [replace(part, values=values) for part in found]
-        for earlier, (part, name) in enumerate(zip(found, names, strict=True)):
+        for earlier, (part, name) in enumerate(zip(parts, names, strict=True)):
             if name in names[:earlier]:
                 raise part.fault(f"parameter `{name}` is declared twice")
-            values[name] = (
-                given[name] if name in given else part.worked_out(str(part.get("value", "")))
-            )
+            value = given.get(name)
+            values[name] = part.worked_out(part.get("value", "")) if value is None else value
         broken = [
-            why for part, name in zip(found, names, strict=True) for why in part._broken(name)
+            why for part, name in zip(parts, names, strict=True) for why in part._broken(name)
         ]
         return replace(self, values=values), broken
 
@@ -269,14 +257,12 @@ class Node:
         """Of several constraint groups one must hold, with all of its constraints."""
         groups = [group.all("ValueConstraint") for group in self.all("ConstraintGroup")]
         for group in groups:
-            wanted = [
-                (it, it.attribute("rule"), it.worked_out(it.attribute("value"))) for it in group
-            ]
-            if all(it.compared(rule, self.values[name], value) for it, rule, value in wanted):
+            wanted = [(it.attribute("rule"), it.worked_out(it.attribute("value"))) for it in group]
+            if all(self.compared(rule, self.values[name], value) for rule, value in wanted):
                 return
         if groups:
-            told = (
+            texts = (
                 " and ".join(f"{it.get('rule')} {it.get('value')}" for it in group)
                 for group in groups
             )
-            yield f"{name} {' or '.join(told)}"
+            yield f"{name} {' or '.join(texts)}"

@@ -295,9 +295,9 @@ class _Player:
         if len(rest) < len(waiting):
             return rest
         names = dict.fromkeys(entity.name for _, entity in rest)
-        for fault in faults:
-            if fault.entity not in names:
-                raise fault
+        for unplaced in faults:
+            if unplaced.entity not in names:
+                raise unplaced
         raise rest[0][0].fault(f"the starts of {', '.join(names)} depend on each other in a circle")
 
     def _global(self, element: Node) -> None:
@@ -546,7 +546,7 @@ class _Player:
         return Actor(
             name, Start(frame.x, frame.y, entity.speed / ground), tuple(acts), entity.length,
             entity.width, body=entity.body, heading=heading,
-            on_map=None if across is None else tuple(across),
+            on_map=None if across is None else (*across,),
         )  # fmt: skip
 
     def _stop(self, trigger: Node | None) -> None:

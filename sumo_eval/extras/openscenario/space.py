@@ -73,7 +73,8 @@ class Axis:
 
     def nearest(self, values: ArrayLike) -> NDArray[Any]:
         """The places of the values on the grid that are nearest to values of any shape."""
-        return np.abs(np.asarray(values)[..., None] - np.array(self.values)).argmin(axis=-1)
+        apart = np.abs(np.asarray(values)[..., None] - np.array(self.values))
+        return np.asarray(apart.argmin(axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +238,7 @@ def _listed(element: Node, name: str, names: tuple[str, ...], rows: Sequence[Ass
 def range_of(element: Node) -> tuple[float, float]:
     """The limits of a distribution, low to high."""
     limits = element.child("Range")
-    low, high = limits.decimal("lowerLimit"), limits.decimal("upperLimit")
+    low, high = limits.number("lowerLimit"), limits.number("upperLimit")
     if low > high:
         raise limits.fault(f"`lowerLimit` must be at most `upperLimit`, got {low:g} and {high:g}")
     return low, high
@@ -248,7 +249,7 @@ def _drawn(element: Node) -> Axis:
     name, kind = element.attribute("parameterName"), element.only()
     if kind.tag == "ProbabilityDistributionSet":
         parts = kind.all("Element")
-        weight_of = {plain(it.attribute("value")): it.decimal("weight") for it in parts}
+        weight_of = {plain(it.attribute("value")): it.number("weight") for it in parts}
         axis = _values(kind, name, list(weight_of))
         return replace(axis, weights=tuple(weight_of[row[0][1]] for _, row in axis.choices))
     if kind.tag not in ("UniformDistribution", "NormalDistribution"):
@@ -263,6 +264,6 @@ def _drawn(element: Node) -> Axis:
     density = Distribution("uniform", (("loc", low), ("scale", high - low)))
     if kind.tag == "NormalDistribution":
         deviation = math.sqrt(kind.above_zero("variance"))
-        loc = kind.decimal("expectedValue")
+        loc = kind.number("expectedValue")
         density = Distribution("norm", (("loc", loc), ("scale", deviation)))
     return Axis(name, (name,), low, high, (high - low) / 10.0, (), density)

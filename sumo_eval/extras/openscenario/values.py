@@ -25,6 +25,9 @@ _BINARY: dict[type[ast.operator], Callable[[float, float], float]] = {
     # 0: divides by zero
     ast.Mod: lambda one, two: math.fmod(one, two) if two else operator.mod(one, two),
 }  # fmt: skip
+_UNARY: dict[type[ast.unaryop], Callable[[float], float]] = {
+    ast.USub: operator.neg, ast.UAdd: operator.pos,
+}  # fmt: skip
 FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     "sqrt": (math.sqrt, 1), "pow": (math.pow, 2), "sin": (math.sin, 1), "cos": (math.cos, 1),
     "tan": (math.tan, 1),
@@ -62,7 +65,7 @@ def plain(written: str) -> Value:
 
 
 class WrongValueError(Exception):
-    """What is wrong with what is written, as the end of a sentence on its element."""
+    """Why a written value is wrong, as the end of a message on its element."""
 
 
 def worked_out(written: str, known: Mapping[str, Value]) -> Value:
@@ -76,20 +79,20 @@ def worked_out(written: str, known: Mapping[str, Value]) -> Value:
     if not written.startswith("$"):
         return written
     if not written.startswith("${"):
-        found = _REFERENCE.fullmatch(written)
-        if found is None:
+        named = _REFERENCE.fullmatch(written)
+        if named is None:
             raise WrongValueError(f"`{shown(written)}` cannot be read: a parameter is `$name`")
-        return _value(found[1], known)
+        return _value(named[1], known)
     if not written.endswith("}"):
         raise WrongValueError(f"`{shown(written)}` cannot be read: its bracket does not close")
-    names: dict[str, float] = {}
+    names = {"pi": math.pi, "PI": math.pi}
     for name in _REFERENCE.findall(written[2:-1]):
         value = number_of(_value(name, known))
         if value is None:
             raise WrongValueError(
                 f"parameter `{name}` must be a number in an expression, got {shown(known[name])}"
             )
-        names[name] = value
+        names[f"p_{name}"] = value
     try:
         result = _evaluate(_tree(written[2:-1]), names, 0)
         why = "" if math.isfinite(result) else f"must be finite, got {result}"
@@ -124,22 +127,15 @@ def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
     if depth > _DEEPEST:
         raise WrongValueError("is nested too deep")
     match node:
-        case ast.Constant(value=value) if isinstance(value, int | float) and not isinstance(
-            value, bool
-        ):
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             return float(value)
-        case ast.Name(id="pi" | "PI"):
-            return math.pi
-        case ast.Name(id=name) if name.startswith("p_") and name[2:] in names:
-            return names[name[2:]]
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return -_evaluate(operand, names, depth + 1)
-        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-            return _evaluate(operand, names, depth + 1)
+        case ast.Name(id=name) if name in names:
+            return names[name]
+        case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
+            return _UNARY[type(op)](_evaluate(operand, names, depth + 1))
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
-            return _BINARY[type(op)](
-                _evaluate(left, names, depth + 1), _evaluate(right, names, depth + 1)
-            )
+            sides = (_evaluate(side, names, depth + 1) for side in (left, right))
+            return _BINARY[type(op)](*sides)
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
             function, count = FUNCTIONS[name]
             if len(args) != count:
