@@ -20,8 +20,9 @@ Readings of the paper (docs/method.md) that this file is built on:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -29,14 +30,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
-from sumo_eval.method.manoeuvres import (
-    Choice,
-    Manoeuvre,
-    chosen,
-    everyone,
-    manoeuvre_of,
-    pooled_deviation,
-)
+from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, everyone, manoeuvre_of, spread
 from sumo_eval.method.operations import count_operations as count_operations
 from sumo_eval.method.operations import most_operations
 from sumo_eval.method.shared_fields import SharedFields, Stretch
@@ -49,7 +43,6 @@ Mode = Literal["gaussian", "mixture"]
 
 SAME_PLACE = 1e-6  # m; a shorter interval between slices is rounding
 OPERATION_DEVIATION_FLOOR = 0.5  # operations; drivers who all make the same number give 0
-MIXTURE: Mode = "mixture"
 SPLIT_GAP = 0.5  # lane widths between neighbouring drivers that make two groups of them
 SPLIT_MEMBERS = 2  # drivers that make a group
 
@@ -115,7 +108,7 @@ class Ingredients:
     ads_length, mean_length: L, m, of the ADS and mean of all drivers.
     ads_operations, mean_operations: n, likewise.
     slices: how many.
-    centre_similarity, field_similarity: as in `AnthropomorphicIndex`.
+    centre_similarity, field_similarity: the mean of each term alone over all sample points.
     lowest: the smallest similarity of a slice.
     lowest_at: x of that slice, m.
     """
@@ -132,7 +125,7 @@ class Ingredients:
     lowest_at: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class AnthropomorphicIndex:
     """D_i of one ADS in one concrete scenario, Eq. 12, and its ingredients.
 
@@ -140,16 +133,10 @@ class AnthropomorphicIndex:
     length_factor: f_L.
     operation_factor: f_n.
     similarity: mean over all sample points of centre term times field term; in mixture mode times
-        `usual`.
-    centre_similarity, field_similarity: the mean of each term alone.
-    slices: x of the m slices, m.
-    slice_similarity: the mean over each slice's points, (m,).
-    ads_length, driver_lengths: L, m.
-    ads_operations, driver_operations: n.
+        the manoeuvre's share over that of the most usual one.
     notes: where a reading or a floor had to step in.
     manoeuvre: the ADS's in mixture mode, else empty.
     share: of the drivers who made it; 1 in gaussian mode.
-    usual: `share` over that of the most usual manoeuvre; 1 in gaussian mode.
     likeness: None where it was not asked for.
     """
 
@@ -157,30 +144,11 @@ class AnthropomorphicIndex:
     length_factor: float
     operation_factor: float
     similarity: float
-    centre_similarity: float
-    field_similarity: float
-    slices: FloatArray
-    slice_similarity: FloatArray
-    ads_length: float
-    driver_lengths: tuple[float, ...]
-    ads_operations: int
-    driver_operations: tuple[int, ...]
     notes: tuple[IndexNote, ...]
-    manoeuvre: Manoeuvre = ()
-    share: float = 1.0
-    usual: float = 1.0
+    manoeuvre: Manoeuvre
+    share: float
+    ingredients: Ingredients
     likeness: Likeness | None = None
-
-    @property
-    def ingredients(self) -> Ingredients:
-        """The quantities of it that are worth keeping."""
-        worst = int(np.argmin(self.slice_similarity))
-        return Ingredients(
-            len(self.driver_lengths), float(self.ads_length), float(np.mean(self.driver_lengths)),
-            int(self.ads_operations), float(np.mean(self.driver_operations)), len(self.slices),
-            float(self.centre_similarity), float(self.field_similarity),
-            float(self.slice_similarity[worst]), float(self.slices[worst]),
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,49 +205,104 @@ def indexes_by_group(
     road, settings: as in `anthropomorphic_index`.
 
     Shared work is done once: lengths, operations and far fields of each trajectory, and in a group
-    the lateral positions at slices and the drivers' fields at the points of all its pairings
-    together. A group's indexes are the same to the last bit whatever other groups there are,
-    provided that these add no driver.
+    the fields at the points of all its pairings together. A group's indexes are the same to the
+    last bit whatever other groups there are, provided that these add no driver.
     """
     pairings = [pairing for group in groups for pairing in group]
     for pairing in pairings:
-        if len(pairing.drivers) < 2:
-            raise must_be(
-                "The number of drivers",
-                "the anthropomorphic index",
-                "at least 2",
-                len(pairing.drivers),
-            )
-        start = float(trajectories[pairing.ads].x[0])
+        start, owner = float(trajectories[pairing.ads].x[0]), f"road `{road.name}`"
+        if (n := len(pairing.drivers)) < 2:
+            raise must_be("The number of drivers", "the anthropomorphic index", "at least 2", n)
         if start >= road.length:
-            raise must_be(
-                "The ADS's start",
-                f"road `{road.name}`",
-                f"before its end at x = {road.length:g} m",
-                start,
-            )
+            wanted = f"before its end at x = {road.length:g} m"
+            raise must_be("The ADS's start", owner, wanted, start)
     if not pairings:
         return [[] for _ in groups]
-    drives = [_drive(trajectory, road, settings) for trajectory in trajectories]
-    drivers = [
-        drives[place]
-        for place in sorted({place for pairing in pairings for place in pairing.drivers})
-    ]
+    vehicles = [_Vehicle.of(trajectory, road, settings) for trajectory in trajectories]
+    drivers = [vehicles[place] for place in {place for one in pairings for place in one.drivers}]
     stretch = Stretch(
-        west=min(float(driver.whole.x[0]) for driver in drivers),
-        east=max(float(driver.whole.x[0]) + driver.reach for driver in drivers),
+        west=min(driver.begin for driver in drivers),
+        east=max(driver.begin + driver.reach for driver in drivers),
         south=road.right_edge,
         north=road.left_edge,
     )
     across = 2 * settings.points_per_side + 1
     expected = int(stretch.length / settings.slice_spacing) * across
-    fields = SharedFields([drive.on_road for drive in drives], stretch, settings.field, expected)
-    return [_indexes(drives, group, fields, road, settings) for group in groups]
+    shared = SharedFields([one.on_road for one in vehicles], stretch, settings.field, expected)
+    return [_indexes(group, vehicles, shared, road, settings) for group in groups]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Vehicle:
+    """A trajectory and what Eqs. 11-12 take of it.
+
+    whole: as recorded, from x = begin, m.
+    on_road: up to its first sample at or past the road's end.
+    length: L, m.
+    reach: how far it was seen, m.
+    operations, most_operations: n of D_i and of H.
+    still_driving, left_the_road: how it ended, where neither at a stop nor at the road's end.
+    """
+
+    whole: Trajectory
+    on_road: Trajectory
+    begin: float
+    length: float
+    reach: float
+    operations: int
+    most_operations: int
+    manoeuvre: Manoeuvre
+    still_driving: bool
+    left_the_road: bool
+
+    @classmethod
+    def of(cls, whole: Trajectory, road: Road, settings: AnthropomorphicSettings) -> _Vehicle:
+        """That of a recorded trajectory."""
+        beyond = np.flatnonzero(whole.x >= road.length)
+        drive = whole
+        if beyond.size and beyond[0] + 1 < len(whole):
+            kept = {name: getattr(whole, name)[: beyond[0] + 1] for name in CHANNELS}
+            drive = Trajectory(**kept, length=whole.length, width=whole.width)
+        on_its_way = not (_reached_the_end(drive, road) or _has_stopped(drive, settings))
+        left = _left_the_road(drive, road)
+        return cls(
+            whole=whole,
+            on_road=drive,
+            begin=float(whole.x[0]),
+            length=driven_length(drive, road, settings),
+            reach=_reach(drive, road, settings),
+            operations=count_operations(drive, settings),
+            most_operations=most_operations(drive, settings),
+            manoeuvre=manoeuvre_of(whole, road, settings.manoeuvre_time),
+            still_driving=on_its_way and not left,
+            left_the_road=on_its_way and left,
+        )
+
+
+_Where = tuple[float, float, float]  # where slices begin, how far they go, how close they lie, m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Comparison:
+    """An ADS beside k drivers at m slices; arrays begin with the ADS.
+
+    choice: drivers of one manoeuvre in mixture mode, else all.
+    x: of the slices, (m,), m.
+    y: centres there, (1 + k, m), m.
+    fields: Eq. 9 at the points of the ADS's slices, (1 + k, m, 7).
+    """
+
+    ads: _Vehicle
+    drivers: Sequence[_Vehicle]
+    choice: Choice
+    x: FloatArray
+    y: FloatArray
+    fields: FloatArray
 
 
 def _indexes(
-    drives: Sequence[_Drive],
     pairings: Sequence[Pairing],
+    vehicles: Sequence[_Vehicle],
     shared: SharedFields,
     road: Road,
     settings: AnthropomorphicSettings,
@@ -287,109 +310,110 @@ def _indexes(
     """The indexes of one group."""
     if not pairings:
         return []
-    comparisons: dict[tuple[Pairing, Mode], _Comparison] = {}
-    for mode in dict.fromkeys((settings.mode, MIXTURE)):
-        for pairing in pairings:
-            if pairing.likeness or mode == settings.mode:
-                comparisons[pairing, mode] = _comparison(drives, pairing, mode)
+    modes: tuple[Mode, Mode] = settings.mode, "mixture"
+    choices = {
+        (pairing, mode): _choice(pairing, mode, vehicles)
+        for mode in modes
+        for pairing in pairings
+        if pairing.likeness or mode == settings.mode
+    }
 
-    slices = {one.where: slice_positions(*one.where) for one in comparisons.values()}
-    everywhere = np.concatenate(list(slices.values()))
-    ends = np.cumsum([len(x) for x in slices.values()])[:-1]
-    lateral = {
-        place: dict(
-            zip(
-                slices,
-                np.split(lateral_position(drives[place].on_road, everywhere), ends),
-                strict=True,
-            )
+    @cache
+    def lateral(place: int, where: _Where) -> FloatArray:
+        return lateral_position(vehicles[place].on_road, slice_positions(*where))
+
+    points = {
+        (pairing.ads, where): slice_points(
+            slice_positions(*where), lateral(pairing.ads, where), road, settings
         )
-        for place in sorted({place for one in pairings for place in (one.ads, *one.drivers)})
+        for (pairing, _), (_, where) in choices.items()
     }
-    sets = {
-        one.points: slice_points(
-            slices[one.where], lateral[one.pairing.ads][one.where], road, settings
-        )
-        for one in comparisons.values()
-    }
-    fields = _fields(list(comparisons.values()), sets, shared)
+    places = sorted({place for one in pairings for place in (one.ads, *one.drivers)})
+    row = {place: number for number, place in enumerate(places)}
+    everywhere = np.concatenate(list(points.values()))
+    ends = np.cumsum([len(some) for some in points.values()])[:-1]
+    values = np.split(shared.at(everywhere[:, 0, 0], everywhere[..., 1], places), ends, axis=1)
+    fields = dict(zip(points, values, strict=True))
 
     def index_of(pairing: Pairing, mode: Mode) -> AnthropomorphicIndex:
-        one = comparisons[pairing, mode]
-        y = np.array([lateral[place][one.where] for place in (pairing.ads, *pairing.drivers)])
-        return _index(one, drives, slices[one.where], y, fields[one.points], road, settings)
+        choice, where = choices[pairing, mode]
+        both = (pairing.ads, *pairing.drivers)
+        ads, *drivers = (vehicles[place] for place in both)
+        y = np.array([lateral(place, where) for place in both])
+        field = fields[pairing.ads, where][[row[place] for place in both]]
+        return _index(
+            _Comparison(ads, drivers, choice, slice_positions(*where), y, field), road, settings
+        )
 
     indexes = []
     for pairing in pairings:
         index = index_of(pairing, settings.mode)
         if pairing.likeness:
-            mixture = index if settings.mode == MIXTURE else index_of(pairing, MIXTURE)
-            index = replace(index, likeness=_likeness(drives, pairing, mixture.similarity))
+            mixture = index if settings.mode == "mixture" else index_of(pairing, "mixture")
+            index = replace(index, likeness=_likeness(pairing, vehicles, mixture.similarity))
         indexes.append(index)
     return indexes
 
 
-def _index(
-    one: _Comparison,
-    drives: Sequence[_Drive],
-    x: FloatArray,
-    y: FloatArray,
-    fields: _Fields,
-    road: Road,
-    settings: AnthropomorphicSettings,
-) -> AnthropomorphicIndex:
-    """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)) of one comparison.
+def _choice(pairing: Pairing, mode: Mode, vehicles: Sequence[_Vehicle]) -> tuple[Choice, _Where]:
+    """The drivers that a mode compares with, and the slices at which it does."""
+    ads, drivers = vehicles[pairing.ads], [vehicles[place] for place in pairing.drivers]
+    choice = everyone(len(drivers))
+    if mode == "mixture":
+        choice = chosen(ads.manoeuvre, [driver.manoeuvre for driver in drivers])
+    mean_reach = float(np.array([driver.reach for driver in drivers])[choice.members].mean())
+    return choice, (ads.begin, min(ads.reach, mean_reach), pairing.spacing)
+
+
+def _index(one: _Comparison, road: Road, settings: AnthropomorphicSettings) -> AnthropomorphicIndex:
+    """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)).
 
     f_L = min(1, L / mean of the drivers' L); f_n = min(1, mean of the drivers' n / n).
-
-    x: slices, (m,), m.
-    y: centres at the slices, the ADS's first, (1 + k, m), m.
-    fields: Eq. 9 at the points of the slices.
     """
-    ads, drivers = drives[one.pairing.ads], [drives[place] for place in one.pairing.drivers]
-    choice = one.choice
+    ads, drivers, choice = one.ads, one.drivers, one.choice
+    lengths = np.array([driver.length for driver in drivers])
+    operations = np.array([driver.operations for driver in drivers])
 
-    ends = np.array([driver.whole.x[0] + driver.reach for driver in drivers])
-    centre_term, centre_notes = _centre_term(
-        x, y, x <= ends[:, None] + SAME_PLACE, road, settings, choice
-    )
-    field_term, field_notes = _field_term(
-        fields.own, fields.of(one.pairing.drivers), settings, choice
-    )
-    terms = centre_term[:, None] * field_term
-
+    length_factor = _capped_ratio(ads.length, lengths[choice.members].mean())
+    operation_factor = _capped_ratio(operations[choice.members].mean(), ads.operations)
+    centre, centre_notes = _centre_term(one, road, settings)
+    field, field_notes = _field_term(one, settings)
+    terms = centre[:, None] * field
     similarity = choice.usual * float(terms.mean())
-    operations = np.array([driver.operations for driver in drivers])[choice.members]
-    operation_factor = _capped_ratio(np.mean(operations), ads.operations)
 
+    of_slices = terms.mean(axis=1)
+    worst = int(np.argmin(of_slices))
     return AnthropomorphicIndex(
-        value=one.length_factor * operation_factor * similarity,
-        length_factor=one.length_factor,
-        operation_factor=operation_factor,
-        similarity=similarity,
-        centre_similarity=float(centre_term.mean()),
-        field_similarity=float(field_term.mean()),
-        slices=x,
-        slice_similarity=terms.mean(axis=1),
-        ads_length=ads.length,
-        driver_lengths=tuple(driver.length for driver in drivers),
-        ads_operations=ads.operations,
-        driver_operations=tuple(driver.operations for driver in drivers),
-        notes=(
+        length_factor * operation_factor * similarity,
+        length_factor,
+        operation_factor,
+        similarity,
+        (
             *_choice_notes(choice),
             *centre_notes,
             *field_notes,
             *_trajectory_notes(ads, drivers, settings),
             *_note(operation_factor == 0.0, "drivers_without_operation"),
         ),
-        manoeuvre=choice.manoeuvre,
-        share=choice.share,
-        usual=choice.usual,
+        choice.manoeuvre,
+        choice.share,
+        Ingredients(
+            drivers=len(drivers),
+            ads_length=ads.length,
+            mean_length=float(lengths.mean()),
+            ads_operations=ads.operations,
+            mean_operations=float(operations.mean()),
+            slices=len(one.x),
+            centre_similarity=float(centre.mean()),
+            field_similarity=float(field.mean()),
+            lowest=float(of_slices[worst]),
+            lowest_at=float(one.x[worst]),
+        ),
     )
 
 
-def _likeness(drives: Sequence[_Drive], pairing: Pairing, similarity: float) -> Likeness:
-    ads, drivers = drives[pairing.ads], [drives[place] for place in pairing.drivers]
+def _likeness(pairing: Pairing, vehicles: Sequence[_Vehicle], similarity: float) -> Likeness:
+    ads, drivers = vehicles[pairing.ads], [vehicles[place] for place in pairing.drivers]
     return Likeness(
         _capped_ratio(ads.length, np.mean([driver.length for driver in drivers])),
         operation_tolerance(ads.most_operations, [driver.most_operations for driver in drivers]),
@@ -436,18 +460,33 @@ def driven_length(
     A vehicle still driving at the time limit has not stopped, so L goes to the road's end. A
     vehicle that left the road for its side has the length it drove.
     """
-    ended = _has_stopped(trajectory, settings) or _left_the_road(trajectory, road)
-    if ended and not _reached_the_end(trajectory, road):
+    if _has_stopped(trajectory, settings) or _left_the_road(trajectory, road):
         return _reach(trajectory, road, settings)
     return max(road.length - float(trajectory.x[0]), 0.0)
 
 
 def _reach(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> float:
     """How far from its start a vehicle was seen, to the road's end at most, m."""
-    if _reached_the_end(trajectory, road):
-        return max(road.length - float(trajectory.x[0]), 0.0)
     last = trajectory.x[-1] if _has_stopped(trajectory, settings) else trajectory.x.max()
+    if _reached_the_end(trajectory, road):
+        last = road.length
     return max(float(last - trajectory.x[0]), 0.0)
+
+
+def _reached_the_end(trajectory: Trajectory, road: Road) -> bool:
+    """Whether a sample, or the one that would come next, lies at or past the road's end."""
+    step = trajectory.x[-1] - trajectory.x[-2] if len(trajectory) > 1 else 0.0
+    return bool(max(trajectory.x.max(), trajectory.x[-1] + step) >= road.length - SAME_PLACE)
+
+
+def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> bool:
+    return bool(trajectory.speed[-1] < settings.stop_speed)
+
+
+def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
+    """Whether the vehicle's centre was last seen beside the road."""
+    x, y = trajectory.x[-1], trajectory.y[-1]
+    return bool(not road.right_edge_at(x) <= y <= road.left_edge_at(x))
 
 
 def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
@@ -462,126 +501,6 @@ def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     drivers = np.asarray(of_drivers, dtype=np.float64)
     deviation = max(float(drivers.std(ddof=1)), OPERATION_DEVIATION_FLOOR)
     return float(gaussian_similarity(max(operations, drivers.mean()), drivers.mean(), deviation))
-
-
-# --- what is computed once ------------------------------------------------------------------------
-
-
-# whose slices; where they begin, how far they go, how close they lie
-_Points = tuple[int, tuple[float, float, float]]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Drive:
-    """One trajectory as a whole, and as far as it counts.
-
-    whole: as recorded.
-    on_road: up to the road's end.
-    length: L, m.
-    reach: how far it was seen, m.
-    operations, most_operations: n of D_i and of H.
-    """
-
-    whole: Trajectory
-    on_road: Trajectory
-    length: float
-    reach: float
-    operations: int
-    most_operations: int
-    manoeuvre: Manoeuvre
-    still_driving: bool
-    left_the_road: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Comparison:
-    """A pairing and what follows from lengths and manoeuvres."""
-
-    pairing: Pairing
-    choice: Choice
-    length_factor: float
-    where: tuple[float, float, float]
-
-    @property
-    def points(self) -> _Points:
-        """The name of its set of points."""
-        return self.pairing.ads, self.where
-
-
-def _drive(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> _Drive:
-    on_road = _up_to_the_end(trajectory, road)
-    ends_on_its_way = not _reached_the_end(trajectory, road) and not _has_stopped(
-        trajectory, settings
-    )
-    left = _left_the_road(trajectory, road)
-    return _Drive(
-        whole=trajectory,
-        on_road=on_road,
-        length=driven_length(on_road, road, settings),
-        reach=_reach(on_road, road, settings),
-        operations=count_operations(on_road, settings),
-        most_operations=most_operations(on_road, settings),
-        manoeuvre=manoeuvre_of(trajectory, road, settings.manoeuvre_time),
-        still_driving=ends_on_its_way and not left,
-        left_the_road=ends_on_its_way and left,
-    )
-
-
-def _comparison(drives: Sequence[_Drive], pairing: Pairing, mode: Mode) -> _Comparison:
-    ads, drivers = drives[pairing.ads], [drives[place] for place in pairing.drivers]
-    choice = (
-        chosen(ads.manoeuvre, [driver.manoeuvre for driver in drivers])
-        if mode == MIXTURE
-        else everyone(len(drivers))
-    )
-    mean_length, mean_reach = (
-        float(np.mean(np.array(values)[choice.members]))
-        for values in ([driver.length for driver in drivers], [driver.reach for driver in drivers])
-    )
-    where = (float(ads.whole.x[0]), min(ads.reach, mean_reach), pairing.spacing)
-    return _Comparison(pairing, choice, _capped_ratio(ads.length, mean_length), where)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fields:
-    """Eq. 9 at a set of m points a slice.
-
-    drivers: of everyone who is a driver in some pairing, in the order of their places, (k, m, 7).
-    own: of the set's owner, (m, 7).
-    """
-
-    places: tuple[int, ...]
-    drivers: FloatArray
-    own: FloatArray
-
-    def of(self, places: tuple[int, ...]) -> FloatArray:
-        """Those of some of the drivers."""
-        return (
-            self.drivers
-            if places == self.places
-            else self.drivers[[self.places.index(place) for place in places]]
-        )
-
-
-def _fields(
-    comparisons: Sequence[_Comparison], sets: Mapping[_Points, FloatArray], shared: SharedFields
-) -> dict[_Points, _Fields]:
-    """The fields by set of points: of the drivers at all sets together, of an ADS at its own."""
-
-    def at(names: Sequence[_Points], places: Sequence[int]) -> list[FloatArray]:
-        points = np.concatenate([sets[name] for name in names])
-        fields = shared.at(points[:, 0, 0], points[..., 1], places)
-        return np.split(fields, np.cumsum([len(sets[name]) for name in names])[:-1], axis=1)
-
-    places = tuple(sorted({place for one in comparisons for place in one.pairing.drivers}))
-    own: dict[_Points, FloatArray] = {}
-    for ads in {name[0] for name in sets}.difference(places):
-        names = [name for name in sets if name[0] == ads]
-        own |= {name: field[0] for name, field in zip(names, at(names, [ads]), strict=True)}
-    return {
-        name: _Fields(places, drivers, own[name] if name in own else drivers[places.index(name[0])])
-        for name, drivers in zip(sets, at(list(sets), places), strict=True)
-    }
 
 
 # --- slices ---------------------------------------------------------------------------------------
@@ -649,24 +568,17 @@ def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike)
 
 
 def _centre_term(
-    slices: FloatArray,
-    centres: FloatArray,
-    got_there: BoolArray,
-    road: Road,
-    settings: AnthropomorphicSettings,
-    choice: Choice,
+    one: _Comparison, road: Road, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
-    """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes.
-
-    slices: x, (m,), m.
-    centres: y of the ADS and of the k drivers, (1 + k, m), m.
-    got_there: which drivers got as far as which slice, (k, m).
-    """
-    ads, humans = centres[0], centres[1:]
+    """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes."""
+    ads, humans, choice = one.y[0], one.y[1:], one.choice
+    ends = np.array([driver.begin + driver.reach for driver in one.drivers])
+    got_there: BoolArray = one.x <= ends[:, None] + SAME_PLACE
     members, there = choice.members, got_there[choice.members]
     # in mixture mode the drivers of other manoeuvres lend their deviation
     alone = np.count_nonzero(there, axis=0) < (1 if choice.manoeuvre else 2)
-    mean, deviation = _spread(humans, got_there | (alone & members[:, None]), choice, settings)
+    counted = got_there | (alone & members[:, None])
+    mean, deviation = spread(humans, counted, choice, settings.pooled_drivers)
     floor = settings.centre_deviation_floor
     term = gaussian_similarity(ads, mean, np.maximum(deviation, floor))
 
@@ -677,7 +589,7 @@ def _centre_term(
     below = np.arange(1, len(ordered))[:, None]
     groups = (below >= SPLIT_MEMBERS) & (number - below >= SPLIT_MEMBERS)
     split = np.any(groups & (np.diff(ordered, axis=0) > SPLIT_GAP * road.lane_width), axis=0)
-    outside = (ads < road.right_edge_at(slices)) | (ads > road.left_edge_at(slices))
+    outside = (ads < road.right_edge_at(one.x)) | (ads > road.left_edge_at(one.x))
     return term, [
         *_note(deviation < floor, "centre_floor"),
         *_note(split, "two_groups"),
@@ -688,26 +600,14 @@ def _centre_term(
 
 
 def _field_term(
-    own: FloatArray, humans: FloatArray, settings: AnthropomorphicSettings, choice: Choice
+    one: _Comparison, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
-    """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes.
-
-    own: the ADS's field there, (m, 7).
-    humans: the k drivers', (k, m, 7).
-    """
-    everywhere = np.ones((len(humans), 1, 1), dtype=np.bool_)
-    mean, deviation = _spread(humans, everywhere, choice, settings)
+    """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes."""
+    everywhere = np.ones((len(one.drivers), 1, 1), dtype=np.bool_)
+    mean, deviation = spread(one.fields[1:], everywhere, one.choice, settings.pooled_drivers)
     floor = settings.field_deviation_floor * mean
-    term = gaussian_similarity(own, mean, np.maximum(deviation, floor))
+    term = gaussian_similarity(one.fields[0], mean, np.maximum(deviation, floor))
     return term, _note(deviation < floor, "field_floor")
-
-
-def _spread(
-    values: FloatArray, counted: BoolArray, choice: Choice, settings: AnthropomorphicSettings
-) -> tuple[FloatArray, FloatArray]:
-    """Eq. 11: mean and deviation of values, (k, ...), over the chosen drivers."""
-    pooled_drivers = settings.pooled_drivers if choice.manoeuvre else 0.0
-    return pooled_deviation(values, counted, choice, pooled_drivers)
 
 
 def _choice_notes(choice: Choice) -> list[IndexNote]:
@@ -720,45 +620,15 @@ def _choice_notes(choice: Choice) -> list[IndexNote]:
     return [IndexNote("manoeuvre_made_by", number, choice.members.size, choice.manoeuvre)]
 
 
-# --- what is known of a trajectory ----------------------------------------------------------------
-
-
-def _up_to_the_end(trajectory: Trajectory, road: Road) -> Trajectory:
-    """The trajectory up to its first sample at or past the road's end."""
-    beyond = np.flatnonzero(trajectory.x >= road.length)
-    if beyond.size == 0 or beyond[0] + 1 == len(trajectory):
-        return trajectory
-    kept = {name: getattr(trajectory, name)[: beyond[0] + 1] for name in CHANNELS}
-    return Trajectory(**kept, length=trajectory.length, width=trajectory.width)
-
-
-def _reached_the_end(trajectory: Trajectory, road: Road) -> bool:
-    """Whether a sample, or the one that would come next, lies at or past the road's end."""
-    step = trajectory.x[-1] - trajectory.x[-2] if len(trajectory) > 1 else 0.0
-    return bool(max(trajectory.x.max(), trajectory.x[-1] + step) >= road.length - SAME_PLACE)
-
-
-def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> bool:
-    return bool(trajectory.speed[-1] < settings.stop_speed)
-
-
-def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
-    """Whether the vehicle's centre was last seen beside the road."""
-    x, y = trajectory.x[-1], trajectory.y[-1]
-    return bool(not road.right_edge_at(x) <= y <= road.left_edge_at(x))
-
-
 def _trajectory_notes(
-    ads: _Drive, drivers: Sequence[_Drive], settings: AnthropomorphicSettings
+    ads: _Vehicle, drivers: Sequence[_Vehicle], settings: AnthropomorphicSettings
 ) -> list[IndexNote]:
     """Where a reading had to step in for a trajectory as a whole."""
-    late = [driver.whole.x[0] > ads.whole.x[0] + settings.slice_spacing for driver in drivers]
-    beyond = [drive.on_road is not drive.whole for drive in (ads, *drivers)]
-    driving = [driver.still_driving for driver in drivers]
+    latest = ads.begin + settings.slice_spacing
     return [
-        *_note(beyond, "past_the_road"),
-        *_note(late, "drivers_start_late"),
-        *_note(driving, "drivers_still_driving"),
+        *_note([one.on_road is not one.whole for one in (ads, *drivers)], "past_the_road"),
+        *_note([driver.begin > latest for driver in drivers], "drivers_start_late"),
+        *_note([driver.still_driving for driver in drivers], "drivers_still_driving"),
         *_note(ads.still_driving, "ads_still_driving"),
         *_note(ads.left_the_road, "ads_left_the_road"),
     ]

@@ -40,17 +40,20 @@ class HumanBand:
         return max(self.values)
 
 
-def coarse_spacing(settings: AnthropomorphicSettings) -> float:
+def _spacing(settings: AnthropomorphicSettings) -> float:
     """Distance between slices where drivers are scored against each other, or left out, m."""
     return max(settings.slice_spacing, settings.band_slice_spacing)
 
 
+def _all_but_one(places: Sequence[int]) -> list[tuple[int, ...]]:
+    """The places without each of them."""
+    return [tuple(place for place in places if place != without) for without in places]
+
+
 def band_pairings(drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:
     """Each driver against all other drivers."""
-    spacing = coarse_spacing(settings)
-    return [
-        Pairing(one, tuple(place for place in drivers if place != one), spacing) for one in drivers
-    ]
+    others = zip(drivers, _all_but_one(drivers), strict=True)
+    return [Pairing(driver, rest, _spacing(settings)) for driver, rest in others]
 
 
 def band_of(indexes: Sequence[AnthropomorphicIndex]) -> HumanBand:
@@ -75,9 +78,9 @@ def left_out_pairings(
     exchanges: places among `drivers` of the one left out and of the one that counts twice.
     settings: `[method.anthropomorphic]`.
     """
-    spacing, sets = coarse_spacing(settings), [tuple(drivers)]
+    sets = [tuple(drivers)]
     if len(drivers) > 2:
-        fewer = [tuple(place for place in drivers if place != one) for one in drivers]
-        sets += fewer
-        sets += [tuple(sorted((*fewer[leaves], drivers[stays]))) for leaves, stays in exchanges]
-    return [Pairing(ads, others, spacing, likeness=True) for others in sets]
+        fewer = _all_but_one(drivers)
+        exchanged = [tuple(sorted((*fewer[out], drivers[twice]))) for out, twice in exchanges]
+        sets += fewer + exchanged
+    return [Pairing(ads, others, _spacing(settings), likeness=True) for others in sets]

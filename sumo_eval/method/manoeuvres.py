@@ -51,22 +51,18 @@ def manoeuvre_of(trajectory: Trajectory, road: Road, keeping_time: float) -> Man
     starts = np.flatnonzero(np.append(True, np.diff(lane) != 0))
     ends = np.append(starts[1:], lane.size - 1)
     kept = trajectory.time[ends] - trajectory.time[starts] >= keeping_time
-    visited = [int(lane[start]) for start, long in zip(starts, kept, strict=True) if long] or [
-        int(lane[0])
-    ]
+    visited = lane[starts[kept]].tolist() or [int(lane[0])]
     return (visited[0], *[lane for lane in visited if lane != visited[0]][:1])
 
 
-def chosen(mine: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
-    """Which drivers an ADS is compared with, from the manoeuvres of both sides that `manoeuvre_of`
-    found.
-    """
+def chosen(own: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
+    """Drivers that an ADS is compared with, by the manoeuvres of both sides."""
     counts = Counter(theirs)
     numbers = {manoeuvre: number for number, manoeuvre in enumerate(sorted(counts))}
     groups = np.array([numbers[manoeuvre] for manoeuvre in theirs])
-    members = groups == numbers[mine] if mine in numbers else np.ones(len(theirs), dtype=np.bool_)
-    share = counts[mine] / len(theirs)
-    return Choice(mine, members, groups, share, counts[mine] / max(counts.values()))
+    members = groups == numbers[own] if own in numbers else np.ones(len(theirs), dtype=np.bool_)
+    share = counts[own] / len(theirs)
+    return Choice(own, members, groups, share, counts[own] / max(counts.values()))
 
 
 def everyone(drivers: int) -> Choice:
@@ -75,7 +71,7 @@ def everyone(drivers: int) -> Choice:
     return Choice((), flags, np.zeros(drivers), 1.0, 1.0)
 
 
-def pooled_deviation(
+def spread(
     values: FloatArray, counted: BoolArray, choice: Choice, pooled_drivers: float
 ) -> tuple[FloatArray, FloatArray]:
     """Eq. 11: mean and deviation of the members' values, (...).
@@ -83,40 +79,32 @@ def pooled_deviation(
     values: of all drivers, (k, ...).
     counted: which values exist, (k, ...).
     choice: which drivers are members.
-    pooled_drivers: weight of the pooled variance, in drivers; 0 in gaussian mode.
+    pooled_drivers: weight of the pooled variance, in drivers; none in gaussian mode.
 
     The members' own variance is completed by the variance within manoeuvres, pooled over all of
     them, which counts as much as `pooled_drivers` drivers: one or two members alone say little of
     how much such drivers differ.
     """
-    mean, own, freedom = _moments(values, counted & _like(choice.members, values))
-    if not pooled_drivers:
+
+    def moments(flags: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Mean of some drivers' values, sum of squared distances from it, degrees of freedom."""
+        inside = counted & flags.reshape(-1, *[1] * (values.ndim - 1))
+        number = np.count_nonzero(inside, axis=0)
+        mean = np.sum(values, axis=0, where=inside) / np.maximum(number, 1)
+        squares = np.sum((values - mean) ** 2, axis=0, where=inside)
+        return mean, squares, np.maximum(number - 1, 0)
+
+    mean, own, freedom = moments(choice.members)
+    if not choice.manoeuvre:
         return mean, np.sqrt(own / np.maximum(freedom, 1e-9))
-    groups = [
-        _moments(values, counted & _like(choice.groups == group, values))[1:]
-        for group in np.unique(choice.groups)
-    ]
+    groups = [moments(choice.groups == group)[1:] for group in np.unique(choice.groups)]
     pooled = sum(square for square, _ in groups) / np.maximum(sum(free for _, free in groups), 1)
     return mean, np.sqrt(
         (own + pooled_drivers * pooled) / np.maximum(freedom + pooled_drivers, 1e-9)
     )
 
 
-def _moments(values: FloatArray, inside: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean of the values inside, sum of their squared distances from it, degrees of freedom."""
-    number = np.count_nonzero(inside, axis=0)
-    mean = np.sum(values, axis=0, where=inside) / np.maximum(number, 1)
-    squares = np.sum((values - mean) ** 2, axis=0, where=inside)
-    return mean, squares, np.maximum(number - 1, 0)
-
-
 def words(manoeuvre: Manoeuvre) -> str:
     """`keeps lane 0`, `changes from lane 0 to 1`."""
-    if len(manoeuvre) == 1:
-        return f"keeps lane {manoeuvre[0]}"
-    return f"changes from lane {manoeuvre[0]} to {manoeuvre[1]}"
-
-
-def _like(flags: BoolArray, values: FloatArray) -> BoolArray:
-    """(k,) as (k, 1, ...) with as many axes as `values`."""
-    return flags.reshape(-1, *([1] * (values.ndim - 1)))
+    lane, *to = manoeuvre
+    return f"changes from lane {lane} to {to[0]}" if to else f"keeps lane {lane}"

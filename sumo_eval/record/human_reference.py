@@ -31,7 +31,6 @@ from sumo_eval.method.anthropomorphic import (
     indexes_by_group,
 )
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
-from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.shared_fields import prepare
 from sumo_eval.record.kept_results import KeptResults, Kind, key_of
 from sumo_eval.record.kept_results import Part as KeptPart
@@ -62,34 +61,6 @@ class PointJob:
     left_out: tuple[str, ...] = ()
     band: bool = False
     exchanges: tuple[tuple[int, int], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class CaseIndex:
-    """D_i of a case and what it is the product of, as `method.anthropomorphic.AnthropomorphicIndex`
-    has them.
-    """
-
-    value: float
-    length_factor: float
-    operation_factor: float
-    similarity: float
-    notes: tuple[IndexNote, ...]
-    manoeuvre: Manoeuvre
-    share: float
-    likeness: Likeness | None
-    ingredients: Ingredients
-
-    @classmethod
-    def of(cls, index: AnthropomorphicIndex) -> CaseIndex:
-        """Without its slices."""
-        return cls(
-            float(index.value), float(index.length_factor), float(index.operation_factor),
-            float(index.similarity),
-            index.notes, tuple(int(part) for part in index.manoeuvre), float(index.share),
-            index.likeness,
-            index.ingredients,
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +99,14 @@ class LeftOut:
 class PointResult:
     """Results at one point, by case."""
 
-    indexes: Mapping[str, CaseIndex]
+    indexes: Mapping[str, AnthropomorphicIndex]
     left_out: Mapping[str, LeftOut]
     band: HumanBand | None
 
 
 _RECORDS = {
-    one.__name__: one for one in (CaseIndex, IndexNote, Ingredients, Likeness, LeftOut, HumanBand)
+    one.__name__: one
+    for one in (AnthropomorphicIndex, IndexNote, Ingredients, Likeness, LeftOut, HumanBand)
 }
 
 
@@ -280,7 +252,7 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
         indexes_by_group(trajectories, [*judged, among, *without.values()], job.road, settings)
     )
     results: dict[_Name, Any] = {
-        ("index", case): CaseIndex.of(index) for case, (index,) in zip(job.ads, found, strict=False)
+        ("index", case): index for case, (index,) in zip(job.ads, found, strict=False)
     }
     band = next(found)
     if job.band:

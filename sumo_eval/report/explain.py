@@ -11,10 +11,11 @@ import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import unknown
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.score_terms import excess, mean_shares, worth
 from sumo_eval.method.zone_partition import ZonePartition, criticality
-from sumo_eval.record.human_reference import CaseIndex, PointJob, compute_points
+from sumo_eval.record.human_reference import PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, Store, open_store
@@ -231,7 +232,7 @@ def _likeness(
         yield f"note: {index_note_sentence(note)}"
 
 
-def _factors(index: CaseIndex) -> Iterator[str]:
+def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
     made = index.ingredients
     yield (
         f"Eq. 12: f_L = min(1, L / mean L of {made.drivers} drivers) = min(1, "

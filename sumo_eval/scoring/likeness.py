@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from sumo_eval.cases import EVALUATED, CaseTable, ThinReference, Zone
 from sumo_eval.errors import InputError
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.leave_one_out import HumanBand
 from sumo_eval.method.manoeuvres import words
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.record.human_reference import CaseIndex, LeftOut, PointJob, compute_points
+from sumo_eval.record.human_reference import LeftOut, PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.store import RECORDED, Fact
 from sumo_eval.results import Counted, ScoreNote, ThinReferences
@@ -188,7 +189,7 @@ class Comparison:
     """
 
     references: Mapping[int, PointReference]
-    indexes: Mapping[str, CaseIndex]
+    indexes: Mapping[str, AnthropomorphicIndex]
     bands: Mapping[int, HumanBand]
     left_out: Mapping[str, LeftOut]
     present: Mapping[str, Sequence[str]]

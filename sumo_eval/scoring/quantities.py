@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Column, Zone, counts
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import (
     collision_loss,
     impact_severity,
@@ -23,7 +24,6 @@ from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.record.cases import IN_BLOCK
-from sumo_eval.record.human_reference import CaseIndex
 from sumo_eval.record.store import Fact
 from sumo_eval.results import (
     BeyondRange,
@@ -266,7 +266,7 @@ def tabulate(
         yield replace(row, human_likeness=_human_likeness(row, index) if known.people else None)
 
 
-def _human_likeness(row: CaseResult, index: CaseIndex | None) -> float | None:
+def _human_likeness(row: CaseResult, index: AnthropomorphicIndex | None) -> float | None:
     """The case's part in H: 0 with an incident that the ideal vehicle avoids."""
     if row.safe and row.incident and row.ideal_severity == 0.0:
         return 0.0

@@ -123,8 +123,8 @@ def test_identical_driving_scores_1(same: Trajectory) -> None:
         1.0,
         1.0,
     )
-    assert (index.centre_similarity, index.field_similarity) == (1.0, 1.0)
-    np.testing.assert_array_equal(index.slice_similarity, 1.0)
+    made = index.ingredients
+    assert (made.centre_similarity, made.field_similarity, made.lowest) == (1.0, 1.0, 1.0)
 
 
 @given(seed=st.integers(0, 1000), speed=st.floats(8.0, 25.0), y=st.floats(-1.5, 5.0))
@@ -134,9 +134,9 @@ def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(
     index = anthropomorphic_index(drive(speed, y, steering_deg=[15.0]), humans(seed), ROAD)
     assert 0.0 <= index.value <= 1.0
     assert index.value == index.length_factor * index.operation_factor * index.similarity
-    assert index.similarity <= min(index.centre_similarity, index.field_similarity) + 1e-12
-    assert index.slice_similarity.shape == index.slices.shape
-    assert index.slice_similarity.mean() == pytest.approx(index.similarity, rel=1e-12)
+    made = index.ingredients
+    assert index.similarity <= min(made.centre_similarity, made.field_similarity) + 1e-12
+    assert index.ingredients.lowest <= index.similarity + 1e-12
 
 
 def test_no_pairings_are_an_empty_answer() -> None:
@@ -149,7 +149,7 @@ def test_a_field_scaled_by_a_constant_changes_nothing(
 ) -> None:
     ads, drivers = drive(24.0, 0.2), humans(1)
     before = anthropomorphic_index(ads, drivers, ROAD)
-    assert 0.05 < before.field_similarity < 0.95
+    assert 0.05 < before.ingredients.field_similarity < 0.95
     fields = module.SharedFields.at
     monkeypatch.setattr(module.SharedFields, "at", lambda *a: factor * fields(*a))
     assert anthropomorphic_index(ads, drivers, ROAD).value == pytest.approx(before.value, rel=1e-12)
@@ -204,7 +204,7 @@ def test_what_lies_past_the_roads_end_changes_nothing() -> None:
         anthropomorphic_index(far, long, ROAD),
     )
     assert 0.0 < there.value == here.value < 1.0
-    assert there.ads_operations == 0
+    assert there.ingredients.ads_operations == 0
     assert IndexNote("past_the_road", 4, 4) in there.notes
 
 
@@ -300,10 +300,15 @@ def test_centre_three_floors_off() -> None:
     # Drivers all at y = 0: deviation 0, floor 0.15 m. The ADS at 0.45 m is z = 3: exp(-2.5) at
     # every slice.
     index = anthropomorphic_index(drive(y=0.45), [drive()] * 3, ROAD)
-    assert index.centre_similarity == pytest.approx(math.exp(-2.5), rel=1e-9)
+    assert index.ingredients.centre_similarity == pytest.approx(math.exp(-2.5), rel=1e-9)
     assert IndexNote("centre_floor", 121, 121) in index.notes
     wider = AnthropomorphicSettings(centre_deviation_floor=0.225)  # z = 2
-    assert anthropomorphic_index(drive(y=0.45), [drive()] * 3, ROAD, wider).centre_similarity == 1.0
+    assert (
+        anthropomorphic_index(
+            drive(y=0.45), [drive()] * 3, ROAD, wider
+        ).ingredients.centre_similarity
+        == 1.0
+    )
 
 
 def test_centre_with_a_real_deviation() -> None:
@@ -311,7 +316,7 @@ def test_centre_with_a_real_deviation() -> None:
     # ADS at 1.6 is z = 3.
     drivers = [drive(y=y) for y in (0.0, 0.4, 0.8)]
     index = anthropomorphic_index(drive(y=1.6), drivers, ROAD)
-    assert index.centre_similarity == pytest.approx(math.exp(-2.5), rel=1e-9)
+    assert index.ingredients.centre_similarity == pytest.approx(math.exp(-2.5), rel=1e-9)
     assert not [note for note in index.notes if note.kind == "centre_floor"]
 
 
@@ -332,14 +337,12 @@ def test_field_with_known_values(
     def fields(
         shared: module.SharedFields, x: np.ndarray, y: np.ndarray, places: Sequence[int]
     ) -> np.ndarray:
-        # the ADS's is asked for apart from the drivers'
-        values = [own] if len(places) == 1 else others
-        return np.multiply.outer(values, np.ones(y.shape))
+        return np.multiply.outer([own, *others], np.ones(y.shape))
 
     monkeypatch.setattr(module.SharedFields, "at", fields)
     index = anthropomorphic_index(drive(), [drive()] * 3, ROAD)
-    assert index.field_similarity == pytest.approx(expected, rel=1e-9)
-    assert index.similarity == index.field_similarity
+    assert index.ingredients.field_similarity == pytest.approx(expected, rel=1e-9)
+    assert index.similarity == index.ingredients.field_similarity
 
 
 def test_the_settings_of_the_field_reach_it() -> None:
@@ -347,7 +350,7 @@ def test_the_settings_of_the_field_reach_it() -> None:
     values = {
         anthropomorphic_index(
             ads, drivers, ROAD, AnthropomorphicSettings(field=chosen)
-        ).field_similarity
+        ).ingredients.field_similarity
         for chosen in (
             FieldSettings(),
             FieldSettings(k1=1.0),
@@ -399,12 +402,12 @@ def test_a_shorter_drive_scales_the_score_and_a_longer_one_does_not() -> None:
     # 0.6.
     drivers = [stopping(30.0), drive(), drive(14.0)]
     index = anthropomorphic_index(stopping(30.0), drivers, ROAD)
-    assert (index.ads_length, index.driver_lengths) == (30.0, (30.0, 60.0, 60.0))
+    assert (index.ingredients.ads_length, index.ingredients.mean_length) == (30.0, 50.0)
     assert index.length_factor == pytest.approx(0.6, rel=1e-12)
-    assert index.slices[-1] == pytest.approx(30.0)
+    assert index.ingredients.slices == 61  # 0 .. 30
     beyond = anthropomorphic_index(drive(), drivers, ROAD)
     assert beyond.length_factor == 1.0
-    assert beyond.slices[-1] == pytest.approx(50.0)
+    assert beyond.ingredients.slices == 101  # 0 .. 50
     assert IndexNote("driver_not_so_far", 40, 101) in beyond.notes  # 30.5 .. 50
 
 
@@ -413,13 +416,13 @@ def test_drivers_who_did_not_get_there_have_no_centre() -> None:
     # = 0. With the third, held at 3 m, the mean would be 1.13 and the deviation 1.62.
     drivers = [drive(y=0.0), drive(y=0.4), stopping(30.0, 3.0)]
     index = anthropomorphic_index(drive(y=0.2), drivers, ROAD)
-    assert index.slices[-1] == 50.0
+    assert index.ingredients.slices == 101  # 0 .. 50
     far = anthropomorphic_index(drive(y=-0.52), drivers, ROAD)  # z = -2.546 past 30 m, -1.02 before
     terms = [
         1.0 if x <= 30.0 else math.exp(2.0 - (0.72 / math.sqrt(0.08)) ** 2 / 2.0)
-        for x in far.slices
+        for x in np.arange(0.0, 50.5, 0.5)
     ]
-    assert far.centre_similarity == pytest.approx(np.mean(terms), rel=1e-9)
+    assert far.ingredients.centre_similarity == pytest.approx(np.mean(terms), rel=1e-9)
 
 
 def test_where_one_driver_alone_got_there_the_others_hold_their_last_position() -> None:
@@ -427,8 +430,8 @@ def test_where_one_driver_alone_got_there_the_others_hold_their_last_position() 
     # deviation 0.866.
     drivers = [stopping(20.0), stopping(20.0), drive(y=1.5)]
     index = anthropomorphic_index(drive(y=0.5 + 2.5 * math.sqrt(0.75)), drivers, ROAD)
-    assert index.slices[-2:] == pytest.approx([33.0, 100.0 / 3.0])
-    assert index.centre_similarity == pytest.approx(math.exp(2.0 - 3.125), rel=1e-9)
+    assert index.ingredients.slices == 68  # 0 .. 33, and 33.33
+    assert index.ingredients.centre_similarity == pytest.approx(math.exp(2.0 - 3.125), rel=1e-9)
     # 20.5, 21, .. 33 and 33.33
     assert IndexNote("drivers_hold_last_y", 27, 68) in index.notes
 
@@ -725,7 +728,8 @@ def test_more_operations_than_the_humans_lower_the_score_and_fewer_do_not_raise_
     drivers = [pressing(1), pressing(3)]
     for times, factor in ((0, 1.0), (1, 1.0), (2, 1.0), (4, 0.5)):
         index = anthropomorphic_index(pressing(times), drivers, ROAD)
-        assert (index.ads_operations, index.driver_operations) == (times, (1, 3))
+        made = index.ingredients
+        assert (made.ads_operations, made.mean_operations) == (times, 2.0)
         assert index.operation_factor == factor
         assert index.value == factor * index.similarity
 

@@ -57,7 +57,7 @@ def test_lane_changer_has_the_same_d_with_and_without_its_steering_channel():
             anthropomorphic_index(drive, drivers, concrete.road, COARSE)
             for drive in (found.ego, without_steering(found.ego))
         )
-        assert with_it.ads_operations == without.ads_operations
+        assert with_it.ingredients.ads_operations == without.ingredients.ads_operations
         assert with_it.value == pytest.approx(without.value, abs=0.02), concrete.label
         stripped = anthropomorphic_index(
             found.ego, [without_steering(one) for one in drivers], concrete.road, COARSE
