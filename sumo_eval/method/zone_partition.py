@@ -18,10 +18,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from decimal import Decimal
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +37,7 @@ from sumo_eval.method.encounter import encounter
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter
 from sumo_eval.scenario.concrete import braked_distance, braked_speed
 from sumo_eval.scenario.sampling.drawn_points import steadily
+from sumo_eval.scenario.sampling.grid import decimal, evenly, mesh
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -61,35 +61,10 @@ SEARCHED_AT_ONCE = 4_000  # points whose criticality is searched over time in on
 ADDED_AT_ONCE = 500  # training points added in one refinement, at most
 # of the box, where the search for a most dangerous point ends if criticality is searched
 SEARCHED_WINDOW = 1e-3
-FEW_POINTS = 8  # asked for at once, whose distances are taken without scipy
 NUDGE = 1e-6  # unit-box lengths, for derivatives
 EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
 ERROR_WORTH_A_NOTE = 0.01  # share of the space
 SHALLOW = 0.02  # of -1..0: a zone whose most dangerous point has a y above that is noted
-
-
-class Nearest:
-    """Finds the nearest of points (n, k).
-
-    Its tree is made when it is first asked, for scipy takes time to import.
-    """
-
-    def __init__(self, data: FloatArray) -> None:
-        self.data = data
-        self._tree: Any = None
-
-    def query(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
-        """The distance of each point (..., k) from the nearest, and which that is."""
-        if self._tree is None:
-            from scipy.spatial import KDTree
-
-            self._tree = KDTree(self.data)
-        distance, nearest = self._tree.query(points)
-        return distance, nearest
-
-
-def _as_they_are(unit_points: FloatArray) -> FloatArray:
-    return unit_points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,8 +79,8 @@ class Surface:
     noise_deviation: sn.
     level: 0, or the constant +1 (safe) or -1 (hazardous) with n = 0 where every training point
         agrees.
-    coordinates: points (n, k) of the parameters' unit box -> x, the same unless the scenario names
-        better ones.
+    coordinates: points (n, k) of the parameters' unit box -> x, where the scenario names better
+        ones.
     """
 
     points: FloatArray
@@ -114,14 +89,23 @@ class Surface:
     signal_deviation: float
     noise_deviation: float
     level: float = 0.0
-    coordinates: Callable[[FloatArray], FloatArray] = _as_they_are
+    coordinates: Callable[[FloatArray], FloatArray] | None = None
 
     def value(self, unit_points: FloatArray) -> FloatArray:
         """Eq. 8 at points (n, k) of the parameters' unit box: y, (n,)."""
+        from scipy.spatial.distance import cdist
+
         y = np.full(len(unit_points), self.level)
-        x = self.coordinates(unit_points)
-        for rows in self._blocks(len(x)):
-            y[rows] += self._covariance(x[rows]) @ self.weights
+        x = unit_points if self.coordinates is None else self.coordinates(unit_points)
+        known = self.points / self.length_scales
+        size = max(1, 250_000 // max(1, len(known)))  # a block stays in the processor's cache, 2 MB
+        for rows in (slice(first, first + size) for first in range(0, len(x), size)):
+            # in place: new blocks of this size cost more than the arithmetic
+            exponent = cdist(x[rows] / self.length_scales, known, "sqeuclidean")
+            exponent *= -0.5
+            np.exp(exponent, out=exponent)
+            exponent *= self.signal_deviation**2
+            y[rows] += exponent @ self.weights
         return y
 
     def gradient(self, unit_points: FloatArray) -> FloatArray:
@@ -130,21 +114,8 @@ class Surface:
         rises = [self.value(unit_points + step) - self.value(unit_points - step) for step in nudges]
         return np.stack(rises, axis=1) / (2.0 * NUDGE)
 
-    def _covariance(self, x: FloatArray) -> FloatArray:
-        exponent = _squared_distances(x / self.length_scales, self.points / self.length_scales)
-        # in place, as the next line: new blocks of this size cost more than the arithmetic
-        exponent *= -0.5
-        np.exp(exponent, out=exponent)
-        exponent *= self.signal_deviation**2
-        return exponent
 
-    def _blocks(self, n: int) -> Iterator[slice]:
-        """Rows in blocks whose covariance stays within the processor's cache (2 MB)."""
-        size = max(1, 250_000 // max(1, len(self.points)))
-        return (slice(start, start + size) for start in range(0, n, size))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ZonePartition:
     """The zones of one logical scenario. Points are rows (..., k) in the order and units of
     `logical.parameters`.
@@ -156,9 +127,9 @@ class ZonePartition:
     most_dangerous: one point a zone, name -> value, the largest zone first.
     zone_shares: share of the space that each zone takes.
     notes: sentences on limits of the trust in it.
-    zone_tree: the zones' points on the dense grid, unit box; empty without zones.
+    zone_points: the zones' points on the dense grid, unit box; none without zones.
     zone_index: the zone of each of them.
-    boundary_tree: where the grid's edges cross the zone boundary; empty without zones and without a
+    boundary: where the grid's edges cross the zone boundary; nowhere without zones and without a
         safe zone.
 
     Every method refuses points outside the box: the GP knows nothing there.
@@ -173,21 +144,14 @@ class ZonePartition:
     most_dangerous: tuple[dict[str, float], ...]
     zone_shares: tuple[float, ...]
     notes: tuple[str, ...]
-    zone_tree: Nearest
+    zone_points: FloatArray
     zone_index: IntArray
-    boundary_tree: Nearest
+    boundary: FloatArray
 
     @property
     def zones(self) -> int:
         """Number of hazardous zones."""
         return len(self.zone_shares)
-
-    @property
-    def length_scales(self) -> FloatArray:
-        """Length scale of each coordinate, in unit-box lengths; inf where the outcome is
-        constant.
-        """
-        return self.surface.length_scales
 
     def predicted(self, points: ArrayLike) -> FloatArray:
         """Eq. 8: the GP's y; above 0 is safe.
@@ -195,7 +159,7 @@ class ZonePartition:
         Exactly +1 or -1 everywhere if all training points agree.
         """
         unit = _checked_unit(self.logical, points)
-        return self.surface.value(unit.reshape(-1, unit.shape[-1])).reshape(unit.shape[:-1])
+        return self.surface.value(_rows(unit)).reshape(unit.shape[:-1])
 
     def hazardous(self, points: ArrayLike) -> BoolArray:
         """Where y <= 0: the zones' form, for maps and for the weights of Eq. 16."""
@@ -207,10 +171,8 @@ class ZonePartition:
         This decides the zone of every case that is driven: the GP may put a point of certain
         contact on the safe side.
         """
-        rows = np.asarray(points, dtype=np.float64)
-        _checked_unit(self.logical, rows)
-        flat = exactly_hazardous(self.logical, rows.reshape(-1, rows.shape[-1]), self.settings)
-        return flat.reshape(rows.shape[:-1])
+        shape = _checked_unit(self.logical, points).shape[:-1]
+        return exactly_hazardous(self.logical, _rows(points), self.settings).reshape(shape)
 
     def nearest_zone(self, points: ArrayLike) -> IntArray:
         """Number of the zone nearest in the unit box, -1 if there is none, by the dense grid of
@@ -219,7 +181,25 @@ class ZonePartition:
         unit = _checked_unit(self.logical, points)
         if not self.zones:
             return np.full(unit.shape[:-1], -1, dtype=np.intp)
-        return self.zone_index[self.zone_tree.query(unit)[1]]
+        return self._nearest(unit)
+
+    def _nearest(self, unit: FloatArray) -> IntArray:
+        return np.asarray(self.zone_index[self._zone_tree.query(unit)[1]])
+
+    @cached_property
+    def _zone_tree(self) -> Any:
+        return _tree(self.zone_points)
+
+    @cached_property
+    def _boundary_tree(self) -> Any:
+        return _tree(self.boundary)
+
+    def members(self, zone: int, points: FloatArray) -> FloatArray:
+        """The points (n, k) that exist and belong to a zone."""
+        points = points[self.logical.feasible(points)]
+        unit = self.logical.to_unit(points)
+        inside = (self.surface.value(unit) <= 0.0) & (self._nearest(unit) == zone)
+        return np.asarray(points[inside])
 
     def exists(self, points: ArrayLike) -> BoolArray:
         """Which points belong to the space.
@@ -227,7 +207,7 @@ class ZonePartition:
         Its edges do, and also what rounding puts 1e-9 of the box beyond one.
         """
         unit = _checked_unit(self.logical, points)
-        return _exists(self.logical, unit.reshape(-1, unit.shape[-1])).reshape(unit.shape[:-1])
+        return _exists(self.logical, _rows(unit)).reshape(unit.shape[:-1])
 
     def boundary_distance(self, points: ArrayLike) -> FloatArray:
         """Distance to the zone boundary y = 0 in the unit box: positive in the safe zone, negative
@@ -239,35 +219,32 @@ class ZonePartition:
         diagonal of a cell of the dense grid (0.05 for three parameters).
         """
         unit = _checked_unit(self.logical, points)
-        rows = unit.reshape(-1, unit.shape[-1])
+        rows = _rows(unit)
         sign = np.where(self.surface.value(rows) <= 0.0, -1.0, 1.0)
-        if not len(self.boundary_tree.data):
+        if not len(self.boundary):
             return (sign * np.inf).reshape(unit.shape[:-1])
-        distance, nearest = self.boundary_tree.query(rows)
-        polished = self._closest_on_boundary(rows, self.boundary_tree.data[nearest])
-        closer = np.linalg.norm(polished - rows, axis=1)
-        found = (
-            (np.abs(self.surface.value(polished)) < EDGE)
-            & (closer <= distance)
-            & _exists(self.logical, polished)
-        )
-        return (sign * np.where(found, closer, distance)).reshape(unit.shape[:-1])
-
-    def _closest_on_boundary(self, unit: FloatArray, start: FloatArray) -> FloatArray:
-        """Project onto the surface's tangent plane again and again; it settles where the connection
-        is normal to it.
-
-        Half steps, because whole ones diverge where the boundary is more curved than the distance
-        is short.
-        """
-        foot = start
+        distance, nearest = self._boundary_tree.query(rows)
+        foot = self.boundary[nearest]
+        # Onto the surface's tangent plane again and again: it settles where the connection is
+        # normal to it. Half steps, because whole ones diverge where the boundary is more curved
+        # than the distance is short.
         for _ in range(60):
             slope = self.surface.gradient(foot)
-            reach = self.surface.value(foot) + np.sum(slope * (unit - foot), axis=1)
+            reach = self.surface.value(foot) + np.sum(slope * (rows - foot), axis=1)
             steepness = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
-            projected = np.clip(unit - (reach / steepness)[:, None] * slope, 0.0, 1.0)
+            projected = np.clip(rows - (reach / steepness)[:, None] * slope, 0.0, 1.0)
             foot = (foot + projected) / 2.0
-        return foot
+        closer = np.linalg.norm(foot - rows, axis=1)
+        settled = (np.abs(self.surface.value(foot)) < EDGE) & _exists(self.logical, foot)
+        closer = np.where(settled & (closer <= distance), closer, distance)
+        return np.asarray(sign * closer).reshape(unit.shape[:-1])
+
+
+def _tree(points: FloatArray) -> Any:
+    """What finds the nearest of points (n, k)."""
+    from scipy.spatial import KDTree  # takes time to import
+
+    return KDTree(points)
 
 
 def partition(
@@ -293,18 +270,16 @@ def partition(
 
     axes, thinned = _own_axes(logical)
     notes = list(thinned) if points is None else []
-    training = _mesh(axes) if points is None else _user_points(logical, points)
+    training = mesh(axes) if points is None else _user_points(logical, points)
 
     refined, grid, feasible = _dense_grid(logical, axes, settings)
     unit = logical.to_unit(grid)
-    learnt = _learn(
-        logical, training, grid, feasible, settings, settings.refinements if points is None else 0
-    )
-    training, surface, y = learnt.training, learnt.surface, learnt.y
+    rounds = 1 + settings.refinements if points is None else 1
+    learnt = _learn(logical, training, grid, feasible, settings, rounds)
     notes += learnt.notes
 
     shape = tuple(len(axis) for axis in refined)
-    hazard = ((y <= 0.0) & feasible).reshape(shape)
+    hazard = ((learnt.y <= 0.0) & feasible).reshape(shape)
     # Regions that the GP alone calls hazardous are no zones: with the most dangerous point on their
     # own edge, Eq. 16 would weigh a point near them 10^9 times.
     regions, _ = label(hazard, structure=generate_binary_structure(len(shape), len(shape)))
@@ -315,48 +290,43 @@ def partition(
         notes.append(
             f"{share:.2f} % of the space is hazardous for the GP alone, and forms no zone."
         )
-    labels = np.searchsorted(real, regions) + 1
-    labels[~hazard | spurious] = 0
-    count = len(real)
-    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    sizes = np.array([np.count_nonzero(regions == region) for region in real], dtype=np.intp)
     by_size = np.argsort(-sizes, kind="stable")
-    number = np.full(count + 1, -1, dtype=np.intp)
-    number[by_size + 1] = np.arange(count)
-    zone = number[labels.ravel()]
-    in_zone = zone >= 0
-    tree, boundary = Nearest(unit[in_zone]), Nearest(unit[:0])
-
-    most_dangerous: tuple[dict[str, float], ...] = ()
-    if count:
-        boundary = Nearest(_crossings(logical, surface, unit.reshape(*shape, -1), y.reshape(shape)))
-        cell = max(1.0 / (len(axis) - 1) for axis in refined)
-        search = _DangerSearch(logical, settings, surface, tree, zone[in_zone], cell)
-        most_dangerous = tuple(
-            search.most_dangerous(index, grid[zone == index], training) for index in range(count)
-        )
-        deepest = surface.value(logical.to_unit([logical.row(worst) for worst in most_dangerous]))
-        notes += [
-            f"The GP has the most dangerous point {one} near its zone's edge: the weights r near "
-            "that zone are uncertain."
-            for one in (
-                _words(most_dangerous[index]) for index in np.flatnonzero(deepest > -SHALLOW)
-            )
-        ]
-    return ZonePartition(
+    zone = np.full(hazard.size, -1, dtype=np.intp)
+    for number, region in enumerate(real[by_size]):
+        zone[regions.ravel() == region] = number
+    in_zone, surface = zone >= 0, learnt.surface
+    zones = ZonePartition(
         logical=logical,
         settings=settings,
-        training_points=training,
+        training_points=learnt.training,
         training_inverse_ttc=learnt.inverse,
         training_target=learnt.target,
         surface=surface,
-        most_dangerous=most_dangerous,
+        most_dangerous=(),
         zone_shares=tuple(float(size) / int(feasible.sum()) for size in sizes[by_size]),
-        # a scenario without a criterion says itself that it has no zones
-        notes=tuple(notes) if logical.approach or logical.search or logical.margin else (),
-        zone_tree=tree,
+        notes=(),
+        zone_points=unit[in_zone],
         zone_index=zone[in_zone],
-        boundary_tree=boundary,
+        boundary=unit[:0],
     )
+    if len(real):
+        crossings = _crossings(logical, surface, unit.reshape(*shape, -1), learnt.y.reshape(shape))
+        cell = max(1.0 / (len(axis) - 1) for axis in refined)
+        worst = tuple(
+            _most_dangerous(zones, number, np.concatenate([grid[zone == number], training]), cell)
+            for number in range(len(real))
+        )
+        zones = replace(zones, most_dangerous=worst, boundary=crossings)
+        deepest = surface.value(logical.to_unit([logical.row(point) for point in worst]))
+        notes += [
+            f"The GP has the most dangerous point {_words(worst[number])} near its zone's edge: "
+            "the weights r near that zone are uncertain."
+            for number in np.flatnonzero(deepest > -SHALLOW)
+        ]
+    # a scenario without a criterion says itself that it has no zones
+    judged = logical.approach or logical.search or logical.margin
+    return replace(zones, notes=tuple(notes) if judged else ())
 
 
 def _words(point: dict[str, float]) -> str:
@@ -374,9 +344,10 @@ def refuse_impossible_zones(
     axes, _ = _own_axes(logical)
     _, grid, feasible = _dense_grid(logical, axes, settings)
     exactly_hazardous(logical, grid[feasible][:: 8 if asks_some(logical) else 1], settings)
-    training = _mesh(axes)
-    _training_target(logical, training, settings)
-    _coordinates(logical, training)(logical.to_unit(training))
+    training = mesh(axes)
+    criticality(logical, training, settings)
+    if (coordinates := _coordinates(logical, training)) is not None:
+        coordinates(logical.to_unit(training))
 
 
 def asks_some(logical: LogicalScenario) -> bool:
@@ -388,14 +359,14 @@ def asks_some(logical: LogicalScenario) -> bool:
 
 
 def _dense_grid(
-    logical: LogicalScenario, axes: list[FloatArray], settings: ZoneSettings
-) -> tuple[list[FloatArray], FloatArray, BoolArray]:
+    logical: LogicalScenario, axes: list[list[float]], settings: ZoneSettings
+) -> tuple[list[list[float]], FloatArray, BoolArray]:
     """The axes of the dense grid, its points (n, k), and which of them can be."""
     most = (
         settings.grid_points if logical.search is None else min(settings.grid_points, SEARCHED_GRID)
     )
     refined = _refine(axes, most)
-    grid = _mesh(refined)
+    grid = mesh(refined)
     feasible = logical.feasible(grid)
     if not feasible.any():
         raise InputError(
@@ -405,72 +376,19 @@ def _dense_grid(
     return refined, grid, feasible
 
 
-def _squared_distances(x: FloatArray, points: FloatArray) -> FloatArray:
-    """Of each of x (n, m) from each of the points (k, m), (n, k), summed in the order of the
-    coordinates.
-    """
-    # the sum that scipy takes, to the bit, without the half second of its import
-    if len(x) <= FEW_POINTS:
-        squares: FloatArray = np.zeros((len(x), len(points)))
-        for a, b in zip(x.T, points.T, strict=True):
-            squares += np.subtract.outer(a, b) ** 2
-        return squares
-    from scipy.spatial.distance import cdist
-
-    return np.asarray(cdist(x, points, "sqeuclidean"))
+def fitted_parts(zones: ZonePartition) -> dict[str, Any]:
+    """What a fit alone yields, by field: `of_parts` makes the partition of it again."""
+    parts = {item.name: getattr(zones, item.name) for item in fields(zones)[2:]}
+    return parts | {"surface": replace(zones.surface, coordinates=None)}
 
 
-_TRAINING = ("training_points", "training_inverse_ttc", "training_target")
-
-
-@dataclass(frozen=True, slots=True)
-class PartitionParts:
-    """A partition as arrays by name and the rest that a fit alone yields."""
-
-    arrays: dict[str, FloatArray]
-    numbers: tuple[float, float, float]
-    most_dangerous: tuple[dict[str, float], ...]
-    zone_shares: tuple[float, ...]
-    notes: tuple[str, ...]
-
-
-def parts_of(zones: ZonePartition) -> PartitionParts:
-    """The parts from which `from_parts` makes the partition again."""
-    surface = zones.surface
-    return PartitionParts(
-        {name: getattr(zones, name) for name in _TRAINING}
-        | {name: getattr(surface, name) for name in ("points", "weights", "length_scales")}
-        | {"zone": zones.zone_tree.data, "zone_index": zones.zone_index.astype(np.float64)}
-        | {"boundary": zones.boundary_tree.data},
-        (float(surface.signal_deviation), float(surface.noise_deviation), float(surface.level)),
-        zones.most_dangerous,
-        zones.zone_shares,
-        zones.notes,
-    )
-
-
-def from_parts(
-    logical: LogicalScenario, settings: ZoneSettings, parts: PartitionParts
+def of_parts(
+    logical: LogicalScenario, settings: ZoneSettings, parts: Mapping[str, Any]
 ) -> ZonePartition:
     """The partition of a scenario under some settings, from its parts."""
-    arrays = parts.arrays
-    seen = (
-        _coordinates(logical, arrays["training_points"]) if len(arrays["points"]) else _as_they_are
-    )
-    return ZonePartition(
-        logical,
-        settings,
-        arrays["training_points"],
-        arrays["training_inverse_ttc"],
-        arrays["training_target"],
-        Surface(arrays["points"], arrays["weights"], arrays["length_scales"], *parts.numbers, seen),
-        parts.most_dangerous,
-        parts.zone_shares,
-        parts.notes,
-        Nearest(arrays["zone"]),
-        arrays["zone_index"].astype(np.intp),
-        Nearest(arrays["boundary"]),
-    )
+    seen = _coordinates(logical, parts["training_points"])
+    surface = replace(parts["surface"], coordinates=seen)
+    return ZonePartition(logical, settings, **{**parts, "surface": surface})
 
 
 def squared_time_target(
@@ -532,10 +450,9 @@ def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
 # --- training -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Learnt:
+class _Learnt(NamedTuple):
     """A surface and what it was learnt from: training points (n, k), max ITTC and target (n,); y on
-    the dense grid.
+    the dense grid, and where that has the wrong sign.
     """
 
     training: FloatArray
@@ -553,7 +470,7 @@ def _learn(
     grid: FloatArray,
     feasible: BoolArray,
     settings: ZoneSettings,
-    refinements: int,
+    rounds: int,
 ) -> _Learnt:
     """Fit the GP; while it has too much of the dense grid on the wrong side, add some of that and
     fit again. The best of the rounds counts.
@@ -561,29 +478,28 @@ def _learn(
     exact = np.zeros(len(grid), dtype=bool)
     exact[feasible] = exactly_hazardous(logical, grid[feasible], settings)
     unit, own, possible = logical.to_unit(grid), len(training), int(feasible.sum())
-    best: _Learnt | None = None
-    for _ in range(refinements + 1):
-        notes: list[str] = []
-        inverse, target = _training_target(logical, training, settings)
-        surface = _fit(logical, training, target, settings, notes)
+    learnt: list[_Learnt] = []
+    for _ in range(rounds):
+        found = criticality(logical, training, settings)
+        target = found.target
+        if settings.target == "label":
+            target = np.where(found.inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
+        surface, notes = _fit(logical, training, target, settings)
         y = surface.value(unit)
         wrong = feasible & ((y <= 0.0) != exact)
-        if best is None or wrong.sum() < best.wrong.sum():
-            if len(training) > own:
-                notes.append(
-                    f"{len(training) - own} training points were added where the GP was on the "
-                    "wrong side."
-                )
-            best = _Learnt(training, inverse, target, surface, y, wrong, tuple(notes))
+        if len(training) > own:
+            added = len(training) - own
+            notes += [f"{added} training points were added where the GP was on the wrong side."]
+        learnt.append(_Learnt(training, found.inverse, target, surface, y, wrong, tuple(notes)))
         if wrong.sum() <= ERROR_WORTH_A_NOTE * possible:
             break
-        added = np.random.default_rng(SEED).permutation(np.flatnonzero(wrong))[:ADDED_AT_ONCE]
-        training = np.unique(np.concatenate([training, grid[added]]), axis=0)
-    assert best is not None
+        more = np.random.default_rng(SEED).permutation(np.flatnonzero(wrong))[:ADDED_AT_ONCE]
+        training = np.unique(np.concatenate([training, grid[more]]), axis=0)
+    best = min(learnt, key=lambda one: int(one.wrong.sum()))
     share = best.wrong.sum() / possible
     if share > ERROR_WORTH_A_NOTE:
         remark = f"The GP puts {100 * share:.1f} % of the space in the wrong zone: add points."
-        best = replace(best, notes=(*best.notes, remark))
+        best = best._replace(notes=(*best.notes, remark))
     return best
 
 
@@ -657,7 +573,7 @@ def _gap_at_conflict(approach: Approach, settings: ZoneSettings) -> FloatArray:
     obstacle's rear.
     """
     begin = approach.conflict_begin
-    _, distance = _braking(
+    _, distance = _lead(
         np.asarray(approach.obstacle_speed), np.asarray(approach.obstacle_deceleration)
     )
     waits = np.minimum(begin, approach.delay)
@@ -677,13 +593,10 @@ def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[Float
         n, approach.delay, approach.obstacle_deceleration, approach.conflict_begin
     )
     for rows in (slice(start, start + SEARCHED_AT_ONCE) for start in range(0, n, SEARCHED_AT_ONCE)):
-        lead = _steady(other[rows, None])
-        if np.any(slowing[rows] > 0.0):
-            lead = _braking(other[rows, None], slowing[rows, None])
         inverse[rows], impact[rows] = searched_criticality(
             ego[rows],
             gap[rows],
-            lead,
+            _lead(other[rows, None], slowing[rows, None]),
             deceleration=settings.deceleration,
             delay=delay[rows],
             conflict_begin=begin[rows],
@@ -697,12 +610,7 @@ def _broadcast(n: int, *values: ArrayLike) -> Iterator[FloatArray]:
     return (np.broadcast_to(np.asarray(value, dtype=np.float64), n) for value in values)
 
 
-def _steady(speed: FloatArray) -> tuple[Profile, Profile]:
-    """Speed and distance at times of leads that keep their speed, (n, 1)."""
-    return lambda time: speed, lambda time: speed * time
-
-
-def _braking(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
+def _lead(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
     """Speed and distance at times of leads, (n, 1); those that decelerate brake from the start
     on.
     """
@@ -746,24 +654,15 @@ def exactly_hazardous(
     )
 
 
-def _training_target(
-    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
-) -> tuple[FloatArray, FloatArray]:
-    found = criticality(logical, points, settings)
-    if settings.target == "label":
-        return found.inverse, np.where(found.inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
-    return found.inverse, found.target
-
-
 def _coordinates(
     logical: LogicalScenario, training: FloatArray
-) -> Callable[[FloatArray], FloatArray]:
-    """From the parameters' unit box to what the GP sees, scaled so that the training points fill a
-    unit box.
+) -> Callable[[FloatArray], FloatArray] | None:
+    """From the parameters' unit box to better coordinates for the GP, scaled so that the training
+    points fill a unit box; None: the scenario names none.
     """
     better = logical.zone_coordinates
     if better is None:
-        return _as_they_are
+        return None
 
     def raw(points: FloatArray) -> FloatArray:
         return np.stack(better.of(logical.columns(points)), axis=-1)
@@ -773,12 +672,9 @@ def _coordinates(
 
 
 def _fit(
-    logical: LogicalScenario,
-    training: FloatArray,
-    target: FloatArray,
-    settings: ZoneSettings,
-    notes: list[str],
-) -> Surface:
+    logical: LogicalScenario, training: FloatArray, target: FloatArray, settings: ZoneSettings
+) -> tuple[Surface, list[str]]:
+    """The GP, and sentences on what limits the trust in it."""
     from scipy.linalg import cho_solve, cholesky
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
@@ -789,25 +685,18 @@ def _fit(
         most_likely,
     )
 
-    coordinates = _coordinates(logical, training)
-    unit = coordinates(logical.to_unit(training))
+    coordinates, unit = _coordinates(logical, training), logical.to_unit(training)
+    if coordinates is not None:
+        unit = coordinates(unit)
     n, k = unit.shape
     hazardous = target <= 0.0
     if hazardous.all() or not hazardous.any():
-        notes.append(
-            f"All {n} training points are {'hazardous' if hazardous[0] else 'safe'}: no GP is "
-            "fitted, and the whole "
-            "space counts as such."
-        )
+        side, level = ("hazardous", -1.0) if hazardous[0] else ("safe", 1.0)
         nothing = np.empty(0)
-        return Surface(
-            nothing.reshape(0, k),
-            nothing,
-            np.full(k, np.inf),
-            0.0,
-            0.0,
-            -1.0 if hazardous[0] else 1.0,
-        )
+        return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level), [
+            f"All {n} training points are {side}: no GP is fitted, and the whole space counts as "
+            "such."
+        ]
 
     spacing = np.array([np.diff(np.unique([0.0, *column, 1.0])).max() for column in unit.T])
     spacing = np.maximum(spacing, n ** (-1.0 / k))
@@ -833,14 +722,15 @@ def _fit(
         k_training[np.diag_indices_from(k_training)] += tolerance
         factor = cholesky(k_training, lower=True, check_finite=False)
         weights = cho_solve((factor, True), target, check_finite=False)
+    notes = _bound_notes(logical, theta, bounds)
     if failures:
-        notes.append(
+        notes.insert(
+            0,
             f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters "
             "stopped early: "
-            f"{failures[0]}."
+            f"{failures[0]}.",
         )
-    notes.extend(_bound_notes(logical, theta, bounds))
-    return Surface(
+    surface = Surface(
         points=unit,
         weights=weights,
         length_scales=np.array(rounded.length_scales),
@@ -848,6 +738,7 @@ def _fit(
         noise_deviation=math.sqrt(rounded.noise),
         coordinates=coordinates,
     )
+    return surface, notes
 
 
 def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray) -> list[str]:
@@ -878,7 +769,7 @@ def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray
 # --- points ---------------------------------------------------------------------------------------
 
 
-def _own_axes(logical: LogicalScenario) -> tuple[list[FloatArray], tuple[str, ...]]:
+def _own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, ...]]:
     """The values of each parameter's own steps, thinned where they are too many for a GP, and a
     sentence about that.
     """
@@ -899,52 +790,45 @@ def _own_axes(logical: LogicalScenario) -> tuple[list[FloatArray], tuple[str, ..
 
 def _own_count(parameter: Parameter) -> int:
     """Number of values from low in steps, and high."""
-    return (
-        math.ceil((_decimal(parameter.high) - _decimal(parameter.low)) / _decimal(parameter.step))
-        + 1
-    )
+    extent = decimal(parameter.high) - decimal(parameter.low)
+    return math.ceil(extent / decimal(parameter.step)) + 1
 
 
-def _axis(parameter: Parameter, count: int) -> FloatArray:
-    """Low, low + step, ... as exact decimals, and high; evenly spaced values if `count` is less
-    than that takes.
-    """
-    low, high, step = _decimal(parameter.low), _decimal(parameter.high), _decimal(parameter.step)
+def _axis(parameter: Parameter, count: int) -> list[float]:
+    """Low, low + step, ... and high; evenly spaced values if `count` is less than that takes."""
     if count < _own_count(parameter):
-        step = (high - low) / (count - 1)
-    return np.array([*(float(low + step * index) for index in range(count - 1)), float(high)])
+        return evenly(parameter, count)
+    low, step = decimal(parameter.low), decimal(parameter.step)
+    return [*(float(low + step * index) for index in range(count - 1)), float(parameter.high)]
 
 
-def _decimal(value: float) -> Decimal:
-    """The decimal that a float is written as."""
-    return Decimal(repr(float(value)))
-
-
-def _refine(axes: list[FloatArray], most: int) -> list[FloatArray]:
+def _refine(axes: list[list[float]], most: int) -> list[list[float]]:
     """Split every interval in the same number of parts, as many as `most` points allow: old points
     stay on the grid.
 
-    Decimals again: two parameters that meet in a constraint must get equal numbers where they are
+    On decimals: two parameters that meet in a constraint must get equal numbers where they are
     equal.
     """
     parts = 1
     while math.prod((len(axis) - 1) * (parts + 1) + 1 for axis in axes) <= most:
         parts += 1
-    refined = []
-    for axis in axes:
-        exact = [_decimal(value) for value in axis]
-        inner = [
-            a + (b - a) * part / parts
-            for a, b in itertools.pairwise(exact)
-            for part in range(parts)
+    return [
+        [
+            *(
+                float(a + (b - a) * part / parts)
+                for a, b in itertools.pairwise(map(decimal, axis))
+                for part in range(parts)
+            ),
+            axis[-1],
         ]
-        refined.append(np.array([float(value) for value in (*inner, exact[-1])]))
-    return refined
+        for axis in axes
+    ]
 
 
-def _mesh(axes: list[FloatArray]) -> FloatArray:
-    """All combinations of the axes' values, (n, k), lexicographic."""
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+def _rows(points: ArrayLike) -> FloatArray:
+    """Points (..., k) as (n, k)."""
+    array = np.asarray(points, dtype=np.float64)
+    return array.reshape(-1, array.shape[-1])
 
 
 def _user_points(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
@@ -983,7 +867,7 @@ def _exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
     """
     holds = logical.feasible(logical.from_unit(unit))
     if not holds.all():
-        nudges = EDGE * _mesh([np.array([-1.0, 0.0, 1.0])] * unit.shape[1])
+        nudges = EDGE * mesh([[-1.0, 0.0, 1.0]] * unit.shape[1])
         nudged = np.clip(unit[~holds][:, None, :] + nudges, 0.0, 1.0)
         holds[~holds] = logical.feasible(logical.from_unit(nudged)).any(axis=1)
     return holds
@@ -998,13 +882,12 @@ def _crossings(
     """Where the grid's edges cross y = 0 within the space, (m, k): unit (..., k) and y (...) on the
     grid.
     """
-    found = []
+    crossings = []
     for axis in range(y.ndim):
-        before = tuple(slice(None, -1) if other == axis else slice(None) for other in range(y.ndim))
-        after = tuple(slice(1, None) if other == axis else slice(None) for other in range(y.ndim))
-        changes = (y[before] <= 0.0) != (y[after] <= 0.0)
-        y0, y1 = y[before][changes], y[after][changes]
-        x0, x1 = unit[before][changes], unit[after][changes]
+        ahead, places = np.moveaxis(y, axis, 0), np.moveaxis(unit, axis, 0)
+        changes = (ahead[:-1] <= 0.0) != (ahead[1:] <= 0.0)
+        y0, y1 = ahead[:-1][changes], ahead[1:][changes]
+        x0, x1 = places[:-1][changes], places[1:][changes]
         # regula falsi: a distance to the crossings must never come out too short
         for _ in range(5):
             crossing = x0 + (y0 / (y0 - y1))[:, None] * (x1 - x0)
@@ -1012,85 +895,54 @@ def _crossings(
             first = (value <= 0.0) == (y0 <= 0.0)
             x0, y0 = np.where(first[:, None], crossing, x0), np.where(first, value, y0)
             x1, y1 = np.where(first[:, None], x1, crossing), np.where(first, y1, value)
-        found.append(crossing)
-    crossings = np.concatenate(found)
-    return crossings[_exists(logical, crossings)]
+        crossings.append(crossing)
+    found = np.concatenate(crossings)
+    return found[_exists(logical, found)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _DangerSearch:
-    """Finds the most dangerous point of a zone: impact speed, then max ITTC, then smaller gap, then
-    the smaller row.
+def _most_dangerous(
+    zones: ZonePartition, zone: int, candidates: FloatArray, cell: float
+) -> dict[str, float]:
+    """The most dangerous point of a zone: impact speed, then max ITTC, then smaller gap, then the
+    smaller row.
+
+    Take the worst of those candidates (n, k) that belong to the zone; then look around it in ever
+    smaller windows, the first as wide as a cell; then round it, if the rounded point belongs to the
+    zone. The windows are what finds a corner between a constraint and the box, where no grid point
+    lies.
     """
-
-    logical: LogicalScenario
-    settings: ZoneSettings
-    surface: Surface
-    zone_tree: Nearest
-    zone_index: IntArray
-    cell: float
-
-    def most_dangerous(
-        self, zone: int, members: FloatArray, others: FloatArray
-    ) -> dict[str, float]:
-        """Take the worst of the zone's known members and of those others that belong to it, rows
-        (n, k); then look around it in ever smaller windows; then round it, if the rounded point
-        belongs to the zone.
-
-        The windows are what finds a corner between a constraint and the box, where no grid point
-        lies.
-        """
-        best = self._worst(np.concatenate([members, self._members(zone, others)]))
-        k = len(self.logical.parameters)
-        searched = self.logical.search is not None
-        offsets = _mesh(
-            [np.linspace(-1.0, 1.0, 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3))] * k
-        )
-        width = self.cell
-        for _ in range(200):
-            centre = self.logical.to_unit(best)
-            around = self.logical.from_unit(np.clip(centre + width * offsets, 0.0, 1.0))
-            worst = self._worse(zone, around, best)
-            if np.array_equal(worst, best):
-                width *= 0.4
-            best = worst
-            if width < (SEARCHED_WINDOW if searched else 1e-12):
-                break
-        return dict(zip(self.logical.names, self._rounded(zone, best).tolist(), strict=True))
-
-    def _members(self, zone: int, points: FloatArray) -> FloatArray:
-        """The points (n, k) that exist and belong to a zone."""
-        points = points[self.logical.feasible(points)]
-        unit = self.logical.to_unit(points)
-        nearest = self.zone_index[self.zone_tree.query(unit)[1]]
-        return np.asarray(points[(self.surface.value(unit) <= 0.0) & (nearest == zone)])
-
-    def _worst(self, points: FloatArray) -> FloatArray:
-        return np.asarray(points[self._by_danger(points)[0]])
-
-    def _worse(self, zone: int, points: FloatArray, best: FloatArray) -> FloatArray:
-        """The worst of the zone's members among points (n, k); `best` where none is worse."""
-        rows = np.concatenate([best[None, :], points[self.logical.feasible(points)]])
-        order = self._by_danger(rows)
+    logical, searched = zones.logical, zones.logical.search is not None
+    k = len(logical.parameters)
+    members = zones.members(zone, candidates)
+    best, width = members[_by_danger(zones, members)[0]], cell
+    fineness = 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3)
+    offsets = mesh([np.linspace(-1.0, 1.0, fineness).tolist()] * k)
+    for _ in range(200):
+        around = logical.from_unit(np.clip(logical.to_unit(best) + width * offsets, 0.0, 1.0))
+        rows = np.concatenate([best[None, :], around[logical.feasible(around)]])
+        order = _by_danger(zones, rows)
         # The surface costs most: it is asked only about what is worse.
-        members = self._members(zone, rows[order[: int(np.argmin(order))]])
-        return members[0] if len(members) else best
+        worse = zones.members(zone, rows[order[: int(np.argmin(order))]])
+        if not len(worse):
+            width *= 0.4
+        else:
+            best = worse[0]
+        if width < (SEARCHED_WINDOW if searched else 1e-12):
+            break
+    # to 1e-7 of the box, in the fewest digits that still lie within the zone
+    close = SEARCHED_WINDOW if searched else 1e-7
+    for digits in range(10):
+        short = np.clip(np.round(best, digits), logical.low, logical.high)
+        near = np.all(np.abs(logical.to_unit(short) - logical.to_unit(best)) < close)
+        if near and len(zones.members(zone, short[None, :])):
+            best = short
+            break
+    return dict(zip(logical.names, best.tolist(), strict=True))
 
-    def _by_danger(self, points: FloatArray) -> IntArray:
-        """The numbers of points (n, k), the most dangerous first."""
-        found = criticality(self.logical, points, self.settings)
-        # Rounded, so that equal danger is a tie and not a matter of the last digit.
-        keys = (np.round(found.gap, 9), -np.round(found.inverse, 9), -np.round(found.impact, 9))
-        return np.lexsort((*points.T[::-1], *keys))
 
-    def _rounded(self, zone: int, best: FloatArray) -> FloatArray:
-        """The most dangerous point, to 1e-7 of the box (`SEARCHED_WINDOW` where it is searched), in
-        the fewest digits that still lie within the zone.
-        """
-        close = SEARCHED_WINDOW if self.logical.search is not None else 1e-7
-        for digits in range(10):
-            short = np.clip(np.round(best, digits), self.logical.low, self.logical.high)
-            near = np.all(np.abs(self.logical.to_unit(short) - self.logical.to_unit(best)) < close)
-            if near and len(self._members(zone, short[None, :])):
-                return short
-        return best
+def _by_danger(zones: ZonePartition, points: FloatArray) -> IntArray:
+    """The numbers of points (n, k), the most dangerous first."""
+    found = criticality(zones.logical, points, zones.settings)
+    # Rounded, so that equal danger is a tie and not a matter of the last digit.
+    keys = (np.round(found.gap, 9), -np.round(found.inverse, 9), -np.round(found.impact, 9))
+    return np.lexsort((*points.T[::-1], *keys))

@@ -38,16 +38,14 @@ def kept_zones(
 
     key: hash of all that the partition depends on.
     """
-    from sumo_eval.method.zone_partition import PartitionParts, from_parts, partition, parts_of
+    from sumo_eval.method.zone_partition import Surface, fitted_parts, of_parts, partition
 
     data = kept.get("zones", key)
     if data is not None and key not in ZONES:
-        ZONES[key] = from_parts(
-            logical, settings, decoded(data, {"PartitionParts": PartitionParts})
-        )
+        ZONES[key] = of_parts(logical, settings, decoded(data, {"Surface": Surface}))
     zones = ZONES[key] if key in ZONES else partition(logical, settings)
     if data is None:
-        kept.put([("zones", key, 0, encoded(parts_of(zones)))])
+        kept.put([("zones", key, 0, encoded(fitted_parts(zones)))])
     ZONES[key] = zones
     while len(ZONES) > _MOST_ZONES:
         del ZONES[next(iter(ZONES))]

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from scipy.spatial import KDTree
 from twins.spaces import space
 from twins.zone_partition import distance_to_change, posterior_mean
 
@@ -116,7 +117,7 @@ def test_low_speed_has_no_hazardous_zone_at_all():
     assert np.all(zones.boundary_distance(points) == np.inf)
     assert np.all(zones.nearest_zone(points) == -1)
     assert np.all(zones.predicted(points) == 1.0)
-    assert np.all(np.isinf(zones.length_scales))
+    assert np.all(np.isinf(zones.surface.length_scales))
     assert zones.notes == (
         "All 25 training points are safe: no GP is fitted, and the whole space counts as such.",
     )
@@ -197,15 +198,15 @@ def test_the_surface_is_a_textbook_gaussian_process():
     points = grid(CUT_OUT, 3)
     zones = partition(CUT_OUT, QUICK, points=points)
     variances = (TARGET_TOLERANCE * zones.training_target) ** 2 + zones.surface.noise_deviation**2
-    assert zones.length_scales == pytest.approx(
-        [float(f"{scale:.3g}") for scale in zones.length_scales], rel=1e-12
+    assert zones.surface.length_scales == pytest.approx(
+        [float(f"{scale:.3g}") for scale in zones.surface.length_scales], rel=1e-12
     )
     for where in scattered(CUT_OUT, 5):
         plain = posterior_mean(
             CUT_OUT.to_unit(where),
             CUT_OUT.to_unit(zones.training_points),
             zones.training_target,
-            zones.length_scales,
+            zones.surface.length_scales,
             zones.surface.signal_deviation,
             variances,
         )
@@ -380,11 +381,11 @@ def test_boundary_distance_is_the_least_of_all_distances_to_the_surface(cut_out)
     mine = np.abs(cut_out.boundary_distance(CUT_OUT.from_unit(unit)))
     inner = 0
     for point, distance, start in zip(
-        unit, mine, cut_out.boundary_tree.query(unit)[1], strict=True
+        unit, mine, KDTree(cut_out.boundary).query(unit)[1], strict=True
     ):
         found = minimize(
             lambda x, point=point: np.sum((x - point) ** 2),
-            cut_out.boundary_tree.data[start],
+            cut_out.boundary[start],
             bounds=[(0.0, 1.0)] * 3,
             constraints={"type": "eq", "fun": lambda x: cut_out.surface.value(x[None])[0]},
             method="SLSQP",

@@ -7,7 +7,7 @@ is computed in fractions of the decimals that a person typed, and becomes floats
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from numbers import Integral, Real
 
@@ -28,7 +28,7 @@ def full_grid(logical: LogicalScenario, request: Request) -> Drawn:
     return Drawn(mesh(axes), notes=notes)
 
 
-def mesh(axes: list[list[float]]) -> FloatArray:
+def mesh(axes: Sequence[Sequence[float]]) -> FloatArray:
     """All combinations (n, k) of the axes' values, the first axis slowest."""
     grids = np.meshgrid(*(np.array(axis, dtype=np.float64) for axis in axes), indexing="ij")
     return np.stack([coordinates.ravel() for coordinates in grids], axis=-1)
@@ -57,7 +57,7 @@ def grid_axes(
         if parameter.values:
             axes.append(list(parameter.values))
         elif name in levels_of:
-            axes.append(_evenly(parameter, _checked_levels(levels_of[name], name, owner)))
+            axes.append(evenly(parameter, _checked_levels(levels_of[name], name, owner)))
         else:
             step = _checked_step(step_of.get(name, parameter.step), name, owner)
             values, exact = _stepped(parameter, step, owner)
@@ -99,20 +99,20 @@ def _refuse_if_too_many(count: int, owner: str) -> None:
         )
 
 
-def _decimal(value: float) -> Fraction:
+def decimal(value: float) -> Fraction:
     """The decimal that a float is written as: 0.1 becomes 1/10, not 0.1000000000000000055."""
     return Fraction(repr(float(value)))
 
 
-def _evenly(parameter: Parameter, levels: int) -> list[float]:
+def evenly(parameter: Parameter, levels: int) -> list[float]:
     """`levels` values from low to high, both included."""
-    low, high = _decimal(parameter.low), _decimal(parameter.high)
+    low, high = decimal(parameter.low), decimal(parameter.high)
     return [float(low + (high - low) * index / (levels - 1)) for index in range(levels)]
 
 
 def _stepped(parameter: Parameter, step: float, owner: str) -> tuple[list[float], bool]:
     """Values from low in steps, none above high, and whether the last one is high itself."""
-    low, high, width = _decimal(parameter.low), _decimal(parameter.high), _decimal(step)
+    low, high, width = decimal(parameter.low), decimal(parameter.high), decimal(step)
     intervals = (high - low) // width
     _refuse_if_too_many(intervals + 1, owner)
     return [

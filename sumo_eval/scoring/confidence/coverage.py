@@ -107,9 +107,9 @@ def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:
 
 
 def _resolved(zones: ZonePartition, points: FloatArray) -> float | None:
-    if not len(zones.boundary_tree.data):
+    boundary = zones.boundary
+    if not len(boundary):
         return None
-    boundary = zones.boundary_tree.data
     unit, hazardous = zones.logical.to_unit(points), zones.exactly_hazardous(points)
     if hazardous.all() or not hazardous.any():
         return 0.0
