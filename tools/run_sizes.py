@@ -142,9 +142,7 @@ def intervals(run: Evaluation, replicates: int) -> object:
     everywhere, safe = np.arange(len(rows)), np.zeros(len(rows), dtype=np.bool_)
     judged = Judged("first", case_terms(rows, method), everywhere, safe, drivers)
     groups = strata(points, "sobol")
-    return score_intervals(
-        [judged], groups, method, 1, "cut_in", replicates=replicates, even=points
-    )
+    return score_intervals([judged], groups, method, 1, "cut_in", replicates=replicates)
 
 
 def written_page(run: Evaluation) -> Path:

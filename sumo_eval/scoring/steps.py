@@ -28,6 +28,7 @@ from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.next_round import ADAPTIVE, standing
 from sumo_eval.scoring.confidence.ranking import rank
+from sumo_eval.scoring.confidence.resamples import of_one_number, strata
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.drive_measures import drive_measures
 from sumo_eval.scoring.driving_task import recorded_with, tasks_of_drives
@@ -123,11 +124,13 @@ def score_scenario(space: Space, rows: RowWriter) -> tuple[ZoneResult, Scored]:
         for score, table in zip(scores, tables, strict=True)
     ]
     places, points = [known.driven[name] for name in remarks], space.points
+    unit = space.logical.to_unit(points.points)
+    groups = (
+        strata(unit, points.method) if points.stratum is None else of_one_number(points.stratum)
+    )
     scores, spreads = with_intervals(
-        scores, tables, places, deviations, space.logical.to_unit(points.points), points.method,
-        space.settings,
-        points.stratum, space.progress,
-    )  # fmt: skip
+        scores, tables, places, deviations, groups, space.settings, space.progress
+    )
     described = describe_zones(space.logical, zones, points)
     notes = list(described.notes)
     if space.settings.run.only:

@@ -36,7 +36,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import chdtri, ndtr, stdtrit
 
 from sumo_eval.method.score_terms import (
@@ -114,27 +113,21 @@ def score_intervals(
     scenario: str,
     *,
     replicates: int = REPLICATES,
-    even: FloatArray | None = None,
     progress: Progress = quiet,
 ) -> list[ScoreIntervals]:
     """The intervals of all ADSs in one scenario.
 
     groups: of all its points (`strata`).
-    even: its points in the unit box, (n, k), where they are balanced over it (`Balance`).
     """
-    sums = [_Sums.of(one, groups.points, replicates, method) for one in judged]
+    sums = [_Sums(one, groups.points, replicates, method) for one in judged]
 
-    def told(points: int, of: int) -> None:
+    def done(points: int, of: int) -> None:
         progress(f"{scenario}: resamples for the intervals", points * replicates // of, replicates)
 
-    for part in resamples(groups, replicates, seed, ("intervals", scenario), even=even, done=told):
+    for part in resamples(groups, replicates, seed, ("intervals", scenario), done=done):
         for of_one in sums:
             of_one.add(part)
-    found = []
-    for one, of_one in zip(judged, sums, strict=True):
-        drawn = _Draws.of(one, seed, scenario, replicates)
-        found.append(_intervals(one, of_one.replicates(drawn), drawn, groups, method))
-    return found
+    return [of_one.intervals(groups, seed, scenario) for of_one in sums]
 
 
 class _Sums:
@@ -144,91 +137,111 @@ class _Sums:
     The terms of a part of the cases are made once for all replicates, and the scores once of the
     sums.
 
-    rows: which case stands at each of the scenario's points, (p,), -1 where none does; None where
-        the cases are the points.
+    points: how many the scenario has.
     """
 
-    def __init__(
-        self, one: Judged, rows: IntArray | None, replicates: int, method: MethodSettings
-    ) -> None:
-        self._one, self._rows, self._method = one, rows, method
-        self._exposed, self._free = bool(one.terms.exposure.any()), FreePoints.of(one)
-        nobody, asked, hits = slice(0, 0), AskedTerms(), AskedTerms()
-        self._ask(nobody, asked, hits)
-        self._balanced = np.zeros((replicates, len(asked.terms)))
-        self._drawn = np.zeros((replicates, len(hits.terms)))
-
-    @classmethod
-    def of(cls, one: Judged, points: int, replicates: int, method: MethodSettings) -> _Sums:
-        """Nothing added yet.
-
-        points: how many the scenario has.
-        """
-        if np.array_equal(one.points, np.arange(points)):
-            return cls(one, None, replicates, method)
-        rows = np.full(points, -1)
-        rows[one.points] = np.arange(len(one.points))
-        return cls(one, rows, replicates, method)
+    def __init__(self, one: Judged, points: int, replicates: int, method: MethodSettings) -> None:
+        self._one, self._method, self._replicates = one, method, replicates
+        # which case stands at each of the points, -1 where none does
+        self._rows = np.full(points, -1)
+        self._rows[one.points] = np.arange(len(one.points))
+        self._exposed, self._unseen = (
+            bool(one.terms.exposure.any()),
+            UnseenCollisions.of(one, method),
+        )
+        asked, hits = self._asked(slice(0, 0))
+        self._balanced, self._drawn = (
+            np.zeros((replicates, len(terms))) for terms in (asked, hits)
+        )
 
     def add(self, part: Resampled) -> None:
         """Add the cases at some of the points."""
-        counts, drawn, rows = part.counts, part.drawn, part.places
-        if self._rows is not None:
-            there = self._rows[part.places] >= 0
-            counts, drawn, rows = counts[:, there], drawn[:, there], self._rows[part.places[there]]
-        asked, hits = AskedTerms(), AskedTerms()
-        self._ask(rows, asked, hits)
-        self._balanced += counts @ np.column_stack(asked.terms)
-        self._drawn += drawn @ np.column_stack(hits.terms)
+        counts, drawn, rows = part.counts, part.drawn, self._rows[part.places]
+        there = rows >= 0
+        if not there.all():
+            counts, drawn, rows = counts[:, there], drawn[:, there], rows[there]
+        asked, hits = self._asked(rows)
+        self._balanced += counts @ np.column_stack(asked)
+        self._drawn += drawn @ np.column_stack(hits)
 
-    def replicates(self, drawn: _Draws) -> _Replicates:
-        """The scores of all replicates, once all points have been added."""
-        plain, losses = self._ask(
-            slice(0, 0), KnownSums(self._balanced.T), KnownSums(self._drawn.T)
-        )
-        better = _with_drivers(plain, drawn.index, drawn.likeness, self._method)
-        worse = dict(better)
-        for name, lost in losses.items():
-            moved = lost.of(drawn.unseen)
-            worse[name] = better[name] + moved if name in BAD_SIDE_UP else better[name] - moved
-        return _Replicates(
-            better,
-            _with_one_more(worse, better, self._one.terms, drawn.one_more, self._method),
-            plain,
-        )
-
-    def _ask(
-        self, rows: IntArray | slice, counts: Counts, hits: Counts
-    ) -> tuple[dict[str, FloatArray], dict[str, UnseenLoss]]:
-        """Scores of these cases, and what unseen collisions would cost them: which sums are asked
-        for, and in which order, is the same for any cases.
+    def _asked(self, rows: IntArray | slice) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Terms of these cases whose sums are needed, with balanced and with drawn counts: which,
+        and in which order, is the same for any cases.
         """
+        asked, hits = AskedTerms(), AskedTerms()
+        self._scores(rows, asked, hits)
+        return [*asked.terms, *(terms[rows] for terms in self._unseen.terms)], hits.terms
+
+    def _scores(
+        self, rows: IntArray | slice, counts: Counts, hits: Counts
+    ) -> dict[str, FloatArray]:
         terms = self._one.terms.part(rows)
-        scores = scores_of(terms, counts, self._method, hits, exposed=self._exposed)
-        return scores, self._free.losses(terms, self._one.hazardous[rows], counts, self._method)
+        return scores_of(terms, counts, self._method, hits, exposed=self._exposed)
 
+    def intervals(self, groups: Strata, seed: int, scenario: str) -> ScoreIntervals:
+        """The intervals, once all points have been added."""
+        one, method, m = self._one, self._method, self._replicates
+        sums = self._balanced.T
+        plain_terms = len(sums) - len(self._unseen.terms)
+        plain = self._scores(slice(0, 0), KnownSums(sums[:plain_terms]), KnownSums(self._drawn.T))
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Draws:
-    """Random terms of one ADS, the points aside, (m,): unseen collisions, the weight of one more
-    case (alike for all ADSs), and the drivers' errors of D and H.
-    """
+        def stream(*names: str) -> np.random.Generator:
+            return random_stream(seed, "intervals", *names)
 
-    unseen: FloatArray
-    one_more: FloatArray
-    index: FloatArray
-    likeness: FloatArray
+        unseen = stream("unseen", scenario, one.ads).standard_exponential(m)
+        weight = stream("one more", scenario).exponential(ONE_MORE, m)
+        deviates = driver_deviates(one.drivers, seed, m)
 
-    @classmethod
-    def of(cls, one: Judged, seed: int, scenario: str, replicates: int) -> _Draws:
-        unseen = random_stream(seed, "intervals", "unseen", scenario, one.ads).standard_exponential(
-            replicates
-        )
-        one_more = random_stream(seed, "intervals", "one more", scenario).exponential(
-            ONE_MORE, replicates
-        )
-        deviates = driver_deviates(one.drivers, seed, replicates)
-        return cls(unseen, one_more, deviates @ one.drivers.index, deviates @ one.drivers.likeness)
+        def with_drivers(scores: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+            """The scores with errors of D and H, which stay within 0..1."""
+            index, likeness = deviates @ one.drivers.index, deviates @ one.drivers.likeness
+            d = np.clip(scores["d"] + index, 0.0, 1.0)
+            human = np.clip(scores["human_likeness"] + likeness, 0.0, 1.0)
+            return _summed({**scores, "d": d, "human_likeness": human}, method)
+
+        better = with_drivers(plain)
+        worse = dict(better)
+        for name, lost in self._unseen.losses(sums[plain_terms:], unseen).items():
+            worse[name] = better[name] + lost if name in BAD_SIDE_UP else better[name] - lost
+        worse = _with_one_more(worse, better, one.terms, weight, method)
+
+        values, free = point_values(one.terms, method), _freedom(one, groups)
+        limits = self._limits(values, worse, better, free)
+        fixed = {
+            name: np.full(m, np.nan if value is None else value) for name, value in values.items()
+        }
+        alone = {"cases": plain, "drivers": with_drivers(fixed)}
+        sources: dict[str, Mapping[str, float]] = {
+            name: {source: _half(scores[name], free[name]) for source, scores in alone.items()}
+            for name in ("s", "s_plus")
+            if name in limits
+        }
+        return ScoreIntervals(limits, sources, worse["s_plus"], better["s_plus"])
+
+    def _limits(
+        self,
+        values: Mapping[str, float | None],
+        worse: Mapping[str, FloatArray],
+        better: Mapping[str, FloatArray],
+        free: Mapping[str, int],
+    ) -> dict[str, tuple[float, float]]:
+        """Low and high of each score that exists."""
+        terms, lost, limits = self._one.terms, dict[str, FloatArray](), {}
+        if not terms.collided.any():
+            # none was seen: what they would cost is known, and nothing of it is drawn
+            whole = np.array([once(len(each)) @ each for each in self._unseen.terms])
+            lost = self._unseen.losses(whole, np.array([UNSEEN]))
+        for name in SCORED:
+            value, up = values[name], name in BAD_SIDE_UP
+            low, high = (better, worse) if up else (worse, better)
+            ends = _limits(low[name], high[name], free[name])
+            if value is None or ends is None:
+                continue
+            if name in lost and (name == "c" or not terms.incident.any()):
+                moved = float(lost[name][0])
+                ends = (value, value + moved) if up else (value - moved, value)
+            limits[name] = min(ends[0], value), max(ends[1], value)
+        return limits
 
 
 def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> FloatArray:
@@ -247,33 +260,6 @@ def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> Fl
     share = random_stream(seed, "intervals", "spread of drivers").uniform(size=replicates)
     wider = np.sqrt(drivers.freedom / chdtri(drivers.freedom, share))
     return np.column_stack(normal) * wider[:, None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Replicates:
-    """Scores of replicates by name, (m,).
-
-    better: as drawn.
-    worse: with unseen collisions.
-    points_only: without the drivers' error.
-    """
-
-    better: Mapping[str, FloatArray]
-    worse: Mapping[str, FloatArray]
-    points_only: Mapping[str, FloatArray]
-
-
-def _with_drivers(
-    scores: Mapping[str, FloatArray],
-    index: FloatArray,
-    likeness: FloatArray,
-    method: MethodSettings,
-) -> dict[str, FloatArray]:
-    """The scores with errors of D and H, which stay within 0..1."""
-    moved = dict(scores)
-    moved["d"] = np.clip(scores["d"] + index, 0.0, 1.0)
-    moved["human_likeness"] = np.clip(scores["human_likeness"] + likeness, 0.0, 1.0)
-    return _summed(moved, method)
 
 
 def _summed(scores: Mapping[str, FloatArray], method: MethodSettings) -> dict[str, FloatArray]:
@@ -311,103 +297,59 @@ def _with_one_more(
     return _summed(moved, method)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class UnseenLoss:
-    """Cost of unseen collisions for a score: whole, (m,), if every free point held one;
-
-    points: among how many they are;
-    first_takes_all: the first one costs the whole (C), else each one costs its part.
-    """
-
-    points: int
-    whole: FloatArray
-    first_takes_all: bool = False
-
-    def of(self, unseen: ArrayLike) -> FloatArray:
-        """The mean loss, (m,), to n collisions in expectation: p = unseen/points is the
-        chance of a point.
-
-        p * whole where each costs its part; (1 - (1 - p)^points) * whole where the first one costs
-        it.
-        """
-        chance = np.minimum(np.asarray(unseen, dtype=np.float64) / self.points, 1.0)
-        if self.first_takes_all:
-            chance = 1.0 - (1.0 - chance) ** self.points
-        return np.asarray(chance * self.whole, dtype=np.float64)
-
-
 @dataclass(frozen=True, slots=True)
-class FreePoints:
-    """Where an ADS may have unseen collisions, as far as that depends on all of its cases.
+class UnseenCollisions:
+    """What collisions that an ADS's cases do not show would cost its scores.
 
     A free point is a hazardous one without a collision (any evaluated one, if none is hazardous).
-    An unseen collision is as hard there as that of `no_reaction`.
+    An unseen collision is as hard there as that of `no_reaction`. A, regret: it loses max(0, U0 -
+    Ug). C: evaluations that see any have Ug/U0, the others 1; after a collision that was seen, C is
+    a mean over collisions, which unseen ones do not lower for sure. Where all cases that count weigh
+    nothing, every one weighs the same.
 
-    points: how many hazardous ones there are.
-    hazardous: whether there are any.
-    weighted, exposed: whether any case that counts has a weight, an exposure.
-    spotless: whether none collided, harmless: whether none holds an incident.
+    points: how many hazardous points there are.
+    terms: of each case, (n,); of each two the first sum over the second is what a score would lose
+        if every free point held a collision.
     """
 
     points: int
-    hazardous: bool
-    weighted: bool
-    exposed: bool
-    spotless: bool
-    harmless: bool
+    terms: tuple[FloatArray, ...]
 
     @classmethod
-    def of(cls, one: Judged) -> FreePoints:
+    def of(cls, one: Judged, method: MethodSettings) -> UnseenCollisions:
         """Those of all cases of an ADS."""
-        known, _ = _known_stake(one.terms)
-        hazardous = known & one.hazardous
-        weighted, exposed = (
-            bool((np.nan_to_num(weights) * known).any())
-            for weights in (one.terms.weight, one.terms.exposure)
-        )
-        points = int(hazardous.sum()) or int(known.sum())
-        return cls(
-            points,
-            bool(hazardous.any()),
-            weighted,
-            exposed,
-            not one.terms.collided.any(),
-            not one.terms.incident.any(),
-        )
-
-    def losses(
-        self, terms: CaseTerms, hazardous: BoolArray, counts: Counts, method: MethodSettings
-    ) -> dict[str, UnseenLoss]:
-        """By score. A, regret: an unseen collision loses max(0, U0 - Ug). C: evaluations that see
-        any have Ug/U0, the others 1; after a collision that was seen, C is a mean over collisions,
-        which unseen ones do not lower for sure. Where all cases that count weigh nothing, every one
-        weighs the same.
-
-        terms, hazardous: of the cases of `counts`.
-        """
-        found: dict[str, UnseenLoss] = {}
-        if not self.points:
-            return found
+        terms = one.terms
         known, stake = _known_stake(terms)
-        among = known & hazardous if self.hazardous else known
-        free = among & ~terms.incident
+        among = known & one.hazardous if (known & one.hazardous).any() else known
         weight, exposure = (
-            np.where(known, np.nan_to_num(weights) if any_weighs else 1.0, 0.0)
-            for weights, any_weighs in (
-                (terms.weight, self.weighted),
-                (terms.exposure, self.exposed),
-            )
+            np.where(known, weights if (weights * known).any() else 1.0, 0.0)
+            for weights in map(np.nan_to_num, (terms.weight, terms.exposure))
         )
-        for name, each in (("avoided_share", weight), ("avoided_share_exposure", exposure)):
-            whole = _ratio(counts @ (each * stake * free), counts @ (each * stake))
-            found[name] = UnseenLoss(self.points, whole)
-        found["regret"] = UnseenLoss(
-            self.points, _ratio(counts @ (weight * stake * free), counts @ weight)
-        )
-        if self.spotless:
+        free = stake * (among & ~terms.incident)
+        losses = [weight * free, weight * stake, exposure * free, exposure * stake]
+        losses += [weight * free, weight]
+        if not terms.collided.any():
             hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * among
-            whole = _ratio(counts @ (weight * hit), counts @ (weight * among))
-            found["c"] = UnseenLoss(self.points, whole, first_takes_all=True)
+            losses += [weight * hit, weight * among]
+        points = int(among.sum())
+        return cls(points, tuple(losses) if points else ())
+
+    def losses(self, sums: FloatArray, unseen: FloatArray) -> dict[str, FloatArray]:
+        """The mean loss, (m,), by score, to n collisions in expectation: p = unseen/points is the
+        chance of a point.
+
+        sums: of the terms, (k, m).
+        unseen: (m,).
+
+        p * whole where each costs its part; (1 - (1 - p)^points) * whole where the first one costs
+        it (C).
+        """
+        chance = np.minimum(unseen / max(self.points, 1), 1.0)
+        names = ("avoided_share", "avoided_share_exposure", "regret", "c")
+        found = {}
+        for name, over, under in zip(names, sums[::2], sums[1::2], strict=False):
+            whole = np.divide(over, under, out=np.zeros(over.shape), where=under > 0.0)
+            found[name] = (1.0 - (1.0 - chance) ** self.points if name == "c" else chance) * whole
         return found
 
 
@@ -418,58 +360,6 @@ def _known_stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
     stake = excess(terms.unreacting, terms.ideal)
     known = terms.counted & np.isfinite(stake)
     return known, np.where(known, stake, 0.0)
-
-
-def _ratio(over: FloatArray, under: FloatArray) -> FloatArray:
-    return np.divide(over, under, out=np.zeros(over.shape), where=under > 0.0)
-
-
-def _intervals(
-    one: Judged,
-    found: _Replicates,
-    drawn: _Draws,
-    groups: Strata,
-    method: MethodSettings,
-) -> ScoreIntervals:
-    values = point_values(one.terms, method)
-    free = _freedom(one, groups)
-    limits = {}
-    unseen, free_points = {}, FreePoints.of(one)
-    if free_points.spotless:
-        unseen = free_points.losses(one.terms, one.hazardous, once(len(one.points)), method)
-        unseen = {
-            name: loss for name, loss in unseen.items() if free_points.harmless or name == "c"
-        }
-    for name in SCORED:
-        value = values[name]
-        if value is None:
-            continue
-        low, high = (
-            (found.better, found.worse) if name in BAD_SIDE_UP else (found.worse, found.better)
-        )
-        ends = _limits(low[name], high[name], free[name])
-        if ends is None:
-            continue
-        # none was seen: what they would cost is known, and nothing of it is drawn
-        if name in unseen:
-            moved = float(unseen[name].of(UNSEEN)[0])
-            ends = (value, value + moved) if name in BAD_SIDE_UP else (value - moved, value)
-        limits[name] = min(ends[0], value), max(ends[1], value)
-    zero = np.zeros(len(drawn.index))
-    plain = {
-        name: np.full(len(zero), np.nan if value is None else value)
-        for name, value in values.items()
-    }
-    alone = {
-        "cases": found.points_only,
-        "drivers": _with_drivers(plain, drawn.index, drawn.likeness, method),
-    }
-    sources: dict[str, Mapping[str, float]] = {
-        name: {source: _half(scores[name], free[name]) for source, scores in alone.items()}
-        for name in ("s", "s_plus")
-        if name in limits
-    }
-    return ScoreIntervals(limits, sources, found.worse["s_plus"], found.better["s_plus"])
 
 
 def _freedom(one: Judged, groups: Strata) -> dict[str, int]:

@@ -11,9 +11,11 @@ points is ever there.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +44,12 @@ class Strata:
 
     order: all places, (n,).
     ends: where each list ends in it, (g,).
+    even: the points in the unit box, (n, k), where they are balanced over it.
     """
 
     order: IntArray
     ends: IntArray
+    even: FloatArray | None = None
 
     @property
     def sizes(self) -> IntArray:
@@ -83,7 +87,7 @@ def strata(unit: FloatArray, method: str) -> Strata:
         _sort_along_widest(order, sizes, unit)
         half = np.where(split, sizes // 2, sizes)
         sizes = np.column_stack([half, sizes - half])[np.column_stack([np.ones_like(split), split])]
-    return Strata(order, np.cumsum(sizes))
+    return Strata(order, np.cumsum(sizes), unit if method in EVEN else None)
 
 
 def of_one_number(stratum: IntArray) -> Strata:
@@ -206,7 +210,10 @@ class Balance:
         spread = float(sizes[sizes > 1].sum())  # of a group of s: G = s/(s - 1) (1 - 1/s)
         by_group = np.zeros(len(sizes))
         for size, same in same_sizes(groups):
-            squares = [_squares_about_mean(trend[some]) for some in _some_at_a_time(same, size)]
+            squares = [
+                np.square(part - part.mean(axis=1, keepdims=True)).reshape(len(part), -1).sum(1)
+                for part in (trend[some] for some in _some_at_a_time(same, size))
+            ]
             by_group[sizes == size] = size / (size - 1) * np.concatenate(squares)
         lost = sum(map(float, by_group[sizes > 1]))
         return cls(trend, math.sqrt(spread / (spread - lost)))
@@ -231,12 +238,6 @@ class Balance:
         return np.maximum(errors, 0.0, out=errors)
 
 
-def _squares_about_mean(places: FloatArray) -> FloatArray:
-    """Sum of squared distances of the places of each group from their mean, (g,) of (g, s, r)."""
-    squares = np.square(places - places.mean(axis=1, keepdims=True))
-    return np.asarray(squares.reshape(len(places), -1).sum(axis=1))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Resampled:
     """How often some of the points stand in each replicate.
@@ -257,13 +258,11 @@ def resamples(
     seed: int,
     name: Sequence[str],
     *,
-    even: FloatArray | None = None,
     done: Callable[[int, int], None] = lambda points, of: None,
 ) -> Iterator[Resampled]:
     """All points, some at a time: each stands in one part.
 
     groups: lists of points that stand for each other.
-    even: the points in the unit box, (n, k), where they are balanced over it.
     name: of the random stream.
     done: told how many points have been drawn, and of how many; those of a balanced sample are
         drawn twice, because what balances them depends on all of them.
@@ -271,75 +270,62 @@ def resamples(
     most = AT_ONCE // replicates
     most = most if groups.points <= most else max(most // OF_MORE, 1)
     blocks = list(_blocks(groups, most, replicates, seed, name))
-    balance = None if even is None else Balance.of(groups, even)
-    passes = 1 if balance is None or len(blocks) == 1 else 2
-    drawn_points = 0
+    balance = None if groups.even is None else Balance.of(groups, groups.even)
+    twice = balance is not None and len(blocks) > 1
+    progress = itertools.accumulate(len(places) for places, _ in blocks * (1 + twice))
 
-    def draw(block: _Block) -> FloatArray:
-        nonlocal drawn_points
-        counts = block.draw()
-        drawn_points += len(block.places)
-        done(drawn_points, passes * groups.points)
-        return counts
+    def tell() -> None:
+        done(next(progress), (1 + twice) * groups.points)
 
     if balance is None:
-        for block in blocks:
-            drawn = draw(block)
-            yield Resampled(block.places, drawn, drawn)
+        for places, draw in blocks:
+            counts = draw()
+            tell()
+            yield Resampled(places, counts, counts)
         return
     along = np.zeros((replicates, balance.trend.shape[1]))
-    for block in blocks:
-        drawn = draw(block)
-        along += balance.along(drawn, block.places)
-    for block in blocks:
-        drawn = drawn if passes == 1 else draw(block)
-        yield Resampled(block.places, balance.balanced(drawn, block.places, along), drawn)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Block:
-    """Points that are drawn together.
-
-    places: (k,).
-    draw: how often each stands in each replicate, (m, k); it gives the same each time.
-    """
-
-    places: IntArray
-    draw: Callable[[], FloatArray]
+    for places, draw in blocks:
+        counts = draw()
+        along += balance.along(counts, places)
+        tell()
+    for places, draw in blocks:
+        if twice:
+            counts = draw()
+            tell()
+        yield Resampled(places, balance.balanced(counts, places, along), counts)
 
 
 def _blocks(
     lists: Strata, most: int, replicates: int, seed: int, name: Sequence[str]
-) -> Iterator[_Block]:
-    """Points list by list, at most n together; a longer list in pieces."""
-    number, first, order, ends = 0, 0, lists.order, lists.ends
+) -> Iterator[tuple[IntArray, Callable[[], FloatArray]]]:
+    """Points that are drawn together, list by list, at most n, a longer list in pieces; and what
+    draws how often each stands in each replicate, (m, k), the same each time.
+    """
+    first, number, ends = 0, 0, lists.ends
     # of a piece: each holds a number for every replicate until all are drawn
     longest = max(AT_ONCE // replicates, 1)
 
-    def stream(number: int) -> np.random.Generator:
-        return random_stream(seed, *name, *([number] if number else []))
+    def drawn(
+        number: int, draw: Callable[..., FloatArray], *given: Any
+    ) -> Callable[[], FloatArray]:
+        return lambda: draw(*given, random_stream(seed, *name, *([number] if number else [])))
 
-    def together(groups: Strata, number: int) -> Callable[[], FloatArray]:
-        return lambda: draw_counts(groups, replicates, stream(number))
-
-    def piece(points: int, size: int, share: IntArray, number: int) -> Callable[[], FloatArray]:
-        return lambda: _counts_of_piece(points, size, share, stream(number))
-
-    while first < len(order):
+    while first < len(lists.order):
         last = int(np.searchsorted(ends, first + most, side="right"))  # lists that end within reach
         if (end := int(ends[last - 1]) if last else 0) > first:
             here = ends[int(np.searchsorted(ends, first, side="right")) : last] - first
-            yield _Block(order[first:end], together(Strata(np.arange(end - first), here), number))
+            groups = Strata(np.arange(end - first), here)
+            yield lists.order[first:end], drawn(number, draw_counts, groups, replicates)
             number, first = number + 1, end
             continue
         size = int(ends[last]) - first
-        pieces = np.array_split(order[first : first + size], -(-size // longest))
+        pieces = np.array_split(lists.order[first : first + size], -(-size // longest))
         parts = np.array([len(places) for places in pieces]) / size
         shares = random_stream(seed, *name, "pieces", number).multinomial(
             size - 1, parts, replicates
         )
         for places, share in zip(pieces, shares.T, strict=True):
-            yield _Block(places, piece(len(places), size, share, number))
+            yield places, drawn(number, _counts_of_piece, len(places), size, share)
             number += 1
         first += size
 

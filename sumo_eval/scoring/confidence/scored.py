@@ -15,9 +15,8 @@ from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.intervals import SCORED, Judged, ScoreIntervals, score_intervals
-from sumo_eval.scoring.confidence.resamples import EVEN, IntArray, of_one_number, strata
+from sumo_eval.scoring.confidence.resamples import Strata
 from sumo_eval.settings import EvaluationSettings
-from sumo_eval.trajectory import FloatArray
 
 WITHIN = {
     "c": (0.0, 1.0),
@@ -40,10 +39,8 @@ def with_intervals(
     rows: Sequence[CaseTable],
     places: Sequence[ArrayLike],
     drivers: Sequence[DriverDeviations],
-    unit: FloatArray,
-    sampling: str,
+    groups: Strata,
     settings: EvaluationSettings,
-    stratum: IntArray | None = None,
     progress: Progress = quiet,
 ) -> tuple[list[ScenarioResult], list[ScoreIntervals | None]]:
     """The results of all ADSs in one scenario with the interval of every score, and what a ranking
@@ -51,13 +48,11 @@ def with_intervals(
 
     rows, places, drivers: of each ADS its cases, which of the scenario's points each is, and what
         the choice of drivers does.
-    unit: all points in the unit box, (n, k).
-    sampling: how they were chosen.
-    stratum: (n,) points with one number may stand for each other, where the sample states it.
-        An ADS with fewer than two cases that count keeps what missing cases leave open, or has no
+    groups: all points, in lists of those that may stand for each other.
+
+    An ADS with fewer than two cases that count keeps what missing cases leave open, or has no
         interval.
     """
-    groups = strata(unit, sampling) if stratum is None else of_one_number(stratum)
     judged, which = [], []
     for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
         terms = case_terms(cases, settings.method)
@@ -67,14 +62,12 @@ def with_intervals(
             judged.append(Judged(score.ads, terms, at, ~cases.safe, drivers[number]))
     if not judged:
         return list(scores), [None] * len(scores)
-    even = unit if sampling in EVEN else None
     computed = score_intervals(
         judged,
         groups,
         settings.method,
         settings.seed,
         scores[0].scenario,
-        even=even,
         progress=progress,
     )
     found: list[ScoreIntervals | None] = [None] * len(scores)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
+from sumo_eval.scoring.confidence.resamples import strata
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.quantities import combine
 
@@ -23,8 +24,7 @@ def with_intervals_of(
             [rows],
             [range(len(rows))],
             [NO_DEVIATIONS],
-            unit,
-            "grid",
+            strata(unit, "grid"),
             evaluation.settings,
         )
         finished += done

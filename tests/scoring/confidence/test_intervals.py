@@ -191,8 +191,7 @@ def test_a_trend_along_a_parameter_is_no_error_of_an_even_sample():
     groups = strata(unit, "sobol")
     one = judged(64, index=unit[:, 1], likeness=unit[:, 1])
     plain, even = (
-        score_intervals([one], groups, METHOD, 3, "s", even=each)[0].limits["human_likeness"]
-        for each in (None, unit)
+        intervals(one, replace(groups, even=each)).limits["human_likeness"] for each in (None, unit)
     )
     assert half(even) < 0.25 * half(plain)
 
@@ -396,7 +395,6 @@ def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, mon
         "chance": one_list(200),
         "numbered": of_one_number(unit[:, 0] // 0.3),
     }[how]
-    even = unit if how == "even" else None
     at = random.permutation(200)[:170]  # the others could not be driven
     hit, safe = random.random(170) < 0.2, random.random(170) < 0.4
     one = judged(
@@ -408,10 +406,10 @@ def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, mon
         likeness=np.where(safe, random.random(170), np.nan),
     )  # fmt: skip
     one = replace(one, points=at)
-    (found,) = score_intervals([one], groups, METHOD, 3, "s", replicates=100, even=even)
+    (found,) = score_intervals([one], groups, METHOD, 3, "s", replicates=100)
 
     counts, drawn = np.full((100, 200), np.nan), np.full((100, 200), np.nan)
-    for part in resamples(groups, 100, 3, ("intervals", "s"), even=even):
+    for part in resamples(groups, 100, 3, ("intervals", "s")):
         assert len(part.places) <= 30
         assert np.isnan(counts[:, part.places]).all(), "every point once"
         counts[:, part.places], drawn[:, part.places] = part.counts, part.drawn

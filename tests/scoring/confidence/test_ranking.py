@@ -19,6 +19,7 @@ from sumo_eval.results import Evaluation, NotComputed, ScenarioResult
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.ranking import rank
+from sumo_eval.scoring.confidence.resamples import one_list
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RankingSettings, ScenarioSettings
@@ -51,7 +52,7 @@ def scored(
     done, found = with_intervals(
         scores, list(map(CaseTable.of, tables)), [range(len(rows)) for rows in tables],
         [NO_DEVIATIONS] * len(tables),
-        np.linspace(0.0, 1.0, 80)[:, None], "latin_hypercube", settings,
+        one_list(80), settings,
     )  # fmt: skip
     return done, {(one.ads, one.scenario): spread for one, spread in zip(done, found, strict=True)}
 

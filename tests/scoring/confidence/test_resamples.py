@@ -190,7 +190,7 @@ def test_law_a_balanced_sample_in_parts_is_balanced_as_a_whole(monkeypatch):
     groups = strata(unit, "sobol")
     monkeypatch.setattr(drawing, "AT_ONCE", 11 * 50)
     told = []
-    counts, drawn, parts = whole(groups, 50, even=unit, done=lambda *numbers: told.append(numbers))
+    counts, drawn, parts = whole(groups, 50, done=lambda *numbers: told.append(numbers))
     assert parts > 20
     assert counts == pytest.approx(balanced(drawn, groups, unit), abs=1e-12)
     assert [points for points, _ in told] == sorted(points for points, _ in told)
