@@ -241,7 +241,7 @@ class ZonePartition:
 
 
 def _tree(points: FloatArray) -> Any:
-    """What finds the nearest of points (n, k)."""
+    """A search tree of points (n, k)."""
     from scipy.spatial import KDTree  # takes time to import
 
     return KDTree(points)
@@ -377,7 +377,7 @@ def _dense_grid(
 
 
 def fitted_parts(zones: ZonePartition) -> dict[str, Any]:
-    """What a fit alone yields, by field: `of_parts` makes the partition of it again."""
+    """The results of a fit by field: `of_parts` makes the partition of them again."""
     parts = {item.name: getattr(zones, item.name) for item in fields(zones)[2:]}
     return parts | {"surface": replace(zones.surface, coordinates=None)}
 

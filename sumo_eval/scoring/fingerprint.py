@@ -115,7 +115,7 @@ def _files_of(locator: str, source: Path) -> list[Path]:
 
 
 def _add_with_named(found: set[Path], file: Path) -> None:
-    """The file and, in turn, the files beside it that its text names in quotes; of OpenSCENARIO
+    """The file and, in turn, the files in its folder that its text names in quotes; of OpenSCENARIO
     also whole folders.
     """
     if file in found:

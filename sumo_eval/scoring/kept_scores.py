@@ -63,9 +63,7 @@ def _reader(kept: KeptResults, key: bytes, place: int) -> Callable[[slice], list
         first = place * COLUMNS
         data = kept.some("rows", key, first + (places.start or 0), first + places.stop)
         if not data:
-            raise InputError(
-                f"Rows of {kept.path} are gone: somebody took them out. Score the run again."
-            )
+            raise InputError(f"Rows of {kept.path} are missing: score the run again.")
         return data
 
     return columns

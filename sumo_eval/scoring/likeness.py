@@ -1,13 +1,14 @@
-"""Drivers compared with each safe case, what these people score among themselves, and what that
-tells of the case.
+"""Drivers compared with each safe case, their scores among themselves, and the fields of the case
+that follow.
 """
 
 from __future__ import annotations
 
 from array import array
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.store import RECORDED, Fact
 from sumo_eval.results import Counted, ScoreNote, ThinReferences
 from sumo_eval.scoring.confidence.drivers import exchanges
-from sumo_eval.scoring.space import Space
+from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.settings import DriverSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -33,7 +34,6 @@ FEWEST_FOR_A_BAND = 3  # and so does what is left when one is left out
 _AT_ONCE = 8_192  # points whose zone and weight are computed at a time: 65,536 took 0.3 GB
 JACKKNIFED = 16  # cases of an ADS in a scenario on which drivers are left out one by one
 
-Judged = TypeVar("Judged")
 IntArray = NDArray[np.intp]
 
 
@@ -59,21 +59,18 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
 
     drives: the drivers'.
     """
-    by_point: dict[int, list[Fact]] = {}
+    by_point: dict[int, list[Fact]] = defaultdict(list)
     for fact in drives:
         if fact.status == "ok":
-            by_point.setdefault(fact.point, []).append(fact)
+            by_point[fact.point].append(fact)
     found = {}
     for point, facts in by_point.items():
         recorded = sum(fact.controller == RECORDED for fact in facts)
         note, usable = _usable(len(facts), recorded, settings)
-        found[point] = PointReference(
-            tuple(fact.case for fact in facts),
-            tuple(fact.driver for fact in facts),
-            recorded,
-            note,
-            usable,
+        cases, drivers = (
+            tuple(getattr(fact, name) for fact in facts) for name in ("case", "driver")
         )
+        found[point] = PointReference(cases, drivers, recorded, note, usable)
     return found
 
 
@@ -100,12 +97,11 @@ def _usable(
 
     recorded: people among the drivers.
     """
-    if settings.source == RECORDED and recorded < settings.least:
-        fills = settings.too_thin == "fill"
-        return ThinReference(recorded, settings.least, drivers - recorded if fills else None), (
-            fills and drivers >= FEWEST_DRIVERS
-        )
-    return None, drivers >= FEWEST_DRIVERS
+    enough, fills = drivers >= FEWEST_DRIVERS, settings.too_thin == "fill"
+    if settings.source != RECORDED or recorded >= settings.least:
+        return None, enough
+    filled = drivers - recorded if fills else None
+    return ThinReference(recorded, settings.least, filled), fills and enough
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +122,7 @@ class Survey:
     left_out: Mapping[str, frozenset[int]]
 
 
-def survey(space: Space, zones: ZonePartition, zones_key: bytes) -> Survey:
+def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey:
     """All points of a scenario, before any case is looked at.
 
     zones_key: a hash of all that the zones depend on.
@@ -172,12 +168,12 @@ def survey(space: Space, zones: ZonePartition, zones_key: bytes) -> Survey:
         weights,
         space.logical.has_drivers or compared,
         {name: np.array(its, dtype=np.intp) for name, its in driven.items()},
-        {name: frozenset(jackknifed(its)) for name, its in counted.items()},
+        {name: jackknifed(its) for name, its in counted.items()},
     )
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class DriverComparison:
     """Cases beside the drivers at their points.
 
     references: those drivers, by point.
@@ -196,39 +192,39 @@ class Comparison:
 
 
 def compare_with_people(
-    space: Space,
+    space: ScenarioRun,
     known: Survey,
     points: range,
     compared: Mapping[int, PointReference],
-    judged: Mapping[str, Sequence[Fact]],
-) -> Comparison:
+    unhit: Mapping[str, Sequence[Fact]],
+) -> DriverComparison:
     """D_i of every evaluated case that has enough drivers to compare with, and the drivers' bands.
 
     compared: the drivers of `points`.
-    judged: the cases of each ADS there that are to have a D_i.
+    unhit: the cases of each ADS there that are to have a D_i.
     """
     settings = space.settings
     usable = {point: compared[point] for point in sorted(compared) if compared[point].usable}
-    cases: dict[int, list[str]] = {point: [] for point in usable}
-    left_out: dict[int, list[str]] = {point: [] for point in usable}
-    for name, facts in judged.items():
+    cases: dict[int, list[str]] = defaultdict(list)
+    left_out: dict[int, list[str]] = defaultdict(list)
+    for name, facts in unhit.items():
         for fact in facts:
             if fact.status in EVALUATED and fact.point in usable:
                 cases[fact.point].append(fact.case)
                 if fact.point in known.left_out[name]:
                     left_out[fact.point].append(fact.case)
-    jobs = {
-        point: PointJob(
-            reference.cases,
-            space.logical.road,
-            tuple(cases[point]),
-            tuple(left_out[point]),
-            len(reference.cases) >= FEWEST_FOR_A_BAND,
-            exchanges(reference.drivers, settings.drivers, settings.seed),
-        )
-        for point, reference in usable.items()
-        if cases[point] or len(reference.cases) >= FEWEST_FOR_A_BAND
-    }
+    jobs = {}
+    for point, reference in usable.items():
+        band = len(reference.cases) >= FEWEST_FOR_A_BAND
+        if cases[point] or band:
+            jobs[point] = PointJob(
+                reference.cases,
+                space.logical.road,
+                tuple(cases[point]),
+                tuple(left_out[point]),
+                band,
+                exchanges(reference.drivers, settings.drivers, settings.seed),
+            )
 
     def progress(done: int) -> None:
         first, share = points.start, done / len(jobs) * len(points)
@@ -244,27 +240,24 @@ def compare_with_people(
         progress,
         space.kept,
     )
-    return Comparison(
+    bands = zip(jobs, (result.band for result in results), strict=True)
+    return DriverComparison(
         compared,
         {case: index for result in results for case, index in result.indexes.items()},
-        {
-            point: result.band
-            for point, result in zip(jobs, results, strict=True)
-            if result.band is not None
-        },
+        {point: band for point, band in bands if band is not None},
         {case: found for result in results for case, found in result.left_out.items()},
         {case: usable[point].drivers for point in jobs for case in left_out[point]},
     )
 
 
-def jackknifed(cases: Sequence[Judged]) -> list[Judged]:
-    """The cases, evenly chosen, on which drivers are left out one by one."""
-    chosen = {round(place) for place in np.linspace(0, len(cases) - 1, min(JACKKNIFED, len(cases)))}
-    return [cases[place] for place in sorted(chosen)]
+def jackknifed(points: Sequence[int]) -> frozenset[int]:
+    """The points, evenly chosen, at which drivers are left out one by one."""
+    places = np.linspace(0, len(points) - 1, min(JACKKNIFED, len(points)))
+    return frozenset(points[round(place)] for place in places)
 
 
 def beside_people(
-    fact: Fact, zone: Zone, people: Comparison, settings: DriverSettings
+    fact: Fact, zone: Zone, people: DriverComparison, settings: DriverSettings
 ) -> dict[str, Any]:
     """The fields of a case that tell of its D_i and its human reference; none in the hazardous
     zone.
@@ -272,45 +265,39 @@ def beside_people(
     if zone == "hazardous":
         return {}
     reference, band = people.references.get(fact.point), people.bands.get(fact.point)
-    index = people.indexes.get(fact.case)
     thin = reference.note if reference else None
     if reference is None and settings.source == RECORDED:
         thin = ThinReference(0, settings.least, None)
-    found: dict[str, Any] = {}
-    if index is not None:
-        found = {
-            name: getattr(index, name)
-            for name in ("length_factor", "operation_factor", "similarity")
-        }
-        found |= {"index": index.value, "index_note": index.notes}
-        found["bimodal"] = any(one.kind == "two_groups" for one in index.notes)
-    if index is not None and index.manoeuvre:
-        found |= {"manoeuvre": words(index.manoeuvre), "manoeuvre_share": index.share}
-    if index is not None and (likeness := index.likeness) is not None:
-        found |= {
-            "operation_tolerance": likeness.operation_tolerance,
-            "mixture_similarity": likeness.similarity,
-        }
-    if band is not None:
-        found |= {f"human_{end}": getattr(band, end) for end in ("low", "mean", "high")}
-    return found | {
+    found: dict[str, Any] = {
         "drivers": len(reference.cases) if reference else 0,
         "recorded_drivers": reference.recorded if reference else 0,
         "reference_note": thin,
     }
+    if (index := people.indexes.get(fact.case)) is not None:
+        for name in ("length_factor", "operation_factor", "similarity"):
+            found[name] = getattr(index, name)
+        found |= {"index": index.value, "index_note": index.notes}
+        found["bimodal"] = any(note.kind == "two_groups" for note in index.notes)
+        if index.manoeuvre:
+            found |= {"manoeuvre": words(index.manoeuvre), "manoeuvre_share": index.share}
+        if (likeness := index.likeness) is not None:
+            found["operation_tolerance"] = likeness.operation_tolerance
+            found["mixture_similarity"] = likeness.similarity
+    if band is not None:
+        found |= {f"human_{end}": getattr(band, end) for end in ("low", "mean", "high")}
+    return found
 
 
 def reference_notes(cases: CaseTable) -> tuple[ScoreNote, ...]:
     """Remarks on the human reference and the exposure of the cases of one ADS in one
     scenario.
     """
-    safe, outside = cases.safe, int(np.count_nonzero(cases.exposure_note != ""))
+    safe = cases.safe
     thin = [note for note in cases.reference_note[safe] if note is not None]
-    said: list[ScoreNote] = []
+    notes: list[ScoreNote] = []
     if thin:
-        said.append(
-            ThinReferences(len(thin), int(safe.sum()), sum(note.filled is None for note in thin))
-        )
-    if outside:
-        said.append(Counted("outside_support", outside, len(cases)))
-    return tuple(said)
+        unfilled = sum(note.filled is None for note in thin)
+        notes.append(ThinReferences(len(thin), int(safe.sum()), unfilled))
+    if outside := int(np.count_nonzero(cases.exposure_note != "")):
+        notes.append(Counted("outside_support", outside, len(cases)))
+    return tuple(notes)

@@ -1,5 +1,5 @@
-"""Preventability: what became of every case beside what a reference driver made of the same
-concrete scenario.
+"""Preventability: the outcome of every case beside that of a reference in the same concrete
+scenario.
 
 The question of type approval (UN Regulation No. 157): a collision that a careful and competent
 driver avoids must not happen. Leaving the road and giving up are incidents as a collision is, and U

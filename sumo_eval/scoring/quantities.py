@@ -18,7 +18,7 @@ from sumo_eval.method.collision_avoidance import (
     collision_loss,
     impact_severity,
 )
-from sumo_eval.method.conflict import Conflict, conflict_at
+from sumo_eval.method.conflict import conflict_at
 from sumo_eval.method.driving_task import roadside_contact
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity
@@ -45,10 +45,10 @@ from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_value
 from sumo_eval.scoring.cause import NO_RETURN, cause_of_contact
 from sumo_eval.scoring.drive_measures import finite
 from sumo_eval.scoring.driving_task import TaskOfDrive
-from sumo_eval.scoring.likeness import Comparison, Survey, beside_people, reference_notes
+from sumo_eval.scoring.likeness import DriverComparison, Survey, beside_people, reference_notes
 from sumo_eval.scoring.requirements import requirements_missed
-from sumo_eval.scoring.space import Space
-from sumo_eval.settings import CollisionSettings, MethodSettings
+from sumo_eval.scoring.space import ScenarioRun
+from sumo_eval.settings import MethodSettings
 from sumo_eval.text import without_numbers
 from sumo_eval.trajectory import BoolArray
 
@@ -87,7 +87,7 @@ class Remarks:
         self._struck += len({fact.point for fact in references if fact.status == "collision"})
 
     def notes(
-        self, ads: str, space: Space, plausible: Sequence[ScoreNote], cases: CaseTable
+        self, ads: str, space: ScenarioRun, plausible: Sequence[ScoreNote], cases: CaseTable
     ) -> Iterator[ScoreNote]:
         """The notes.
 
@@ -118,20 +118,21 @@ class Remarks:
             yield BeyondRange(space.severity.name, tuple(reasons))
 
 
-def struck_by_other(fact: Fact, settings: CollisionSettings) -> bool:
+def struck_by_other(fact: Fact, space: ScenarioRun) -> bool:
     """Whether a case's collision is the other's fault: one that reacts has run into the rear of an
     ego that had been in that lane for long enough. The clip of such a collision holds how long that
     was.
     """
+    settings = space.method.collision
     if fact.collision is None or settings.rear_end == "counts":
         return False
-    # who began in the lane had been there before
+    # an ego that began in the lane had been there before
     enough = min(settings.others_fault_after, fact.collision.time - 1e-6)
     return any(clip.what == STRUCK_FROM_BEHIND and clip.applied >= enough for clip in fact.clips)
 
 
 def harm_at(
-    space: Space,
+    space: ScenarioRun,
     known: Survey,
     points: range,
     idle: Sequence[Fact],
@@ -143,45 +144,34 @@ def harm_at(
     tasks: departures by case.
     """
     unreacting = {fact.point: fact for fact in idle}
-    return {
-        fact.point: {
+    harm = {}
+    for fact in space.facts_at(points, "ideal"):
+        found = {
             "weight": float(known.weights[fact.point]),
             **_reference("ideal", fact, 0.0, space),
-            **_idle(unreacting.get(fact.point), tasks, space),
-            **_conflict(conflict_at(space.logical, fact.values)),
         }
-        for fact in space.facts_at(points, "ideal")
-    }
+        if (alone := unreacting.get(fact.point)) is not None:
+            found |= _reference("no_reaction", alone, _of_departure(alone, tasks, space), space)
+        if (conflict := conflict_at(space.logical, fact.values)) is not None:
+            found["undisturbed_pet"] = finite(conflict.pet)
+            found["time_to_conflict"] = finite(conflict.time_to)
+        harm[fact.point] = found
+    return harm
 
 
 def _reference(
-    who: Literal["ideal", "no_reaction"], fact: Fact, least: float, space: Space
+    who: Literal["ideal", "no_reaction"], fact: Fact, least: float, space: ScenarioRun
 ) -> dict[str, Any]:
     """Ug or U0 of a reference's drive, at least `least`: 0 where it avoids; why it could not be
     evaluated.
     """
     if fact.status not in EVALUATED:
         return {f"{who}_severity": None, f"{who}_error": fact.error or fact.status}
-    hit = None if struck_by_other(fact, space.method.collision) else _severity(fact, space.severity)
+    hit = None if struck_by_other(fact, space) else _severity(fact, space.severity)
     return {f"{who}_severity": max(hit or 0.0, least)}
 
 
-def _idle(fact: Fact | None, tasks: Mapping[str, TaskOfDrive], space: Space) -> dict[str, Any]:
-    """U0 of the drive of `no_reaction`, departures included."""
-    return (
-        {}
-        if fact is None
-        else _reference("no_reaction", fact, _of_departure(fact, tasks, space), space)
-    )
-
-
-def _conflict(conflict: Conflict | None) -> dict[str, Any]:
-    if conflict is None:
-        return {}
-    return {"undisturbed_pet": finite(conflict.pet), "time_to_conflict": finite(conflict.time_to)}
-
-
-def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: Space) -> float:
+def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: ScenarioRun) -> float:
     """U of a drive's departure, as a contact beside the road; 0 where it stayed on the road."""
     departure = tasks[fact.case].departure if fact.case in tasks else None
     if departure is None:
@@ -192,15 +182,15 @@ def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: Space) ->
 
 
 def _severity(fact: Fact, severity: Severity) -> float | None:
-    """U of a case's collision, or what stands in its place, None without one."""
+    """U of a case's collision, or its replacement; None without one."""
     return None if fact.collision is None else severity.of(fact.collision, fact.case)
 
 
 def tabulate(
     facts: Sequence[Fact],
-    space: Space,
+    space: ScenarioRun,
     known: Survey,
-    people: Comparison,
+    people: DriverComparison,
     harm: Mapping[int, Mapping[str, Any]],
     tasks: Mapping[str, TaskOfDrive],
     measured: Mapping[str, Mapping[str, Any]],
@@ -212,36 +202,25 @@ def tabulate(
     """
     for fact in facts:
         zone: Zone = "hazardous" if known.hazardous[fact.point] else "safe"
-        struck, hit, task = (
-            struck_by_other(fact, space.method.collision),
-            fact.collision,
-            tasks.get(fact.case),
-        )
-        severity, ideal = (
-            None if struck else _severity(fact, space.severity),
-            harm[fact.point]["ideal_severity"],
-        )
-        fields_: dict[str, Any] = {
+        hit, task, struck = fact.collision, tasks.get(fact.case), struck_by_other(fact, space)
+        severity = None if struck else _severity(fact, space.severity)
+        ideal = harm[fact.point]["ideal_severity"]
+        found: dict[str, Any] = {
             **{name: getattr(fact, name) for name in _RECORDED},
             **harm[fact.point],
             **beside_people(fact, zone, people, space.settings.drivers),
             **measured.get(fact.case, {}),
         }
         if fact.latency_median is not None and fact.latency_reference:
-            fields_["latency_relative"] = fact.latency_median / fact.latency_reference
+            found["latency_relative"] = fact.latency_median / fact.latency_reference
         if hit is not None:
-            fields_ |= {
-                "impact_speed": hit.relative_speed,
-                "overlap": hit.overlap,
-                "side": hit.side,
-            }
-            fields_ |= cause_of_contact(fact)
-        if hit is not None and not struck:
-            fields_["loss"] = float(
-                collision_loss(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
-            )
+            found |= {"impact_speed": hit.relative_speed, "overlap": hit.overlap, "side": hit.side}
+            found |= cause_of_contact(fact)
+            if not struck:
+                u = impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)
+                found["loss"] = float(collision_loss(u))
         if task is not None and (departure := task.departure) is not None:
-            fields_ |= {
+            found |= {
                 "departure_time": departure.time,
                 "departure_speed": departure.speed,
                 "departure_severity": _of_departure(fact, tasks, space),
@@ -260,7 +239,7 @@ def tabulate(
             ),
             exposure_note="outside_support" if fact.point in space.outside else "",
             requirements_missed=requirements_missed(fact, space),
-            **fields_,
+            **found,
         )
         index = people.indexes.get(fact.case)
         yield replace(row, human_likeness=_human_likeness(row, index) if known.people else None)
@@ -286,28 +265,20 @@ def combine(
     people: bool = True,
     task_reference: str = "",
 ) -> ScenarioResult:
-    """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts
-    beside them.
+    """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and counts.
 
     people: whether there are drivers to compare with; where not, nothing is missing without D and
-    H. task_reference: the reference car that T compares with, "" where the run holds none.
+        H.
+    task_reference: the reference car that T compares with, "" where the run holds none.
     """
     notes = list(notes)
     cases = CaseTable.of(rows)
     terms = case_terms(cases, method)
     values = point_values(terms, method)
     c, d = values["c"], values["d"]
-    safe, collided, lacks, indexed = (
-        cases.safe,
-        cases.collided,
-        cases.missing,
-        np.isfinite(cases.index),
-    )
-    safe_cases, safe_hits, voiding = (
-        _number(safe),
-        _number(safe & collided),
-        _number(cases.voids_index),
-    )
+    safe, collided, indexed = cases.safe, cases.collided, np.isfinite(cases.index)
+    safe_cases, safe_hits = _number(safe), _number(safe & collided)
+    lacks, voiding = cases.missing, _number(cases.voids_index)
     if not voiding and people:
         lacks = lacks | (cases.counts_for_index & ~indexed)
     missing = +Counter[Zone]({"safe": _number(lacks & safe), "hazardous": _number(lacks & ~safe)})

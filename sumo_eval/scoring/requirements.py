@@ -13,7 +13,7 @@ from sumo_eval.record.store import EGO, Fact
 from sumo_eval.results import RequirementMissed, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.requirement import Requirement
-from sumo_eval.scoring.space import Space
+from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory
 
 
@@ -63,7 +63,7 @@ def series_of_others(
     return found
 
 
-def requirements_missed(fact: Fact, space: Space) -> str | None:
+def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
     """Names of the requirements that a drive misses; None where nothing is required or nothing was
     evaluated.
     """

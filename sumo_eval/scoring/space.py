@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
+from typing import TypeVar
 
 from sumo_eval.method.severity import Severity
 from sumo_eval.record.cases import Role
-from sumo_eval.record.kept_results import KeptResults
+from sumo_eval.record.kept_results import KeptResults, Kind
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
@@ -15,9 +18,11 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.settings import EvaluationSettings, MethodSettings, ScenarioSettings
 
+Job = TypeVar("Job")
+
 
 @dataclass(frozen=True, slots=True)
-class Space:
+class ScenarioRun:
     """A logical scenario of a run, with its points and the run's facts.
 
     entry: the scenario in the evaluation.
@@ -54,3 +59,28 @@ class Space:
     def facts_at(self, points: range, role: Role) -> list[Fact]:
         """The recorded drives of a role at some points."""
         return self.store.facts_at(points, role, self.name)
+
+    def kept_by_case(self, kind: Kind, keys: Mapping[str, bytes]) -> dict[str, bytes]:
+        """Results that the run keeps, by case."""
+        parts = {case: self.kept.get(kind, key) for case, key in keys.items()}
+        return {case: data for case, data in parts.items() if data is not None}
+
+    def computed_by_case(
+        self,
+        kind: Kind,
+        keys: Mapping[str, bytes],
+        work: Callable[[tuple[Path, Sequence[Job]]], Sequence[tuple[str, bytes]]],
+        jobs: Sequence[Job],
+        at_once: int,
+    ) -> dict[str, bytes]:
+        """Results by case, computed in processes and kept under their keys.
+
+        work: path of the facts and some jobs -> cases, each with its result.
+        """
+        parts = [
+            (self.store.path, jobs[first : first + at_once])
+            for first in range(0, len(jobs), at_once)
+        ]
+        new = dict(chain.from_iterable(self.spread(work, parts))) if parts else {}
+        self.kept.put((kind, keys[case], 0, data) for case, data in new.items())
+        return new

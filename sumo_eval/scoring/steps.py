@@ -34,11 +34,17 @@ from sumo_eval.scoring.drive_measures import drive_measures
 from sumo_eval.scoring.driving_task import recorded_with, tasks_of_drives
 from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.scoring.kept_scores import RowWriter, Scores
-from sumo_eval.scoring.likeness import Comparison, Survey, compare_with_people, references, survey
+from sumo_eval.scoring.likeness import (
+    DriverComparison,
+    Survey,
+    compare_with_people,
+    references,
+    survey,
+)
 from sumo_eval.scoring.plausible_people import plausible_people
 from sumo_eval.scoring.quantities import Remarks, combine, describe_zones, harm_at, tabulate
 from sumo_eval.scoring.requirements import with_counts
-from sumo_eval.scoring.space import Space
+from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.scoring.zones import zones_key
 from sumo_eval.settings import ScenarioSettings
 
@@ -76,10 +82,10 @@ class Scoring:
             tuple(zones for zones, _ in found), tuple(scores), ranking, rows.chunks(list(spreads))
         )
 
-    def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> Space:
+    def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> ScenarioRun:
         settings, source = self.run.settings, self.run.source
         reference = settings.method.task.task_reference
-        return Space(
+        return ScenarioRun(
             entry, logical, choose_points(logical, entry, source, settings), settings, source,
             self.severity,
             self.store, self.kept, self.spread, self.progress,
@@ -92,7 +98,7 @@ Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
 """The result of each ADS in a scenario, and what a ranking needs of it."""
 
 
-def score_scenario(space: Space, rows: RowWriter) -> tuple[ZoneResult, Scored]:
+def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Scored]:
     """The six steps in one scenario, steps 3 to 5 some points at a time."""
     method, key = space.method, zones_key(space.entry, space.settings, space.source)
     # 1  safe and hazardous zones, Eqs. 1-8
@@ -146,13 +152,13 @@ def score_scenario(space: Space, rows: RowWriter) -> tuple[ZoneResult, Scored]:
 
 
 def score_points(
-    space: Space,
+    space: ScenarioRun,
     known: Survey,
     points: range,
     people: Quantiles,
     remarks: Mapping[str, Remarks],
     rows: RowWriter,
-) -> Comparison:
+) -> DriverComparison:
     """Steps 3 to 5 at some points: the rows of every ADS's cases there.
 
     people: of the plausibility.

@@ -299,13 +299,13 @@ def _with_one_more(
 
 @dataclass(frozen=True, slots=True)
 class UnseenCollisions:
-    """What collisions that an ADS's cases do not show would cost its scores.
+    """Cost of collisions that an ADS's cases do not show, for its scores.
 
     A free point is a hazardous one without a collision (any evaluated one, if none is hazardous).
     An unseen collision is as hard there as that of `no_reaction`. A, regret: it loses max(0, U0 -
-    Ug). C: evaluations that see any have Ug/U0, the others 1; after a collision that was seen, C is
-    a mean over collisions, which unseen ones do not lower for sure. Where all cases that count weigh
-    nothing, every one weighs the same.
+    Ug). C: evaluations that see any have Ug/U0, all other ones 1; after a collision that was seen,
+    C is a mean over collisions, which unseen ones do not lower for sure. Where all cases that count
+    weigh nothing, every one weighs the same.
 
     points: how many hazardous points there are.
     terms: of each case, (n,); of each two the first sum over the second is what a score would lose
