@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
+from sumo_eval.method.checks import finite, not_negative
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, everyone, manoeuvre_of, spread
 from sumo_eval.method.operations import count_operations as count_operations
 from sumo_eval.method.operations import most_operations
@@ -429,20 +430,11 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
 
     Raises InputError for arguments outside these meanings.
     """
-    indices, weights = np.asarray(values, dtype=np.float64), np.asarray(exposure, dtype=np.float64)
     owner = "the exposure-weighted index"
+    indices, weights = finite(owner, "values", values), not_negative(owner, "exposure", exposure)
     if indices.ndim != 1 or indices.shape != weights.shape:
-        raise must_be(
-            "`values` and `exposure`",
-            owner,
-            "one list each, equally long",
-            f"{indices.shape} and {weights.shape}",
-        )
-    if not np.all(np.isfinite(indices)):
-        raise must_be("`values`", owner, "finite", float(indices[~np.isfinite(indices)][0]))
-    usable = np.isfinite(weights) & (weights >= 0.0)
-    if not np.all(usable):
-        raise must_be("`exposure`", owner, "finite and at least 0", float(weights[~usable][0]))
+        shapes = f"{indices.shape} and {weights.shape}"
+        raise must_be("`values` and `exposure`", owner, "one list each, equally long", shapes)
     if weights.sum() <= 0.0:
         raise must_be("The sum of `exposure`", owner, "greater than 0", float(weights.sum()))
     return float(score_terms.exposure_mean(indices, weights, score_terms.once(len(indices)))[0])

@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.method import score_terms
+from sumo_eval.method import checks, score_terms
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 # zones come with scenarios and their files, which a loss or a severity does not need
@@ -26,6 +27,7 @@ MARCH = 1.0 / 250.0  # unit-box lengths between the samples of a ray
 AT_ONCE = 32  # steps of the march that are judged in one go
 BISECTIONS = 40  # halvings of a step of the march: to the last digits
 SAME_POINT = 1e-12  # unit-box lengths
+_not_negative = partial(checks.not_negative, "a collision")
 
 
 def collision_loss(u: ArrayLike) -> FloatArray:
@@ -53,10 +55,8 @@ def impact_severity(
 
     Raises InputError for velocities that are not finite pairs and for an overlap outside 0..1.
     """
-    ego, obstacle = (
-        _velocity("ego_velocity", ego_velocity),
-        _velocity("obstacle_velocity", obstacle_velocity),
-    )
+    ego = _velocity("ego_velocity", ego_velocity)
+    obstacle = _velocity("obstacle_velocity", obstacle_velocity)
     share = _not_negative("overlap", overlap)
     if np.any(share > 1.0):
         raise must_be("`overlap`", "a collision", "within 0..1", float(share[share > 1.0].flat[0]))
@@ -119,7 +119,12 @@ def collision_avoidance_index(
     """
     if loss not in ("severity", "class"):
         raise must_be("`loss`", "`collision_avoidance_index`", "'severity' or 'class'", loss)
-    hit, best, r = _collisions(u, u_ideal, weights)
+    hit, best = _not_negative("u", u), _not_negative("u_ideal", u_ideal)
+    r = _not_negative("weights", weights)
+    if hit.ndim != 1 or not hit.shape == best.shape == r.shape:
+        shapes = [array.shape for array in (hit, best, r)]
+        wanted = "of one length (n,)"
+        raise must_be("`u`, `u_ideal` and `weights`", "the collisions", wanted, shapes)
     if hit.size == 0:
         return 1.0
     if loss == "class":
@@ -192,34 +197,8 @@ def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> F
     return logical.row(point)
 
 
-def _collisions(
-    u: ArrayLike, u_ideal: ArrayLike, weights: ArrayLike
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    arrays = (
-        _not_negative("u", u),
-        _not_negative("u_ideal", u_ideal),
-        _not_negative("weights", weights),
-    )
-    shapes = [array.shape for array in arrays]
-    if len(set(shapes)) != 1 or len(shapes[0]) != 1:
-        raise must_be(
-            "`u`, `u_ideal` and `weights`", "the collisions", "of one length (n,)", shapes
-        )
-    return arrays
-
-
 def _velocity(name: str, values: ArrayLike) -> FloatArray:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != 2 or not np.all(np.isfinite(array)):
         raise must_be(f"`{name}`", "a collision", "finite with a last axis of 2 (vx, vy)", array)
-    return array
-
-
-def _not_negative(name: str, values: ArrayLike) -> FloatArray:
-    array = np.asarray(values, dtype=np.float64)
-    wrong = ~(np.isfinite(array) & (array >= 0.0))
-    if np.any(wrong):
-        raise must_be(
-            f"`{name}`", "a collision", "finite and at least 0", float(array[wrong].flat[0])
-        )
     return array

@@ -10,12 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import must_be
+from sumo_eval.method import checks
 from sumo_eval.trajectory import FloatArray
+
+_finite = partial(checks.finite, "an approach")
+_not_negative = partial(checks.not_negative, "an approach")
 
 
 def time_to_collision(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLike) -> FloatArray:
@@ -234,9 +238,7 @@ def ideal_impact_speed(
     strength = _not_negative("deceleration", deceleration, above_zero=True)
     rel = _closing_speed(ego_speed, lead_speed)
     left = _finite("gap", gap) - rel * _not_negative("delay", delay)
-    arrays = np.broadcast_arrays(rel, left, strength, _not_negative("build_up", build_up))
-    rel, left = arrays[:2]
-    strength, ramp = arrays[2:]
+    ramp = _not_negative("build_up", build_up)
     closing = np.maximum(rel, 0.0)
 
     after_ramp = closing - strength * ramp / 2.0
@@ -354,21 +356,3 @@ def _closing_speed(ego_speed: ArrayLike, lead_speed: ArrayLike) -> FloatArray:
 
 def _braking_time(time: ArrayLike, delay: ArrayLike) -> FloatArray:
     return np.maximum(_not_negative("time", time) - _not_negative("delay", delay), 0.0)
-
-
-def _finite(name: str, values: ArrayLike) -> FloatArray:
-    array = np.asarray(values, dtype=np.float64)
-    if not np.all(np.isfinite(array)):
-        raise must_be(
-            f"`{name}`", "an approach", "finite", float(array[~np.isfinite(array)].flat[0])
-        )
-    return array
-
-
-def _not_negative(name: str, values: ArrayLike, *, above_zero: bool = False) -> FloatArray:
-    array = _finite(name, values)
-    wrong = array <= 0.0 if above_zero else array < 0.0
-    if np.any(wrong):
-        requirement = "greater than 0" if above_zero else "at least 0"
-        raise must_be(f"`{name}`", "an approach", requirement, float(array[wrong].flat[0]))
-    return array

@@ -21,7 +21,7 @@ from typing import Final
 
 import numpy as np
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError
 from sumo_eval.method.measures import Course, course_of, largest, least
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory
 
@@ -62,27 +62,6 @@ class Quantiles:
     people: int
     drives: int
     source: str
-
-    def __post_init__(self) -> None:
-        for name, values in self.values.items():
-            if name not in EXTREMES:
-                raise unknown("extreme of a drive", name, EXTREMES)
-            shares = self.shares.get(name, ())
-            if len(values) < 2 or len(values) != len(shares):
-                raise must_be(
-                    f"`{name}`", "a table of people", "at least two values, a share each", values
-                )
-            if np.any(np.diff(shares) <= 0.0) or not 0.0 < shares[0] <= shares[-1] <= 1.0:
-                raise must_be(
-                    f"The shares of `{name}`", "a table of people", "ascending within 0..1", shares
-                )
-            if np.any(np.diff(values) * EXTREMES[name] > 0.0) or not np.all(np.isfinite(values)):
-                raise must_be(
-                    f"`{name}`",
-                    "a table of people",
-                    "finite values, the most extreme first",
-                    values,
-                )
 
     def share(self, name: str, value: float) -> float:
         """Share of people at least as extreme as `value`, 0..1, linear between the table's values.
@@ -175,21 +154,21 @@ def least_plausible(extremes: Mapping[str, float], people: Quantiles) -> tuple[s
     """The extreme that decides the plausibility, and the share of people at least as extreme; the
     first of equals.
     """
-    shares = {name: people.share(name, value) for name, value in _known(extremes).items()}
+    shares = {name: people.share(name, value) for name, value in extremes.items()}
     name = min(shares, key=lambda one: shares[one])
     return name, shares[name]
 
 
 def quantiles_of(
     drives: Sequence[Mapping[str, float]],
-    people: Sequence[str] | None = None,
+    people: Sequence[str],
     *,
     source: str = "recorded drivers",
 ) -> Quantiles:
     """The table of some people's drives.
 
     drives: the extremes of each.
-    people: the driver of each; every drive is another person's where not given.
+    people: the driver of each.
     source: whose drives, in words.
 
     Every person weighs 1, shared by that person's drives. An extreme that a drive does not have
@@ -198,30 +177,25 @@ def quantiles_of(
 
     Raises InputError for fewer than 20 people, who cannot show a share of 5 %.
     """
-    names = [str(number) for number in range(len(drives))] if people is None else list(people)
-    if len(names) != len(drives):
-        raise must_be(
-            "`people`", "the recorded drives", f"one name a drive ({len(drives)})", len(names)
-        )
-    if len(set(names)) < LEAST_PEOPLE:
+    if (persons := len(set(people))) < LEAST_PEOPLE:
         raise InputError(
             f"The recorded drives must be of at least {LEAST_PEOPLE} people, because fewer cannot "
-            "show a share of 5 %, "
-            f"got {len(set(names))}."
+            f"show a share of 5 %, got {persons}."
         )
     values: dict[str, tuple[float, ...]] = {}
     shares: dict[str, tuple[float, ...]] = {}
     for name, side in EXTREMES.items():
-        found = np.array([drive[name] for drive in drives], dtype=np.float64)
-        known = np.flatnonzero(~np.isnan(found))
-        times = Counter(names[place] for place in known)
+        extreme = np.array([drive[name] for drive in drives], dtype=np.float64)
+        known = np.flatnonzero(~np.isnan(extreme))
+        names = [people[place] for place in known.tolist()]
+        times = Counter(names)
         if len(times) < LEAST_PEOPLE:
             continue
-        weights = np.array([1.0 / times[names[place]] for place in known]) / len(times)
-        table = _table(side * found[known], weights)
+        weights = np.array([1.0 / times[person] for person in names]) / len(times)
+        table = _table(side * extreme[known], weights)
         if table is not None:
             shares[name], values[name] = table[0], tuple(side * value for value in table[1])
-    return Quantiles(values, shares, len(set(names)), len(drives), source)
+    return Quantiles(values, shares, persons, len(drives), source)
 
 
 def _table(
@@ -232,21 +206,10 @@ def _table(
     """
     order = np.argsort(-extreme, kind="stable")
     reached, share = extreme[order], np.cumsum(weights[order])
-    # of equal ones: whoever is as extreme is counted
+    # of equal ones: every person who is as extreme is counted
     last = np.append(reached[1:] < reached[:-1], True)
     reached, share = reached[last & np.isfinite(reached)], share[last & np.isfinite(reached)]
     if reached.size < 2:
         return None
     levels = np.array([share[0], *(level for level in LEVELS if share[0] < level <= share[-1])])
     return tuple(levels.tolist()), tuple(np.interp(levels, share, reached).tolist())
-
-
-def _known(extremes: Mapping[str, float]) -> Mapping[str, float]:
-    for name in extremes:
-        if name not in EXTREMES:
-            raise unknown("extreme of a drive", name, EXTREMES)
-    if not extremes:
-        raise InputError(
-            f"The extremes of a drive must hold at least one of {', '.join(EXTREMES)}, got none."
-        )
-    return extremes

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, said, unknown
+from sumo_eval.method.checks import not_negative
 from sumo_eval.method.collision_avoidance import LEAST_LOSS, collision_loss, impact_severity
 from sumo_eval.settings import CollisionSettings
 from sumo_eval.settings.locators import load_object
@@ -132,13 +133,9 @@ def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) ->
     if who not in INJURY_CURVES:
         raise unknown("injury-risk curve", who, INJURY_CURVES)
     curve = INJURY_CURVES[who]
-    speed, years = (
-        np.asarray(closing_speed, dtype=np.float64),
-        curve.usual_age if age is None else age,
-    )
-    for name, value in (("`closing_speed`", speed), ("`age`", np.asarray(years))):
-        if not (np.isfinite(value) & (value >= 0.0)).all():
-            raise must_be(name, f"injury-risk curve `{who}`", "finite and at least 0", value)
+    owner = f"injury-risk curve `{who}`"
+    speed = not_negative(owner, "closing_speed", closing_speed)
+    years = not_negative(owner, "age", curve.usual_age if age is None else age)
     logit = curve.intercept + curve.speed * KMH * speed + curve.age * years
     return np.asarray(1.0 / (1.0 + np.exp(-logit)))[()]
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
+from sumo_eval.method.checks import finite
 from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import FloatArray, Trajectory
 
@@ -112,63 +113,28 @@ def _resampled(trajectory: Trajectory, interval: float) -> FloatArray:
     return np.column_stack([np.interp(times, trajectory.time, channel) for channel in motion.T])
 
 
-# --- kernels: points (n, 2), samples (k, 6), k1 -> (n,) -------------------------------------------
+# --- kernels and checks ---------------------------------------------------------------------------
 
 
 def _vector_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:
-    """The size of the sum of vectors in plain numpy."""
-    field = np.empty(len(points))
-    for block in _blocks(points, samples):
-        magnitude, unit_x, unit_y = _terms(points[block], samples, k1)
-        field[block] = np.hypot(
-            (magnitude * unit_x) @ samples[:, 5], (magnitude * unit_y) @ samples[:, 5]
-        )
-    return field
-
-
-def _terms(
-    points: FloatArray, samples: FloatArray, k1: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """|s| of every sample at every point and the unit vector from sample to point, (n, k).
-
-    The vector is 0 where they coincide.
-    """
-    along_x, along_y, ahead = samples[:, 2:5].T
-    unit_x = points[:, :1] - samples[:, 0]
-    unit_y = points[:, 1:] - samples[:, 1]
-    distance = np.sqrt(unit_x * unit_x + unit_y * unit_y)
-    apart = distance > COINCIDENT
-    inverse = np.divide(1.0, distance, out=np.zeros_like(distance), where=apart)
-    unit_x *= inverse
-    unit_y *= inverse
-    magnitude = np.exp(np.where(apart, along_x * unit_x + along_y * unit_y, ahead))
-    magnitude /= np.maximum(distance, 1.0, out=distance) ** k1
-    return magnitude, unit_x, unit_y
-
-
-def _blocks(points: FloatArray, samples: FloatArray) -> list[slice]:
-    """Slices of the points whose arrays against all samples stay in the second-level cache."""
-    size = max(1, 8_192 // len(samples))
-    return [slice(first, first + size) for first in range(0, len(points), size)]
-
-
-# --- checks ---------------------------------------------------------------------------------------
+    """The size of the sum of vectors at points (n, 2); samples as `samples_of` makes them."""
+    total = np.zeros(points.T.shape)
+    for sample in samples:
+        away = points.T - sample[:2, None]
+        distance = np.linalg.norm(away, axis=0)
+        unit = np.divide(away, distance, out=np.zeros(away.shape), where=distance > COINCIDENT)
+        magnitude = np.exp(sample[2:4] @ unit) / np.maximum(distance, 1.0) ** k1
+        total += sample[5] * magnitude * unit
+    return np.asarray(np.linalg.norm(total, axis=0))
 
 
 def _checked_points(points: ArrayLike) -> FloatArray:
+    owner = "the trajectory field"
     # A fresh array, because numba compiles once more for a read-only one.
-    places = np.array(points, dtype=np.float64, order="C")
+    places = np.array(finite(owner, "points", points), order="C")
     if places.ndim != 2 or places.shape[1] != 2:
-        raise must_be(
-            "`points`",
-            "the trajectory field",
-            "an (n, 2) array of x, y in m",
-            f"shape {places.shape}",
-        )
-    if not np.all(np.isfinite(places)):
-        raise must_be(
-            "`points`", "the trajectory field", "finite", float(places[~np.isfinite(places)][0])
-        )
+        wanted = "an (n, 2) array of x, y in m"
+        raise must_be("`points`", owner, wanted, f"shape {places.shape}")
     return places
 
 

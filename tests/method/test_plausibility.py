@@ -19,7 +19,6 @@ from sumo_eval.method.operations import most_operations
 from sumo_eval.method.plausibility import (
     EXTREMES,
     MOTORWAY_PEOPLE,
-    Quantiles,
     extremes_of,
     least_plausible,
     plausibility,
@@ -184,7 +183,7 @@ def test_law_h_never_rises_with_an_oscillations_amplitude(frequency):
 
 def test_a_table_of_people_is_their_own_shares():
     drives = [CALM | {"max_deceleration": 0.1 * (n + 1)} for n in range(100)]
-    table = quantiles_of(drives)
+    table = quantiles_of(drives, list(map(str, range(len(drives)))))
     assert (table.people, table.drives) == (100, 100)
     for n in (0, 60, 94, 95, 97, 99):  # 100 - n of 100 people brake at least as hard as number n
         assert table.share("max_deceleration", drives[n]["max_deceleration"]) == pytest.approx(
@@ -205,17 +204,9 @@ def test_every_person_weighs_the_same_however_often_recorded():
     assert all_hard.share("max_deceleration", 4.0) == pytest.approx(1 / 40)
 
 
-def test_too_few_people_and_wrong_names_are_refused():
+def test_too_few_people_are_refused():
     with pytest.raises(InputError, match=r"at least 20 people, .* got 19"):
-        quantiles_of([CALM] * 19)
-    with pytest.raises(InputError, match="Did you mean `max_jerk`"):
-        plausibility({"max_jrk": 1.0}, MOTORWAY_PEOPLE)
-    with pytest.raises(InputError, match="at least one of min_ttc"):
-        plausibility({}, MOTORWAY_PEOPLE)
-    with pytest.raises(InputError, match="the most extreme first"):
-        Quantiles({"max_jerk": (1.0, 2.0)}, {"max_jerk": (0.1, 0.2)}, 20, 20, "")
-    with pytest.raises(InputError, match="ascending"):
-        Quantiles({"max_jerk": (2.0, 1.0)}, {"max_jerk": (0.2, 0.1)}, 20, 20, "")
+        quantiles_of([CALM] * 19, list(map(str, range(19))))
 
 
 @pytest.mark.campaign

@@ -290,13 +290,24 @@ def test_the_kernels_are_the_plain_loops(k1: float, k2: float, step: float) -> N
     assert trajectory_field(points, drive, k1=k1, k2=k2) == pytest.approx(plain, rel=1e-9)
 
 
+def numpys(points: np.ndarray, samples: np.ndarray, k1: float) -> np.ndarray:
+    """The plain sum of magnitudes, all samples at all points at once."""
+    x, y, along_x, along_y, ahead, weight = samples.T
+    dx, dy = points[:, :1] - x, points[:, 1:] - y
+    distance = np.hypot(dx, dy)
+    apart = distance > module.COINCIDENT
+    cosine = (along_x * dx + along_y * dy) / np.where(apart, distance, 1.0)
+    terms = np.exp(np.where(apart, cosine, ahead)) / np.maximum(distance, 1.0) ** k1
+    return terms @ weight
+
+
 @pytest.mark.parametrize("n", [1, 255, 256, 257, 900])
 def test_compiled_sum_is_numpys_whatever_the_number_of_points(n: int) -> None:
     drive = winding(n)
     points = around(drive, n)
     samples = module.samples_of(drive, 0.005, STEP)
     for k1 in (0.5, 1.0, 2.0, 0.3):
-        plain = module._terms(points, samples, k1)[0] @ samples[:, 5]
+        plain = numpys(points, samples, k1)
         np.testing.assert_allclose(magnitude_sum(points, samples, k1), plain, rtol=1e-12)
 
 
@@ -366,7 +377,7 @@ def test_compiled_loops_are_ordinary_python_too() -> None:
     drive = winding(2, n=3)
     points = around(drive, 3)
     samples = module.samples_of(drive, 0.02, STEP)
-    plain = module._terms(points, samples, 0.5)[0] @ samples[:, 5]
+    plain = numpys(points, samples, 0.5)
     np.testing.assert_allclose(magnitude_sum.py_func(points, samples, 0.5), plain, rtol=1e-13)
 
 

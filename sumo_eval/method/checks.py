@@ -1,0 +1,38 @@
+"""Checks of numbers that callers bring."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sumo_eval.errors import must_be
+from sumo_eval.trajectory import FloatArray
+
+
+def finite(owner: str, name: str, values: ArrayLike) -> FloatArray:
+    """The values as an array.
+
+    owner, name: of the values, in an error message.
+
+    Raises InputError for a value that is not finite.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    unusable = array[~np.isfinite(array)]
+    if unusable.size:
+        raise must_be(f"`{name}`", owner, "finite", float(unusable[0]))
+    return array
+
+
+def not_negative(
+    owner: str, name: str, values: ArrayLike, *, above_zero: bool = False
+) -> FloatArray:
+    """The values as an array.
+
+    Raises InputError as `finite`, and for a value below 0 (0 or below where `above_zero`).
+    """
+    array = finite(owner, name, values)
+    wrong = array[array <= 0.0 if above_zero else array < 0.0]
+    if wrong.size:
+        wanted = "greater than 0" if above_zero else "at least 0"
+        raise must_be(f"`{name}`", owner, wanted, float(wrong[0]))
+    return array
