@@ -129,7 +129,7 @@ def measures(
     collision: the ego's first contact if any.
     course: the drive's `course_of`, where it is known already.
     """
-    seen = course_of(ego, actors, collision) if course is None else course
+    seen = course or course_of(ego, actors, collision)
     return CriticalityMeasures(
         min_ttc=(ttc := least(seen.ttc)),
         max_ittc=1.0 / ttc if ttc else np.inf,

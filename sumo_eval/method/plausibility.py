@@ -127,7 +127,7 @@ def extremes_of(
     nan: this drive has no such extreme, as without a lead vehicle, or in a drive too short for a
     derivative.
     """
-    seen = course_of(ego, actors, collision) if course is None else course
+    seen = course or course_of(ego, actors, collision)
     motion = seen.motion
     return {
         "min_ttc": least(seen.ttc),

@@ -67,9 +67,7 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
     for point, facts in by_point.items():
         recorded = sum(fact.controller == RECORDED for fact in facts)
         note, usable = _usable(len(facts), recorded, settings)
-        cases, drivers = (
-            tuple(getattr(fact, name) for fact in facts) for name in ("case", "driver")
-        )
+        cases, drivers = zip(*((fact.case, fact.driver) for fact in facts), strict=True)
         found[point] = PointReference(cases, drivers, recorded, note, usable)
     return found
 

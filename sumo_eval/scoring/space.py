@@ -77,10 +77,8 @@ class ScenarioRun:
 
         work: path of the facts and some jobs -> cases, each with its result.
         """
-        parts = [
-            (self.store.path, jobs[first : first + at_once])
-            for first in range(0, len(jobs), at_once)
-        ]
-        new = dict(chain.from_iterable(self.spread(work, parts))) if parts else {}
+        starts = range(0, len(jobs), at_once)
+        parts = [(self.store.path, jobs[first : first + at_once]) for first in starts]
+        new = dict(chain.from_iterable(self.spread(work, parts) if parts else ()))
         self.kept.put((kind, keys[case], 0, data) for case, data in new.items())
         return new

@@ -34,6 +34,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri, ndtr, stdtrit
@@ -149,10 +150,8 @@ class _Sums:
             bool(one.terms.exposure.any()),
             UnseenCollisions.of(one, method),
         )
-        asked, hits = self._asked(slice(0, 0))
-        self._balanced, self._drawn = (
-            np.zeros((replicates, len(terms))) for terms in (asked, hits)
-        )
+        self._balanced: Any = 0.0
+        self._drawn: Any = 0.0
 
     def add(self, part: Resampled) -> None:
         """Add the cases at some of the points."""
