@@ -75,7 +75,7 @@ def evaluate(
     )
     record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
     done = score(folder, progress=progress)
-    let_go(done)
+    discard_trajectories(done)
     load_object(_WRITE_RESULTS, None, "function")(done)
     return done
 
@@ -220,7 +220,7 @@ def refuse_to_score(run: str | os.PathLike[str]) -> None:
         run_folder.check_complete(store, folder)
 
 
-def let_go(evaluation: Evaluation) -> int:
+def discard_trajectories(evaluation: Evaluation) -> int:
     """Take out the trajectories that `[run] keep` does not ask for; how many cases lost theirs
     comes back.
 
@@ -238,7 +238,9 @@ def let_go(evaluation: Evaluation) -> int:
             if keep == "critical":
                 numbers = {case: number for case, number, _ in store.names("ads")}
                 critical = critical_points(evaluation, numbers)
-            gone = store.let_go(lambda scenario, number: (scenario, number) in critical)
+            gone = store.discard_trajectories(
+                lambda scenario, number: (scenario, number) in critical
+            )
         kept = KeptResults(folder)
         with open_store(facts, whole=True):
             vouch(facts, kept)

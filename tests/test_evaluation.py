@@ -307,7 +307,7 @@ def test_the_same_configuration_gives_the_same_facts(done: Evaluation, tmp_path:
         open_store(done.folder / "facts.sqlite") as first,
         open_store(again.folder / "facts.sqlite") as second,
     ):
-        for fact in second.facts("ads") + second.facts("human"):
+        for fact in (*second.facts("ads"), *second.facts("human")):
             before, after = first.trajectories(fact.case), second.trajectories(fact.case)
             assert before.keys() == after.keys()
             for name in before:
@@ -428,7 +428,7 @@ def test_the_human_reference_is_a_door(tmp_path: Path) -> None:
     )
     evaluation = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run")
     with open_store(evaluation.folder / "facts.sqlite") as store:
-        humans = store.facts("human")
+        humans = list(store.facts("human"))
     assert {human.controller for human in humans} == {"recorded.py:drivers"}
     assert len(humans) == 3 * len(evaluation.cases)
     assert evaluation.scores[0].d is not None

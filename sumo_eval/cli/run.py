@@ -98,7 +98,7 @@ def run(
         read_evaluation(evaluation, own_ads=not ads)  # a mistake in it is told at once
     with Heard():
         warm_up()  # before the imports below, which take a second
-        from sumo_eval.evaluation import let_go, record_rounds
+        from sumo_eval.evaluation import discard_trajectories, record_rounds
         from sumo_eval.record.facts import WHOLE, estimate, parse_shard, resolve
         from sumo_eval.record.run_folder import refuse_foreign
 
@@ -146,7 +146,7 @@ def run(
         tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")
         sys.exit(NOT_EVALUATED if recorded.not_evaluated else DONE)
     result = scored(folder)
-    let_go(result)
+    discard_trajectories(result)
     finish(result, everything=everything)
 
 
@@ -188,12 +188,12 @@ def merge(shards: tuple[Path, ...], out: Path, everything: bool) -> None:
     """Put SHARDS, the folders of all parts that `run --shard` made, together into one run, and
     score it.
     """
-    from sumo_eval.evaluation import let_go
+    from sumo_eval.evaluation import discard_trajectories
     from sumo_eval.record.facts import merge as put_together
 
     put_together(shards, out)
     result = scored(out)
-    let_go(result)
+    discard_trajectories(result)
     finish(result, everything=everything)
 
 

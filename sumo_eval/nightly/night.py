@@ -24,7 +24,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from sumo_eval.errors import InputError, StoppedError, said
-from sumo_eval.evaluation import let_go, record_rounds, score
+from sumo_eval.evaluation import discard_trajectories, record_rounds, score
 from sumo_eval.nightly.bases import in_force
 from sumo_eval.nightly.history import (
     DONE,
@@ -187,7 +187,7 @@ def _evaluated(
             "removed and a new one begins."
         ) from error
     done = score(folder, progress=progress)
-    let_go(done)
+    discard_trajectories(done)
     return done, recorded.notes
 
 

@@ -212,7 +212,7 @@ _TIMES = (
 def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
     roles: tuple[Role, ...] = ("ads", "ideal", "no_reaction", "task_reference", "human")
     for role in roles:
-        for fact in store.each_fact(role):
+        for fact in store.facts(role):
             row = {name: getattr(fact, name) for name in _NAMES}
             hit = row.pop("collision")
             times = {name: row.pop(name) for name in _TIMES}

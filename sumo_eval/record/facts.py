@@ -454,7 +454,7 @@ def drive_again(cases: Sequence[Case], setup: Setup, store: Store) -> Iterator[t
     """
     with open_store(Path(":memory:"), create=True) as again:
         for outcome in run_cases(cases, setup):
-            key, whole = outcome.case.key, not store.is_let_go(outcome.case.key)
+            key, whole = outcome.case.key, not store.is_discarded(outcome.case.key)
             again.add(outcome)
             same = again.drive(key, whole=whole) == store.drive(key, whole=whole)
             yield outcome.case, "" if same else store.difference(key, again)

@@ -23,7 +23,7 @@ from sumo_eval.record.lock import held
 from sumo_eval.record.points import Resolved
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
-from sumo_eval.record.store import FORMAT_VERSION, Store
+from sumo_eval.record.store import FIX, FORMAT_VERSION, Store
 from sumo_eval.record.trust import code_of, give, is_remembered, refuse_foreign_code
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import EvaluationSettings
@@ -37,7 +37,6 @@ EXPOSURES = "exposure.json"
 LOCK = ".lock"
 SHARD = "shard"  # word that a facts file notes of its run
 GIVEN = "ads"  # where ADSs lie that were given by value
-_MEND = "Take the file from a copy of the run, or run the evaluation again into a new folder."
 _HALF_MADE = {
     EVALUATION,
     MANIFEST,
@@ -171,7 +170,7 @@ def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:
 def read_exposures(folder: Path) -> dict[str, Any]:
     """Exposures that `write_exposures` kept; nothing where a run has none."""
     try:
-        return read_sealed(folder / EXPOSURES, _MEND)
+        return read_sealed(folder / EXPOSURES, FIX)
     except FileNotFoundError:
         return {}
     except OSError as error:
@@ -237,7 +236,7 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
             )
 
     try:
-        return read_sealed(folder / MANIFEST, _MEND, first=refuse_other_formats)
+        return read_sealed(folder / MANIFEST, FIX, first=refuse_other_formats)
     except OSError as error:
         raise InputError(f"The manifest of run {folder} cannot be read: {error}.") from error
 

@@ -465,7 +465,7 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
 
 
 def _drove_alike(old: Store, before: str, now: Store, after: str) -> bool:
-    whole = not (old.is_let_go(before) or now.is_let_go(after))
+    whole = not (old.is_discarded(before) or now.is_discarded(after))
     return old.drive(before, whole=whole) == now.drive(after, whole=whole)
 
 

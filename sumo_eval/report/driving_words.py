@@ -65,7 +65,7 @@ def driving_words(
     """Sentences on one case, the gravest first, and a picture of its speed beside that of the
     drivers.
     """
-    if store.is_let_go(case.case) or not (case.evaluated or case.departed):
+    if store.is_discarded(case.case) or not (case.evaluated or case.departed):
         return ["The ADS gave the case up, which counts as doing nothing."] if case.gave_up else []
     scene = _scene(case, fact, store)
     said = [*_incident(scene, fact), *task_words(scene, logical)]
@@ -96,7 +96,7 @@ def _scene(case: CaseResult, fact: Fact, store: Store) -> CaseDrives:
     beside = {
         one.driver: store.trajectory(one.case)
         for one in drives
-        if one.status == "ok" and not store.is_let_go(one.case)
+        if one.status == "ok" and not store.is_discarded(one.case)
     }
     humans = tuple(
         beside[one.driver] for one in drives if one.role == "human" and one.driver in beside

@@ -200,7 +200,7 @@ def _likeness(
         )
         yield f"Eqs. 11-13: no D_i: {why}"
         return
-    if store.is_let_go(case.case):
+    if store.is_discarded(case.case):
         factors = [getattr(case, field) for field in FACTORS.values()]
         product = " x ".join(number(value, 4) for value in factors)
         yield (

@@ -97,7 +97,7 @@ def _fact(run: Path, case: str) -> tuple[Fact, dict[str, Trajectory] | None]:
         fact = store.fact(case)
         if fact is None or fact.role != "ads":
             raise unknown(f"case of run {run}", case, [known for known, _, _ in store.names("ads")])
-        driven = fact.simulated_time is not None and not store.is_let_go(case)
+        driven = fact.simulated_time is not None and not store.is_discarded(case)
         return fact, dict(store.trajectories(case)) if driven else None
 
 

@@ -87,7 +87,7 @@ def recorded(run: Path, key: str) -> Fact:
     """
     found = known_case(run, key)
     with open_store(run / FACTS) as store:
-        if store.is_let_go(key):
+        if store.is_discarded(key):
             raise store.no_trajectory(key)
         if not store.trajectories(key):
             raise InputError(

@@ -111,7 +111,7 @@ def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[Cas
         number = points[case]
         here = (scenario, number) in embedded.points
         recorded = store.trajectories(case) if here else {}
-        here = here and (bool(recorded) or not store.is_let_go(case))
+        here = here and (bool(recorded) or not store.is_discarded(case))
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
         fact = store.fact(case) if EGO in recorded else None
@@ -122,7 +122,7 @@ def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[Cas
     for number in sorted(number for name, number in embedded.with_drivers if name == scenario):
         for fact in store.facts_at(range(number, number + 1), "human", scenario):
             # D_i is made of those that ended well
-            if fact.status == "ok" and not store.is_let_go(fact.case):
+            if fact.status == "ok" and not store.is_discarded(fact.case):
                 drivers.setdefault(number, []).append(len(trajectories))
                 trajectories.append(store.trajectory(fact.case, EGO))
     return Drives(encode_trajectories(trajectories), rows, drivers)

@@ -118,6 +118,6 @@ def recorded_with(store: Store, car: str) -> bool:
     for _, role, _, _, number, _ in store.counts():
         if role in counts:
             counts[role] += number
-    first = next(iter(store.each_fact("task_reference")), None)
+    first = next(store.facts("task_reference"), None)
     driven = first is not None and first.controller == car
     return driven and counts["ideal"] == counts["task_reference"]

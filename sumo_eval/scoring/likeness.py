@@ -129,7 +129,7 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
     store, settings, names = space.store, space.settings, space.logical.names
     # of a million points as lists they would be half a gigabyte
     numbers, flat = array("q"), array("d")
-    for fact in store.each_fact("ideal", space.name):  # every point has one
+    for fact in store.facts("ideal", space.name):  # every point has one
         numbers.append(fact.point)
         flat.extend(fact.values[name] for name in names)
     values, there = (

@@ -46,7 +46,7 @@ def plausible_people(
     if settings.table == "motorway":
         return PlausiblePeople(MOTORWAY_PEOPLE, ())
     drives, names = [], []
-    for fact in store.each_fact("human", logical.name):
+    for fact in store.facts("human", logical.name):
         if fact.status == "ok" and fact.controller != SYNTHETIC:
             ego = store.trajectory(fact.case)
             drives.append(extremes_of(ego, _scripted(logical.concrete(**fact.values), ego.time)))

@@ -44,8 +44,8 @@ def use(path: Path, rows: int) -> tuple[int, int, int]:
             if not store.holds(outcome.case):
                 store.add(outcome)
         counted = sum(number for *_, number, _ in store.counts())
-        seen = sum(1 for _ in store.each_fact("ads"))
-        hits = sum(fact.collision is not None for fact in store.each_fact("ads"))
+        seen = sum(1 for _ in store.facts("ads"))
+        hits = sum(fact.collision is not None for fact in store.facts("ads"))
         store.digest()
     return counted, seen, hits
 

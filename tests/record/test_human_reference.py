@@ -35,7 +35,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
     evaluation = small(("idm",), steps={"ego_speed": 100.0, "lead_speed": 100.0})
     sumo_eval.evaluate(evaluation, folder)
     with open_store(folder / "facts.sqlite") as store:
-        point = store.facts("human")[0].point
+        point = next(store.facts("human")).point
         (ads,) = (fact.case for fact in store.facts("ads") if fact.point == point)
         drivers = tuple(fact.case for fact in store.facts("human") if fact.point == point)
     return folder / "facts.sqlite", PointJob(

@@ -130,8 +130,8 @@ def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(
             (2, "a"), (2, "b"), (5, "a"), (5, "b"), (9, "a"), (9, "b"),
         ]  # fmt: skip
         assert [fact.point for fact in store.facts("ads", driver="a")] == [2, 5, 9]
-        assert store.facts("human") == []
-        assert store.facts("ads", "front_vehicle_low_speed") == []
+        assert list(store.facts("human")) == []
+        assert list(store.facts("ads", "front_vehicle_low_speed")) == []
 
 
 def test_a_file_that_is_no_facts_file_is_refused_with_a_sentence(tmp_path: Path) -> None:
@@ -221,9 +221,9 @@ def test_a_full_disk_is_a_sentence_and_what_was_recorded_stays(tmp_path: Path) -
         big = {f"actor_{n}": drive(400, seed=n) for n in range(9)}
         with pytest.raises(InputError, match=r"cannot be written: database or disk is full"):
             store.add(Outcome(case(8), "ok", Recording(drive(), big, None, "road_end")))
-        kept = len(store.facts("ads"))
+        kept = len(list(store.facts("ads")))
     with open_store(tmp_path / "facts.sqlite") as store:
-        assert len(store.facts("ads")) == kept == 1
+        assert len(list(store.facts("ads"))) == kept == 1
 
 
 # --- damage ---------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from evaluations import small
 
 import sumo_eval
 from sumo_eval.errors import InputError
-from sumo_eval.evaluation import let_go, zone_partitions
+from sumo_eval.evaluation import discard_trajectories, zone_partitions
 from sumo_eval.record import human_reference, points
 from sumo_eval.record.facts import verify
 from sumo_eval.record.kept_results import KEPT
@@ -192,7 +192,7 @@ def test_a_run_whose_trajectories_were_let_go_has_the_scores_that_it_had(
     scored = sumo_eval.score(copy)
     size = (copy / FACTS).stat().st_size
     settings = replace(scored.settings, run=replace(scored.settings.run, keep="none"))
-    gone = let_go(replace(scored, settings=settings))
+    gone = discard_trajectories(replace(scored, settings=settings))
     with open_store(copy / FACTS, whole=True) as store:
         drives = sum(number for *_, number, _ in store.counts())
         stays = {case for case, _, _ in store.names("ads") if store.trajectories(case)}
@@ -203,7 +203,7 @@ def test_a_run_whose_trajectories_were_let_go_has_the_scores_that_it_had(
     for refused in (lambda: recorded(copy, lost.case),
         lambda: sumo_eval.score(copy, ["method.zones.restarts=1",
                     "method.anthropomorphic.slice_spacing=7.0"])):  # fmt: skip
-        with pytest.raises(InputError, match="were let go after it was scored"):
+        with pytest.raises(InputError, match="were discarded after it was scored"):
             refused()
     lines = explain_case(
         done_again := sumo_eval.score(copy), zone_partitions(done_again), lost.case
@@ -306,7 +306,7 @@ def test_what_was_let_go_is_in_no_digest_and_equal_rules_give_equal_digests(
     for folder in (copy, other):
         scored = sumo_eval.score(folder)
         settings = replace(scored.settings, run=replace(scored.settings.run, keep="none"))
-        assert let_go(replace(scored, settings=settings)) > 0
+        assert discard_trajectories(replace(scored, settings=settings)) > 0
         with open_store(folder / FACTS, whole=True) as store:
             digests.append(store.digest())
     assert digests[1] == digests[2] != digests[0]

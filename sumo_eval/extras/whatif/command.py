@@ -64,7 +64,7 @@ def _collisions(run: Path) -> list[Fact]:
     from sumo_eval.record.store import open_store
 
     with open_store(run / FACTS) as store:
-        return [fact for fact in store.each_fact("ads") if fact.collision is not None]
+        return [fact for fact in store.facts("ads") if fact.collision is not None]
 
 
 def _table(fact: Fact, answers: Sequence[Answer], drives: int) -> Iterator[str]:
