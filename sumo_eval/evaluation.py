@@ -22,10 +22,10 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.severity import chosen_severity
 from sumo_eval.record import run_folder
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.record.points import Resolved
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.store import open_store, vouch
 from sumo_eval.results import Evaluation
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scoring.fingerprint import scores_key
 from sumo_eval.scoring.kept_scores import RowWriter, keep_scores, kept_scores, table_of
 from sumo_eval.settings import EvaluationSettings
@@ -70,10 +70,10 @@ def evaluate(
     from sumo_eval.record.facts import resolve
 
     folder = Path(out)
-    settings, source = resolve(
+    run = resolve(
         evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler
     )
-    record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
+    record_rounds(run, folder, resume=resume, progress=progress, stopping=stopping)
     done = score(folder, progress=progress)
     discard_trajectories(done)
     load_object(_WRITE_RESULTS, None, "function")(done)
@@ -81,53 +81,36 @@ def evaluate(
 
 
 def record_rounds(
-    settings: EvaluationSettings,
-    source: Path,
+    run: Resolved,
     folder: Path,
     *,
     resume: bool = False,
-    shard: tuple[int, int] | None = None,
     progress: Progress = quiet,
     stopping: Stopping = never,
 ) -> Recorded:
     """Simulate an evaluation into a run folder, and where a scenario is sampled in rounds, one
-    round after the other.
+    round after another.
 
     Each round is scored before the next one is chosen. A stopped run continues in its round.
-
-    shard: which share i of n is simulated, if not all; an evaluation in rounds has no shares.
     """
-    from sumo_eval.record.facts import WHOLE, in_rounds, record_facts
+    from sumo_eval.record.facts import in_rounds, record_facts
     from sumo_eval.scoring.zones import find_zones, zones_are_known
 
-    adaptive = any(entry.sampling.method == "adaptive" for entry in settings.scenario)
+    adaptive = any(entry.sampling.method == "adaptive" for entry in run.settings.scenario)
     if adaptive:
-        settings = in_rounds(settings, folder if resume else None)
+        run = in_rounds(run, folder if resume else None)
     # Scores need the zones, driving does not.
-    zones = (
-        None if zones_are_known(settings, source) else partial(find_zones, settings, source, folder)
-    )
-    recorded = record_facts(
-        settings, source, folder, resume=resume, shard=shard or WHOLE, progress=progress,
-        stopping=stopping,
-        meanwhile=zones,
-    )  # fmt: skip
+    known = zones_are_known(run.settings, run.source)
+    zones = None if known else partial(find_zones, run.settings, run.source, folder)
+    record = partial(record_facts, folder=folder, progress=progress, stopping=stopping)
+    recorded = record(run, resume=resume, meanwhile=zones)
     # a round of single cases chooses no further one
-    rounds_follow = adaptive and not settings.run.only
-    while (
-        rounds_follow
-        and (further := _further_rounds(score(folder, progress=progress), settings)) != settings
-    ):
-        settings, notes = further, recorded.notes
-        recorded = record_facts(
-            settings,
-            source,
-            folder,
-            resume=True,
-            progress=progress,
-            stopping=stopping,
-            another_round=True,
-        )
+    while adaptive and not run.settings.run.only:
+        further = _further_rounds(score(folder, progress=progress), run.settings)
+        if further == run.settings:
+            break
+        run, notes = replace(run, settings=further), recorded.notes
+        recorded = record(run, resume=True, another_round=True)
         recorded = replace(recorded, notes=notes + recorded.notes)
     return recorded
 
@@ -165,14 +148,11 @@ def score(
         if not change.strip().startswith(("method.", "report.", "run.")):
             raise InputError(
                 f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
-                "depend on it. "
-                "Only `method`, `report` and `run` can; run the evaluation again for the rest."
+                "depend on it. Only `method`, `report` and `run` can; run the evaluation again for the rest."
             )
     settings = with_changes(run_folder.read_settings(folder), changes)
-    resolved, exposures = (
-        Resolved.of(settings, run_folder.source_of(folder)),
-        run_folder.read_exposures(folder),
-    )
+    resolved = Resolved.of(settings, run_folder.source_of(folder))
+    exposures = run_folder.read_exposures(folder)
     severity = chosen_severity(settings.method.collision, resolved.source)
     made_with = {
         "name": settings.method.collision.severity,
@@ -253,6 +233,4 @@ def zone_partitions(evaluation: Evaluation) -> dict[str, ZonePartition]:
     from sumo_eval.scoring.zones import zones_of
 
     with closing(KeptResults(evaluation.folder)) as kept:
-        return zones_of(
-            Resolved(evaluation.settings, evaluation.source, evaluation.scenarios), kept
-        )
+        return zones_of(evaluation.resolved, kept)

@@ -13,6 +13,7 @@ import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable, Zone
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import Alone
@@ -398,6 +399,11 @@ class Evaluation:
     def source(self) -> Path:
         """Where relative paths of its settings start."""
         return Path(str(self.manifest.get("source_folder", ".")))
+
+    @property
+    def resolved(self) -> Resolved:
+        """Its settings and scenarios."""
+        return Resolved(self.settings, self.source, self.scenarios)
 
     @property
     def checks(self) -> dict[str, dict[str, str]]:

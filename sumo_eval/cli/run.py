@@ -5,6 +5,7 @@ reproduced.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -99,8 +100,10 @@ def run(
     with Heard():
         warm_up()  # before the imports below, which take a second
         from sumo_eval.evaluation import discard_trajectories, record_rounds
-        from sumo_eval.record.facts import WHOLE, estimate, parse_shard, resolve
+        from sumo_eval.record.estimate import estimate
+        from sumo_eval.record.facts import parse_shard, resolve
         from sumo_eval.record.run_folder import refuse_foreign
+        from sumo_eval.scenario.resolved import WHOLE
 
     part = WHOLE if shard is None else parse_shard(shard)
     for locator in ads:
@@ -114,27 +117,22 @@ def run(
         if out is None and dry_run
         else out or out_folder.default("paper" if evaluation is None else evaluation.stem)
     )
-    settings, source = resolve(
+    resolved = resolve(
         evaluation, folder, resume, ads, **changes | {"only": changes["only"] or None}
     )
+    resolved = replace(resolved, shard=part)
     if out is not None and not dry_run:
         refuse_foreign(folder, resume)  # before anything that takes time
-    if settings.run.engine == "dask" and not dry_run:
+    if resolved.settings.run.engine == "dask" and not dry_run:
         from sumo_eval.record.cluster import refuse_without
 
-        refuse_without(settings.run.scheduler)
+        refuse_without(resolved.settings.run.scheduler)
     if dry_run:
-        tell(str(estimate(settings, source, out if resume else None, part)))
+        tell(str(estimate(resolved, out if resume else None)))
         sys.exit(DONE)
     with Progress() as progress, Stopping() as stopping:
         recorded = record_rounds(
-            settings,
-            source,
-            folder,
-            resume=resume,
-            shard=part,
-            progress=progress,
-            stopping=stopping,
+            resolved, folder, resume=resume, progress=progress, stopping=stopping
         )
     say(recorded.notes)
     if part != WHOLE:

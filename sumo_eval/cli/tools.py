@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -19,8 +19,7 @@ from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 
 if TYPE_CHECKING:
-    from sumo_eval.drivers.recorded.events import Events
-    from sumo_eval.scenario.logical import Counterpart
+    from sumo_eval.record.recording import Space
     from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 _ASKED = 200  # points of a scenario's own sample at which `check` searches for a hazard
@@ -167,6 +166,7 @@ def _check_scenario(use: str) -> NoReturn:
     from sumo_eval.record.facts import space_of
     from sumo_eval.scenario.catalogue import options_of
     from sumo_eval.scenario.file import check_file
+    from sumo_eval.scenario.resolved import Resolved
     from sumo_eval.settings import AdsSettings, EvaluationSettings, ScenarioSettings
 
     file, given = options_of(use)
@@ -174,7 +174,7 @@ def _check_scenario(use: str) -> NoReturn:
     scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
     # the file is asked everywhere
-    space = space_of(scenario, alone, path.parent.resolve(), looked_at=_ASKED)
+    space = space_of(Resolved.of(alone, path.parent.resolve()), 0, looked_at=_ASKED)
     logical = space.logical
     refuse_impossible_zones(logical, alone.method.zones)
     say(check_file(path, given))
@@ -215,61 +215,45 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
 
 
 def _check_evaluation(path: Path) -> None:
-    """Ask of each part of the file what a run asks before it simulates; name every mistake, not
-    only the first.
+    """Check each part of the file as a run does before it simulates; name every mistake, not only
+    the first.
     """
-    from sumo_eval.drivers.recorded.matching import known_match
-    from sumo_eval.drivers.recorded.reference import open_people, reference
-    from sumo_eval.errors import InputError
     from sumo_eval.method.severity import chosen_severity
     from sumo_eval.method.zone_partition import refuse_impossible_zones
-    from sumo_eval.record.facts import refuse_doubles, resolve, space_of
+    from sumo_eval.record.facts import settings_of, space_of
+    from sumo_eval.record.only import narrowed
     from sumo_eval.record.points import scenario_weights
     from sumo_eval.record.qualification import read_qualification
     from sumo_eval.record.recording import planner
-    from sumo_eval.scenario import catalogue
+    from sumo_eval.scenario.resolved import Resolved, refuse_doubles
     from sumo_eval.settings import DriverSettings
 
-    settings, source = resolve(path, Path(), resume=False)
+    settings, source = settings_of(path, Path(), resume=False)
+    if settings.run.only:
+        settings = narrowed(Resolved.of(settings, source)).settings
     tell(f"ok    {path}: the settings are valid")
-    wrong = 0
-
-    def found(described: str, find: Callable[[], str]) -> None:
-        nonlocal wrong
-        try:
-            said = find()
-        except InputError as error:
-            wrong += 1
-            tell(f"FAIL  {described}: {error}")
-        else:
-            tell(f"ok    {described}: {said}")
-
-    if settings.run.qualification:
-        found(
-            "qualification",
-            lambda: f"{read_qualification(settings.run.qualification, source)['checks']} checks",
-        )
+    plant, drivers = settings.simulation.plant, settings.drivers
     bare = replace(
         settings,
         ads=(),
         drivers=DriverSettings(),
         simulation=replace(settings.simulation, plant=None),
     )
-    spaces = []
+    spaces: list[Space] = []
 
-    def points(entry: ScenarioSettings, offset: int) -> str:
-        space = space_of(entry, settings, source, offset=offset)
+    def points(entry: ScenarioSettings) -> str:
+        space = space_of(Resolved.of(replace(settings, scenario=(entry,)), source), 0)
+        refuse_doubles([known.logical.name for known in (*spaces, space)])
         spaces.append(space)
-        refuse_doubles(spaces)
         refuse_impossible_zones(space.logical, settings.method.zones)
         return f"{len(space.points)} points of {', '.join(space.logical.names)}"
 
-    def planned(words: str, part: EvaluationSettings) -> str:
-        planner(part, source)
+    def planned(words: str, **part: Any) -> str:
+        planner(Resolved(replace(bare, **part), source, {}))
         return words
 
     def ranking() -> str:
-        names = [catalogue.find(entry.use, source).name for entry in settings.scenario]
+        names = [space.logical.name for space in spaces]
         weights = scenario_weights(names, settings.method.ranking)
         return ", ".join(f"{name} weighs {weight:g}" for name, weight in weights.items())
 
@@ -277,47 +261,65 @@ def _check_evaluation(path: Path) -> None:
         chosen_severity(settings.method.collision, source)
         return settings.method.collision.severity
 
-    for offset, entry in enumerate(settings.scenario):
-        found(f"scenario {entry.use}", partial(points, entry, offset))
-    for ads in settings.ads:
-        found(f"ADS {ads.name}", partial(planned, ads.controller, replace(bare, ads=(ads,))))
-    plant = settings.simulation.plant
-    words = "the single-track model" if plant is None else plant.file
-    found("vehicle model", partial(planned, words, replace(bare, simulation=settings.simulation)))
-    found(
-        "drivers",
-        partial(planned, settings.drivers.source, replace(bare, drivers=settings.drivers)),
-    )
-    if settings.drivers.source == "recorded" and not wrong:
-        people = open_people(settings.drivers, source)
+    def qualification() -> str:
+        return f"{read_qualification(settings.run.qualification, source)['checks']} checks"
+
+    vehicle = "the single-track model" if plant is None else plant.file
+    parts: list[tuple[str, Callable[[], str]]] = [
+        *([("qualification", qualification)] if settings.run.qualification else []),
+        *((f"scenario {entry.use}", partial(points, entry)) for entry in settings.scenario),
+        *(
+            (f"ADS {ads.name}", partial(planned, ads.controller, ads=(ads,)))
+            for ads in settings.ads
+        ),
+        ("vehicle model", partial(planned, vehicle, simulation=settings.simulation)),
+        ("drivers", partial(planned, drivers.source, drivers=drivers)),
+    ]
+    wrong = _count_mistakes(parts)
+    if drivers.source == "recorded" and not wrong:
         for space in spaces:
-            name, recorded = space.logical.name, space.logical.recorded
-            if people.events is not None and known_match(name, recorded) is not None:
-                found(f"recorded people of {name}", partial(_events, people.events, name, recorded))
-            safe = (space.concrete(number) for number in space.safe)
-            if not (
-                wrong
-                or any(
-                    reference(point, people, settings.drivers, recorded).drives for point in safe
-                )
-            ):
-                tell(
-                    f"WARN  recorded people of {name}: none match any of its {len(space.safe)} "
-                    "safe points"
-                )
-    found("severity", severity)
-    if settings.method.ranking.weights:
-        found("ranking", ranking)
-    sys.exit(INPUT_WRONG if wrong else DONE)
+            wrong += _check_recorded_people(space, settings, source)
+    closing = [("severity", severity)]
+    if settings.method.ranking.weights and len(spaces) == len(settings.scenario):
+        closing.append(("ranking", ranking))
+    sys.exit(INPUT_WRONG if wrong + _count_mistakes(closing) else DONE)
 
 
-def _events(events: Events, scenario: str, recorded: Counterpart | None) -> str:
-    """Say how many recorded events a scenario is like, before a run finds out that there are
-    none.
-    """
-    from sumo_eval.drivers.recorded.matching import matching_events
+def _count_mistakes(parts: Iterable[tuple[str, Callable[[], str]]]) -> int:
+    """Check parts of a file, print a line for each, and return how many are wrong."""
+    from sumo_eval.errors import InputError
 
-    return f"{len(matching_events(events, scenario, recorded))} events like it"
+    wrong = 0
+    for described, check_part in parts:
+        try:
+            tell(f"ok    {described}: {check_part()}")
+        except InputError as error:
+            wrong += 1
+            tell(f"FAIL  {described}: {error}")
+    return wrong
+
+
+def _check_recorded_people(space: Space, settings: EvaluationSettings, source: Path) -> int:
+    """Count the mistakes in recorded events of a scenario; warn where no safe point has any."""
+    from sumo_eval.drivers.recorded.matching import known_match, matching_events
+    from sumo_eval.drivers.recorded.reference import open_people, reference
+
+    people = open_people(settings.drivers, source)
+    name, recorded, wrong = space.logical.name, space.logical.recorded, 0
+    events = people.events
+    if events is not None and known_match(name, recorded) is not None:
+
+        def matching() -> str:
+            return f"{len(matching_events(events, name, recorded))} events like it"
+
+        wrong = _count_mistakes([(f"recorded people of {name}", matching)])
+    safe = (space.concrete(number) for number in space.safe)
+    drives = (reference(point, people, settings.drivers, recorded).drives for point in safe)
+    if not wrong and not any(drives):
+        tell(
+            f"WARN  recorded people of {name}: none match any of its {len(space.safe)} safe points"
+        )
+    return wrong
 
 
 @click.command(epilog="Example: sumo-eval schema evaluation > evaluation.schema.json")

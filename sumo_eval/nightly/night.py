@@ -174,11 +174,9 @@ def _evaluated(
     that were rerun.
     """
     try:
-        settings, source = resolve(evaluation, folder, resume, workers=workers)
+        run = resolve(evaluation, folder, resume, workers=workers)
         with stopping() as asked:
-            recorded = record_rounds(
-                settings, source, folder, resume=resume, progress=progress, stopping=asked
-            )
+            recorded = record_rounds(run, folder, resume=resume, progress=progress, stopping=asked)
     except InputError as error:
         if not resume:
             raise

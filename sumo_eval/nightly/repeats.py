@@ -49,8 +49,8 @@ def repeats_of(
     """
     if not settings.noise.cases:
         return {}
-    plan = planner(done.settings, done.source)
-    sample = _sample(done, plan, settings.noise.cases)
+    plan = planner(done.resolved)
+    sample = _sample(plan, settings.noise.cases)
     alike: dict[str, list[bool]] = {ads.name: [] for ads in done.settings.ads}
     with open_store(done.folder / FACTS) as store:
         for number, (case, difference) in enumerate(
@@ -70,14 +70,13 @@ def repeats_of(
     }
 
 
-def _sample(done: Evaluation, plan: Planner, number: int) -> list[Case]:
+def _sample(plan: Planner, number: int) -> list[Case]:
     """The cases of all ADSs at `number` points, drawn by the run's seed."""
-    entries = enumerate(done.settings.scenario)
-    spaces = [
-        space_of(entry, done.settings, plan.source, offset=offset) for offset, entry in entries
-    ]
+    spaces = [space_of(plan.run, place) for place in range(len(plan.run.scenarios))]
     ends = np.cumsum([len(space.numbers) for space in spaces])
-    drawn = random_stream(done.settings.seed, "driven twice").permutation(int(ends[-1]))[:number]
+    drawn = random_stream(plan.run.settings.seed, "driven twice").permutation(int(ends[-1]))[
+        :number
+    ]
     cases: list[Case] = []
     for space, end in zip(spaces, ends, strict=True):
         first = end - len(space.numbers)
@@ -94,7 +93,7 @@ def _rerun(done: Evaluation, cases: Collection[str], place: Path) -> dict[str, C
         with open_store(place / FACTS, create=True) as store:
             store.unseal()
             store.remove(cases)
-        record_facts(done.settings, done.source, place, resume=True)
+        record_facts(done.resolved, place, resume=True)
         wanted = set(cases)
         return {row.case: row for row in score(place).cases if row.case in wanted}
     finally:

@@ -37,12 +37,12 @@ def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, N
     """Outcomes of the cases as they end, in whatever order, from the engine that `setup.run`
     names.
     """
-    with closing(run_packs(cases, setup)) as packs:
+    with closing(run_batches(cases, setup)) as packs:
         for outcomes in packs:
             yield from outcomes
 
 
-def run_packs(
+def run_batches(
     cases: Iterable[Case], setup: Setup, stopping: Stopping = never
 ) -> Generator[list[Outcome], None, None]:
     """Outcomes of the cases by packs, a list of those that ended together, from the engine that

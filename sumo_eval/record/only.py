@@ -5,31 +5,30 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.scenario import catalogue
-from sumo_eval.settings import EvaluationSettings
+from sumo_eval.scenario.resolved import Resolved
 
 
-def narrowed(settings: EvaluationSettings, source: Path) -> EvaluationSettings:
+def narrowed(run: Resolved) -> Resolved:
     """An evaluation without the ADSs and logical scenarios of which `run.only` names no case.
 
     Raises InputError for a name that no ADS of the evaluation has a case of.
     """
+    settings = run.settings
     if not settings.run.only:
-        return settings
-    names = [catalogue.find(entry.use, source).name for entry in settings.scenario]
-    every = [ads.name for ads in settings.ads]
-    places = [_place(case, names, every) for case in settings.run.only]
+        return run
+    names = [ads.name for ads in settings.ads]
+    places = [_place(case, list(run.scenarios), names) for case in settings.run.only]
     scenarios, drivers = {scenario for scenario, _ in places}, {ads for _, ads in places}
 
-    entries = zip(settings.scenario, names, strict=True)
-    return replace(
+    kept = [(entry, logical) for entry, logical in run.entries if logical.name in scenarios]
+    settings = replace(
         settings,
-        scenario=tuple(entry for entry, name in entries if name in scenarios),
+        scenario=tuple(entry for entry, _ in kept),
         ads=tuple(ads for ads in settings.ads if ads.name in drivers),
     )
+    return replace(run, settings=settings, scenarios={logical.name: logical for _, logical in kept})
 
 
 def _place(case: str, scenarios: Sequence[str], every: Sequence[str]) -> tuple[str, str]:
@@ -61,7 +60,6 @@ def points_only(
     if wanted and max(wanted) >= points:
         raise InputError(
             f"A case of {scenario} must be numbered 0000 to {points - 1:04d}, got "
-            f"{max(wanted):04d}: "
-            f"the evaluation has {points} points there."
+            f"{max(wanted):04d}: the evaluation has {points} points there."
         )
     return [number for number in numbers if number in wanted]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,12 +12,11 @@ import numpy as np
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario, Values
 from sumo_eval.settings import EvaluationSettings, RankingSettings, ScenarioSettings, ZoneSettings
 from sumo_eval.trajectory import FloatArray
 
-# who asks which scenarios a run has needs neither zones nor samples: half a second of imports
+# looking up scenarios needs neither zones nor samples: half a second of imports
 if TYPE_CHECKING:
     from sumo_eval.method.zone_partition import ZonePartition
     from sumo_eval.scenario.sampling.samples import Sample
@@ -52,33 +51,6 @@ def kept_zones(
     return zones
 
 
-@dataclass(frozen=True, slots=True)
-class Resolved:
-    """An evaluation whose scenarios have been looked up.
-
-    source: where its relative paths start.
-    scenarios: by name, in the order of `settings.scenario`.
-    """
-
-    settings: EvaluationSettings
-    source: Path
-    scenarios: Mapping[str, LogicalScenario]
-
-    @classmethod
-    def of(cls, settings: EvaluationSettings, source: Path) -> Resolved:
-        """Look up its scenarios.
-
-        Raises InputError for one that is not there.
-        """
-        found = (catalogue.find(entry.use, source) for entry in settings.scenario)
-        return cls(settings, source, {logical.name: logical for logical in found})
-
-    @property
-    def entries(self) -> Iterator[tuple[ScenarioSettings, LogicalScenario]]:
-        """The evaluation's entry of each scenario, and the scenario."""
-        return zip(self.settings.scenario, self.scenarios.values(), strict=True)
-
-
 def choose_points(
     logical: LogicalScenario,
     entry: ScenarioSettings,
@@ -88,7 +60,7 @@ def choose_points(
 ) -> Sample:
     """The points of a scenario's space that are simulated.
 
-    exposure: in place of the scenario's own.
+    exposure: instead of the scenario's own.
     """
     from sumo_eval.method.zone_partition import danger
     from sumo_eval.scenario.sampling.request import Request
@@ -114,8 +86,7 @@ def choose_points(
     if len(points.points) == 0:
         raise InputError(
             f"The sampling of scenario `{entry.use}` must choose at least one possible point, got "
-            "none."
-            f"{_refusals(weighted, points)}"
+            f"none.{_refusals(weighted, points)}"
         )
     return points
 
@@ -126,12 +97,10 @@ def _refusals(logical: LogicalScenario, points: Sample) -> str:
     if not len(refused):
         return ""
     values = logical.columns(refused)
-    counts = [int((~np.asarray(one.holds(values))).sum()) for one in logical.constraints]
-    by = [
-        f"{count} by `{one.about}`"
-        for one, count in zip(logical.constraints, counts, strict=True)
-        if count
-    ]
+    counts = {
+        rule.about: int((~np.asarray(rule.holds(values))).sum()) for rule in logical.constraints
+    }
+    by = [f"{count} by `{about}`" for about, count in counts.items() if count]
     return f" Of {len(refused)} points are ruled out: {', '.join(by)}."
 
 

@@ -9,7 +9,7 @@ import hashlib
 import os
 import platform
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -20,12 +20,12 @@ from sumo_eval.errors import InputError
 from sumo_eval.input_file import writing
 from sumo_eval.record.build import builds_of
 from sumo_eval.record.lock import held
-from sumo_eval.record.points import Resolved
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
 from sumo_eval.record.store import FIX, FORMAT_VERSION, Store
 from sumo_eval.record.trust import code_of, give, is_remembered, refuse_foreign_code
 from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import read_evaluation, to_toml
 from sumo_eval.text import shown
@@ -112,7 +112,7 @@ def create(
     folder: Path,
     settings: EvaluationSettings,
     source: Path,
-    examples: Sequence[ConcreteScenario],
+    examples: Iterable[ConcreteScenario],
     *,
     another_round: bool = False,
 ) -> None:

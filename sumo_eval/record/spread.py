@@ -49,11 +49,10 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
 
 
 @contextmanager
-def beside(work: Callable[[], object]) -> Iterator[Callable[[], bool]]:
-    """`work` in a child process meanwhile, waited for at the end; what ends this early ends it,
-    too.
+def alongside(work: Callable[[], object]) -> Iterator[Callable[[], bool]]:
+    """`work` in a child process meanwhile, waited for at the end, ended where this ends early.
 
-    What comes back says whether it has failed. The caller that then does it here sees why.
+    Gives the function that returns whether it has failed. A caller that then does it here sees why.
     """
     context = child_context()
     lifeline, held = context.Pipe(duplex=False)

@@ -18,12 +18,13 @@ from sumo_eval.method.plausibility import Quantiles
 from sumo_eval.method.severity import Severity
 from sumo_eval.record.human_reference import LeftOut
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.record.points import Resolved, choose_points, kept_zones
+from sumo_eval.record.points import choose_points, kept_zones
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
 from sumo_eval.results import ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.next_round import ADAPTIVE, standing

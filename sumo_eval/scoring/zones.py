@@ -7,7 +7,8 @@ from pathlib import Path
 
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.kept_results import KeptResults, key_of
-from sumo_eval.record.points import ZONES, Resolved, kept_zones
+from sumo_eval.record.points import ZONES, kept_zones
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 

@@ -15,6 +15,7 @@ from sumo_eval.cosim.doors.entry import Entry, loading, made_absolute, split_ent
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.errors import InputError
 from sumo_eval.record.recording import planner
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import (
     AdsSettings,
     ConditionSettings,
@@ -219,11 +220,11 @@ def test_a_retrained_network_is_another_ads_and_a_file_that_is_not_there_is_refu
     with pytest.raises(
         InputError, match=r"`files` of ADS `a` must be files that are there, got 'weights\.bin'"
     ):
-        planner(settings, folder)
+        planner(Resolved(settings, folder, {}))
     found = []
     for content in (b"1", b"2", b"1"):
         (folder / "weights.bin").write_bytes(content)
-        found.append(planner(settings, folder).identities[ads.locator])
+        found.append(planner(Resolved(settings, folder, {})).identities[ads.locator])
     assert found[0] == found[2] != found[1]
 
 

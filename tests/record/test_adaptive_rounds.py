@@ -83,7 +83,7 @@ def test_a_run_with_one_worker_that_is_stopped_in_its_second_round_goes_on_to_th
     run, tmp_path
 ):
     stops = iter([False] * 4 + [True] * 50)
-    settings, _ = resolve(EVALUATION, tmp_path / "run", resume=False, workers=1)
+    settings = resolve(EVALUATION, tmp_path / "run", resume=False, workers=1).settings
     settings = replace(settings, run=replace(settings.run, cases_per_child=8, cases_per_pack=8))
     second = lambda: sum(sampling_of(tmp_path / "run").rounds, ()) != () and next(stops)  # noqa: E731
     with pytest.raises(StoppedError, match="--resume continues"):
@@ -151,6 +151,6 @@ def test_a_budget_below_what_was_driven_is_refused(run):
 
 
 def test_shards_cannot_choose_by_all_cases(tmp_path):
-    settings, source = resolve(EVALUATION, tmp_path, resume=False)
+    run = replace(resolve(EVALUATION, tmp_path, resume=False), shard=(1, 2))
     with pytest.raises(InputError, match=r"sampled in rounds .* cannot be recorded in shards"):
-        record_facts(settings, source, tmp_path / "run", shard=(1, 2))
+        record_facts(run, tmp_path / "run")

@@ -4,6 +4,7 @@ however a run goes."""
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from sumo_eval.record.store import open_store
 from sumo_eval.report.words import score_note
 from sumo_eval.results import DrivenInBlocks
 from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -36,8 +38,8 @@ HERE = Path(__file__).parent
 LEVELS = 3
 
 
-def evaluation(name: str = "OfTheMean", **run: Any) -> EvaluationSettings:
-    return EvaluationSettings(
+def evaluation(name: str = "OfTheMean", **run: Any) -> Resolved:
+    settings = EvaluationSettings(
         name="blocks",
         seed=5,
         scenario=(ScenarioSettings(LOGICAL.name, SamplingSettings(levels=LEVELS)),),
@@ -46,10 +48,11 @@ def evaluation(name: str = "OfTheMean", **run: Any) -> EvaluationSettings:
         drivers=DriverSettings(count=2),
         run=RunSettings(**{"cases_per_pack": SIZE, "workers": 1, **run}),
     )
+    return Resolved(settings, HERE, {LOGICAL.name: LOGICAL})
 
 
-def recorded(settings: EvaluationSettings, source: Path, out: Path, **more: Any) -> str:
-    record_facts(settings, source, out, **more)
+def recorded(run: Resolved, out: Path, **more: Any) -> str:
+    record_facts(run, out, **more)
     return digest(out)
 
 
@@ -57,7 +60,7 @@ def recorded(settings: EvaluationSettings, source: Path, out: Path, **more: Any)
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An uninterrupted run of six points, in blocks of four and two, with one worker."""
     folder = tmp_path_factory.mktemp("whole")
-    record_facts(evaluation(), HERE, folder / "run")
+    record_facts(evaluation(), folder / "run")
     return folder / "run"
 
 
@@ -72,8 +75,8 @@ def test_the_same_bytes_whatever_the_workers_and_the_engine_and_after_a_loss(
     one = digest(whole)
     shutil.copytree(whole, tmp_path / "one")
     for number, run in enumerate([{"workers": 2}, {"workers": 8}, {"engine": "serial"}]):
-        assert recorded(evaluation(**run), HERE, tmp_path / f"other{number}") == one
-    assert recorded(evaluation(cases_per_pack=3), HERE, tmp_path / "three") != one, (
+        assert recorded(evaluation(**run), tmp_path / f"other{number}") == one
+    assert recorded(evaluation(cases_per_pack=3), tmp_path / "three") != one, (
         "the composition is in the bits"
     )
 
@@ -88,26 +91,26 @@ def test_the_same_bytes_whatever_the_workers_and_the_engine_and_after_a_loss(
         store.note("complete", "")
         store.unseal()
         store.remove([fact.case for fact in facts if fact.point in (1, 5)])
-    assert recorded(evaluation(workers=2), HERE, tmp_path / "one", resume=True) == one
+    assert recorded(evaluation(workers=2), tmp_path / "one", resume=True) == one
     assert verify(tmp_path / "one", 0.3)[1] == []
 
 
 def test_verify_finds_it_when_the_answers_of_a_block_change(tmp_path: Path) -> None:
-    record_facts(evaluation("OfTheProcess"), HERE, tmp_path / "run")
+    record_facts(evaluation("OfTheProcess"), tmp_path / "run")
     assert verify(tmp_path / "run", 0.1)[1]
 
 
 def test_a_run_that_is_stopped_goes_on_in_the_same_blocks(whole: Path, tmp_path: Path) -> None:
     asked = iter([False])
     with pytest.raises(StoppedError):
-        record_facts(evaluation(), HERE, tmp_path / "two", stopping=lambda: next(asked, True))
-    assert recorded(evaluation(workers=2), HERE, tmp_path / "two", resume=True) == digest(whole)
+        record_facts(evaluation(), tmp_path / "two", stopping=lambda: next(asked, True))
+    assert recorded(evaluation(workers=2), tmp_path / "two", resume=True) == digest(whole)
 
 
 def test_a_shard_drives_the_blocks_of_the_whole(whole: Path, tmp_path: Path) -> None:
     shards = [tmp_path / "first", tmp_path / "second"]
     for number, shard in enumerate(shards, start=1):
-        record_facts(evaluation(), HERE, shard, shard=(number, 2))
+        record_facts(replace(evaluation(), shard=(number, 2)), shard)
     merge(shards, tmp_path / "merged")
     assert digest(tmp_path / "merged") == digest(whole)
 

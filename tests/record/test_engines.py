@@ -17,7 +17,7 @@ from sumo_eval.cli.stopping import Heard
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.record.cases import Case, Outcome, Setup, Status
-from sumo_eval.record.engines import LATE, is_late_by_chance, run_cases, run_packs
+from sumo_eval.record.engines import LATE, is_late_by_chance, run_batches, run_cases
 from sumo_eval.record.kept import KeptRecording, pack
 from sumo_eval.record.pool import Ended
 from sumo_eval.scenario import catalogue
@@ -292,7 +292,7 @@ def test_stopping_lets_running_cases_end_and_begins_no_more() -> None:
         return len(asked) > 5
 
     cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(50)]
-    assert sum(map(len, run_packs(cases, setup, stopping))) == 5
+    assert sum(map(len, run_batches(cases, setup, stopping))) == 5
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")

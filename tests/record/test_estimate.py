@@ -7,18 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sumo_eval.record import estimate as costs
 from sumo_eval.record import facts
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 
+HERE = Path()
 HALTON = ScenarioSettings("cut_in", sampling=SamplingSettings("halton", count=2000))
+
+
+def estimated(ads: tuple[AdsSettings, ...], source: Path = HERE) -> costs.Estimate:
+    return costs.estimate(Resolved.of(EvaluationSettings("x", (HALTON,), ads), source), None)
 
 
 def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch: pytest.MonkeyPatch) -> None:
     placed = []
     monkeypatch.setattr(facts, "check_points", lambda logical, points: placed.append(len(points)))
     settings = EvaluationSettings("x", (HALTON,), (AdsSettings("idm", "idm"),))
-    whole = facts.space_of(HALTON, settings, Path())
-    some = facts.space_of(HALTON, settings, Path(), looked_at=200)
+    run = Resolved.of(settings, Path())
+    whole, some = facts.space_of(run, 0), facts.space_of(run, 0, looked_at=200)
     assert placed == [len(whole.points), -(-len(whole.points) // -(-len(whole.points) // 200))]
     np.testing.assert_array_equal(some.points, whole.points)
     assert len(some.hazardous) == len(whole.hazardous)
@@ -26,36 +33,33 @@ def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch: pytest.Mon
 
 
 def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    timed = {}
+    timed = []
 
     def seconds_a_drive(kinds, setup):
-        timed.update(kinds)
+        timed.extend(cases for sort, cases in kinds if sort == "ads")
         return {"ads": 2.0, "references": 0.0, "humans": 0.0}, 1, False
 
-    monkeypatch.setattr(facts, "_seconds_a_drive", seconds_a_drive)
+    monkeypatch.setattr(costs, "_seconds_a_drive", seconds_a_drive)
     ads = tuple(AdsSettings(f"a{number}", "idm") for number in range(300))
-    found = facts.estimate(EvaluationSettings("x", (HALTON,), ads), Path(), None, facts.WHOLE)
-    points = found.references // 3
-    assert found.ads == 300 * points
-    assert found.seconds == pytest.approx(2.0 * found.ads / found.workers)
-    assert len(timed["ads"]) == 12
-    assert {len({case.driver for case in cases}) for cases in timed["ads"]} == {1}
-    assert len({cases[0].driver for cases in timed["ads"]}) == 12
+    found = estimated(ads)
+    points = found.drives["references"] // 3
+    assert found.drives["ads"] == 300 * points
+    assert found.seconds == pytest.approx(2.0 * found.drives["ads"] / found.workers)
+    assert len(timed) == 12
+    assert {len({case.driver for case in cases}) for cases in timed} == {1}
+    assert len({cases[0].driver for cases in timed}) == 12
 
 
 def test_kinds_that_time_ran_out_for_take_what_the_others_took(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(facts, "_TIMED_FOR", -1.0)
-    found = facts.estimate(
-        EvaluationSettings("x", (HALTON,), (AdsSettings("idm", "idm"),)), Path(), None, facts.WHOLE
-    )
+    monkeypatch.setattr(costs, "_TIMED_FOR", -1.0)
+    found = estimated((AdsSettings("idm", "idm"),))
     assert found.timed == 1
     assert found.untimed == ("references", "human drivers")
-    drives = found.ads + found.references + found.humans
-    assert found.seconds * found.workers / drives > 1e-4
+    assert found.seconds * found.workers / found.drives.total() > 1e-4
     assert (
-        "Drives of the references and human drivers were not timed: they count as the others."
+        "Drives of the references and human drivers were not timed: they count as the rest."
         in str(found)
     )
 
@@ -77,7 +81,7 @@ def test_estimate_of_slow_ads_loads_a_few_and_drives_a_few(tmp_path: Path) -> No
     ads = tuple(
         AdsSettings(f"a{number}", f"slow.py:Slow?options.number={number}") for number in range(1000)
     )
-    found = facts.estimate(EvaluationSettings("x", (HALTON,), ads), tmp_path, None, facts.WHOLE)
+    found = estimated(ads, tmp_path)
     assert found.loaded == (12, 1000)
     assert "12 of the 1000 ADSs were loaded and timed; a run loads them all." in str(found)
     assert found.timed == 1

@@ -11,7 +11,7 @@ import pytest
 
 import sumo_eval
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup
-from sumo_eval.record.engines import run_cases, run_packs
+from sumo_eval.record.engines import run_batches, run_cases
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.kept import KeptRecording
 from sumo_eval.record.packs import LEAST, Packs
@@ -145,7 +145,7 @@ def kinds() -> list[Case]:
 
 def stored(path: Path, run: Setup) -> str:
     with open_store(path, create=True) as store:
-        for outcomes in run_packs(kinds(), run):
+        for outcomes in run_batches(kinds(), run):
             store.add(*outcomes)
         return store.digest()
 

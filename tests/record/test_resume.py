@@ -24,6 +24,7 @@ import sumo_eval
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.record.facts import parse_shard, record_facts
 from sumo_eval.record.run_folder import only_writer
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings.config import read_evaluation
 
 CLUSTERS = Path(__file__).parents[2] / "docs" / "clusters.md"
@@ -82,12 +83,12 @@ def test_resuming_a_complete_run_simulates_nothing(
     simulated = []
     from sumo_eval.record import recording
 
-    def run_packs(cases, setup, stopping):  # type: ignore[no-untyped-def]
+    def run_batches(cases, setup, stopping):  # type: ignore[no-untyped-def]
         for case in cases:
             simulated.append(case.key)
             yield from ()
 
-    monkeypatch.setattr(recording, "run_packs", run_packs)
+    monkeypatch.setattr(recording, "run_batches", run_batches)
     evaluation = sumo_eval.evaluate(None, whole, resume=True)
     assert simulated == []
     assert digest(whole) == before
@@ -120,23 +121,22 @@ def test_a_module_that_the_ads_imports_is_part_of_it(tmp_path: Path) -> None:
     from sumo_eval.record.recording import planner
 
     settings = read_evaluation(path)
-    first = planner(settings, tmp_path).identities
+    first = planner(Resolved(settings, tmp_path, {})).identities
     (tmp_path / "unrelated.py").write_text("x = 2\n")
-    assert planner(settings, tmp_path).identities == first
+    assert planner(Resolved(settings, tmp_path, {})).identities == first
     (tmp_path / "gains.py").write_text("GAIN = 2.0\n")
-    second = planner(settings, tmp_path).identities
+    second = planner(Resolved(settings, tmp_path, {})).identities
     assert second["idm"] == first["idm"]
     assert second["my_ads.py:MyAds"] != first["my_ads.py:MyAds"]
 
 
 def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole: Path) -> None:
     before = digest(whole)
-    settings = read_evaluation(whole / "evaluation.toml")
-    source = whole.parent
-    fewer = replace(settings, ads=settings.ads[:1])
+    run = Resolved.of(read_evaluation(whole / "evaluation.toml"), whole.parent)
+    fewer = replace(run, settings=replace(run.settings, ads=run.settings.ads[:1]))
     with pytest.raises(InputError, match="a run keeps its cases"):
-        record_facts(fewer, source, whole, resume=True)
-    record_facts(settings, source, whole, resume=True)
+        record_facts(fewer, whole, resume=True)
+    record_facts(run, whole, resume=True)
     assert digest(whole) == before
 
 
@@ -426,17 +426,17 @@ def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(
     whole: Path, tmp_path: Path
 ) -> None:
     path = write_evaluation(tmp_path, SLOW_ADS)
-    settings = read_evaluation(path)
+    run = Resolved.of(read_evaluation(path), tmp_path)
     with pytest.raises(InputError, match="zones of `mine`"):
-        record_facts(settings, tmp_path, tmp_path / "run", meanwhile=refuse)
+        record_facts(run, tmp_path / "run", meanwhile=refuse)
     assert rows(tmp_path / "run") < rows(whole), "not after an hour of driving"
 
 
 def test_driving_goes_on_where_only_the_process_beside_it_was_lost(
     whole: Path, tmp_path: Path
 ) -> None:
-    settings = read_evaluation(write_evaluation(tmp_path))
-    record_facts(settings, tmp_path, tmp_path / "run", meanwhile=LostElsewhere(os.getpid()))
+    run = Resolved.of(read_evaluation(write_evaluation(tmp_path)), tmp_path)
+    record_facts(run, tmp_path / "run", meanwhile=LostElsewhere(os.getpid()))
     assert digest(tmp_path / "run") == digest(whole)
 
 

@@ -56,7 +56,7 @@ def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(
 ) -> None:
     content = {"name": "n", "scenario": [{"use": "ncap_2026", "folder": str(NCAP)}],
                "ads": [{"name": "idm", "controller": "idm"}]}  # fmt: skip
-    settings, _ = resolve(content, tmp_path, resume=False)
+    settings = resolve(content, tmp_path, resume=False).settings
     # an ego that turns has a road for each of its three radii
     assert len(settings.scenario) == 20 + 2 * 3
     assert not settings.scenario[0].not_played
@@ -71,7 +71,7 @@ def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(
         whole.replace("../../CCRs.xosc", str(base)), encoding="utf-8"
     )
     content["scenario"] = [{"use": "ncap_2026", "folder": str(tmp_path)}]
-    settings, _ = resolve(content, tmp_path, resume=False)
+    settings = resolve(content, tmp_path, resume=False).settings
     assert [Path(entry.use).name for entry in settings.scenario] == ["CCRs.xosc"]
     ((name, why),) = settings.scenario[0].not_played.items()
     assert name == "CPNA.xosc"

@@ -26,7 +26,7 @@ from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc, re
 from sumo_eval.method.score import combined_score
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.record.cases import Case, Setup
-from sumo_eval.record.engines import run_packs
+from sumo_eval.record.engines import run_batches
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario import (
@@ -499,7 +499,7 @@ def _digest(workers: int, pack: int) -> str:
     with TemporaryDirectory() as folder:
         setup = Setup(settings, RunSettings(workers=workers, cases_per_pack=pack), Path(folder))
         with open_store(Path(folder) / "facts.sqlite", create=True) as store:
-            for outcomes in run_packs(cases, setup):
+            for outcomes in run_batches(cases, setup):
                 store.add(*outcomes)
             return store.digest()[:12]
 
