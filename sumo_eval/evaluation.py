@@ -148,7 +148,8 @@ def score(
         if not change.strip().startswith(("method.", "report.", "run.")):
             raise InputError(
                 f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
-                "depend on it. Only `method`, `report` and `run` can; run the evaluation again for the rest."
+                "depend on it. Only `method`, `report` and `run` can; run the evaluation again for "
+                "the rest."
             )
     settings = with_changes(run_folder.read_settings(folder), changes)
     resolved = Resolved.of(settings, run_folder.source_of(folder))

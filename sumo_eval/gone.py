@@ -51,7 +51,6 @@ def refuse_use_case(name: str) -> Never:
     """Raise InputError: use cases became scenario files."""
     raise InputError(
         f"Use cases as Gherkin tables are not supported any more, got {name}: write the rows as "
-        "`[[sample]]` points "
-        "and the `Then` lines as `[[require]]` of a scenario file "
+        "`[[sample]]` points and the `Then` lines as `[[require]]` of a scenario file "
         "(docs/reference/scenario_file.md)."
     )

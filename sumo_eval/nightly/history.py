@@ -285,8 +285,7 @@ class History:
         """
         found = self._connection.execute(
             "SELECT night FROM begun WHERE rowid > coalesce((SELECT max(b.rowid) FROM begun AS b "
-            "JOIN nights USING "
-            "(night)), 0) ORDER BY rowid"
+            "JOIN nights USING (night)), 0) ORDER BY rowid"
         )
         return [night for (night,) in found]
 

@@ -268,9 +268,8 @@ def _clear_away(history: Path, lines: History, but: str | None = None) -> list[s
             notes.append(f"{path} is not in the history; it was left as it is.")
         elif _is_complete(path):  # as when an old copy of the history was put back
             notes.append(
-                f"{path} is a complete run without a line in the history; it was left as it is. "
-                "To add it: "
-                f"sumo-eval trend {history} --import {path}."
+                f"{path} is a complete run without a line in the history; it was left as it is. To "
+                f"add it: sumo-eval trend {history} --import {path}."
             )
         elif _removed(path):
             notes.append(

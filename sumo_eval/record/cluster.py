@@ -120,8 +120,7 @@ def _threads(client: Any, address: str) -> int:
 def _lost(address: str, error: OSError) -> InputError:
     return InputError(
         f"The Dask scheduler at {address} does not answer any more: {said(error)}. What had ended "
-        "is recorded; start a "
-        f"scheduler again and go on with --resume."
+        "is recorded; start a scheduler again and go on with --resume."
     )
 
 

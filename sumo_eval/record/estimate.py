@@ -71,7 +71,8 @@ class Estimate:
             lines.append(f"Drives of the {sorts} were not timed: they count as the rest.")
         if self.broken_off:
             lines.append(
-                f"A drive was broken off after {_LONGEST_DRIVE:g} s: the run takes longer than that."
+                f"A drive was broken off after {_LONGEST_DRIVE:g} s: the run takes longer than "
+                "that."
             )
         return "\n".join(lines)
 

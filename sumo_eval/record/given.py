@@ -37,9 +37,8 @@ def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
         data: bytes = cloudpickle.dumps(ads)
     except Exception as error:
         raise InputError(
-            f"ADS `{name}` cannot be sent to the processes that drive: {said(error)}. Make what "
-            "it holds in its "
-            "constructor or in `reset`, or give its locator, `my_ads.py:Name`."
+            f"ADS `{name}` cannot be sent to the processes that drive: {said(error)}. Make what it "
+            "holds in its constructor or in `reset`, or give its locator, `my_ads.py:Name`."
         ) from error
     refuse_foreign(run, resume)
     file = (run / GIVEN / f"{name}-{hashlib.sha256(data).hexdigest()[:12]}.pickle").resolve()

@@ -350,9 +350,8 @@ class OneVersion:
                 if UNKNOWN not in (found, before) and before not in (found, WRITTEN):
                     raise InputError(
                         f"ADS `{ads}` was changed while the run went on: its processes have read "
-                        "two versions of "
-                        f"{clean(path)}. What was driven before is kept; --resume drives again "
-                        "what depends on it."
+                        f"two versions of {clean(path)}. What was driven before is kept; --resume "
+                        "drives again what depends on it."
                     )
 
 

@@ -231,8 +231,7 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
         if content.get("format_version") != FORMAT_VERSION:
             raise InputError(
                 f"Run {folder} has format version {shown(content.get('format_version'))}; this "
-                "sumo_eval reads "
-                f"{FORMAT_VERSION}."
+                f"sumo_eval reads {FORMAT_VERSION}."
             )
 
     try:
@@ -245,9 +244,8 @@ def check_complete(store: Store, folder: Path) -> None:
     """Refuse to score what is no more than a part: a mean over it would not be the run's."""
     if store.noted(SHARD) not in ("", "1/1"):
         raise InputError(
-            f"Run {folder} is shard {store.noted(SHARD)} of an evaluation; put the shards "
-            "together first: "
-            "sumo-eval merge SHARD ... --out DIR."
+            f"Run {folder} is shard {store.noted(SHARD)} of an evaluation; put the shards together "
+            "first: sumo-eval merge SHARD ... --out DIR."
         )
     if not store.sealed:
         raise InputError(

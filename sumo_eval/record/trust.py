@@ -120,9 +120,8 @@ def refuse_foreign_code(
     what, locator, _ = min(code - _given)
     raise InputError(
         f"Run {run} names code, the {what} `{clean(locator)}` with paths from "
-        f"{clean(str(source))}, and is not known "
-        f"as recorded by you on this machine. If that code may run here: sumo-eval report {run} "
-        "--trust."
+        f"{clean(str(source))}, and is not known as recorded by you on this machine. If that code "
+        f"may run here: sumo-eval report {run} --trust."
     )
 
 
