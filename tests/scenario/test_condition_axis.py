@@ -1,5 +1,6 @@
 """A condition as a parameter of a scenario file."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -8,24 +9,9 @@ import sumo_eval
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
 
-SHIPPED = Path(sumo_eval.__file__).parent / "scenario" / "files" / "cut_in.toml"
-AXES = """
-[[parameter]]
-name = "conditions.perception_delay"
-low = 0.0
-high = 1.0
-step = 0.5
-unit = "s"
-
-[[parameter]]
-name = "conditions.sensor_range"
-low = 20.0
-high = 120.0
-step = 50.0
-unit = "m"
-
-[define]
-"""
+ROOT = Path(__file__).parents[2]
+SHIPPED = ROOT / "sumo_eval" / "scenario" / "files" / "cut_in.toml"
+EXAMPLE = ROOT / "docs" / "examples" / "cut_in_perceived.toml"
 POLICY = """
 class Keeps:
     def act(self, observation):
@@ -34,11 +20,18 @@ class Keeps:
 """
 
 
+def test_the_example_is_cut_in_with_two_more_axes():
+    shipped, example = (tomllib.loads(file.read_text()) for file in (SHIPPED, EXAMPLE))
+    axes = [axis["name"] for axis in example["parameter"][:2]]
+    assert axes == ["conditions.perception_delay", "conditions.sensor_range"]
+    del example["parameter"][:2]
+    assert example | {"name": "cut_in"} == shipped
+
+
 def test_delay_and_range_are_axes_that_only_the_ads_feels(tmp_path):
-    text = SHIPPED.read_text().replace("[define]\n", AXES.lstrip(), 1)
-    (tmp_path / "seen_late.toml").write_text(text.replace('"cut_in"', '"seen_late"', 1))
+    (tmp_path / EXAMPLE.name).write_text(EXAMPLE.read_text())
     (tmp_path / "keeps.py").write_text(POLICY)
-    logical = catalogue.find("seen_late.toml", tmp_path)
+    logical = catalogue.find(EXAMPLE.name, tmp_path)
     here = {"ego_speed": 30.0, "cut_in_speed": 15.0, "gap": 40.0, "lateral_speed": 0.9}
     worst = {"conditions.perception_delay": 1.0, "conditions.sensor_range": 20.0}
     late = logical.concrete(**here, **worst)
@@ -55,7 +48,7 @@ def test_delay_and_range_are_axes_that_only_the_ads_feels(tmp_path):
 name = "seen"
 seed = 3
 [[scenario]]
-use = "seen_late.toml"
+use = "cut_in_perceived.toml"
 [scenario.sampling]
 method = "latin_hypercube"
 count = 24
@@ -66,11 +59,15 @@ controller = "keeps.py:Keeps"
 count = 2
 [run]
 workers = 1
+[method.zones]
+restarts = 0
+refinements = 0
+grid_points = 1000
 """
     (tmp_path / "night.toml").write_text(evaluation)
     done = sumo_eval.evaluate(tmp_path / "night.toml", tmp_path / "run")
-    cases = done.cases_of("keeps", "seen_late")
+    cases = done.cases_of("keeps", "cut_in_perceived")
     assert not cases.missing.any()
-    points = np.array([[30.0, 15.0, 40.0, 0.9, delay, 120.0] for delay in (0.0, 1.0)])
+    points = np.array([[delay, 120.0, 30.0, 15.0, 40.0, 0.9] for delay in (0.0, 1.0)])
     approach = logical.approach(logical.columns(points))
     assert np.ptp(approach.gap) == 0.0

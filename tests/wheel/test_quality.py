@@ -76,3 +76,7 @@ def test_each_bound_marks_the_drive_that_breaks_it_and_no_other() -> None:
     assert (
         replace(GOOD, stepped_down=None, unanswered=None, drawn=None).against(rule) == ()
     )  # a tape that does not tell
+
+
+def test_the_participant_reads_the_share_of_late_pictures() -> None:
+    assert "100 % of the pictures came late." in replace(GOOD, dropped=1.0).sentences()
