@@ -369,14 +369,17 @@ class Reader:
         late = round(self.number(condition, "delay") / STEP)
         if len(seen) <= late:
             return False
-        now, was = seen[-1 - late], seen[-2 - late] if len(seen) > late + 1 else None
+        first = False if kind.tag == "ByValueCondition" else None  # nothing held before the start
+        now, was = seen[-1 - late], seen[-2 - late] if len(seen) > late + 1 else first
         edges = {"none": now, "rising": now and was is False, "falling": not now and was is True,
                  "risingOrFalling": was is not None and now != was}  # fmt: skip
         return edges[condition.get("conditionEdge")]
 
     def _by_value(self, element: Any) -> bool:
         if element.tag == "SimulationTimeCondition":
-            return RULES[element.get("rule")](self.time, self.number(element, "value"))
+            # a step is short: `greaterThan` begins at the time itself
+            rule = element.get("rule").replace("greaterThan", "greaterOrEqual")
+            return RULES[rule](self.time, self.number(element, "value"))
         assert element.tag == "StoryboardElementStateCondition", element.tag
         name, kind = element.get("storyboardElementRef"), element.get("storyboardElementType")
         states = [state for it, state in self.states.items()
@@ -404,7 +407,7 @@ class Reader:
         assert other is not None, element.tag
         if element.tag == "RelativeSpeedCondition":
             return rule(body.v - other.v, value)
-        along = other.s - body.s
+        along = self._ahead(element, body, other)
         gap = abs(along + free * (other.centre - body.centre)) - free * 0.5 * (
             body.length + other.length
         )
@@ -418,7 +421,23 @@ class Reader:
         if element.get("relativeDistanceType") == "longitudinal":
             return rule(gap, value)
         assert not free
-        return rule(math.hypot(along, other.t - body.t), value)
+        x, y, _ = body.road.at(body.s, body.t)
+        return rule(math.dist((x, y), other.road.at(other.s, other.t)[:2]), value)
+
+    def _ahead(self, element: Any, body: Body, other: Body) -> float:
+        """How far another reference point is ahead: along the body's own axis, the middle of its
+        lane, or the reference line."""
+        assert body.road is not None
+        assert other.road is not None
+        along_road = self.text(element, "alongRoute") == "true"
+        system = element.get("coordinateSystem", "lane" if along_road else "entity")
+        if system != "entity":
+            t = body.road.lanes[body.lane()][0] if system == "lane" else 0.0
+            mean = 0.5 * (body.s + other.s)
+            return body.way * (other.s - body.s) * (1.0 - body.road.bend(mean) * t)
+        x, y, heading = body.road.at(body.s, body.t)
+        x2, y2, _ = other.road.at(other.s, other.t)
+        return body.way * ((x2 - x) * math.cos(heading) + (y2 - y) * math.sin(heading))
 
     # the storyboard
 

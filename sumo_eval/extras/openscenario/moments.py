@@ -17,7 +17,7 @@ from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import RULES
 from sumo_eval.scenario import played
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Piece, tightest
+from sumo_eval.scenario.road.reference_line import Piece, length_of, tightest
 from sumo_eval.text import shown
 
 Step = tuple[int, int, int, float]
@@ -114,7 +114,7 @@ class Conditions:
     """What conditions can ask for: entities, their numbers among the actors, and elements of the
     storyboard above.
 
-    origin, line: of the road's frame.
+    origin, line: of the road's frame. reference: of the road's reference line, m left of `line`.
     latch: adds a move that changes nothing and begins when a program holds; its actor and number.
     """
 
@@ -122,6 +122,7 @@ class Conditions:
     number_of: Mapping[str, int]
     origin: Pose
     line: tuple[Piece, ...]
+    reference: float
     latch: Callable[[Program], tuple[int, int]] = lambda program: (0, 0)
     spans: list[tuple[str, str, Span]] = field(default_factory=list)
 
@@ -355,15 +356,31 @@ class Conditions:
     def _apart(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> Number:
         """How far two bodies, or their reference points, are apart along one axis, m."""
         apart = abs(self._ahead(element, one, other, axis))
+        scale = self._scale(element, one) if axis == played.X else 1.0
         if not element.flag("freespace"):
-            return apart
+            return apart if scale == 1.0 else apart * _constant(scale)
         apart -= _constant(_half(one, axis) + _half(other, axis))
         if axis == played.Y or isinstance(other, Pose):
             return apart
         # along the road of the bodies as they point at that time
         a, b = self._number(one, element), self._number(other, element)
         gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
-        return Number(gaps, apart.start)
+        apart = Number(gaps, apart.start)
+        return apart if scale == 1.0 else apart * _constant(scale)
+
+    def _scale(self, element: Node, one: Entity) -> float:
+        """m that a condition measures for a metre along the road's line.
+
+        Entity and lane have a parallel of that line at the start of the entity, the road has its
+        reference line. On a curve the mean curvature counts.
+        """
+        default = "lane" if element.flag("alongRoute") else "entity"
+        system = element.one_of("coordinateSystem", ("entity", "lane", "road"), default)
+        if not self.line:
+            return 1.0
+        turned = sum(0.5 * (it.begin + it.end) * it.length for it in self.line)
+        left = self.reference if system == "road" else one.frame.y
+        return 1.0 - turned / length_of(self.line) * left
 
     def _distance(self, element: Node, one: Entity) -> tuple[Number, float]:
         default = "euclidianDistance" if element.tag == "DistanceCondition" else None
