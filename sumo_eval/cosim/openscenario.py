@@ -3,12 +3,17 @@
 Vehicles with scripted manoeuvres follow a trajectory with times, so that they do there exactly what
 they did here; those whose moves depend on what happens follow the one that was recorded. The
 reference point of every vehicle is put into the middle of its body, where this package has it.
+
+The header holds the case to the last bit, with a seal over the file and its road: unchanged, the
+file imports as that case.
 """
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -16,8 +21,20 @@ import numpy as np
 from lxml import etree
 from lxml.builder import ElementMaker  # type: ignore[import-not-found]
 
+from sumo_eval.coded import decoded, encoded
 from sumo_eval.cosim.sumo.sumo_files import EGO
-from sumo_eval.scenario.concrete import ConcreteScenario, Road, Start
+from sumo_eval.errors import InputError
+from sumo_eval.scenario.concrete import (
+    Actor,
+    ConcreteScenario,
+    EgoBody,
+    Model,
+    NetworkFile,
+    Road,
+    Start,
+    Way,
+)
+from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missing_at
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.scenario.undisturbed import tracks
@@ -36,6 +53,20 @@ _CATEGORIES = {
 }
 
 
+CASE, _SEAL = "sumo_eval_case", "sumo_eval_seal"
+
+
+def _actor(name: str, start: Start, acts: Iterable[Any], *rest: Any) -> Actor:
+    return Actor(name, start, tuple(Act(*act) for act in acts), *rest)
+
+
+_RECORDS: dict[str, Any] = {
+    it.__name__: it
+    for it in (ConcreteScenario, Crossing, EgoBody, LaneSpan, Model, NetworkFile, Piece, Road,
+        Start, Way)
+} | {"Actor": _actor}  # fmt: skip
+
+
 def _written(_: object, value: float) -> str:
     return f"{value:.6f}".rstrip("0").rstrip(".") if value else "0"
 
@@ -46,7 +77,7 @@ E: Any = ElementMaker(typemap={float: _written, int: _written, np.float64: _writ
 def opendrive_xml(road: Road) -> str:
     """The road as OpenDRIVE 1.6; lane -1 is the leftmost one.
 
-    The reference line is the left edge; of a road that bends it is the right lane's centre, from
+    The reference line is the left edge; of a curved road it is the right lane's centre, from
     which the lanes are offset: an offset of a spiral is none.
     """
     length = road.length + road.run_out
@@ -180,7 +211,7 @@ def openscenario_xml(
     act = E.Act(*(groups or [nobody]), E.StartTrigger(_after(0.0, "begin")), name="others")
     end = settings.time_limit if ego is None else float(ego.time[-1])
     starts = [(EGO, concrete.ego), *((actor.name, actor.start) for actor in actors)]
-    return _document(E.OpenSCENARIO(
+    root = E.OpenSCENARIO(
         E.FileHeader(
             revMajor=1, revMinor=2, date="2022-01-01T00:00:00", author="sumo_eval",
             description=f"{concrete.scenario}: {concrete.label}. {remark}",
@@ -197,7 +228,49 @@ def openscenario_xml(
             E.Story(act, name="others"),
             E.StopTrigger(_after(end, "end")),
         ),
-    ))  # fmt: skip
+    )  # fmt: skip
+    case = encoded(concrete).decode()
+    seal = _seal(root, opendrive_xml(road).encode(), case)
+    root[0].append(
+        E.Properties(E.Property(name=CASE, value=case), E.Property(name=_SEAL, value=seal))
+    )
+    return _document(root)
+
+
+def _seal(root: Any, road: bytes, case: str) -> str:
+    """The hash of a file without its properties, of its road and of its case."""
+    elements = [
+        (it.tag, sorted(it.attrib.items()))
+        for it in root.iter(etree.Element)
+        if it.tag not in ("Properties", "Property")
+    ]
+    return hashlib.sha256(repr(elements).encode() + road + case.encode()).hexdigest()
+
+
+def exported_case(root: Any, road: bytes) -> ConcreteScenario | None:
+    """The case of a file that `openscenario_xml` wrote; None of any other file.
+
+    road: the content of its OpenDRIVE file.
+
+    Raises InputError where either file was changed since.
+    """
+    held = {
+        it.get("name"): it.get("value") for it in root.iterfind("FileHeader/Properties/Property")
+    }
+    if CASE not in held:
+        return None
+    if held.get(_SEAL) != _seal(root, road, held[CASE]):
+        raise InputError(
+            "an exported file and its road must be unchanged since; without the <Properties> of "
+            "its <FileHeader> it is read as any other file"
+        )
+    try:
+        case: ConcreteScenario = decoded(held[CASE].encode(), _RECORDS)
+        if not re.fullmatch(r"[\w.-]+", case.road.name):
+            raise ValueError(case.road.name)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError("its exported case cannot be read") from error
+    return case
 
 
 def _begin(name: str, start: Start, road: Road) -> Any:

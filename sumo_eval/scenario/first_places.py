@@ -53,7 +53,8 @@ def misplaced(
     for item in actors:
         reach = _reach(item, furthest)
         for act in item.acts:
-            for x, y in act.table if act.kind == played.PATH else ():
+            in_frame = act.kind == played.PATH and item.on_map is None
+            for x, y in act.table if in_frame else ():
                 if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
                     yield Misplaced(
                         f"The path of vehicle `{item.name}`",

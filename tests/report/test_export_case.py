@@ -317,6 +317,8 @@ def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path)
     )
     end = float(root.find("Storyboard/StopTrigger//SimulationTimeCondition").get("value"))
     assert end == pytest.approx(driven.time[-1], abs=1e-6)
+    result = CliRunner().invoke(main, ["import", str(tmp_path / f"{case}.xosc")])
+    assert "other, a car of 4.3 x 1.9 m" in result.output, result.output
 
 
 def test_a_braking_vehicle_follows_its_braking_in_openscenario(run, tmp_path):

@@ -155,6 +155,8 @@ def _case_or_why(
         if broken:
             return f"= {broken[0]}"
         case = read_case(path, values, options)
+        if case.whole is not None:
+            return case
         return next((str(fault) for fault in _impossible(path, case)), case)
     except InputError as error:
         return str(error)
@@ -424,6 +426,16 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
         ),
         has_drivers=not any(_comes_across(actor) for _, case in scenes for actor in case.actors),
     )
+    whole = scenes[0][1].whole
+    if whole is not None:
+        parts += [Parameter(name, value, value + 1.0, 1.0, "1", "as exported", (value, value + 1.0))
+                  for name, value in whole.changes]  # fmt: skip
+        point = 0.0, *(value for _, value in whole.changes)
+        return replace(
+            logical, road=whole.road, ego_body=whole.ego_body, time_limit=whole.time_limit,
+            standstill_time=whole.standstill_time, parameters=tuple(parts),
+            samples=(replace(samples[0], points=(point,)),),
+        )  # fmt: skip
     weighted = tuple(axis for axis in space.axes if axis.weights)
     names = [f"{it.name} as {it.distribution}" for it in parts if it.distribution is not None]
     names += [f"{axis.name} by its weights" for axis in weighted]
@@ -510,4 +522,7 @@ def concrete_points(read: Read) -> Iterator[tuple[dict[str, float], str | None]]
 
 def concrete(read: Read, point: Mapping[str, float]) -> ConcreteScenario:
     """The concrete scenario of a file at a point."""
-    return read.logical.concrete(**(dict(point) or {_ONLY: 0.0}))
+    logical = read.logical
+    if not point:
+        point = dict(zip(logical.names, logical.samples[0].points[0], strict=True))
+    return logical.concrete(**point)

@@ -374,37 +374,37 @@ class Moves:
     # -- trajectories ------------------------------------------------------------------------------
 
     def _follow(self, element: Node, entity: Entity, begin: Moment) -> Span:
-        course = self.places.followed(element)
-        spot = entity.placed(element)
-        if math.dist(course.points[0], spot.pose[:2]) > 0.5:
+        course, spot = self.places.followed(element), entity.placed(element)
+        ahead, straight = element.number("initialDistanceOffset", 0.0), course.straight
+        pose = course.at(ahead, element)
+        if math.dist(pose[:2], spot.pose[:2]) > 0.5:
             raise element.fault(f"the trajectory must begin where `{entity.name}` is")
-        if course.bends:
-            raise element.fault("a curved trajectory is not supported")
-        entity.way = course.points
-        entity.spot = replace(spot, pose=Pose(*course.points[0], spot.pose.heading))
-        entity.on_map = bool(self.frame.line)
-        if self.frame.line and entity.speed > 0.0 and (begin.program or begin.time > 0.0):
+        at_start = begin.known and begin.time == 0.0
+        if entity.speed > 0.0 and not at_start and (self.frame.line or not straight):
             raise element.fault(
-                "on a curved road a trajectory is supported from the start, or of a standing entity"
+                "a curved trajectory, or any on a curved road, is supported from the start, or of "
+                "a standing entity"
             )
+        if straight:
+            entity.way = pose[:2], course.points[-1]
+        else:  # the body's centre follows it
+            start = course.at(ahead + entity.centre, element)
+            entity.way = start[:2], *course.rest(ahead + entity.centre)
+            pose = start.moved(-entity.centre, -entity.offset)
+            path = (Pose(*it, 0.0).seen_from(self.frame.origin)[:2] for it in entity.way[1:])
+            self._add(entity, begin, Act(played.PATH, table=tuple(path)), NEVER)
+        entity.spot = replace(spot, pose=pose)
+        entity.on_map = bool(self.frame.line)
         entity.frame = self.frame.pose_on_map(entity)
         if entity.on_map:
             entity.frame = framed(entity, self.frame)
-        if element.number("initialDistanceOffset", 0.0) != 0.0:
-            raise element.fault("`initialDistanceOffset` is supported before the start only")
         if not course.times:
             return self._add(entity, begin, Act(played.KEEP), NEVER)
-        if course.times[0] != 0.0:
-            raise element.fault(
-                f"the first time of its trajectory must be 0 s, got {course.times[0]:g}"
-            )
-        timing = element.find("TimeReference/Timing")
-        scale = 1.0 if timing is None else timing.number("scale", 1.0)
-        if timing is not None and timing.number("offset", 0.0) != 0.0:
-            raise timing.fault("`offset` must be 0")
-        if timing is not None and timing.attribute("domainAbsoluteRelative") != "relative":
-            raise timing.fault("times of a trajectory are supported relative to its begin only")
-        times = np.array(course.times) * scale
+        timing = element.find("TimeReference/Timing") or element
+        times = np.array(course.times) * timing.number("scale", 1.0) + timing.number("offset", 0.0)
+        domain = timing.text("domainAbsoluteRelative", "relative")
+        if times[0] != 0.0 or ahead or (domain == "absolute" and not at_start):
+            raise element.fault("the times of a trajectory must begin with 0 s when it begins")
         lasts = np.diff(times)
         if not (lasts > 0.0).all():
             raise element.fault("the times of its trajectory must ascend")

@@ -21,10 +21,10 @@ from sumo_eval.extras.openscenario.network import Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Piece, bends, length_of, map_places
+from sumo_eval.scenario.road.reference_line import Piece, length_of, map_places
 
 ALONG = 0.01  # rad that an entity in a lane may point beside it
-_FINE = 0.25  # m between two points of a trajectory that bends
+_FINE = 0.25  # m between two points of a curved trajectory
 _STRAIGHT = 0.05  # m that a route may be off the straight line through its ends
 
 
@@ -105,7 +105,7 @@ class Entity:
         """Where it goes, on the map."""
         if len(self.way) < 2:
             return self.placed(self.element).pose.heading
-        (x, y), (x2, y2) = self.way[0], self.way[-1]
+        (x, y), (x2, y2) = self.way[:2]
         return math.atan2(y2 - y, x2 - x)
 
     def placed(self, asks: Node) -> Spot:
@@ -134,9 +134,11 @@ class Course:
     pieces: tuple[Piece, ...] = ()
 
     @property
-    def bends(self) -> bool:
-        """Whether it is no straight line."""
-        return bends(self.pieces)
+    def straight(self) -> bool:
+        """Whether it is one straight line."""
+        (x, y), (x2, y2) = self.points[0], self.points[-1]
+        line = Pose(x, y, math.atan2(y2 - y, x2 - x))
+        return all(abs(Pose(*it, 0.0).seen_from(line).y) <= _STRAIGHT for it in self.points)
 
     def at(self, s: float, element: Node, t: float = 0.0) -> Pose:
         """The place s m along it, and t m to its left."""

@@ -17,8 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from sumo_eval.cosim.openscenario import CASE, exported_case
+from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs, named_file
-from sumo_eval.extras.openscenario.frame import SAME, Frame, frame_of, framed
+from sumo_eval.extras.openscenario.frame import ORIGIN, SAME, Frame, frame_of, framed
 from sumo_eval.extras.openscenario.moments import (
     NEVER,
     Conditions,
@@ -46,7 +48,8 @@ from sumo_eval.extras.openscenario.places import (
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
 from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.scenario import played
-from sumo_eval.scenario.concrete import Actor, EgoBody, Start, keeps_on
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Start, keeps_on
+from sumo_eval.scenario.first_places import STANDARD_EGO
 from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.pose import Pose
 
@@ -82,6 +85,7 @@ class FileCase:
     ends: s, inf without a stop by time.
     ignored: kinds of elements without a meaning here.
     ego_name: of the entity that the ADS drives.
+    whole: the case that `sumo-eval export` wrote into the file.
     """
 
     frame: Frame
@@ -91,6 +95,7 @@ class FileCase:
     ends: float
     ignored: tuple[str, ...]
     ego_name: str
+    whole: ConcreteScenario | None = None
 
 
 def read_case(
@@ -106,7 +111,24 @@ def read_case(
 
     Raises InputError with file, line and element.
     """
+    root = read_openscenario(path)
+    if root.find(f"FileHeader/Properties/Property[@name='{CASE}']") is not None:
+        road = named_file(root.child("RoadNetwork").child("LogicFile"))
+        try:
+            whole = exported_case(root.element, road.read_bytes())
+        except InputError as error:
+            raise root.child("FileHeader").fault(str(error)) from None
+        if whole is not None:
+            return _exported(whole)
     return _Player(path, given, options, constrained=constrained).scene()
+
+
+def _exported(whole: ConcreteScenario) -> FileCase:
+    road, body = whole.road, whole.ego_body or STANDARD_EGO
+    length = road.length + road.run_out
+    frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, length, road.name, 0.0, "")
+    ends = math.inf if whole.time_limit is None else whole.time_limit
+    return FileCase(frame, whole.ego, body, whole.actors, ends, (), "ego", whole)
 
 
 def _kinds(event: Node) -> set[str]:
@@ -348,21 +370,21 @@ class _Player:
 
     def _follow_from_start(self, element: Node, entity: Entity) -> None:
         course = self.places.followed(element)
-        if course.times:
-            raise element.fault("a trajectory with times is not supported before the start")
         begin = element.number("initialDistanceOffset", 0.0)
         first, pose = course.begin, course.at(begin, element)
         entity.spot = Spot(pose, first.road, first.lane, first.s + begin, first.t)
-        entity.way = ((pose.x, pose.y), *course.rest(begin))
+        entity.way = (pose[:2], course.points[-1])
         if entity is not self.ego:
+            if course.times or not course.straight:
+                self.begun.append((element, entity))
             return
+        if course.times or not (course.straight or (course.pieces and begin == 0.0)):
+            raise element.fault(
+                "the trajectory of the ego must be a straight line or a whole ClothoidSpline, "
+                "without times"
+            )
         entity.spot = self.places.located(entity.spot)
-        if course.bends:
-            self.turning = course
-            if begin != 0.0:
-                raise element.fault(
-                    "`initialDistanceOffset` of a trajectory on which the ego turns must be 0"
-                )
+        self.turning = None if course.straight else course
         self.route_end = Pose(*course.points[-1], pose.heading)
 
     # -- the story ---------------------------------------------------------------------------------
@@ -531,10 +553,6 @@ class _Player:
 
     def _actor(self, name: str, entity: Entity) -> Actor:
         frame, acts = entity.frame, list(entity.acts)
-        if len(entity.way) > 2:
-            raise entity.element.fault(
-                "a trajectory of more than one straight line is not supported"
-            )
         heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
         across = self.frame.pose_on_map(entity) if entity.on_map else None
         ground = 1.0 if across is not None else self.frame.ground(frame)

@@ -91,6 +91,8 @@ def _names(actors: Sequence[Actor]) -> list[str]:
 
 
 def _road(road: Road) -> dict[str, Any]:
+    if road.shaped or road.network is not None:
+        raise must_be("The road", "`import --out`", "the same lanes throughout", road.name)
     # which a scenario file's road has of its own
     name = road.name.removesuffix(bend_name(road.line, named=False))
     found: dict[str, Any] = {

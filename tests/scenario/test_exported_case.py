@@ -1,0 +1,52 @@
+"""An exported OpenSCENARIO file imports as its case and drives to the same digest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
+from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.logical import concrete, read_file
+from sumo_eval.extras.wheel.tape import digest
+from sumo_eval.scenario.catalogue import SCENARIOS
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import SimulationSettings
+
+
+def exported(folder: Path, case: ConcreteScenario) -> Path:
+    """The files of a case."""
+    drive = simulate(case, "idm")
+    driven = {"ego": drive.ego, **drive.actors}
+    (folder / "case.xodr").write_text(opendrive_xml(case.road), encoding="utf-8")
+    text = openscenario_xml(case, SimulationSettings(), "case.xodr", "a remark", driven)
+    (folder / "case.xosc").write_text(text, encoding="utf-8")
+    return folder / "case.xosc"
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in ("cut_in", "ramp_merge", "turn_across_path",
+        "stop_and_go_stream") else pytest.mark.campaign) for name in SCENARIOS]
+)  # fmt: skip
+def test_exported_case_drives_to_the_same_digest(tmp_path: Path, name: str) -> None:
+    logical = SCENARIOS[name]
+    drawn = logical.from_shares(np.random.default_rng(1).random((200, len(logical.names))))
+    (case,) = logical.concretes(drawn[logical.feasible(drawn)][:1])
+    case = replace(case, changes=(("conditions.perception_delay", 0.2),))
+    again = concrete(read_file(exported(tmp_path, case)), {})
+    for controller in ("idm", "no_reaction"):
+        assert digest(simulate(again, controller)) == digest(simulate(case, controller))
+
+
+def test_changed_exported_file_is_refused_until_its_case_is_gone(tmp_path: Path) -> None:
+    logical = SCENARIOS["front_vehicle_braking"]
+    (case,) = logical.concretes([0.5 * (logical.low + logical.high)])
+    path = exported(tmp_path, case)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('trackWidth="', 'trackWidth="1', 1), encoding="utf-8")
+    with pytest.raises(InputError, match=r"<FileHeader>: an exported file and its road must be"):
+        read_file(path)
