@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -131,28 +132,20 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
             )
         limits = _limits(history / nights[name].folder / NIGHT)
         own = {limit["sentence"] for limit in limits if limit.get("own")}
-        failed = [gate for gate in lines.gates() if gate.night == name and gate.passed is False]
-        accepted, remaining = (
-            [
-                f"{gate.ads} in {gate.scenario}: {gate.sentence}"
-                for gate in failed
-                if (gate.sentence in own) is kind
-            ]
-            for kind in (False, True)
-        )
+        accepted, remaining = list[str](), list[str]()
+        for gate in lines.gates():
+            if gate.night == name and gate.passed is False:
+                sentences = remaining if gate.sentence in own else accepted
+                sentences.append(f"{gate.ads} in {gate.scenario}: {gate.sentence}")
         if remaining and not accepted:
             raise InputError(
                 f"Night {name} fails by limits on its own values alone, which no accepted night "
                 f"changes: change the gate. {'; '.join(remaining)}."
             )
         lines.accept(Accepted(name, _now(), reason, until, itself=False))
-    changes = [
-        CaseChange(case["case"], case["point"], case["before"], case["after"])
-        for limit in limits
-        if not limit.get("own")
-        for case in limit["cases"]
-    ]
-    accepted += [f"{change.case}: {change.words}" for change in changes]
+    for case in chain.from_iterable(one["cases"] for one in limits if not one.get("own")):
+        change = CaseChange(case["case"], case["point"], case["before"], case["after"])
+        accepted.append(f"{change.case}: {change.words}")
     return Acceptance(nights[name], accepted, remaining)
 
 

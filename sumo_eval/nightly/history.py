@@ -8,6 +8,7 @@ import sqlite3
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -65,7 +66,7 @@ CREATE TABLE IF NOT EXISTS builds (night TEXT NOT NULL, ads TEXT NOT NULL, build
 )
 
 
-_MEND = "Put a copy of it back, or begin a history in another folder. No night was removed."
+_FIX = "Put a copy of it back, or begin a history in another folder. No night was removed."
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,23 +202,12 @@ class History:
             for score in evaluation.scores
             for quantity, value in _quantities(evaluation, score).items()
         ]
-        limits = [
-            (
-                name,
-                gate.ads,
-                gate.scenario,
-                gate.quantity,
-                gate.passed,
-                gate.threshold,
-                gate.sentence,
-            )
-            for gate in gates
-        ]
+        of = attrgetter(*(column.name for column in fields(GateLine)[1:]))
         with self._connection:
             self._insert("nights", [astuple(night)])
             self._insert("quantities", values)
             self._insert("builds", [(name, *build) for build in builds.items()])
-            self._insert("gates", limits)
+            self._insert("gates", [(name, *of(gate)) for gate in gates])
             self._insert("shaky", [(name, *astuple(case)) for case in shaky])
             self._insert("accepted", [] if pin is None else [astuple(pin)])
 
@@ -241,32 +231,28 @@ class History:
 
     def builds(self) -> dict[str, dict[str, str]]:
         """Build of each ADS by night."""
-        found: dict[str, dict[str, str]] = {}
+        builds: dict[str, dict[str, str]] = {}
         for line in self._read("builds", Build):
-            found.setdefault(line.night, {})[line.ads] = line.build
-        return found
+            builds.setdefault(line.night, {})[line.ads] = line.build
+        return builds
 
     def _read(self, table: str, kind: Callable[..., Row]) -> list[Row]:
         """The lines of a table, the oldest first; none where an older history has no such table."""
-        columns = fields(kind)  # type: ignore[arg-type]
-        if not self._connection.execute(
-            "SELECT 1 FROM sqlite_master WHERE name = ?", (table,)
-        ).fetchone():
+        read = self._connection.execute
+        if not read("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)).fetchone():
             return []
+        columns = fields(kind)  # type: ignore[arg-type]
         names = ", ".join(column.name for column in columns)
-        flags = {
-            place for place, column in enumerate(columns) if str(column.type).startswith("bool")
-        }
+        flags = [str(column.type).startswith("bool") for column in columns]
+        rows = read(f"SELECT {names} FROM {table} ORDER BY rowid")  # noqa: S608
         return [
             kind(
                 *(
-                    bool(it) if place in flags and it is not None else it
-                    for place, it in enumerate(row)
+                    bool(it) if flag and it is not None else it
+                    for it, flag in zip(row, flags, strict=True)
                 )
             )
-            for row in self._connection.execute(
-                f"SELECT {names} FROM {table} ORDER BY rowid"  # noqa: S608
-            )
+            for row in rows
         ]
 
     def begin(self, night: str) -> None:
@@ -276,18 +262,18 @@ class History:
 
     def stopped(self) -> set[str]:
         """The nights that began and have no line: they were stopped, or failed."""
-        found = self._connection.execute("SELECT night FROM begun EXCEPT SELECT night FROM nights")
-        return {night for (night,) in found}
+        names = self._connection.execute("SELECT night FROM begun EXCEPT SELECT night FROM nights")
+        return {night for (night,) in names}
 
     def stopped_last(self) -> list[str]:
         """Those of them that began after the last one that has a line, in the order of their
         beginning.
         """
-        found = self._connection.execute(
+        names = self._connection.execute(
             "SELECT night FROM begun WHERE rowid > coalesce((SELECT max(b.rowid) FROM begun AS b "
             "JOIN nights USING (night)), 0) ORDER BY rowid"
         )
-        return [night for (night,) in found]
+        return [night for (night,) in names]
 
     def nights(self) -> list[Night]:
         """Every night in the order of adding, whatever the clock said."""
@@ -327,7 +313,7 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
                 f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;"
             )
         elif version == 0:
-            raise InputError(f"The history {path} is empty. {_MEND}")
+            raise InputError(f"The history {path} is empty. {_FIX}")
         elif version != FORMAT_VERSION:
             raise InputError(
                 f"The history {path} has format version {version}; this sumo_eval reads version "
@@ -335,7 +321,7 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
             )
         yield History(connection, path)
     except sqlite3.Error as error:
-        raise InputError(f"The history {path} cannot be used: {error}. {_MEND}") from error
+        raise InputError(f"The history {path} cannot be used: {error}. {_FIX}") from error
     finally:
         connection.close()
 
@@ -349,24 +335,23 @@ def is_begun(folder: Path) -> bool:
 def _check(connection: sqlite3.Connection, path: Path) -> None:
     """Refuse a file that SQLite finds damaged anywhere, not only where it is read first."""
     try:
-        found = str(connection.execute("PRAGMA integrity_check(1)").fetchone()[0])
+        state = str(connection.execute("PRAGMA integrity_check(1)").fetchone()[0])
     except sqlite3.DatabaseError as error:
-        raise InputError(f"{path} is not a history, or is damaged: {error}. {_MEND}") from error
-    if found != "ok":
-        raise InputError(f"The history {path} is damaged: {found.splitlines()[-1]}. {_MEND}")
+        raise InputError(f"{path} is not a history, or is damaged: {error}. {_FIX}") from error
+    if state != "ok":
+        raise InputError(f"The history {path} is damaged: {state.splitlines()[-1]}. {_FIX}")
 
 
 def near_misses(cases: CaseTable) -> int:
     """Cases without contact that came nearer than the zone of interest of a measure of the rule, by
     its defaults.
     """
-    measures = NearMissSettings().measure
     inside = [
-        getattr(cases, one.quantity) < one.zone
-        if one.higher_is_better
-        else getattr(cases, one.quantity) > one.zone
-        for one in measures
-        if one.zone is not None
+        (np.less if measure.higher_is_better else np.greater)(
+            getattr(cases, measure.quantity), measure.zone
+        )
+        for measure in NearMissSettings().measure
+        if measure.zone is not None
     ]
     return int(np.sum(np.any(inside, axis=0) & (cases.status == "ok")))
 

@@ -50,7 +50,7 @@ def write_night(
     history.
     """
     comparison, bases, folder = judged.bases.comparison, judged.bases, history / line.folder
-    told = {
+    record = {
         "night": line.night,
         "evaluation": line.evaluation,
         "verdict": word,
@@ -70,14 +70,12 @@ def write_night(
         "builds": dict(judged.builds),
         "notes": list(notes),
     }
-    (folder / NIGHT).write_text(
-        json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
-    summary = "\n".join(markdown_lines(line, judged, folder))
-    (folder / SUMMARY).write_text(summary + "\n", encoding="utf-8")
-    (history / CHAT).write_text(
-        json.dumps({"text": chat_text(line, judged)}) + "\n", encoding="utf-8"
-    )
+    for path, text in (
+        (folder / NIGHT, json.dumps(record, indent=2, ensure_ascii=False)),
+        (folder / SUMMARY, "\n".join(markdown_lines(line, judged, folder))),
+        (history / CHAT, json.dumps({"text": chat_text(line, judged)})),
+    ):
+        path.write_text(text + "\n", encoding="utf-8")
 
 
 def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:

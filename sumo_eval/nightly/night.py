@@ -18,7 +18,7 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -36,7 +36,7 @@ from sumo_eval.nightly.history import (
     is_begun,
     open_history,
 )
-from sumo_eval.nightly.judged import judge_night, new_pin
+from sumo_eval.nightly.judged import JudgedNight, judge_night, new_pin
 from sumo_eval.nightly.morning import NightResult, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
@@ -78,88 +78,101 @@ def run_night(
     resume: continue the night that was stopped, if one was.
     stopping: gives, while cases are driven, what says whether to stop.
     """
-    # a mistake in the file is said before anything is locked, removed or simulated
+    # a mistake in the file is reported before anything is locked, removed or simulated
     read_evaluation(evaluation)
     _refuse_without_history(history)
     with _only_one(history), open_history(history, create=True) as lines:
-        taken = {night.night for night in lines.nights()} | {
-            path.name for path in (history / NIGHTS).glob("*")
-        }
-        taken |= lines.stopped()
         stopped = _stopped(history, lines) if resume else None
         notes = _clear_away(history, lines, stopped)
         _room(history, lines, stopped)
-        began, clock = datetime.now(UTC), time.monotonic()
-        if stopped is None:
-            name = next(name for name in _names(began) if name not in taken)
-            lines.begin(name)
-            notes += _clock_note(lines, name)
-            notes += (
-                ["No night was stopped before its end; this one is a new one."] if resume else []
-            )
-        else:
-            name = stopped
+        clock = time.monotonic()
+        name = stopped or _begin(history, lines, notes, resume)
+        if stopped:
             notes.append(
                 f"Night {name} was stopped before its end and continued: recorded cases were not "
                 "rerun. How long the night took is not known."
             )
-        folder = history / NIGHTS / name
-        try:
+        with _unfinished(history / NIGHTS / name):
             done, again = _evaluated(
-                evaluation, folder, workers, stopped is not None, progress, stopping
+                evaluation,
+                history / NIGHTS / name,
+                workers,
+                stopped is not None,
+                progress,
+                stopping,
             )
             judged = judge_night(history, lines, done, gate, progress)
             notes += [*again, *judged.bases.notes]
-            comparison, gates = judged.bases.comparison, judged.gates
-            told = {limit: one.words for limit, one in judged.since.items()}
-            write_tables(done)
-            suites = {**comparison_suites(comparison, gates), **run_suites(done)}
-            write_junit(suites, folder / JUNIT, score_parts(done))
-            report = write_assessed_report(
-                done, Beside(comparison, gates, told, tuple(notes)), progress=progress
-            )
-        except KeyboardInterrupt:
-            raise StoppedError(
-                f"Stopped. The same command with --resume continues night {name}."
-            ) from None
-        except (OSError, sqlite3.Error) as error:
-            left = "The same command with --resume continues."
-            if _full(error):
-                # what fills a full disk must not stay there until tomorrow
-                shutil.rmtree(folder, ignore_errors=True)
-                left = "Its recorded cases were removed."
-            raise InputError(
-                f"The night could not be finished: {said(error)}. Earlier nights are as they "
-                f"were. {left}"
-            ) from error
+            report = _write_results(done, judged, notes, progress)
+        comparison, gates = judged.bases.comparison, judged.gates
         strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
-        verdict_found = verdict(comparison, gates, done)
-        status = (
-            GATE_FAILED
-            if failed(gates) or strict
-            else NOT_EVALUATED
-            if done.not_evaluated
-            else DONE
-        )
-        line = _line(done, name, f"{NIGHTS}/{name}", status, verdict_found.sentence)
-        base, took = judged.bases.good, None if stopped is not None else time.monotonic() - clock
+        status = NOT_EVALUATED if done.not_evaluated else DONE
+        status = GATE_FAILED if failed(gates) or strict else status
+        result = verdict(comparison, gates, done)
+        line = _line(done, name, f"{NIGHTS}/{name}", status, result.sentence)
+        base, took = judged.bases.good, None if stopped else time.monotonic() - clock
         line = replace(line, base=None if base is None else base.night, wall_time=took)
         lines.add(line, done, gates, shaky=judged.shaky, pin=new_pin(line, judged, lines, gate))
-        write_night(history, line, verdict_found.word, judged, notes)
+        write_night(history, line, result.word, judged, notes)
         notes += _prune(history, lines, keep)
         trend = write_trend(history, lines)
         return NightResult(line, done, judged, tuple(notes), report, trend)
 
 
-def _clock_note(lines: History, name: str) -> list[str]:
-    """A sentence where the clock went back."""
+def _begin(history: Path, lines: History, notes: list[str], resume: bool) -> str:
+    """Note that a night begins; its name, of a second that no other has."""
+    taken = {night.night for night in lines.nights()} | lines.stopped()
+    taken |= {path.name for path in (history / NIGHTS).glob("*")}
+    began = datetime.now(UTC)
+    names = (_name(began + timedelta(seconds=later)) for later in itertools.count())
+    name = next(name for name in names if name not in taken)
+    lines.begin(name)
     last = next((night.night for night in reversed(lines.nights()) if not night.imported), "")
-    if name > last:
-        return []
-    return [
-        f"The clock went back: night {last} was added before, {name} now. Nights stand in the "
-        "order of adding."
-    ]
+    if name <= last:
+        notes.append(
+            f"The clock went back: night {last} was added before, {name} now. Nights stand in the "
+            "order of adding."
+        )
+    if resume:
+        notes.append("No night was stopped before its end; this one is a new one.")
+    return name
+
+
+@contextmanager
+def _unfinished(folder: Path) -> Iterator[None]:
+    """What a night says that cannot be finished."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise StoppedError(
+            f"Stopped. The same command with --resume continues night {folder.name}."
+        ) from None
+    except (OSError, sqlite3.Error) as error:
+        rest = "The same command with --resume continues."
+        if (isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)) or getattr(
+            error, "sqlite_errorcode", None
+        ) == sqlite3.SQLITE_FULL:
+            # what fills a full disk must not stay there until tomorrow
+            shutil.rmtree(folder, ignore_errors=True)
+            rest = "Its recorded cases were removed."
+        raise InputError(
+            f"The night could not be finished: {said(error)}. Earlier nights are as they were. "
+            f"{rest}"
+        ) from error
+
+
+def _write_results(
+    done: Evaluation, judged: JudgedNight, notes: Sequence[str], progress: Progress
+) -> Path:
+    """Write tables, JUnit XML and the report of a night; the report's path."""
+    comparison, gates = judged.bases.comparison, judged.gates
+    write_tables(done)
+    suites = {**comparison_suites(comparison, gates), **run_suites(done)}
+    write_junit(suites, done.folder / JUNIT, score_parts(done))
+    since = {limit: one.words for limit, one in judged.since.items()}
+    return write_assessed_report(
+        done, Beside(comparison, gates, since, tuple(notes)), progress=progress
+    )
 
 
 def _evaluated(
@@ -237,17 +250,10 @@ def _refuse_without_history(history: Path) -> None:
         )
 
 
-def _full(error: OSError | sqlite3.Error) -> bool:
-    """Whether there is no more room on the disk."""
-    if isinstance(error, OSError):
-        return error.errno in (errno.ENOSPC, errno.EDQUOT)
-    return getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
-
-
 def _stopped(history: Path, lines: History) -> str | None:
     """The newest night that was stopped after it had begun to record, if nothing came after it."""
-    found = [name for name in lines.stopped_last() if is_run(history / NIGHTS / name)]
-    return found[-1] if found else None
+    names = reversed(lines.stopped_last())
+    return next((name for name in names if is_run(history / NIGHTS / name)), None)
 
 
 def _clear_away(history: Path, lines: History, but: str | None = None) -> list[str]:
@@ -300,13 +306,6 @@ def _removed(folder: Path) -> bool:
     return True
 
 
-def _names(moment: datetime) -> Iterator[str]:
-    """The name of a night that begins at a moment, then those of the seconds after, for nights that
-    take less.
-    """
-    return (_name(moment + timedelta(seconds=later)) for later in itertools.count())
-
-
 def _name(moment: datetime) -> str:
     return moment.strftime("%Y-%m-%dT%H-%M-%SZ")
 
@@ -353,23 +352,20 @@ def _prune(history: Path, lines: History, keep: int) -> list[str]:
     # the second: after expiry
     for counting in (in_force(accepted), [pin for pin in accepted if pin.until is None]):
         kept |= {pin.night for pin in counting[-1:]}
-    old = [
-        night for night in nights if night.night not in kept and (history / night.folder).is_dir()
-    ]
-    own = [night for night in old if _is_own(history, night)]
-    removed = [night for night in own if _removed(history / night.folder)]
-    notes = [
-        f"{history / n.folder} is not a folder of night {n.night}; it was left."
-        for n in old
-        if n not in own
-    ]
-    notes += [
-        f"The folder of night {n.night} could not be removed." for n in own if n not in removed
-    ]
+    notes, removed = [], 0
+    for night in nights:
+        folder = history / night.folder
+        if night.night in kept or not folder.is_dir():
+            continue
+        if not _is_own(history, night):
+            notes.append(f"{folder} is not a folder of night {night.night}; it was left.")
+        elif _removed(folder):
+            removed += 1
+        else:
+            notes.append(f"The folder of night {night.night} could not be removed.")
     if removed:
         notes.append(
-            f"The folders of {len(removed)} old nights were removed; their lines stay in the "
-            "history."
+            f"The folders of {removed} old nights were removed; their lines stay in the history."
         )
     return notes
 

@@ -5,8 +5,9 @@ offline file.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle, groupby
 from pathlib import Path
 from typing import Any
 
@@ -130,79 +131,84 @@ def charts(
     scenario: str, nights: Sequence[Night], values: Sequence[Value], gates: Sequence[GateLine]
 ) -> list[TrendChart]:
     """The charts of one logical scenario; a quantity that was never computed has none."""
-    here = [value for value in values if value.scenario == scenario]
-    names = list(dict.fromkeys(value.ads for value in here))
-    found = []
+    of_scenario = [value for value in values if value.scenario == scenario]
+    names = list(dict.fromkeys(value.ads for value in of_scenario))
+    every = math.ceil(len(nights) / MOST_LABELS)
+    repeated = len({night.night[:10] for night in nights}) < len(nights)
+    dates = tuple(
+        (
+            round(_place(number, len(nights)), 2),
+            _date(night.night)[5:] if repeated else night.night[:10],
+        )
+        for number, night in list(enumerate(nights))[::-1][::every]
+    )
+    drawn = []
     for quantity, title, unit in CHARTS:
         series = {
-            (value.night, value.ads): value.value for value in here if value.quantity == quantity
+            (value.night, value.ads): value.value
+            for value in of_scenario
+            if value.quantity == quantity and value.value is not None
         }
-        limits = [
-            gate for gate in gates
+        limits = {
+            (gate.night, gate.ads): gate.threshold
+            for gate in gates
             if (gate.scenario, gate.quantity) == (scenario, quantity) and gate.threshold is not None
-        ]  # fmt: skip
-        if any(value is not None for value in series.values()):
-            found.append(_chart(title, unit, names, nights, series, limits))
-    return found
+        }
+        if series:
+            axes = TrendChart(title, unit, (), (), 0.0, (), dates)
+            drawn.append(_drawn(axes, names, nights, series, limits))
+    return drawn
 
 
-def _chart(
-    title: str,
-    unit: str,
-    names: Sequence[str],
-    nights: Sequence[Night],
-    series: dict[tuple[str, str], float | None],
-    limits: Sequence[GateLine],
+Series = Mapping[tuple[str, str], float]
+"""Values by night and ADS."""
+
+
+def _place(number: int, nights: int) -> float:
+    """Where a night stands on a chart."""
+    return LEFT + (WIDTH - LEFT - RIGHT) / max(nights, 1) * (number + 0.5)
+
+
+def _drawn(
+    axes: TrendChart, names: Sequence[str], nights: Sequence[Night], series: Series, limits: Series
 ) -> TrendChart:
-    known = [value for value in series.values() if value is not None]
-    known += [gate.threshold for gate in limits if gate.threshold is not None]
-    ticks = _ticks(min(known), max(known), least=1.0 if unit == "cases" else 0.0)
-    step = (WIDTH - LEFT - RIGHT) / max(len(nights), 1)
-    at = {night.night: LEFT + step * (place + 0.5) for place, night in enumerate(nights)}
+    """A chart with its lines and gates."""
+    values = [*series.values(), *limits.values()]
+    ticks = _ticks(min(values), max(values), least=1.0 if axes.unit == "cases" else 0.0)
+    at = {night.night: round(_place(place, len(nights)), 2) for place, night in enumerate(nights)}
+    colours, dashes = dict(zip(names, cycle(COLOURS))), dict(zip(names, cycle(DASHES)))
 
     def height(value: float) -> float:
         share = (value - ticks[0]) / (ticks[-1] - ticks[0])
         return round(HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM), 2)
 
     def point(night: str, name: str, value: float) -> Point:
-        words = f"{name}, {_date(night)}: {value:z.6g} {unit}".rstrip()
-        return Point(round(at[night], 2), height(value), words, (night, name, value))
+        words = f"{name}, {_date(night)}: {value:z.6g} {axes.unit}".rstrip()
+        return Point(at[night], height(value), words, (night, name, value))
 
-    lines = []
-    for place, ads in enumerate(names):
-        parts: list[list[Point]] = [[]]
-        for night in nights:
-            value = series.get((night.night, ads))
-            if value is None:
-                parts.append([])
-            else:
-                parts[-1].append(point(night.night, ads, value))
+    def line(ads: str) -> TrendLine:
+        parts = groupby(at, key=lambda night: (night, ads) in series)
+        points = (
+            tuple(point(night, ads, series[night, ads]) for night in part)
+            for known, part in parts
+            if known
+        )
         latest = series.get((nights[-1].night, ads))
         last = "not computed" if latest is None else f"{latest:z.4g}"
-        runs = tuple(tuple(part) for part in parts if part)
-        lines.append(
-            TrendLine(ads, COLOURS[place % len(COLOURS)], DASHES[place % len(DASHES)], runs, last)
-        )
-    strokes = tuple(
-        (
-            point(gate.night, f"gate of {gate.ads}", gate.threshold),
-            COLOURS[names.index(gate.ads) % len(COLOURS)],
-        )
-        for gate in limits
-        if gate.threshold is not None and gate.ads in names
+        return TrendLine(ads, colours[ads], dashes[ads], tuple(points), last)
+
+    gates = (
+        (point(night, f"gate of {ads}", limit), colours[ads])
+        for (night, ads), limit in limits.items()
+        if ads in colours
     )
-    every = math.ceil(len(nights) / MOST_LABELS)
-    days = [night.night[:10] for night in nights]
-    label = (
-        (lambda night: _date(night)[5:])
-        if len(set(days)) < len(days)
-        else (lambda night: night[:10])
+    return replace(
+        axes,
+        lines=tuple(map(line, names)),
+        gates=tuple(gates),
+        half=round(0.42 * (WIDTH - LEFT - RIGHT) / max(len(nights), 1), 2),
+        ticks=tuple((height(tick), f"{tick:g}") for tick in ticks),
     )
-    dates = tuple(
-        (round(at[night.night], 2), label(night.night)) for night in nights[::-1][::every]
-    )
-    heights = tuple((height(tick), f"{tick:g}") for tick in ticks)
-    return TrendChart(title, unit, tuple(lines), strokes, round(0.42 * step, 2), heights, dates)
 
 
 def _ticks(low: float, high: float, least: float = 0.0) -> list[float]:

@@ -10,10 +10,10 @@ from importlib.util import find_spec
 from typing import Any
 
 from sumo_eval.errors import InputError, needs_extra, said
+from sumo_eval.record.batches import Batch, Batches
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_in_children
 from sumo_eval.record.identity import harness_identity
-from sumo_eval.record.packs import Pack, Packs
 from sumo_eval.record.progress import Stopping
 from sumo_eval.record.reads import LINKS, LOST, Told, links
 
@@ -27,7 +27,7 @@ _OWN_LOG = "distributed.client"
 
 
 def run_batch(
-    cases: Pack, setup: Setup, harness: str
+    cases: Batch, setup: Setup, harness: str
 ) -> tuple[list[Outcome], dict[str, Told]] | str:
     """On a worker: the outcomes of a batch and what their processes told of files, or a sentence
     when this worker would not make the same facts.
@@ -60,11 +60,11 @@ def run_on_cluster(
     own_log.setLevel(logging.CRITICAL)
     try:
         under_way: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
-        batches: dict[str, tuple[Pack, int]] = {}
+        batches: dict[str, tuple[Batch, int]] = {}
         harness = harness_identity()
-        packs = Packs(cases, _threads(client, setup.run.scheduler), BATCH)
+        plan = Batches(cases, _threads(client, setup.run.scheduler), BATCH)
 
-        def submit(batch: Pack, times: int) -> None:
+        def submit(batch: Batch, times: int) -> None:
             future = client.submit(run_batch, batch, setup, harness, pure=False)
             batches[future.key] = batch, times
             under_way.add(future)
@@ -72,11 +72,11 @@ def run_on_cluster(
         def fill() -> None:
             most = _threads(client, setup.run.scheduler) * _BATCHES_PER_THREAD
             while len(batches) < most and not stopping():
-                batch = packs.take()
+                batch = plan.take()
                 if batch is None:
                     return
                 submit(batch, 1)
-                packs.look_ahead()
+                plan.look_ahead()
 
         fill()
         while batches:

@@ -14,10 +14,10 @@ from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.record import loops, reads
+from sumo_eval.record.batches import Batch, Batches, driven, largest_batch
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status, on_its_own
 from sumo_eval.record.claims import OURS, home, home_of_ads, results_of
 from sumo_eval.record.identity import locator_identity
-from sumo_eval.record.packs import Pack, Packs, driven, largest_pack
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.progress import Stopping, never
 from sumo_eval.record.worker import answer
@@ -32,30 +32,25 @@ IDLE = 0.2
 # a text, because its workers build on this module
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"
 
+Outcomes = Generator[list[Outcome], None, None]
+"""Outcomes of cases by batches, a list of those that ended together."""
+
 
 def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, None]:
-    """Outcomes of the cases as they end, in whatever order, from the engine that `setup.run`
-    names.
-    """
-    with closing(run_batches(cases, setup)) as packs:
-        for outcomes in packs:
+    """Outcomes of the cases as they end, from the engine that `setup.run` names."""
+    with closing(run_batches(cases, setup)) as batches:
+        for outcomes in batches:
             yield from outcomes
 
 
-def run_batches(
-    cases: Iterable[Case], setup: Setup, stopping: Stopping = never
-) -> Generator[list[Outcome], None, None]:
-    """Outcomes of the cases by packs, a list of those that ended together, from the engine that
-    `setup.run` names.
-    """
+def run_batches(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Outcomes:
+    """Outcomes of the cases by batches, from the engine that `setup.run` names."""
     refuse_engine(setup.run)
     if setup.run.engine == "serial":
         return _run_here(cases, setup, stopping)
     if setup.run.engine == "dask":
-        found: Generator[list[Outcome], None, None] = load_object(_CLUSTER, None, "Engine")(
-            cases, setup, stopping
-        )
-        return found
+        outcomes: Outcomes = load_object(_CLUSTER, None, "Engine")(cases, setup, stopping)
+        return outcomes
     return run_in_children(cases, setup, stopping, setup.run.workers)
 
 
@@ -64,26 +59,22 @@ def refuse_engine(run: RunSettings) -> None:
     if run.engine == "processes" and not hasattr(os, "fork"):
         raise InputError(
             "The engine `processes` needs a system whose processes can fork, such as Linux; this "
-            "one cannot. "
-            'Drive in this process: --engine serial, or [run] engine = "serial". A hanging ADS is '
-            "not ended there."
+            'one cannot. Drive in this process: --engine serial, or [run] engine = "serial". A '
+            "hanging ADS is not ended there."
         )
 
 
 def run_in_children(
     cases: Iterable[Case], setup: Setup, stopping: Stopping = never, workers: int = 1
-) -> Generator[list[Outcome], None, None]:
-    """Every pack in one of `workers` child processes: what goes wrong in one is found in its cases,
-    each run alone.
-    """
-    # who hands them over one by one has seen to it
-    listed = cases if isinstance(cases, Sequence) else ()
-    loops.ready(loops.of_cases(listed))  # a case's time is for driving
-    packs = Packs(cases, workers, min(largest_pack(setup), setup.run.cases_per_child))
-    work: Work[Pack] = Work(answer, setup, lambda pack: home(pack[0], setup), driven)
+) -> Outcomes:
+    """Every batch in one of `workers` child processes; the cases of a lost one run alone."""
+    # of a lazy plan, the caller has compiled the loops; a case's time is for driving
+    loops.ready(loops.of_cases(cases if isinstance(cases, Sequence) else ()))
+    batches = Batches(cases, workers, min(largest_batch(setup), setup.run.cases_per_child))
+    work: Work[Batch] = Work(answer, setup, lambda batch: home(batch[0], setup), driven)
     with Pool(workers, setup.run, setup.run.cases_per_child) as pool:
-        settle = partial(_settled, packs=packs, setup=setup)
-        for outcomes in pool.run(work, packs.take, settle, stopping, packs.look_ahead):
+        settle = partial(_settled, batches=batches, setup=setup)
+        for outcomes in pool.run(work, batches.take, settle, stopping, batches.look_ahead):
             if outcomes:
                 yield outcomes
 
@@ -93,24 +84,21 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
 
     Raises InputError for one that cannot be loaded.
     Loading runs a user's file, so it happens in a child, a fresh one each: what one has imported is
-    not another's. Where no child can be had, the engine `serial` loads it here, where it drives it,
-    too: one user's ADS alone.
+    not another's. Without children the engine `serial` loads it here, where it drives it.
     """
     if setup.run.engine == "serial":
         refuse_to_share(home_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
         if not hasattr(os, "fork"):
-            return {
-                locator: locator_identity((kind, locator), setup.folder) for kind, locator in named
-            }
+            return {pair[1]: locator_identity(pair, setup.folder) for pair in named}
     identities: dict[str, str] = {}
     with Pool(1, setup.run) as pool:
         for ended in pool.each(Work(locator_identity, setup.folder), named):
             kind, locator = ended.item
             if ended.how != "done":
                 happened = what_happened(ended, setup.run, "It", "loaded it")
-                raise InputError(
-                    f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}"
-                )
+                lines = [line.strip() for line in ended.log.splitlines() if line.strip()]
+                last = f" Its last words: {clean(lines[-1])}" if lines else ""
+                raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{last}")
             identities[locator] = ended.result
     return identities
 
@@ -124,67 +112,64 @@ def refuse_to_share(homes: Iterable[str]) -> None:
     if len(users) > 1:
         raise InputError(
             "The engine `serial` runs everything in one process, which can serve one ADS of "
-            f"yours, got {users[0]} and "
-            f"{users[1]}. Run them one at a time, or with the engine `processes`."
+            f"yours, got {users[0]} and {users[1]}. Run them one at a time, or with the engine "
+            "`processes`."
         )
 
 
-def _run_here(
-    cases: Iterable[Case], setup: Setup, stopping: Stopping
-) -> Generator[list[Outcome], None, None]:
-    packs = Packs(cases, 1, largest_pack(setup))
-    packs.look_ahead()
+def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Outcomes:
+    batches = Batches(cases, 1, largest_batch(setup))
+    batches.look_ahead()
     served: set[str] = set()
     reads.begin_run()
-    while not stopping() and (pack := packs.take()) is not None:
-        served.add(home(pack[0], setup))
+    while not stopping() and (batch := batches.take()) is not None:
+        served.add(home(batch[0], setup))
         refuse_to_share(served)
-        outcomes = _settled(Ended(pack, "done", answer(pack, setup), ""), packs, setup)
+        outcomes = _settled(Ended(batch, "done", answer(batch, setup), ""), batches, setup)
         if outcomes:
             yield outcomes
-        packs.look_ahead()
+        batches.look_ahead()
 
 
-def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
-    """What a pack brought; its other cases go back to the packs, to be run alone."""
-    pack = ended.item
-    packs.ended()
-    if on_its_own(pack):
-        alone, printed = packs.remark(pack[0])
+def _settled(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[Outcome]:
+    """Outcomes of a batch; its other cases return to the batches, to be run alone."""
+    batch = ended.item
+    batches.ended()
+    if on_its_own(batch):
+        alone, printed = batches.remark(batch[0])
         outcome = _outcome(ended, alone, printed, setup)
         if is_late_by_chance(outcome, ended, setup) and (alone is None or alone.why != LATE):
-            packs.run_undisturbed(pack[0], Alone(LATE, outcome.error or ""), outcome.log)
+            batches.run_undisturbed(batch[0], Alone(LATE, outcome.error or ""), outcome.log)
             return []
         return [outcome]
-    printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
+    printed = f"Printed by its batch of {len(batch)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":
         happened = what_happened(ended, setup.run, "It", "ran it")
-        why = Alone("pack_lost" if pack[0].block is None else "block_lost", clean(happened))
-        packs.did_not_come_through(
-            pack, [why] * len(pack), printed, too_slow=ended.how == "overdue"
-        )
+        why = Alone("pack_lost" if batch[0].block is None else "block_lost", clean(happened))
+        reasons, too_slow = [why] * len(batch), ended.how == "overdue"
+        batches.record_failure(batch, reasons, printed, too_slow=too_slow)
         return []
-    results = results_of(ended.result, pack)
+    results = results_of(ended.result, batch)
     if results is None:
-        packs.never_together(pack)
+        batches.never_together(batch)
         return []
     reasons = [result for result in results if isinstance(result, Alone)]
-    if len(reasons) == len(pack):
-        packs.did_not_come_through(pack, reasons, printed)
+    if len(reasons) == len(batch):
+        batches.record_failure(batch, reasons, printed)
         return []
-    packs.came_through(pack)
-    found: list[Outcome] = []
-    for case, result in zip(pack, results, strict=True):
+    batches.record_success(batch)
+    outcomes: list[Outcome] = []
+    for case, result in zip(batch, results, strict=True):
         if isinstance(result, Alone):
-            packs.run_alone(case, result)
+            batches.run_alone(case, result)
         elif case.block is None and is_late_by_chance(result, ended, setup):
-            packs.run_undisturbed(case, Alone(LATE, result.error or ""), result.log)
+            batches.run_undisturbed(case, Alone(LATE, result.error or ""), result.log)
         else:
-            found.append(result)
-    return [replace(outcome, log=outcome.log + printed) for outcome in found[:1]] + found[1:]
+            outcomes.append(result if outcomes else replace(result, log=result.log + printed))
+    return outcomes
 
 
-def is_late_by_chance(outcome: Outcome, ended: Ended[Pack], setup: Setup) -> bool:
+def is_late_by_chance(outcome: Outcome, ended: Ended[Batch], setup: Setup) -> bool:
     """Whether another drive may come in time: late in the first step, or while no processor worked
     on it.
     """
@@ -193,31 +178,28 @@ def is_late_by_chance(outcome: Outcome, ended: Ended[Pack], setup: Setup) -> boo
     return outcome.status in ("timeout", "ads_timeout") and (first or ended.idle > IDLE)
 
 
-def _outcome(ended: Ended[Pack], alone: Alone | None, printed: str, setup: Setup) -> Outcome:
+def _outcome(ended: Ended[Batch], alone: Alone | None, printed: str, setup: Setup) -> Outcome:
     """Outcome of a case that ran alone.
 
-    printed: by its pack, where it was in one before.
+    printed: by its batch, where it was in one before.
     """
-    (case,) = ended.item
     remark = printed if alone is None else f"{ALONE}{alone}\n{printed}"
-    if ended.how != "done":
+    if ended.how == "done":
+        (outcome,) = results_of(ended.result, ended.item) or (None,)
+        assert isinstance(outcome, Outcome), "a case alone is always driven"
+    else:
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
-        return Outcome(
-            case, status, None, what_happened(ended, setup.run), remark + ended.log, alone=alone
-        )
-    results = results_of(ended.result, ended.item)
-    outcome = results[0] if results else None
-    assert isinstance(outcome, Outcome), "a case alone is driven in any case"
+        outcome = Outcome(ended.item[0], status, None, what_happened(ended, setup.run))
     return replace(outcome, log=remark + outcome.log + ended.log, alone=alone)
 
 
 def what_happened(
     ended: Ended[Any], limits: RunSettings, what: str = "The case", did: str = "ran the case"
 ) -> str:
-    """A sentence about an item that brought no result.
+    """A sentence about an item without a result.
 
-    what: it;
-    did: what its process did for it.
+    what: names the item.
+    did: work of its process.
     """
     if ended.how == "overdue":
         return f"{what} took longer than {limits.case_timeout:g} s of wall time."
@@ -227,8 +209,3 @@ def what_happened(
             f"{limits.memory_limit:g} MB of `run.memory_limit`, and were ended."
         )
     return f"The process that {did} {ended.why}."
-
-
-def _quoted(log: str) -> str:
-    lines = [line.strip() for line in log.splitlines() if line.strip()]
-    return f" Its last words: {clean(lines[-1])}" if lines else ""

@@ -1,11 +1,10 @@
-"""A pool of warm child processes in which anything may go wrong: one item costs at most itself and
-its process.
+"""Pool of warm child processes in which anything may fail: one item costs at most itself and its
+process.
 
 Each child serves one home, say one ADS, and nothing else in its life. It has pipes of its own and a
-supervisor (see `hygiene`), so nothing that a child does or leaves undone can reach another one's
-results. What it sends is read as it comes, as frames that cannot execute anything (see `frames`);
-what it prints comes here, bounded, and never to our own stdout. Nothing here waits for a child
-longer than its deadline. Everything happens in the calling thread.
+supervisor (see `hygiene`), so it cannot reach another one's results. Its results are frames that
+cannot execute anything (see `frames`); its output comes here, bounded, and never to our own stdout.
+Nothing here waits for a child longer than its deadline. Everything happens in the calling thread.
 """
 
 from __future__ import annotations
@@ -27,7 +26,6 @@ from functools import partial
 from itertools import count
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Generic, Literal, TypeVar
 
 from sumo_eval.errors import InputError
@@ -51,13 +49,13 @@ Item = TypeVar("Item")
 Settled = TypeVar("Settled")
 Task = Callable[[Any, Any], Any]
 """A function of the item and of what all items share; importable by name, like both arguments
-picklable. It answers with what a frame carries, or raises InputError.
+picklable. It returns what a frame carries, or raises InputError.
 """
 
 How = Literal["done", "refused", "died", "overdue", "overfull", "garbled"]
 
 LOG_END = 7_900  # bytes that are kept of the beginning, and of the end, of what an item printed
-_READS_AT_ONCE = 16  # of one child's output, before another one's turn
+_READS_AT_ONCE = 16  # of one child's output, before another one's
 _LEAVE_TIME = 5.0  # s for a killed process to be gone
 _COPY_TIME = 0.2  # s for a copy of a child to be where the child is
 _LONGEST_WAIT = 3600.0  # s
@@ -73,7 +71,7 @@ class Ended(Generic[Item]):
 
     how: `done` with a result; `refused` by an InputError; `died`; `overdue`, `overfull` or
         `garbled`, and killed.
-    why: the InputError's text; how many MB filled; else goes on from "the process that ran the case
+    why: the InputError's text; how many MB filled; else continues "the process that ran the case
         ...".
     idle: share of its wall time in which no processor worked on it.
     """
@@ -147,14 +145,9 @@ class Pool:
         self._scratch = scratch_folder()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for child in self._children:
-            child.let_go()
+            child.release()
         for child in self._children:
             child.end()
         self._children.clear()
@@ -188,48 +181,50 @@ class Pool:
             more to do.
         meanwhile: called whenever they have, and nothing else is left to do.
         """
-        busy: dict[_Child, Item] = {}
+        busy: list[_Child] = []
         settled: list[Settled] = []
         while True:
             while len(busy) < self._workers and not stopping():
                 item = take()
                 if item is None:
                     break
-                busy[self._give(busy, work, item)] = item
+                busy.append(self._give(busy, work, item))
             yield from settled
             if not busy:
                 return
-            settled = []
             meanwhile()
-            for child, ended in self._next_ended(busy):
-                del busy[child]
-                settled.append(settle(ended))
+            self._wait(busy)
+            settled = []
+            for child in list(busy):
+                if ended := child.outcome():
+                    busy.remove(child)
+                    if child.is_last:
+                        self._drop(child)
+                    settled.append(settle(ended))
 
-    def _give(self, busy: dict[_Child, Item], work: Work[Item], item: Item) -> _Child:
-        """Let a free child of the item's home work on it; where there is none, one takes the place
-        of a foreign one.
+    def _give(self, busy: Sequence[_Child], work: Work[Item], item: Item) -> _Child:
+        """Let a free child of the item's home work on it; without one, a new one replaces a foreign
+        one.
         """
-        home = work.home(item)
-        for child in [
-            child for child in self._children if child not in busy and child.home == home
-        ]:
+        home, deadline = work.home(item), self._limits.case_timeout
+        for child in [it for it in self._children if it not in busy and it.home == home]:
             if child.items < self._items_per_child and child.is_quiet():
                 with suppress(OSError):  # it has died meanwhile
-                    child.give(work, item, next(self._numbers), self._limits.case_timeout)
+                    child.give(work, item, next(self._numbers), deadline)
                     return child
             self._drop(child)
         if len(self._children) >= self._workers:
             self._drop(next(child for child in self._children if child not in busy))
         child = _Child(home, self._limits.memory_limit, self._scratch)
         self._children.append(child)
-        with suppress(OSError):  # it died at its beginning: the end of its results will say so
-            child.give(work, item, next(self._numbers), self._limits.case_timeout)
+        with suppress(OSError):  # it died at its beginning: the end of its results shows it
+            child.give(work, item, next(self._numbers), deadline)
         return child
 
-    def _next_ended(self, busy: dict[_Child, Item]) -> list[tuple[_Child, Ended[Item]]]:
-        """Wait until something happens; the items that have ended by then, often none.
+    def _wait(self, busy: Sequence[_Child]) -> None:
+        """Wait until something happens, and take it in.
 
-        What this process did between two looks - ending a child, writing what came - is no child's
+        Time of this process between two looks - ending a child, writing results - is no child's
         time.
         """
         away = clock.monotonic() - self._looked
@@ -244,17 +239,6 @@ class Pool:
         for descriptor, _ in poll.poll(1e3 * min(max(wait, 0.0), _LONGEST_WAIT)):
             of[descriptor].attend(descriptor)
         self._looked = clock.monotonic()
-        found: list[tuple[_Child, Ended[Item]]] = []
-        for child, item in busy.items():
-            end = child.how_it_ended()
-            if end is None:
-                continue
-            how, result, why, last = end
-            idle = child.idle()
-            if last:
-                self._drop(child)
-            found.append((child, Ended(item, how, result, child.take_log(), why, idle)))
-        return found
 
     def _drop(self, child: _Child) -> None:
         self._children.remove(child)
@@ -277,11 +261,13 @@ class _Child:
             # a user may have no more room for pipes; then a talkative child waits more often
             with suppress(OSError):
                 fcntl.fcntl(output.fileno(), fcntl.F_SETPIPE_SZ, MEGABYTE)
-        for mine in (self._orders, self._results, self._output):
-            os.set_blocking(mine.fileno(), False)
+        for own in (self._orders, self._results, self._output):
+            os.set_blocking(own.fileno(), False)
         self.home = home
         self.items = 0
         self.deadline = self._begun = self._used = 0.0
+        self.is_last = False  # whether it ends with its item
+        self._item: Any = None
         self._folder = Path(tempfile.mkdtemp(dir=scratch))
         self._log = BoundedLog()
         self._to_send = memoryview(b"")
@@ -290,39 +276,32 @@ class _Child:
         self._fault = ""
         self._ended: Report | None = None
         self._reported = False
-        theirs = (orders, results, output, leash, report)
-        self._process: Any = started(_begin, (theirs, memory_limit, str(self._folder)))
-        for one in theirs:
-            one.close()
+        pipes = (orders, results, output, leash, report)
+        self._process: Any = started(_begin, (pipes, memory_limit, str(self._folder)))
+        for end in pipes:
+            end.close()
 
     def is_quiet(self) -> bool:
-        """Whether a child with nothing to do is there, and has not said anything unasked."""
+        """Whether a child with nothing to do is alive and has sent nothing."""
         if self._results.closed:
             return False
         poll = select.poll()
-        poll.register(self._results.fileno(), select.POLLIN)
-        poll.register(self._report.fileno(), select.POLLIN)
+        for pipe in (self._results, self._report):
+            poll.register(pipe.fileno(), select.POLLIN)
         return not poll.poll(0)
 
     def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
-        """Send an item, as much of it as goes at once.
+        """Send an item, as much of it as is possible at once.
 
-        Raises OSError when the child is no more.
+        Raises OSError when the child has ended.
         """
         order = pickle.dumps((work.task, item, work.shared, deadline, number))
-        self._reader, self._answer, self._fault = FrameReader(number), None, ""
-        self._to_send = memoryview(_LENGTH.pack(len(order)) + order)
+        self._item, self._reader, self._answer = item, FrameReader(number), None
+        self._fault, self._to_send = "", memoryview(_LENGTH.pack(len(order)) + order)
         self.items += work.size(item)
         self._begun, self._used = clock.monotonic(), processor_time(self._process.pid)
         self.deadline = self._begun + deadline
         self._send()
-
-    def idle(self) -> float:
-        """Share of the wall time since its item was given in which no processor worked on it, 0 to
-        1.
-        """
-        wall = max(clock.monotonic() - self._begun, 1e-9)
-        return min(max(1.0 - (processor_time(self._process.pid) - self._used) / wall, 0.0), 1.0)
 
     def _send(self) -> None:
         with suppress(BlockingIOError):
@@ -331,8 +310,7 @@ class _Child:
 
     def watched(self) -> Iterator[tuple[int, int]]:
         """The descriptors on which something may happen, and what."""
-        yield self._report.fileno(), select.POLLIN
-        for pipe in (self._results, self._output):
+        for pipe in (self._report, self._results, self._output):
             if not pipe.closed:
                 yield pipe.fileno(), select.POLLIN
         if self._to_send:
@@ -348,35 +326,46 @@ class _Child:
         elif descriptor == self._orders.fileno():
             try:
                 self._send()
-            except OSError:  # nobody reads any more: the end of the results will say what happened
+            except OSError:  # it reads no more: the end of the results shows what happened
                 self._to_send = memoryview(b"")
         else:
             self._read_output()
 
-    def how_it_ended(self) -> tuple[How, Any, str, bool] | None:
-        """How, with which result and fault, and whether the child with it; None while it goes
-        on.
-        """
+    def outcome(self) -> Ended[Any] | None:
+        """Outcome of its item; None while that runs."""
+        end = self._how_it_ended()
+        if end is None:
+            return None
+        how, why = end
+        # share of the wall time since its item was given in which no processor worked on it
+        wall = max(clock.monotonic() - self._begun, 1e-9)
+        idle = min(max(1.0 - (processor_time(self._process.pid) - self._used) / wall, 0.0), 1.0)
+        self.is_last = how != "done" or self._answer[0] or self._reported
+        self._read_output()
+        log, self._log = self._log.text(), BoundedLog()
+        return Ended(self._item, how, self._answer[3] if how == "done" else None, log, why, idle)
+
+    def _how_it_ended(self) -> tuple[How, str] | None:
         if self._answer is not None and not self._fault:
-            last, twice, refusal, result = self._answer
+            _, twice, refusal, _ = self._answer
             if refusal:
-                return "refused", None, clean(refusal, _LONGEST_REFUSAL, lines=True), True
+                return "refused", clean(refusal, _LONGEST_REFUSAL, lines=True)
             if not twice:
-                return "done", result, "", last or self._reported
-            self._fault = "forked in a step, and both processes went on with the case"
+                return "done", ""
+            self._fault = "forked in a step, and both processes continued the case"
         begun = self._reader.has_begun
         if self._fault:
-            return "garbled", None, self._fault, True
+            return "garbled", self._fault
         if self._reported:
             if begun:
-                return "garbled", None, "ended amid its result", True
+                return "garbled", "ended amid its result"
             if self._ended is not None and self._ended.held:
-                return "overfull", None, f"{self._ended.held:.0f}", True
-            return "died", None, _CLOSED if self._ended is None else self._ended.words, True
+                return "overfull", f"{self._ended.held:.0f}"
+            return "died", _CLOSED if self._ended is None else self._ended.words
         if self.deadline <= clock.monotonic():
             if begun:
-                return "garbled", None, "began a result and did not end it", True
-            return "died" if self._results.closed else "overdue", None, _CLOSED, True
+                return "garbled", "began a result and did not end it"
+            return "died" if self._results.closed else "overdue", _CLOSED
         return None
 
     def _read_results(self) -> None:
@@ -386,13 +375,10 @@ class _Child:
                 if not data:
                     self._results.close()
                     return
-                self._take_in(data)
-
-    def _take_in(self, data: bytes) -> None:
-        try:
-            self._answer = self._reader.feed(data)
-        except FrameError as error:
-            self._fault = str(error)
+                try:
+                    self._answer = self._reader.feed(data)
+                except FrameError as error:
+                    self._fault = str(error)
 
     def _read_output(self) -> None:
         """Take in what the child has printed, not more at once than others can wait for."""
@@ -405,14 +391,8 @@ class _Child:
                     self._output.close()
                 self._log.add(data)
 
-    def take_log(self) -> str:
-        """Output printed since the last time."""
-        self._read_output()
-        log, self._log = self._log, BoundedLog()
-        return log.text()
-
-    def let_go(self) -> None:
-        """Tell the supervisor to end the child and whatever it has started, without waiting for
+    def release(self) -> None:
+        """Let the supervisor end the child and all that it has started, without waiting for
         that.
         """
         if not self._leash.closed:
@@ -420,7 +400,7 @@ class _Child:
 
     def end(self) -> None:
         """End it, leave no zombie and no file."""
-        self.let_go()
+        self.release()
         self._process.join(_LEAVE_TIME)
         if self._process.is_alive():
             self._process.kill()
@@ -437,27 +417,30 @@ class _Child:
 def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> None:
     """Become the supervisor of a child that serves."""
     orders, results, output, leash, report = (pipe.fileno() for pipe in pipes)
-    supervise(
-        partial(_serve, orders, results, output, memory_limit, scratch), leash, report, memory_limit
-    )
+    work = partial(_serve, orders, results, output, memory_limit, scratch)
+    supervise(work, leash, report, memory_limit)
 
 
 def _serve(orders: int, results: int, output: int, memory_limit: float, scratch: str) -> None:
-    """Work off items until there are no more or something is left behind that another item must not
-    meet.
+    """Work off items until there are no more, or one leaves something behind that another item must
+    not meet.
     """
-    _print_into(output)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    text = partial(open, mode="w", buffering=1, encoding="utf-8", errors="replace", closefd=False)
+    sys.stdout, sys.stderr = text(1), text(2)
     keep_open(orders, results)
     _limit_memory(memory_limit)
     tempfile.tempdir = scratch
     faulthandler.enable(file=2)
     c_library = ctypes.CDLL(None)
-    me = os.getpid()
+    own = os.getpid()
     forks: list[bool] = []
     os.register_at_fork(after_in_parent=lambda: forks.append(True))
     threads = len(sys._current_frames())
-    while (order := _read_order(orders)) is not None:
-        task, item, shared, deadline, number = pickle.loads(order)  # noqa: S301 - from the owner
+    while (head := _read(orders, _LENGTH.size)) and (order := _read(orders, *_LENGTH.unpack(head))):
+        task, item, shared, *limits = pickle.loads(order)  # noqa: S301 - from the owner
+        deadline, number = limits
         os.makedirs(scratch, exist_ok=True)  # another ADS may have removed it
         faulthandler.dump_traceback_later(_WARNING_SHARE * deadline, file=2)
         answer, refusal = None, ""
@@ -466,56 +449,36 @@ def _serve(orders: int, results: int, output: int, memory_limit: float, scratch:
         except InputError as error:
             refusal = str(error)
         faulthandler.cancel_dump_traceback_later()
-        if os.getpid() != me:
+        if os.getpid() != own:
             os._exit(COPY)
-        _flush(c_library)
+        # buffers are written where the item that filled them is still known
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(Exception):  # an ADS may have replaced them by anything
+                stream.flush()
+        c_library.fflush(None)
         left, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
         last = left or len(sys._current_frames()) > threads
-        _write(results, frame([last, twice, refusal, answer], number))
+        data = memoryview(frame([last, twice, refusal, answer], number))
+        while data:
+            data = data[os.write(results, data) :]
         if last:
             return
 
 
-def _read_order(descriptor: int) -> bytes | None:
-    """The owner's next words; None when there are no more."""
-    head = _read(descriptor, _LENGTH.size)
-    return _read(descriptor, *_LENGTH.unpack(head)) if head is not None else None
-
-
-def _read(descriptor: int, size: int) -> bytes | None:
+def _read(descriptor: int, size: int) -> bytes:
+    """The owner's next bytes; none when there are no more."""
     data = bytearray()
     while len(data) < size:
         more = os.read(descriptor, size - len(data))
         if not more:
-            return None
+            return b""
         data += more
     return bytes(data)
 
 
-def _write(descriptor: int, data: bytes) -> None:
-    view = memoryview(data)
-    while view:
-        view = view[os.write(descriptor, view) :]
-
-
-def _print_into(output: int) -> None:
-    os.dup2(output, 1)
-    os.dup2(output, 2)
-    text = partial(open, mode="w", buffering=1, encoding="utf-8", errors="replace", closefd=False)
-    sys.stdout, sys.stderr = text(1), text(2)
-
-
-def _flush(c_library: ctypes.CDLL) -> None:
-    """Let Python's and C's buffers go where the item that filled them is still known."""
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(Exception):  # an ADS may have put anything in their place
-            stream.flush()
-    c_library.fflush(None)
-
-
 def _limit_memory(megabytes: float) -> None:
-    """Let an allocation fail before the supervisor has to end the process: what is its own, beside
-    what it shares.
+    """Let an allocation fail before the supervisor has to end the process: of its own memory, not
+    of what it shares.
     """
     import resource
 
@@ -524,8 +487,8 @@ def _limit_memory(megabytes: float) -> None:
 
 
 def _left_processes(patience: float) -> tuple[bool, bool]:
-    """Whether this process has children, running or not, and whether one was a copy of it that went
-    on as it did.
+    """Whether this process has children, running or not, and whether one was a copy of it that
+    continued as it did.
     """
     until = clock.monotonic() + patience
     left = twice = False

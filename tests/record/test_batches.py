@@ -1,4 +1,4 @@
-"""Cases that run together are what they are alone, whatever the size of the packs, and a fault
+"""Cases that run together are what they are alone, whatever the size of the batches, and a fault
 costs its own case."""
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 import sumo_eval
+from sumo_eval.record.batches import LEAST, Batches
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup
 from sumo_eval.record.engines import run_batches, run_cases
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.kept import KeptRecording
-from sumo_eval.record.packs import LEAST, Packs
 from sumo_eval.record.store import open_store
 from sumo_eval.report.words import score_note
 from sumo_eval.scenario import catalogue
@@ -80,7 +80,7 @@ def facts(outcomes: list[Outcome]) -> dict[str, tuple[object, ...]]:
         ("FillsMemory", "ads_error", False),
     ],
 )
-def test_a_faulty_case_costs_itself_alone_and_the_log_says_when_it_broke_its_pack(
+def test_a_faulty_case_costs_itself_alone_and_the_log_says_when_it_broke_its_batch(
     fault: str, status: str, breaks: bool
 ) -> None:
     drives = cases(f"faulty_policies.py:{fault}")
@@ -112,13 +112,13 @@ def test_what_cannot_ride_is_driven_alone_and_is_what_it_is_alone(ads: str) -> N
     )
 
 
-def test_what_a_pack_prints_and_how_it_ended_stands_in_the_logs() -> None:
+def test_what_a_batch_prints_and_how_it_ended_stands_in_the_logs() -> None:
     (first, *others) = run_cases(cases("faulty_policies.py:Chatters"), setup(workers=1))
-    assert first.log.startswith("Printed by its pack of 9 cases:\na word from the faulty point\n")
+    assert first.log.startswith("Printed by its batch of 9 cases:\na word from the faulty point\n")
     assert not any(outcome.log for outcome in others)
     (first, *others) = run_cases(cases("faulty_policies.py:Exits"), setup(workers=1))
     why = f"{ALONE}Its batch was lost. The process that ran it died with exit code 7.\n"
-    assert first.log == f"{why}Printed by its pack of 9 cases:\nlast words before leaving\n"
+    assert first.log == f"{why}Printed by its batch of 9 cases:\nlast words before leaving\n"
     assert {outcome.log for outcome in others if outcome.case.point != FAULTY} == {why}
 
 
@@ -150,7 +150,7 @@ def stored(path: Path, run: Setup) -> str:
         return store.digest()
 
 
-def test_neither_the_size_of_packs_nor_workers_nor_the_engine_changes_a_byte(
+def test_neither_the_size_of_batches_nor_workers_nor_the_engine_changes_a_byte(
     tmp_path: Path,
 ) -> None:
     alone = stored(tmp_path / "alone", setup(workers=1, cases_per_pack=1))
@@ -167,7 +167,7 @@ def test_neither_the_size_of_packs_nor_workers_nor_the_engine_changes_a_byte(
         assert stored(tmp_path / str(number), run) == alone
 
 
-def test_conditions_of_the_ads_keep_it_out_of_packs_and_change_nothing_for_the_ideal_vehicle(
+def test_conditions_of_the_ads_keep_it_out_of_batches_and_change_nothing_for_the_ideal_vehicle(
     tmp_path: Path,
 ) -> None:
     noisy = replace(SIMULATION, conditions=replace(SIMULATION.conditions, reveal_scenario=True))
@@ -183,17 +183,17 @@ def test_conditions_of_the_ads_keep_it_out_of_packs_and_change_nothing_for_the_i
 # --- which cases go together ----------------------------------------------------------------------
 
 
-def taken(packs: Packs) -> list[int]:
+def taken(batches: Batches) -> list[int]:
     sizes = []
-    packs.look_ahead()
-    while pack := packs.take():
-        sizes.append(len(pack))
-        packs.look_ahead()
+    batches.look_ahead()
+    while batch := batches.take():
+        sizes.append(len(batch))
+        batches.look_ahead()
     return sizes
 
 
 def idle_at_the_end(sizes: list[int], lengths: list[int], workers: int) -> int:
-    """How long workers have nothing to do: each takes the next pack when it is free; a pack costs
+    """How long workers have nothing to do: each takes the next batch when it is free; a batch costs
     8, and its cases."""
     free_at, first = [0] * workers, 0
     for size in sizes:
@@ -206,10 +206,10 @@ def idle_at_the_end(sizes: list[int], lengths: list[int], workers: int) -> int:
 @pytest.mark.parametrize(
     ("count", "workers"), [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)]
 )
-def test_packs_are_few_and_leave_all_workers_work_to_the_end(count: int, workers: int) -> None:
+def test_batches_are_few_and_leave_all_workers_work_to_the_end(count: int, workers: int) -> None:
     concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
     drives = [Case(number, concrete, "ads", "a", "a") for number in range(count)]
-    sizes = taken(Packs(drives, workers, 256))
+    sizes = taken(Batches(drives, workers, 256))
     assert sum(sizes) == count
     assert max(sizes) <= 256
     assert sizes == sorted(sizes, reverse=True)
@@ -219,18 +219,18 @@ def test_packs_are_few_and_leave_all_workers_work_to_the_end(count: int, workers
         [1 + (number * 7919) % 5 for number in range(count)],
         [3] * (count // 2) + [1] * count,
     ):
-        # of a pack; no worker waits longer than the last of them takes
+        # of a batch; no worker waits longer than the last of them takes
         least = 8 + LEAST * max(lengths)
         assert idle_at_the_end(sizes, lengths, workers) <= (workers - 1) * least
 
 
-def test_a_pack_holds_one_kind_and_never_more_than_allowed() -> None:
-    packs = Packs(kinds(), 1, 3)
+def test_a_batch_holds_one_kind_and_never_more_than_allowed() -> None:
+    batches = Batches(kinds(), 1, 3)
     seen = 0
-    while pack := packs.take():
-        assert len({(case.role, case.controller, case.concrete.scenario) for case in pack}) == 1
-        assert len(pack) <= 3
-        seen += len(pack)
+    while batch := batches.take():
+        assert len({(case.role, case.controller, case.concrete.scenario) for case in batch}) == 1
+        assert len(batch) <= 3
+        seen += len(batch)
     assert seen == len(kinds())
 
 
@@ -238,11 +238,11 @@ def test_the_longest_cases_of_a_kind_go_first_and_kinds_in_their_order() -> None
     slow, quick = (SPACE.concrete(ego_speed=20.0, lead_speed=speed) for speed in (5.0, 15.0))
     drives = [Case(number, quick if number % 2 else slow, "ads", "a", "a") for number in range(8)]
     drives += [Case(number, slow, "human", "driver_00", "synthetic") for number in range(4)]
-    packs = Packs(drives, 1, 4)
-    packs.look_ahead()
+    batches = Batches(drives, 1, 4)
+    batches.look_ahead()
     found = []
-    while pack := packs.take():
-        found.append((pack[0].role, {case.concrete.label for case in pack}))
+    while batch := batches.take():
+        found.append((batch[0].role, {case.concrete.label for case in batch}))
     assert found == [
         ("ads", {slow.label}),
         ("ads", {quick.label}),
@@ -283,25 +283,25 @@ def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_eac
 @pytest.mark.parametrize(
     ("too_slow", "expected"), [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])]
 )
-def test_packs_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_hold(
+def test_batches_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_hold(
     too_slow: bool, expected: list[int]
 ) -> None:
     concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
-    packs = Packs([Case(number, concrete, "ads", "a", "a") for number in range(4000)], 1, 64)
-    pack = packs.take()
-    assert pack is not None
-    assert len(pack) == 64
-    packs.did_not_come_through(pack, [Alone("pack_lost", "it broke")] * 64, "", too_slow=too_slow)
-    packs.look_ahead()
-    alone = [packs.take() for _ in range(64)]
-    assert [case for one in alone if one is not None for case in one] == list(pack)
+    batches = Batches([Case(number, concrete, "ads", "a", "a") for number in range(4000)], 1, 64)
+    batch = batches.take()
+    assert batch is not None
+    assert len(batch) == 64
+    batches.record_failure(batch, [Alone("pack_lost", "it broke")] * 64, "", too_slow=too_slow)
+    batches.look_ahead()
+    alone = [batches.take() for _ in range(64)]
+    assert [case for one in alone if one is not None for case in one] == list(batch)
     sizes = []
     for _ in range(4):
-        pack = packs.take()
-        assert pack is not None
-        sizes.append(len(pack))
-        packs.came_through(pack)
-        packs.look_ahead()
+        batch = batches.take()
+        assert batch is not None
+        sizes.append(len(batch))
+        batches.record_success(batch)
+        batches.look_ahead()
     assert sizes == expected
 
 
@@ -313,11 +313,11 @@ def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins() 
             asked.append(number)
             yield Case(number, SPACE.concrete(ego_speed=20.0, lead_speed=10.0), "ads", "a", "a")
 
-    Packs(many(), 2, 256).take()
+    Batches(many(), 2, 256).take()
     assert len(asked) <= 2 * 4 * 256
 
 
-def test_settings_that_reject_a_case_alone_reject_it_in_a_pack() -> None:
+def test_settings_that_reject_a_case_alone_reject_it_in_a_batch() -> None:
     odd = replace(SIMULATION, step=0.03, record_interval=0.1)
     for ads in ("careful_driver", "idm"):
         found = [
@@ -328,10 +328,10 @@ def test_settings_that_reject_a_case_alone_reject_it_in_a_pack() -> None:
         assert {outcome.status for outcome in found[1]} == {"rejected"}
 
 
-def test_a_score_says_which_drives_left_their_pack(tmp_path: Path) -> None:
+def test_a_score_says_which_drives_left_their_batch(tmp_path: Path) -> None:
     sampling = SamplingSettings(steps={"ego_speed": 5.0, "lead_speed": 10.0})
     settings = EvaluationSettings(
-        name="packs",
+        name="batches",
         simulation=SIMULATION,
         scenario=(ScenarioSettings("front_vehicle_low_speed", sampling),),
         ads=(

@@ -1,0 +1,190 @@
+"""Which cases go to a child process together, and which alone.
+
+Cases of one kind (same scenario, same driver of the ego) can share one simulation where that driver
+has a form for many cases. A batch has a cost of its own, so batches are as large as allowed, and
+smaller towards the end, so that all workers have work to the end. Cases of a batch that was lost
+run alone, so that a faulty case costs itself. Cases of one block, which a policy over arrays drives
+in one call, stay together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import islice
+from operator import itemgetter
+
+from sumo_eval.cosim.simulation import probable_end
+from sumo_eval.record.cases import Case, Setup
+from sumo_eval.trajectory import Alone
+
+Batch = tuple[Case, ...]
+Kind = tuple[str, str, str, str]
+
+# in a batch at most where drives are long: a vehicle's step takes SUMO longer among more of them
+OF_LONG_CASES = 192
+# cases in a batch if there are as many: in smaller ones its own cost outweighs that of the cases
+LEAST = 32
+# full batches for each worker that are held ready: the end is seen in time to divide it evenly
+_BATCHES_AHEAD = 4
+_MOST_AHEAD = 16_384  # cases that are held ready at most
+_SHARES = 2  # batches that a worker would take of the rest, were they all as large as the next one
+_CUT = 4  # by how much batches of a kind get smaller after a lost one
+
+
+class Batches:
+    """Cases on their way to `workers` children.
+
+    largest: cases in a batch at most; 1: all alone.
+    """
+
+    def __init__(self, cases: Iterable[Case], workers: int, largest: int) -> None:
+        self._waiting = iter(cases)
+        self._workers = workers
+        self._largest = largest
+        self._most_ahead = min(workers * _BATCHES_AHEAD * largest, _MOST_AHEAD)
+        self._all_seen = False
+        # cases by kind, each with the time at which it probably ends
+        self._ahead: dict[Kind, list[tuple[float, Case]]] = {}
+        self._alone = deque[Case]()
+        self._undisturbed = deque[Case]()
+        self._remarks: dict[str, tuple[Alone, str]] = {}
+        self._running = 0
+        self._largest_of: dict[Kind, int] = {}
+        self._in_time: dict[Kind, int] = {}  # size beyond which batches of a kind take too long
+        self._last: Kind | None = None  # of the case that was made ready last
+
+    def take(self) -> Batch | None:
+        """The next cases to run; None when there are none at the moment."""
+        if self._alone:
+            batch: Batch = (self._alone.popleft(),)
+        elif self._ahead or self._make_ready(self._largest):
+            batch = self._next()
+        elif self._undisturbed and not self._running:
+            batch = (self._undisturbed.popleft(),)
+        else:
+            return None
+        self._running += 1
+        return batch
+
+    def ended(self) -> None:
+        """A batch that was taken does not run any more."""
+        self._running -= 1
+
+    def _next(self) -> Batch:
+        """Cases of the first kind; the longest first, so that no process has them at the end, and
+        neighbours end at the same time: a batch lasts as long as its last case.
+        """
+        kind, queue = next(iter(self._ahead.items()))
+        number = min(self._share, self._largest_of.get(kind, self._largest))
+        if kind[-1]:  # until all of the block is there
+            while kind == self._last and self._make_ready(1):
+                pass
+            number = len(queue)
+        queue.sort(key=itemgetter(0))
+        batch = tuple(case for _, case in queue[-number:])
+        del queue[-number:]
+        if not queue:
+            del self._ahead[kind]
+        return batch
+
+    def look_ahead(self) -> None:
+        """Make the next cases ready; best done while the children work."""
+        room = self._most_ahead - self._number_ahead
+        if room > 0 and not self._all_seen:
+            self._make_ready(room)
+
+    @property
+    def _number_ahead(self) -> int:
+        return sum(map(len, self._ahead.values()))
+
+    @property
+    def _share(self) -> int:
+        """Cases that the next batch may hold: of the last ones half of a worker's share, so that no
+        worker waits long for another one.
+        """
+        if not self._all_seen or self._workers == 1:
+            return self._largest
+        share = math.ceil(self._number_ahead / (_SHARES * self._workers))
+        return min(max(share, LEAST), self._largest)
+
+    def _make_ready(self, number: int) -> int:
+        """Take in `number` of the waiting cases; how many there were."""
+        cases = list(islice(self._waiting, number))
+        for case in cases:
+            self._last = self._add(case)
+        self._all_seen = self._all_seen or len(cases) < number
+        return len(cases)
+
+    def _add(self, case: Case) -> Kind:
+        kind = _kind(case)
+        self._ahead.setdefault(kind, []).append((probable_end(case.concrete), case))
+        return kind
+
+    def record_success(self, batch: Batch) -> None:
+        """Every case of a batch has its result: batches of the kind grow to their former size."""
+        kind = _kind(batch[0])
+        size = self._largest_of.get(kind, 1)
+        if size > 1:
+            self._largest_of[kind] = min(2 * size, self._in_time.get(kind, self._largest))
+
+    def record_failure(
+        self, batch: Batch, why: Sequence[Alone], printed: str, *, too_slow: bool = False
+    ) -> None:
+        """A batch was lost: its cases run alone, and the next batches of the kind are smaller, in
+        the end single cases.
+
+        why: of each of its cases.
+        printed: put into the log of the first.
+        too_slow: it ran out of time; batches of the kind do not become as large again.
+        """
+        kind = _kind(batch[0])
+        size = max(min(len(batch), self._largest_of.get(kind, self._largest)) // _CUT, 1)
+        self._largest_of[kind] = size
+        if too_slow:
+            self._in_time[kind] = size
+        for number, (case, reason) in enumerate(zip(batch, why, strict=True)):
+            self.run_alone(case, reason, "" if number else printed)
+
+    def never_together(self, batch: Batch) -> None:
+        """Cases of this kind have no form for many: they run alone."""
+        for case in batch:
+            self._largest_of[self._add(replace(case, block=None))] = 1
+
+    def run_alone(self, case: Case, why: Alone, printed: str = "") -> None:
+        """Let a case run alone, next of all.
+
+        printed: put into its log.
+        """
+        self._alone.append(replace(case, block=None))
+        self._remarks[case.key] = why, printed
+
+    def run_undisturbed(self, case: Case, why: Alone, printed: str = "") -> None:
+        """Let a case run once all others have ended, with no other case at that time."""
+        self._undisturbed.append(case)
+        self._remarks[case.key] = why, printed
+
+    def remark(self, case: Case) -> tuple[Alone | None, str]:
+        """Why a case ran alone, and what its log also holds; given once."""
+        return self._remarks.pop(case.key, (None, ""))
+
+
+def largest_batch(setup: Setup) -> int:
+    """Cases in a batch at most: as many as the user allows, fewer where each drives to the road's
+    end.
+    """
+    most = setup.run.cases_per_pack
+    return most if setup.simulation.end_when_decided else min(most, OF_LONG_CASES)
+
+
+def _kind(case: Case) -> Kind:
+    block = "" if case.block is None else case.block.name
+    return case.role, case.controller, case.concrete.scenario, block
+
+
+def driven(batch: Batch) -> int:
+    """How many cases are simulated for a batch: all of a block, whichever of it are wanted."""
+    block = batch[0].block
+    return len(batch) if block is None else len(block.concretes)
