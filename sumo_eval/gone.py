@@ -26,8 +26,7 @@ COMMANDS = {
     "humans coverage": "a run counts the recorded people behind each D_i: `recorded_drivers` in "
     "cases.csv",
     "humans population": "docs/explanation/drivers.md has the comparison; its script: `git show "
-    "a7c0632:"
-    "sumo_eval/drivers/recorded/population_check.py`",
+    "a7c0632:sumo_eval/drivers/recorded/population_check.py`",
     "humans similarity": "D and H compare drives; `export RUN` writes trajectories that tslearn "
     "can compare by DTW",
 }

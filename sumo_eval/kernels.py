@@ -155,8 +155,7 @@ def _numba() -> Any:
 
 def _register(function: Callable[..., Any]) -> None:
     register = importlib.import_module("numba.extending").register_jitable
-    part = {} if PLAIN else importlib.import_module("sumo_eval.numba_insides").as_part()
-    register(error_model="numpy", no_cfunc_wrapper=True, **part)(function)
+    register(error_model="numpy", no_cfunc_wrapper=True)(function)
 
 
 @functools.cache

@@ -220,13 +220,11 @@ AloneReason = Literal[
 ]
 
 _ALONE: dict[AloneReason, str] = {
-    "on_traci": "The ADS needs the simulation to itself (TraCI code, a listener, a program, an "
-    "FMU or a model of "
-    "SUMO's).",
+    "on_traci": "The ADS needs the simulation to itself (TraCI code, a listener, a program, an FMU "
+    "or a model of SUMO's).",
     "one_object": "The ADS is one object for all cases, and may hold something of each.",
     "not_together": "The case or its settings allow no company (its road's network, its "
-    "conditions, its vehicle "
-    "model).",
+    "conditions, its vehicle model).",
     "asks_sumo": "Its ADS asks SUMO, which then has to hold its case alone.",
     "left_batch": "Its ADS asked for more than a row of a batch is, or something out of the "
     "ordinary happened in it.",
@@ -236,12 +234,10 @@ _ALONE: dict[AloneReason, str] = {
     "one another.",
     "together_failed": "Cases that were driven together failed: {}.",
     "pack_lost": "Its batch was lost. {}",
-    "block_lost": "The block of cases that its policy over arrays drives together was lost, so "
-    "the policy was shown "
-    "this case alone, which may change the last bits of its answers. {}",
+    "block_lost": "The block of cases that its policy over arrays drives together was lost, so the "
+    "policy was shown this case alone, which may change the last bits of its answers. {}",
     "late": "It was too late in its first step, or while no processor worked on it (a loaded "
-    "machine, an ADS that "
-    "waits), so it was driven once more with no other case. {}",
+    "machine, an ADS that waits), so it was driven once more with no other case. {}",
 }
 
 

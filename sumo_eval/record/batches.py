@@ -103,7 +103,7 @@ class Batches:
     @property
     def _share(self) -> int:
         """Cases that the next batch may hold: of the last ones half of a worker's share, so that no
-        worker waits long for another one.
+        worker waits long.
         """
         if not self._all_seen or self._workers == 1:
             return self._largest

@@ -21,8 +21,8 @@ def builds_of(settings: EvaluationSettings, source: Path) -> Mapping[str, str]:
 
 
 def commit_of(folder: Path) -> str:
-    """`3db9796abcde`, or `3db9796abcde-dirty` with changes that are not committed; "" where there
-    is no commit.
+    """`3db9796abcde`, or `3db9796abcde-dirty` with changes that are not committed; "" without a
+    commit.
     """
     command = [
         "git",

@@ -39,7 +39,7 @@ class Block:
     """The cases that a policy over arrays drives together, whichever of them are wanted: its
     numbers may depend on it.
 
-    first: number of their first point; the others follow.
+    first: number of their first point.
     name: stands for what they are.
     """
 
@@ -100,7 +100,7 @@ class Outcome:
         `error_place`: file, line and function of the user's code that an exception came from.
 
     alone: why a case that was to be simulated together with others was not.
-    reads: name of what the process of an ADS of the user's had read by then.
+    reads: path and hash of files that the process of a user's ADS has newly read.
     """
 
     case: Case
@@ -110,7 +110,7 @@ class Outcome:
     log: str = ""
     error_place: str = ""
     alone: Alone | None = None
-    reads: str | None = None
+    reads: Sequence[tuple[str, str]] | None = None
 
     def __post_init__(self) -> None:
         """Cleaned once more: what a process that runs users' code sends may be anything."""

@@ -118,8 +118,8 @@ def warm_up() -> None:
 
 
 def cool_down() -> None:
-    """End the process that makes the children where none was ever asked for: it would go on loading
-    for seconds.
+    """End the process that makes the children where none was ever asked for: it would load for
+    seconds.
     """
     # shown nowhere else
     pid = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
@@ -197,7 +197,7 @@ def _starts_beside_the_package() -> bool:
 @contextmanager
 def _children_environment() -> Iterator[None]:
     """The environment in which the process that makes the children starts; what the user has set
-    stays, but for one.
+    stays, except the hash seed.
 
     That process imports nothing from the working folder but this package: the folder may hold
     another copy of it, or a user's files that are called as modules are.

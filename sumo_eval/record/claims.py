@@ -9,7 +9,7 @@ from sumo_eval.coded import plain, record_of
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.record.cases import Case, Outcome, Setup, Status
 from sumo_eval.record.kept import KeptRecording
-from sumo_eval.record.reads import Told, chained
+from sumo_eval.record.reads import File
 from sumo_eval.trajectory import Alone, Clip, Collision, EndReason
 
 STATUS: dict[EndReason, Status] = {
@@ -29,7 +29,7 @@ OURS = ""
 """The home of everything that runs no users' code."""
 
 Results = list[Outcome | Alone] | None
-"""Of the cases of a pack.
+"""Of the cases of a batch.
 
 `Alone`: why that case has to run alone. None: cases of this kind always have to.
 """
@@ -53,7 +53,7 @@ def home_of_ads(locator: str, setup: Setup) -> str:
     return OURS if ours and setup.simulation.plant is None else f"ADS `{locator}`"
 
 
-def as_plain(results: Results, read: Told | None) -> list[Any]:
+def as_plain(results: Results, read: list[File] | None) -> list[Any]:
     """Results for a frame, without their cases.
 
     read: the files that their process has read meanwhile.
@@ -68,11 +68,10 @@ def _row(result: Outcome | Alone) -> object:
 
 
 def results_of(answer: Any, cases: Sequence[Case]) -> Results:
-    """The outcomes given to `as_plain`, of these cases, each with what its process had read by
-    then.
+    """The outcomes given to `as_plain`, of these cases, each with what its process has newly
+    read.
     """
-    read, rows = answer
-    reads = chained(read)
+    reads, rows = answer
     if rows is None:
         return None
     return [
@@ -81,7 +80,7 @@ def results_of(answer: Any, cases: Sequence[Case]) -> Results:
     ]
 
 
-def _result(case: Case, row: Any, reads: str | None) -> Outcome | Alone:
+def _result(case: Case, row: Any, reads: list[File] | None) -> Outcome | Alone:
     if isinstance(row, Alone):
         return row
     status, kept, error, log, place = row

@@ -15,7 +15,6 @@ from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_in_children
 from sumo_eval.record.identity import harness_identity
 from sumo_eval.record.progress import Stopping
-from sumo_eval.record.reads import LINKS, LOST, Told, links
 
 # cases a task at most: each starts a child, and a lost worker costs this many cases again
 BATCH = 100
@@ -26,19 +25,16 @@ _CONNECT_TIME = 10.0  # s
 _OWN_LOG = "distributed.client"
 
 
-def run_batch(
-    cases: Batch, setup: Setup, harness: str
-) -> tuple[list[Outcome], dict[str, Told]] | str:
-    """On a worker: the outcomes of a batch and what their processes told of files, or a sentence
-    when this worker would not make the same facts.
+def run_batch(cases: Batch, setup: Setup, harness: str) -> list[Outcome] | str:
+    """On a worker: the outcomes of a batch, or a sentence when this worker would not make the same
+    facts.
     """
     if harness_identity() != harness:
         return (
             "has another version of sumo_eval or of libsumo than the process that collects the "
             "facts"
         )
-    done = [outcome for outcomes in run_in_children(cases, setup) for outcome in outcomes]
-    return done, {name: LINKS[name] for outcome in done for name in links(outcome.reads or LOST)}
+    return [outcome for outcomes in run_in_children(cases, setup) for outcome in outcomes]
 
 
 def run_on_cluster(
@@ -47,8 +43,7 @@ def run_on_cluster(
     """Outcomes of the cases from the cluster whose scheduler `setup.run.scheduler` names, as
     batches end.
 
-    A batch whose worker is lost goes to another one; an outcome that had not come back yet is made
-    again.
+    A batch whose worker is lost is given to the cluster again.
     """
     client = _connect(setup.run.scheduler)
     from distributed import as_completed
@@ -87,9 +82,7 @@ def run_on_cluster(
                 found = future.result()
                 if isinstance(found, str):
                     raise InputError(f"A worker of the Dask cluster {setup.run.scheduler} {found}.")
-                outcomes, told = found
-                LINKS.update(told)
-                yield outcomes
+                yield found
             elif times < _TIMES:
                 submit(batch, times + 1)
             else:
@@ -120,7 +113,7 @@ def _threads(client: Any, address: str) -> int:
 def _lost(address: str, error: OSError) -> InputError:
     return InputError(
         f"The Dask scheduler at {address} does not answer any more: {said(error)}. What had ended "
-        "is recorded; start a scheduler again and go on with --resume."
+        "is recorded; start a scheduler again and continue with --resume."
     )
 
 

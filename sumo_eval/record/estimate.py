@@ -39,7 +39,7 @@ class Estimate:
 
     drives: of ADSs, of references (three at every point) and of human drivers, as in `_SORTS`.
     loaded: how many ADSs of how many.
-    untimed: sorts of drives that count as the others.
+    untimed: sorts of drives that count as the rest.
     broken_off: whether a drive took longer than all that is to be timed.
     """
 

@@ -187,6 +187,7 @@ def record_facts(
             )
         refuse_to_lose_cases(store, spaces, settings, folder)
         notes = find_stale(store, source)
+        store.remove_stale()
         store.unseal()
         store.note(run_folder.SHARD, f"{shard[0]}/{shard[1]}")
         try:

@@ -53,7 +53,7 @@ class FrameReader:
             return None
         magic, number, size, checksum = _HEADER.unpack_from(self._came)
         if magic != _MAGIC:
-            raise FrameError("wrote something that is no result to the pipe for results")
+            raise FrameError("wrote something that is not a result to the pipe for results")
         if number != self._number:
             raise FrameError("answered for another case than its own")
         missing = _HEADER.size + size - len(self._came)

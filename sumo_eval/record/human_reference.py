@@ -1,12 +1,12 @@
-"""What the drivers of each concrete scenario tell: D_i of the ADSs, the drivers' own band, D_i with
-a driver left out.
+"""Results from the drivers of each concrete scenario: D_i of the ADSs, the drivers' own band, D_i
+with a driver left out.
 
 All three need the fields of the same drives, so a point is one piece of work. Points are read from
 the store and spread over processes.
 
-All three depend on the recorded drives and the settings alone, so a run's folder keeps what has
-been computed (`record.kept_results`): scoring, explaining or comparing a run again reads it there,
-and scoring that was stopped continues where it was.
+All three depend on the recorded drives and the settings alone, so a run's folder keeps them
+(`record.kept_results`): scoring, explaining or comparing a run again reads them there, and scoring
+that was stopped continues where it was.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ class LeftOut:
     """D_i of a case on coarse slices against all drivers, and without each of them in their order;
     `without` is empty where only two drivers are there.
 
-    exchanged: with one driver in the place of another, mean over the exchanges; that of everyone
-        where there are none.
+    exchanged: with one driver instead of another, mean over the exchanges; that of everyone where
+        there are none.
     likeness, likeness_without, likeness_exchanged: likewise f_L * f_n+ * similarity of its
         human-likeness, which leaves out its plausibility.
     """
@@ -83,12 +83,10 @@ class LeftOut:
 
     @classmethod
     def of(cls, indexes: Sequence[AnthropomorphicIndex], exchanges: int) -> LeftOut:
-        """From the indexes of `left_out_pairings`, of which the last are so many exchanges."""
+        """From the indexes of `left_out_pairings`, the last of which are exchanges."""
         first = len(indexes) - exchanges
-        values, likenesses = (
-            [index.value for index in indexes],
-            [_likeness(index) for index in indexes],
-        )
+        values = [index.value for index in indexes]
+        likenesses = [index.likeness.value for index in indexes if index.likeness is not None]
         return cls(
             values[0], tuple(values[1:first]), fmean(values[first:] or values[:1]),
             likenesses[0], tuple(likenesses[1:first]), fmean(likenesses[first:] or likenesses[:1]),
@@ -144,19 +142,20 @@ def compute_points(
     kept: where results are looked up, and put.
     """
     keys = _keys(facts, jobs, settings)
-    found = [_kept(known, kept) for known in keys]
-    todo = [place for place, known in enumerate(keys) if len(found[place]) < len(known)]
-    missing = [_missing(jobs[place], found[place]) for place in todo]
+    results = [
+        {name: data for name, key in of.items() if (data := kept.get(name[0], key)) is not None}
+        for of in keys
+    ]
+    todo = [place for place, of in enumerate(keys) if len(results[place]) < len(of)]
+    missing = [_missing(jobs[place], results[place]) for place in todo]
     parts = [
         (facts, missing[first : first + _CHUNK], settings) for first in range(0, len(todo), _CHUNK)
     ]
     done, new = 0, list[KeptPart]()
     for part in spread(_compute_part, parts) if parts else ():
         for place, result in zip(todo[done : done + len(part)], part, strict=True):
-            new += [
-                (name[0], keys[place][name], 0, encoded(record)) for name, record in result.items()
-            ]
-            found[place] |= result
+            new += [(name[0], keys[place][name], 0, data) for name, data in result.items()]
+            results[place] |= result
         done += len(part)
         if len(new) >= _KEPT_AT_ONCE or done == len(todo):
             kept.put(new)
@@ -164,10 +163,15 @@ def compute_points(
         progress(len(jobs) - len(todo) + done)
     if jobs and not todo:
         progress(len(jobs))
-    return [
-        PointResult(_of(point, "index"), _of(point, "left_out"), _of(point, "band").get(""))
-        for point in found
-    ]
+    return list(map(_result, results))
+
+
+def _result(parts: Mapping[_Name, bytes]) -> PointResult:
+    """Results of a point: always as they are kept, so that reading them again changes nothing."""
+    records: dict[Kind, dict[str, Any]] = {"index": {}, "left_out": {}, "band": {}}
+    for (kind, case), data in parts.items():
+        records[kind][case] = decoded(data, _RECORDS)
+    return PointResult(records["index"], records["left_out"], records["band"].get(""))
 
 
 # --- what is kept ---------------------------------------------------------------------------------
@@ -183,7 +187,7 @@ def _keys(
 ) -> list[dict[_Name, bytes]]:
     with open_store(facts) as store:
         hash_of = cache(store.case_hash)
-        found = []
+        listed = []
         for job in jobs:
             drivers = [hash_of(case) for case in job.drivers]
             common = key_of(job.road, settings, drivers, method_sources())
@@ -194,8 +198,8 @@ def _keys(
                 keys["left_out", case] = key_of(common, hash_of(case), "left out", job.exchanges)
             if job.band:
                 keys["band", ""] = key_of(common, "band")
-            found.append(keys)
-    return found
+            listed.append(keys)
+    return listed
 
 
 @cache
@@ -205,20 +209,10 @@ def method_sources() -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
-def _kept(keys: Mapping[_Name, bytes], kept: KeptResults) -> dict[_Name, Any]:
-    parts = {name: kept.get(name[0], key) for name, key in keys.items()}
-    return {name: decoded(data, _RECORDS) for name, data in parts.items() if data is not None}
-
-
-def _missing(job: PointJob, found: Collection[_Name]) -> PointJob:
-    ads = tuple(case for case in job.ads if ("index", case) not in found)
-    left_out = tuple(case for case in job.left_out if ("left_out", case) not in found)
-    return replace(job, ads=ads, left_out=left_out, band=job.band and ("band", "") not in found)
-
-
-def _of(point: Mapping[_Name, Any], kind: Kind) -> dict[str, Any]:
-    """Results of a kind, by case."""
-    return {case: record for (what, case), record in point.items() if what == kind}
+def _missing(job: PointJob, kept: Collection[_Name]) -> PointJob:
+    ads = tuple(case for case in job.ads if ("index", case) not in kept)
+    left_out = tuple(case for case in job.left_out if ("left_out", case) not in kept)
+    return replace(job, ads=ads, left_out=left_out, band=job.band and ("band", "") not in kept)
 
 
 # --- computing ------------------------------------------------------------------------------------
@@ -226,42 +220,38 @@ def _of(point: Mapping[_Name, Any], kind: Kind) -> dict[str, Any]:
 
 def _compute_part(
     part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings],
-) -> list[dict[_Name, Any]]:
+) -> list[dict[_Name, bytes]]:
     facts, jobs, settings = part
     with open_store(facts, checked=True) as store:
-        return [_compute(job, store, settings) for job in jobs]
+        return [
+            {name: encoded(record) for name, record in _compute(job, store, settings)}
+            for job in jobs
+        ]
 
 
-def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> dict[_Name, Any]:
+def _compute(
+    job: PointJob, store: Store, settings: AnthropomorphicSettings
+) -> Iterator[tuple[_Name, object]]:
     cases = list(dict.fromkeys((*job.drivers, *job.ads, *job.left_out)))
     place = {case: number for number, case in enumerate(cases)}
     drivers = [place[case] for case in job.drivers]
-    judged = [
+    exchanges = job.exchanges if len(drivers) > 2 else ()
+    # Each ADS apart, so that its result is the same to the last bit whatever else is compared.
+    groups = [
         [Pairing(place[case], tuple(drivers), settings.slice_spacing, likeness=True)]
         for case in job.ads
     ]
-    among = band_pairings(drivers, settings) if job.band else []
-    exchanges = job.exchanges if len(drivers) > 2 else ()
-    without = {
-        case: left_out_pairings(place[case], drivers, exchanges, settings) for case in job.left_out
-    }
+    groups.append(band_pairings(drivers, settings) if job.band else [])
+    groups += [
+        left_out_pairings(place[case], drivers, exchanges, settings) for case in job.left_out
+    ]
     trajectories = [store.trajectory(case) for case in cases]
-    # Each ADS apart, so that what is found of it is the same to the last bit whoever else is
-    # judged.
-    found = iter(
-        indexes_by_group(trajectories, [*judged, among, *without.values()], job.road, settings)
-    )
-    results: dict[_Name, Any] = {
-        ("index", case): index for case, (index,) in zip(job.ads, found, strict=False)
-    }
-    band = next(found)
+    indexes = iter(indexes_by_group(trajectories, groups, job.road, settings))
+    for case in job.ads:
+        (index,) = next(indexes)
+        yield ("index", case), index
+    among = next(indexes)
     if job.band:
-        results["band", ""] = band_of(band)
-    for case, its in zip(without, found, strict=True):
-        results["left_out", case] = LeftOut.of(its, len(exchanges))
-    return results
-
-
-def _likeness(index: AnthropomorphicIndex) -> float:
-    assert index.likeness is not None, "left-out pairings ask for it"
-    return index.likeness.value
+        yield ("band", ""), band_of(among)
+    for case, group in zip(job.left_out, indexes, strict=True):
+        yield ("left_out", case), LeftOut.of(group, len(exchanges))

@@ -3,15 +3,14 @@ a run continues.
 
 A process notes every Python file from outside the installed packages, and every file below a folder
 that such a file or the evaluation lies in, as it is when it is opened. Files that it writes do not
-count, nor do compiled ones. What a process has read stays in its memory, so a case depends on all
-of it: a chain, in which many cases share a link.
+count, nor do compiled ones. What a process has read stays in its memory, so all cases of an ADS
+depend on all files that its processes have read.
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
-import json
 import math
 import os
 import stat
@@ -20,7 +19,7 @@ import sysconfig
 import tempfile
 import threading
 import time as clock
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -33,8 +32,8 @@ from sumo_eval.text import clean
 ABSENT, WRITTEN, UNKNOWN = "-", "", "?"
 """In place of a hash: no such file, one that the ADS writes, one that may have been changed after
 it was loaded."""
-LOST = ""
-"""The name of what a process had read that was lost before it told."""
+LOST = "a file that no process lived to tell"
+"""In place of a path, where all processes of an ADS were lost."""
 
 _PACKAGE = str(Path(__file__).parent.parent)
 _PYTHON = (".py", ".pyw", ".pyc")
@@ -47,8 +46,8 @@ _BEGAN = clock.time()
 
 File = tuple[str, str]
 """Path, relative to the evaluation's folder where it is below it, and hash."""
-Told = tuple[str, list[File]]
-"""The name of what a process told before, and the files that it has read since."""
+FileOfAds = tuple[str, str, str]
+"""Locator of an ADS, path and hash."""
 State = tuple[int, int, int, int] | None
 NEVER: State = (-1, -1, -1, -1)
 
@@ -70,7 +69,6 @@ class _Watch:
         self._open_for_both: dict[str, State] = {}
         self._known: set[File] = set()
         self._new: list[File] = []
-        self._name = LOST
         self._modules = 0
         for place, was in before._known if before is not None else ():
             if was != WRITTEN:  # what was loaded then may still be in memory
@@ -119,27 +117,24 @@ class _Watch:
             self._written.add(place)
             self._note(place, WRITTEN)
 
-    def told(self) -> Told:
-        """The name of what was reported earlier, and what was read since."""
+    def report(self) -> list[File]:
+        """The files that were read since the last report."""
         self._look_at_modules()
         for place, state in self._open_for_both.items():
             if _state(place) != state:
                 self.write(place)
-        noted, self._new = self._new, []
-        before, new = self._name, [(self._short(place), found) for place, found in noted]
-        if new or before == LOST:
-            self._name = name_of(before, new)
-        return before, new
+        new, self._new = self._new, []
+        inside = os.path.join(self.folder, "")
+        return [
+            (os.path.relpath(place, self.folder) if place.startswith(inside) else place, found)
+            for place, found in new
+        ]
 
     def _note(self, place: str, found: str) -> None:
         file = (place, found)
         if file not in self._known:
             self._known.add(file)
             self._new.append(file)
-
-    def _short(self, place: str) -> str:
-        inside = place.startswith(os.path.join(self.folder, ""))
-        return os.path.relpath(place, self.folder) if inside else place
 
     def _add_root(self, folder: str) -> None:
         self._roots |= {os.path.join(place, "") for place in (folder, os.path.realpath(folder))}
@@ -204,12 +199,12 @@ def begin_run() -> None:
         _watch.active = False
 
 
-def end() -> Told | None:
-    """Watch no more, and tell what was read since the last time; None where nothing was watched."""
+def end() -> list[File] | None:
+    """Watch no more; what was read since the last time, None where nothing was watched."""
     if _watch is None or not _watch.active:
         return None
     _watch.active = False
-    return _watch.told()
+    return _watch.report()
 
 
 def _hear(event: str, arguments: tuple[Any, ...]) -> None:
@@ -293,86 +288,49 @@ def content(place: str, state: State) -> str | None:
 
 # --- in the owner ---------------------------------------------------------------------------------
 
-LINKS: dict[str, Told] = {}
-"""Reports of the processes of this run, by the name of all that they had read by then."""
-
-
-def name_of(before: str, files: Iterable[File]) -> str:
-    """The name of what was read: these files after what has the name `before`."""
-    return hashlib.blake2b(json.dumps([before, list(files)]).encode(), digest_size=16).hexdigest()
-
-
-def chained(told: Told | None) -> str | None:
-    """The name of all that a process has read, by what it tells now."""
-    if told is None:
-        return None
-    before, files = told
-    if before != LOST and not files:
-        return before
-    name = name_of(before, files)
-    LINKS[name] = told
-    return name
-
-
-_NO_LIST: Told = (LOST, [("a file that no process lived to tell", UNKNOWN)])
-NOT_KNOWN = name_of(*_NO_LIST)
-LINKS[NOT_KNOWN] = _NO_LIST
-"""The name of what a process had read that was lost before it told, where no other has told."""
-
-
-def links(name: str) -> Iterator[str]:
-    """The names of a chain, the last one first."""
-    while name != LOST:
-        yield name
-        name = LINKS[name][0]
-
 
 class OneVersion:
-    """Refuses a second version of a file that an ADS reads within one run."""
+    """Files that the ADSs of one run have read; refuses a second version of one."""
 
-    def __init__(self) -> None:
-        self._seen: set[tuple[str, str]] = set()
-        self._files: dict[tuple[str, str], str] = {}
+    def __init__(self, known: Iterable[FileOfAds]) -> None:
+        self._files = {(locator, path): found for locator, path, found in known}
+        self._reported = {locator for locator, _ in self._files}
 
-    def check(self, ads: str, name: str) -> None:
-        """Take in what a process of an ADS has read.
+    def add(self, ads: str, locator: str, files: Collection[File] | None) -> list[FileOfAds]:
+        """Take in what a process of an ADS has read; what is new of it.
 
+        files: None of a process that was lost.
         Raises InputError for a file that was another one before.
         """
-        for link in links(name):
-            if (ads, link) in self._seen:
-                return
-            self._seen.add((ads, link))
-            for path, found in sorted(LINKS[link][1], key=lambda file: file[1] != WRITTEN):
-                if found == WRITTEN:
-                    self._files[ads, path] = WRITTEN
-                before = self._files.setdefault((ads, path), found)
-                if UNKNOWN not in (found, before) and before not in (found, WRITTEN):
-                    raise InputError(
-                        f"ADS `{ads}` was changed while the run went on: its processes have read "
-                        f"two versions of {clean(path)}. What was driven before is kept; --resume "
-                        "drives again what depends on it."
-                    )
+        if files is None:
+            files = [] if locator in self._reported else [(LOST, UNKNOWN)]
+        elif (locator, LOST) in self._files:
+            files = [*files, (LOST, WRITTEN)]
+        self._reported.add(locator)
+        new = []
+        for path, found in sorted(files, key=lambda file: file[1] != WRITTEN):
+            before = self._files.get((locator, path))
+            if before in (found, WRITTEN) or (before == UNKNOWN and found != WRITTEN):
+                continue
+            if before is not None and found not in (WRITTEN, UNKNOWN):
+                raise InputError(
+                    f"ADS `{ads}` was changed while the run went on: its processes have read two "
+                    f"versions of {clean(path)}. What was driven before is kept; --resume drives "
+                    "again what depends on it."
+                )
+            self._files[locator, path] = found
+            new.append((locator, path, found))
+        return new
 
 
-def changed(chains: Mapping[str, Told], folder: Path) -> dict[str, list[str]]:
-    """Files that are not as they were read, by the name of a chain: only chains with such files.
-
-    chains: each after the one that it builds on.
-    """
+def changed(read: Iterable[FileOfAds], folder: Path) -> dict[str, list[str]]:
+    """Files that are not as they were read, by the locator of an ADS: only ADSs with such files."""
     now: dict[str, str] = {}
-    found: dict[str, frozenset[str]] = {LOST: frozenset()}
-
-    def differs(path: str, was: str) -> bool:
+    differing: dict[str, list[str]] = {}
+    for locator, path, was in read:
         if path not in now:
             place = os.path.join(folder, path)
             now[path] = content(place, _state(place)) or UNKNOWN
-        return UNKNOWN in (was, now[path]) or now[path] != was
-
-    for name, (before, files) in chains.items():
-        if name_of(before, files) != name:  # a flipped bit
-            files = [*files, ("a damaged list", UNKNOWN)]
-        written = {path for path, was in files if was == WRITTEN}
-        other = {path for path, was in files if was != WRITTEN and differs(path, was)}
-        found[name] = (found.get(before, frozenset({"an unknown file"})) | other) - written
-    return {name: sorted(files) for name, files in found.items() if files}
+        if was != WRITTEN and (UNKNOWN in (was, now[path]) or now[path] != was):
+            differing.setdefault(locator, []).append(path)
+    return differing

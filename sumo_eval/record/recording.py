@@ -4,7 +4,7 @@ safe.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -30,7 +30,7 @@ from sumo_eval.record.identity import (
     with_fingerprint,
 )
 from sumo_eval.record.progress import Progress, Stopping, never
-from sumo_eval.record.reads import LINKS, NOT_KNOWN, OneVersion, changed
+from sumo_eval.record.reads import OneVersion, changed
 from sumo_eval.record.store import RECORDED, Store
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
@@ -299,23 +299,21 @@ def _recorded_drives(
 
 
 def find_stale(store: Store, source: Path) -> tuple[str, ...]:
-    """Find the recorded cases whose ADS has read files that have changed since; a sentence for each
-    ADS.
+    """Find the ADSs with recorded cases that have read files that have changed since; a sentence
+    for each.
     """
-    files = changed(store.reads(), source)
-    cases: dict[str, list[str]] = defaultdict(list)
-    names: dict[str, set[str]] = defaultdict(set)
-    for case, ads, link in store.read_by():
-        if link in files:
-            cases[ads].append(case)
-            names[ads].update(files[link])
-    store.stale = frozenset(chain.from_iterable(cases.values()))
-    return tuple(
-        f"{len(stale)} recorded case{'s' * (len(stale) > 1)} of ADS `{ads}` cannot be reused: "
-        f"{clean(min(names[ads]))}{f' and {len(names[ads]) - 1} more' * (len(names[ads]) > 1)} "
-        "changed since its processes read it. They are rerun."
-        for ads, stale in sorted(cases.items())
-    )
+    files = changed(store.files_read(), source)
+    store.stale = frozenset(files)
+    notes = []
+    for locator, (first, *more) in sorted(files.items()):
+        cases = Counter(ads for _, ads in store.driven_by(locator))
+        notes += [
+            f"{number} recorded case{'s' * (number > 1)} of ADS `{ads}` cannot be reused: "
+            f"{clean(first)}{f' and {len(more)} more' * bool(more)} changed since its processes "
+            "read it. They are rerun."
+            for ads, number in sorted(cases.items())
+        ]
+    return tuple(notes)
 
 
 def refuse_to_lose_cases(
@@ -343,12 +341,7 @@ class _Work:
         self._setup = setup
         self._progress = progress
         self._stopping = stopping
-        self._versions = OneVersion()
-        self._latest: dict[str, str] = {}  # names of what the processes of each ADS have read
-        LINKS.update(store.reads())
-        reused = {(ads, name) for case, ads, name in store.read_by() if case not in store.stale}
-        for ads, name in sorted(reused):
-            self._take_in(ads, name)
+        self._versions = OneVersion(store.files_read())
 
     def do(self, stages: Sequence[_Stage]) -> None:
         """Bring stages to their end, all at a time, or raise StoppedError."""
@@ -369,7 +362,8 @@ class _Work:
 
         with closing(run_batches(missing(), self._setup, self._stopping)) as batches:
             for outcomes in batches:
-                self._store.add(*map(self._with_reads, outcomes))
+                self._note_files(outcomes)
+                self._store.add(*outcomes)
                 ended = Counter[str]()
                 for outcome in outcomes:
                     name = names[outcome.case.concrete.scenario, outcome.case.role]
@@ -384,20 +378,13 @@ class _Work:
                 raise RuntimeError(f"{name}: {total - done[name]} of {total} cases were lost")
             show(name)
 
-    def _with_reads(self, outcome: Outcome) -> Outcome:
-        """The outcome with what its process had read; of one that was lost before, what others
-        had.
-        """
-        case = outcome.case
-        if outcome.reads is not None:
-            self._take_in(case.driver, outcome.reads)
-        elif home(case, self._setup) != OURS:
-            return replace(outcome, reads=self._latest.get(case.driver, NOT_KNOWN))
-        return outcome
-
-    def _take_in(self, ads: str, reads: str) -> None:
-        self._versions.check(ads, reads)
-        self._latest[ads] = reads
+    def _note_files(self, outcomes: Sequence[Outcome]) -> None:
+        """Note what the processes of users' ADSs have read."""
+        for outcome in outcomes:
+            case = outcome.case
+            if outcome.reads is not None or home(case, self._setup) != OURS:
+                new = self._versions.add(case.driver, case.controller, outcome.reads)
+                self._store.note_files(new)
 
     def check(self) -> None:
         """Raise StoppedError when the work shall stop."""

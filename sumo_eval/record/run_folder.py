@@ -79,7 +79,7 @@ def refuse_foreign(folder: Path, resume: bool) -> None:
         return
     if not folder.is_dir():
         raise InputError(
-            f"{folder} already exists and is no folder; a run needs a folder of its own."
+            f"{folder} already exists and is not a folder; a run needs a folder of its own."
         )
     suffixes = ("-wal", "-shm", "-journal", ".half")
     names = {_without(path.name, suffixes) for path in folder.iterdir()}
@@ -93,7 +93,7 @@ def refuse_foreign(folder: Path, resume: bool) -> None:
         )
     if not is_run(folder) and not names <= _HALF_MADE:
         raise InputError(
-            f"{folder} is no run folder: there is no {MANIFEST} in it; nothing to resume."
+            f"{folder} is not a run folder: there is no {MANIFEST} in it; nothing to resume."
         )
 
 
@@ -190,7 +190,7 @@ def read_settings(folder: Path) -> EvaluationSettings:
     Raises InputError for a run that names code and that this user neither recorded here nor trusts.
     """
     if not (folder / FACTS).is_file():
-        raise InputError(f"{folder} is no run folder: there is no {FACTS} in it.")
+        raise InputError(f"{folder} is not a run folder: there is no {FACTS} in it.")
     settings = read_evaluation(folder / EVALUATION)
     if code_of(settings, folder):
         refuse_foreign_code(folder, settings, source_of(folder))
@@ -249,7 +249,7 @@ def check_complete(store: Store, folder: Path) -> None:
         )
     if not store.sealed:
         raise InputError(
-            f"Run {folder} is not complete; go on with: sumo-eval run --out {folder} --resume."
+            f"Run {folder} is not complete; continue with: sumo-eval run --out {folder} --resume."
         )
 
 

@@ -13,12 +13,13 @@ import hashlib
 import json
 import marshal
 import math
+import os
 import sqlite3
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, fields
-from itertools import chain, groupby, takewhile
+from itertools import chain, groupby
 from pathlib import Path
 from sys import intern
 from typing import Any
@@ -28,7 +29,7 @@ from sumo_eval.record.cases import Case, Outcome, Role, Status
 from sumo_eval.record.kept import EGO as EGO
 from sumo_eval.record.kept import KeptRecording, keep, unpack
 from sumo_eval.record.kept_results import KEPT, KeptResults
-from sumo_eval.record.reads import LINKS, Told, links
+from sumo_eval.record.reads import FileOfAds
 from sumo_eval.trajectory import Alone, Clip, Collision, Latency, Recording, Trajectory
 
 FORMAT_VERSION = 4
@@ -55,10 +56,9 @@ CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WI
 CREATE INDEX IF NOT EXISTS facts_by_point ON facts (scenario, role, point);
 """
 _LATER = {
-    "reads": "(name TEXT PRIMARY KEY, before TEXT NOT NULL, files TEXT NOT NULL)",
+    "files_read": "(ads TEXT, path BLOB, hash TEXT NOT NULL, PRIMARY KEY (ads, path))",
     "latencies": '("case" TEXT PRIMARY KEY, latency_median REAL, latency_p99 REAL, '
     "latency_reference REAL) WITHOUT ROWID",
-    "read_by": '("case" TEXT PRIMARY KEY, link INTEGER NOT NULL) WITHOUT ROWID',
     "let_go": '("case" TEXT PRIMARY KEY, hash BLOB NOT NULL) WITHOUT ROWID',
 }
 """Tables that files of earlier versions lack. `let_go`: hashes of cases with their trajectories,
@@ -129,13 +129,12 @@ class Store:
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
         if not create and not path.is_file():
-            raise InputError(f"{path.parent} is no run folder: there is no {path.name} in it.")
+            raise InputError(f"{path.parent} is not a run folder: there is no {path.name} in it.")
         self.path = path
         self._writing = create
         self._unchecked = False  # whether each case is checked when it is read
-        # cases whose ADS has read files that have changed since
+        # locators of ADSs that have read files that have changed since
         self.stale: frozenset[str] = frozenset()
-        self._links: dict[str, int] = {}  # rows of `reads` by their names
         try:
             self._connection = sqlite3.connect(path)
         except sqlite3.Error as error:
@@ -166,10 +165,12 @@ class Store:
                 write("PRAGMA synchronous = NORMAL" if create else "PRAGMA query_only = ON")
         except _UNREADABLE as error:
             raise InputError(
-                f"{self.path} is no facts file of a run, or cannot be used: {error}."
+                f"{self.path} is not a facts file of a run, or cannot be used: {error}."
             ) from error
         if version == 0:
-            raise InputError(f"{self.path} is empty or was cut off: it is no facts file of a run.")
+            raise InputError(
+                f"{self.path} is empty or was cut off: it is not a facts file of a run."
+            )
         if version != FORMAT_VERSION:
             older = (
                 " Older versions carry no hash of their content, or another."
@@ -358,9 +359,6 @@ class Store:
             for outcome in outcomes:
                 if self._is_outdated(outcome.case):
                     self._remove(outcome.case.key)
-                if outcome.reads is not None:
-                    row = outcome.case.key, self._link(outcome.reads)
-                    self._connection.execute("INSERT OR REPLACE INTO read_by VALUES (?,?)", row)
             for table, rows in zip(_TABLES, tables, strict=False):
                 self._insert(table, chain.from_iterable(rows))
 
@@ -371,35 +369,33 @@ class Store:
 
     def holds(self, case: Case) -> bool:
         """Whether the case is recorded as it would be made now."""
-        return case.key not in self.stale and self._fingerprint(case.key) == case.fingerprint
+        stale = case.role == "ads" and case.controller in self.stale
+        return not stale and self._fingerprint(case.key) == case.fingerprint
 
-    def _link(self, reads: str) -> int:
-        """The row of what was read up to a case, made with those before it where they are new."""
-        new = list(takewhile(lambda link: link not in self._links, links(reads)))
-        for link in reversed(new):
-            before, files = LINKS[link]
-            self._connection.execute(
-                "INSERT OR IGNORE INTO reads VALUES (?,?,?)", (link, before, json.dumps(files))
-            )
-            (self._links[link],) = self._first("SELECT rowid FROM reads WHERE name = ?", link)
-        return self._links[reads]
+    def note_files(self, files: Iterable[FileOfAds]) -> None:
+        """Note files that ADSs have read."""
+        rows = [(locator, os.fsencode(path), found) for locator, path, found in files]
+        with self._changes():
+            self._connection.executemany("INSERT OR REPLACE INTO files_read VALUES (?,?,?)", rows)
 
-    def reads(self) -> dict[str, Told]:
-        """Links of what processes have read: the name of the one before and the files, by name."""
-        rows = self._read("SELECT name, before, files FROM reads ORDER BY rowid")
-        return {
-            name: (before, [(path, was) for path, was in json.loads(files)])
-            for name, before, files in rows
-        }
+    def files_read(self) -> Iterator[FileOfAds]:
+        """Files that ADSs have read."""
+        for locator, path, found in self._read("SELECT * FROM files_read ORDER BY path"):
+            yield locator, os.fsdecode(path), found
 
-    def read_by(self) -> Iterator[tuple[str, str, str]]:
-        """Case, driver, and the name of what its process had read, of the cases with such a
-        name.
-        """
-        return self._read(
-            'SELECT "case", driver, name FROM read_by JOIN reads ON reads.rowid = link JOIN facts '
-            'USING ("case")'
-        )
+    def driven_by(self, locator: str) -> list[tuple[str, str]]:
+        """Case and ADS of the recorded cases with this locator."""
+        query = """SELECT "case", driver FROM facts WHERE role = 'ads' AND controller = ?"""
+        return list(self._read(query, (locator,)))
+
+    def remove_stale(self) -> None:
+        """Take out the cases of stale ADSs, and what these have read."""
+        with self._changes():
+            for locator in self.stale:
+                for case, _ in self.driven_by(locator):
+                    self._remove(case)
+                self._connection.execute("DELETE FROM files_read WHERE ads = ?", (locator,))
+        self.stale = frozenset()
 
     def remove(self, cases: Iterable[str]) -> None:
         """Take out cases that are no part of the evaluation any more, as where an ADS has
@@ -419,7 +415,7 @@ class Store:
         return None if row is None else str(row[0])
 
     def _remove(self, case: str) -> None:
-        for table in (*_TABLES, "read_by", "let_go"):
+        for table in (*_TABLES, "let_go"):
             # our own names
             self._connection.execute(f'DELETE FROM {table} WHERE "case" = ?', (case,))  # noqa: S608
 
@@ -457,11 +453,15 @@ class Store:
         """Copy everything recorded in another store of the same format, in one transaction."""
         try:
             with open_store(other) as part, self._changes():
-                LINKS.update(part.reads())
                 for table in _TABLES:
                     self._insert(table, part._read(f"SELECT * FROM {table}"))  # noqa: S608
-                links_read = ((case, self._link(name)) for case, _, name in part.read_by())
-                self._insert("read_by", links_read)
+                for file in part._read("SELECT * FROM files_read"):
+                    # `?`: one that another shard has read in another version
+                    self._connection.execute(
+                        "INSERT INTO files_read VALUES (?,?,?) ON CONFLICT DO UPDATE SET hash = "
+                        "iif(hash = excluded.hash, hash, '?')",
+                        file,
+                    )
         except sqlite3.IntegrityError as error:
             raise InputError(
                 f"{other.parent} holds a case that is in another part as well: {error}."

@@ -19,10 +19,10 @@ from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.no_return import with_no_return
 from sumo_eval.cosim.simulation import simulate, simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY
-from sumo_eval.drivers.synthetic.driver import SyntheticDriver, human_controller
+from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.errors import InputError
 from sumo_eval.record import reads
-from sumo_eval.record.cases import IN_BLOCK, Block, Case, Outcome, Setup, Status, on_its_own
+from sumo_eval.record.cases import IN_BLOCK, Case, Outcome, Setup, Status, on_its_own
 from sumo_eval.record.claims import OURS, STATUS, Results, as_plain, home
 from sumo_eval.record.identity import named_files
 from sumo_eval.record.kept import keep
@@ -35,21 +35,14 @@ DRAWS = Alone("draws")
 
 
 def run_case(case: Case, setup: Setup) -> Outcome:
-    """Simulate a case. Whatever goes wrong in it is part of the outcome."""
+    """Simulate a case. A fault in it is part of the outcome."""
     try:
-        recording = _simulate(case, setup)
+        return _ended(case, _simulate(case, setup))
     except InputError as error:
-        status: Status = (
-            "ads_error" if isinstance(error.__cause__, KeyboardInterrupt) else "rejected"
-        )
-        return Outcome(
-            case,
-            status,
-            None,
-            str(error),
-            error_place=fault_place(error.__cause__, None, setup.folder),
-        )
-    return _ended(case, recording)
+        cause = error.__cause__
+        status: Status = "ads_error" if isinstance(cause, KeyboardInterrupt) else "rejected"
+        place = fault_place(cause, None, setup.folder)
+        return Outcome(case, status, None, str(error), error_place=place)
 
 
 def answer(cases: Sequence[Case], setup: Setup) -> list[Any]:
@@ -64,7 +57,7 @@ def answer(cases: Sequence[Case], setup: Setup) -> list[Any]:
 
 
 def run_together(cases: Sequence[Case], setup: Setup) -> Results:
-    """Simulate cases of one kind (see `packs`), several of them in one simulation; one alone as
+    """Simulate cases of one kind (see `batches`), several of them in one simulation; one alone as
     `run_case` does.
 
     `Alone` instead of a result: why that case has to run alone. None for them all: cases of
@@ -74,18 +67,18 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
         outcome = run_case(cases[0], setup)
         return [replace(outcome, log=loading() + outcome.log)]
     try:
-        found = list(_simulate_together(cases, setup))
-    except (InputError, KeyboardInterrupt):  # each of them says why when it runs alone
+        drives = list(_simulate_together(cases, setup))
+    except (InputError, KeyboardInterrupt):  # each of them reports why when it runs alone
         return None
-    if all(isinstance(one, Alone) and one.by_nature for one in found):
+    if all(isinstance(drive, Alone) and drive.by_nature for drive in drives):
         return None
     loaded = loading()
     results: list[Outcome | Alone] = []
-    for case, one in zip(cases, found, strict=True):
-        if isinstance(one, Alone):
-            results.append(one)
+    for case, drive in zip(cases, drives, strict=True):
+        if isinstance(drive, Alone):
+            results.append(drive)
         else:
-            results.append(_ended(case, one, loaded))
+            results.append(_ended(case, drive, loaded))
             loaded = ""
     return results
 
@@ -119,28 +112,32 @@ def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
 
 def _simulate(case: Case, setup: Setup) -> Recording:
     settings = _settings(case, setup)
-    if case.role == "human":
-        return simulate(case.concrete, _driver(case), settings)
-    if case.role == "ideal":
-        return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
-    if case.role == "no_reaction":
-        return simulate(case.concrete, no_reaction, settings)
-    if case.role == "task_reference":
-        return simulate(case.concrete, case.controller, settings)
+    if case.role != "ads":
+        return simulate(case.concrete, _control(case, settings), settings)
     _seed_global_generators(case)
-    controller = watched(_loaded(case, setup), setup.run)
-    found = simulate(
+    drive = simulate(
         case.concrete,
-        controller,
+        watched(_loaded(case, setup), setup.run),
         settings,
         folder=setup.folder,
         step_timeout=setup.run.step_timeout,
         seed=case.seed,
         period=split_entry(case.controller)[1].period,
     )
-    (marked,) = _marked([found], [case], setup)
+    (marked,) = _marked([drive], [case], setup)
     assert isinstance(marked, Recording)
     return marked
+
+
+def _control(case: Case, settings: SimulationSettings) -> Any:
+    """Controls the ego of a case of a reference or a driver."""
+    if case.role == "human":
+        return human_controller(
+            case.driver_index, case.driver_count, case.seed, case.concrete, case.population
+        )
+    if case.role == "ideal":
+        return IdealBraking(settings.vehicle.max_deceleration)
+    return no_reaction if case.role == "no_reaction" else case.controller
 
 
 def _loaded(case: Case, setup: Setup) -> Adapter:
@@ -157,81 +154,54 @@ def _loaded(case: Case, setup: Setup) -> Adapter:
 
 
 def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | Alone]:
-    """Result of `_simulate` for cases of one kind, from one simulation; or why it has to be
-    asked.
+    """Result of `_simulate` for cases of one kind, from one simulation; or why one has to run
+    alone.
     """
-    settings = _settings(cases[0], setup)
+    first, settings = cases[0], _settings(cases[0], setup)
     concretes = [case.concrete for case in cases]
-    role = cases[0].role
-    if role == "human":
-        return simulate_together(concretes, [_driver(case) for case in cases], settings)
-    if role == "ideal":
+    if first.role != "ads":
+        controls = [_control(case, settings) for case in cases]
         return simulate_together(
-            concretes, IdealBraking(settings.vehicle.max_deceleration), settings
+            concretes, controls if first.role == "human" else controls[0], settings
         )
-    if role == "no_reaction":
-        return simulate_together(concretes, no_reaction, settings)
-    if role == "task_reference":
-        return simulate_together(concretes, cases[0].controller, settings)
-    if cases[0].block is not None:
-        return _simulate_block(cases, cases[0].block, setup)
-    _seed_global_generators(cases[0])
+    block = first.block
+    seeds = [case.seed for case in cases]
+    if block is not None:
+        concretes, seeds = list(block.concretes), [first.seed] * len(block.concretes)
+    _seed_global_generators(replace(first, concrete=concretes[0]))
     before = _states_of_global_generators()
-    found = list(
+    drives = list(
         simulate_together(
             concretes,
-            cases[0].controller,
+            first.controller,
             settings,
             folder=setup.folder,
             step_timeout=setup.run.step_timeout,
-            seeds=[case.seed for case in cases],
+            seeds=seeds,
             wrap=lambda ads: watched(ads, setup.run),
-            batches=False,
+            batches=block is not None,
         )
     )
-    if _states_of_global_generators() != before:
-        return [DRAWS] * len(cases)
-    return _marked(found, cases, setup)
-
-
-def _simulate_block(cases: Sequence[Case], block: Block, setup: Setup) -> list[Recording | Alone]:
-    """Drives of a policy over arrays in cases of a block, in all of which it is asked, wanted or
-    not, in one call.
-    """
-    number = len(block.concretes)
-    _seed_global_generators(replace(cases[0], concrete=block.concretes[0]))
-    found = list(
-        simulate_together(
-            block.concretes,
-            cases[0].controller,
-            _settings(cases[0], setup),
-            folder=setup.folder,
-            step_timeout=setup.run.step_timeout,
-            seeds=[cases[0].seed] * number,
-            wrap=lambda ads: watched(ads, setup.run),
-        )
-    )
-    size = Clip(IN_BLOCK, 1, 0.0, float(number), float(number))
-    wanted = [found[case.point - block.first] for case in cases]
+    if block is None:
+        drew = _states_of_global_generators() != before
+        return [DRAWS] * len(cases) if drew else _marked(drives, cases, setup)
+    # all cases of the block are driven, wanted or not
+    size = Clip(IN_BLOCK, 1, 0.0, float(len(drives)), float(len(drives)))
+    wanted = [drives[case.point - block.first] for case in cases]
     sized = [
-        one if isinstance(one, Alone) else replace(one, clips=(*one.clips, size)) for one in wanted
+        drive if isinstance(drive, Alone) else replace(drive, clips=(*drive.clips, size))
+        for drive in wanted
     ]
     return _marked(sized, cases, setup)
 
 
 def _marked(
-    found: Sequence[Recording | Alone], cases: Sequence[Case], setup: Setup
+    drives: Sequence[Recording | Alone], cases: Sequence[Case], setup: Setup
 ) -> list[Recording | Alone]:
-    """Recordings of an ADS, contacts with their point of no return where the run asks for it."""
+    """Recordings of an ADS, contacts with their point of no return where the run needs it."""
     if not setup.no_return:
-        return list(found)
-    return with_no_return(found, [case.concrete for case in cases], setup.simulation)
-
-
-def _driver(case: Case) -> SyntheticDriver:
-    return human_controller(
-        case.driver_index, case.driver_count, case.seed, case.concrete, case.population
-    )
+        return list(drives)
+    return with_no_return(drives, [case.concrete for case in cases], setup.simulation)
 
 
 def _settings(case: Case, setup: Setup) -> SimulationSettings:

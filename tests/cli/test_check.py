@@ -160,7 +160,7 @@ def test_an_evaluation_file(tmp_path, controller, status, words):
     [
         ("    os._exit(7)", "The process that drove it died with exit code 7."),
         ("    os.closerange(3, 100)", "The process that drove it"),
-        ("    [shout(n) for n in range(3, 20)]", "something that is no result"),
+        ("    [shout(n) for n in range(3, 20)]", "something that is not a result"),
     ],
 )
 def test_an_ads_that_ends_or_overwrites_the_process_it_is_checked_in_is_a_finding(

@@ -129,8 +129,8 @@ def test_partition_says_where_the_danger_is_greatest() -> None:
     [
         (("runn",), "Did you mean `run`?"),
         (("run", "missing.toml", "--out", "x"), "There is no evaluation file"),
-        (("score", "nowhere"), "is no run folder"),
-        (("report", "nowhere"), "is no run folder"),
+        (("score", "nowhere"), "is not a run folder"),
+        (("report", "nowhere"), "is not a run folder"),
         (("partition", "front_vehicle_cutout"), "Did you mean `front_vehicle_cut_out`?"),
         (("run", "--resume"), "need `--out`"),
         (("sample", "cut_in", "--method", "sobol", "--out", "x"), "needs `--count`"),

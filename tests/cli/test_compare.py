@@ -100,7 +100,7 @@ def test_a_pair_that_is_none_and_a_folder_that_is_no_run_get_a_sentence(builds: 
         done = sumo_eval("compare", builds / "base", builds / "repeat", *arguments)
         assert done.returncode == 2
         assert sentence in done.stderr
-    assert "is no run folder" in sumo_eval("compare", builds, builds / "base").stderr
+    assert "is not a run folder" in sumo_eval("compare", builds, builds / "base").stderr
 
 
 def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds: Path) -> None:

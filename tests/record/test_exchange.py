@@ -129,7 +129,11 @@ def test_an_edited_file_beside_the_facts_is_one_sentence_wherever_it_is_read(
 def test_a_run_that_is_none_unscored_or_newer_is_refused(run: Path, tmp_path: Path) -> None:
     for command in (("export", tmp_path, "--out", tmp_path / "out"), ("verify", tmp_path)):
         done = sumo_eval_cli(*command)
-        assert (done.returncode, "is no run folder" in done.stderr, "Traceback" in done.stderr) == (
+        assert (
+            done.returncode,
+            "is not a run folder" in done.stderr,
+            "Traceback" in done.stderr,
+        ) == (
             2,
             True,
             False,

@@ -165,22 +165,23 @@ def test_edited_planner_is_driven_again_and_said(whole: Path, tmp_path: Path) ->
 
 def test_list_that_cases_share_stands_once(whole: Path) -> None:
     with sqlite3.connect(whole / "run" / "facts.sqlite") as facts:
-        assert facts.execute("SELECT count(*) FROM read_by").fetchone() == (3,), "of the ADS alone"
-        assert facts.execute("SELECT count(*) FROM reads").fetchone() == (1,)
+        names = facts.execute("SELECT DISTINCT ads FROM files_read").fetchall()
+        files = facts.execute("SELECT count(*), count(DISTINCT path) FROM files_read").fetchone()
+    assert names == [("my_ads.py:Mine",)], "of the ADS alone"
+    assert files[0] == files[1]
 
 
 @pytest.mark.parametrize(
     "path", ["\ud800", "a\0b", "/dev/zero", "/proc/self/mem", "../" * 3_000, ""]
 )
 def test_name_that_is_no_file_is_not_the_same(tmp_path: Path, path: str) -> None:
-    name = reads.name_of("", [(path, "a hash")])
-    assert reads.changed({name: ("", [(path, "a hash")])}, tmp_path) == {name: [path]}
+    assert reads.changed([("mine", path, "a hash")], tmp_path) == {"mine": [path]}
 
 
 def test_damaged_list_is_driven_again(whole: Path, tmp_path: Path) -> None:
     folder = copy_of(whole, tmp_path)
     with sqlite3.connect(folder / "run" / "facts.sqlite") as facts:
-        facts.execute("UPDATE reads SET files = '[]'")
+        facts.execute("UPDATE files_read SET hash = 'x'")
     assert "3 recorded cases" in stale(folder)[0]
 
 
@@ -260,7 +261,7 @@ def test_kept_bytecode_hides_no_source(tmp_path: Path, kept_in: str) -> None:
         "sys.path.insert(0, '.');"
     )
     look += (
-        "reads.begin(Path.cwd()); import planner; del sys.modules['planner']; print(reads.end()[1])"
+        "reads.begin(Path.cwd()); import planner; del sys.modules['planner']; print(reads.end())"
     )
     kept = {
         "PYTHONDONTWRITEBYTECODE": "",

@@ -241,7 +241,7 @@ def test_a_folder_whose_making_was_cut_short_is_made_anew_and_a_foreign_one_neve
     assert digest(tmp_path / "run") == digest(whole)
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign" / "thesis.txt").write_text("three years of work")
-    with pytest.raises(InputError, match="is no run folder"):
+    with pytest.raises(InputError, match="is not a run folder"):
         sumo_eval.evaluate(path, tmp_path / "foreign", resume=True)
 
 

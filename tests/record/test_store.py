@@ -135,12 +135,18 @@ def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(
 
 
 def test_a_file_that_is_no_facts_file_is_refused_with_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is no run folder"), open_store(tmp_path / "facts.sqlite"):
+    with (
+        pytest.raises(InputError, match="is not a run folder"),
+        open_store(tmp_path / "facts.sqlite"),
+    ):
         pass
     (tmp_path / "facts.sqlite").write_text(
         "not a database, but long enough to be mistaken for one " * 30
     )
-    with pytest.raises(InputError, match="is no facts file"), open_store(tmp_path / "facts.sqlite"):
+    with (
+        pytest.raises(InputError, match="is not a facts file"),
+        open_store(tmp_path / "facts.sqlite"),
+    ):
         pass
 
 
@@ -338,7 +344,7 @@ def test_a_locked_file_is_a_sentence(tmp_path: Path) -> None:
 
 def test_a_folder_in_place_of_the_file_is_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "facts.sqlite").mkdir()
-    assert "is no run folder" in reads(tmp_path / "facts.sqlite")
+    assert "is not a run folder" in reads(tmp_path / "facts.sqlite")
     with (
         pytest.raises(InputError, match="unable to open"),
         open_store(tmp_path / "facts.sqlite", create=True),

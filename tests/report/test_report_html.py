@@ -356,7 +356,7 @@ def test_the_same_evaluation_gives_the_same_bytes(
 def test_a_run_without_facts_is_one_sentence(
     evaluation: Evaluation, partitions: dict[str, ZonePartition], tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match="is no run folder"):
+    with pytest.raises(InputError, match="is not a run folder"):
         write_report(replace(evaluation, folder=tmp_path), partitions)
 
 
