@@ -22,7 +22,7 @@ from lxml import etree
 from lxml.builder import ElementMaker  # type: ignore[import-not-found]
 
 from sumo_eval.coded import decoded, encoded
-from sumo_eval.cosim.sumo.sumo_files import EGO
+from sumo_eval.cosim.sumo.sumo_files import EGO, document
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import (
     Actor,
@@ -108,7 +108,7 @@ def opendrive_xml(road: Road) -> str:
         lanes.append(
             E.laneSection(E.center(E.lane(id=0, type="none", level="false")), right, s=begin)
         )
-    return _document(E.OpenDRIVE(
+    return document(E.OpenDRIVE(
         E.header(revMajor=1, revMinor=6, name=road.name),
         E.road(E.planView(*_plan(road, length, aside)), lanes, name=road.name, length=length, id=0,
             junction=-1),
@@ -234,7 +234,7 @@ def openscenario_xml(
     root[0].append(
         E.Properties(E.Property(name=CASE, value=case), E.Property(name=_SEAL, value=seal))
     )
-    return _document(root)
+    return document(root)
 
 
 def _seal(root: Any, road: bytes, case: str) -> str:
@@ -362,9 +362,3 @@ def _after(time: float, name: str) -> Any:
 def _position(road: Road, x: float, y: float, heading: float) -> Any:
     x, y, heading = (float(it) for it in map_places(road.line, x, y, heading))
     return E.Position(E.WorldPosition(x=x, y=y, z=0, h=heading, p=0, r=0))
-
-
-def _document(root: Any) -> str:
-    return etree.tostring(
-        root.getroottree(), pretty_print=True, xml_declaration=True, encoding="UTF-8"
-    ).decode()

@@ -29,13 +29,14 @@ SEGMENT = 1.0  # m between the vertices of a lane on a bend
 # m: below this radius they are closer, so that a chord is as near to its arc as here
 _TIGHT = 100.0
 _EDGE = "road"
+_USUAL = SimulationSettings()
 
 
 def road_edges(road: Road) -> tuple[str, ...]:
     """Ids of the edges that are driven along."""
     if road.network is not None:
         return road.network.edges
-    return tuple(section.edge for section in sections(road)) if road.spans else (_EDGE,)
+    return tuple(section.edge for section in sections(road))
 
 
 class Section(NamedTuple):
@@ -55,20 +56,17 @@ class Section(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def sections(road: Road) -> tuple[Section, ...]:
-    """The sections of a road whose lanes are not the same throughout.
+    """The sections of a road: one, or as many as its lanes change.
 
     SUMO knows no tapers: lanes end square.
     """
     last = road.length + road.run_out
-    places = {0.0, last}
-    for span in road.spans:
-        places |= {
-            it
-            for it in (span.begin, span.end, span.parted_until, span.parted_from)
-            if 0.0 < it < last
-        }
+    if not road.spans:
+        return (Section(_EDGE, 0.0, last, tuple(range(road.lanes)), -1, ""),)
+    ends = [(it.begin, it.end, it.parted_until, it.parted_from) for it in road.spans]
+    inside = sorted({place for place in itertools.chain(*ends) if 0.0 < place < last})
     found = []
-    for number, (begin, end) in enumerate(itertools.pairwise(sorted(places))):
+    for number, (begin, end) in enumerate(itertools.pairwise([0.0, *inside, last])):
         lanes, ramp = [], -1
         for lane in road.lanes_at(0.5 * (begin + end)):
             span = road.span(lane)
@@ -76,16 +74,8 @@ def sections(road: Road) -> tuple[Section, ...]:
                 ramp = lane
             else:
                 lanes.append(lane)
-        found.append(
-            Section(
-                f"{_EDGE}{number}",
-                begin,
-                end,
-                tuple(lanes),
-                ramp,
-                f"ramp{number}" if ramp >= 0 else "",
-            )
-        )
+        name = f"ramp{number}" if ramp >= 0 else ""
+        found.append(Section(f"{_EDGE}{number}", begin, end, tuple(lanes), ramp, name))
     return tuple(found)
 
 
@@ -93,21 +83,21 @@ def vehicle_edges(road: Road, y: float, goal: float | None = None) -> tuple[str,
     """The edges of a route that begins in the lane at y, m, and ends in the lane at `goal`; None:
     in the first one.
     """
-    if not road.spans or road.network is not None:
+    if road.network is not None:
         return road_edges(road)
     first, last = (_lane_at(road, place) for place in (y, y if goal is None else goal))
-    found = []
-    for section in sections(road):
-        on_ramp = section.ramp >= 0 and section.ramp == (first if section.begin == 0.0 else last)
-        found.append(section.ramp_edge if on_ramp else section.edge)
-    return tuple(found)
+    return tuple(
+        it.ramp_edge if it.ramp == (last if it.begin else first) else it.edge
+        for it in sections(road)
+    )
 
 
 def _lane_at(road: Road, y: float) -> int:
     return min(max(round(y / road.lane_width), 0), road.lanes - 1)
 
 
-def _text(root: Any) -> str:
+def document(root: Any) -> str:
+    """An element as an XML document."""
     return etree.tostring(
         root.getroottree(), pretty_print=True, xml_declaration=True, encoding="UTF-8"
     ).decode()
@@ -117,11 +107,18 @@ def _number(value: float) -> str:
     return repr(float(value))
 
 
-def _desired(speed: float) -> str:
+def _texts(**values: Any) -> dict[str, str]:
+    """Attributes of an element."""
+    return {
+        name: value if isinstance(value, str) else _number(value) for name, value in values.items()
+    }
+
+
+def _desired(speed: float) -> float:
     """A vehicle that SUMO's own models drive wants to keep its initial speed, not the road's limit;
     0 is refused.
     """
-    return _number(max(speed, 0.001))
+    return max(speed, 0.001)
 
 
 def _metres(value: float) -> str:
@@ -141,39 +138,68 @@ E: Any = ElementMaker(
 def network_xml(road: Road) -> str:
     """A one-way road as a final SUMO network (no netconvert needed): lane 0's centre line is y = 0.
 
-    On a road that bends all lanes are offsets of that line, with a vertex at every metre of bend,
+    It has an edge for each of its sections, with the ramps beside it and the roads that cross it.
+    On a curved road all lanes are offsets of that line, with a vertex at every metre of curve,
     and have its length, as SUMO wants of neighbours: it stretches a shape to the length evenly, so
     places on lane 0 alone are exact. A road in a network of the user's is that network, laid along
     the x axis.
     """
     if road.network is not None:
         return laid_along_x(road.network)
-    if road.shaped:
-        return _shaped_xml(road)
-    end = road.length + road.run_out
-    bounds = f"0.00,0.00,{_metres(end)},{_metres(road.lane_centre(road.lanes - 1))}"
-    ids = [f"{_EDGE}_{lane}" for lane in range(road.lanes)]
-    lanes = [
-        _lane(
-            road, name, lane, end, road.lane_width, _along(road, 0.0, end, road.lane_centre(lane))
-        )
-        for lane, name in enumerate(ids)
+    last, parts = road.length + road.run_out, sections(road)
+    inner = [f"node{number}" for number in range(1, len(parts))]
+    middle = 0.5 * (road.left_edge + road.right_edge)
+    where = dict.fromkeys(["begin", *inner, "end"], (last, middle))
+    where |= {name: (part.begin, middle) for name, part in zip(where, parts, strict=False)}
+    edges, into = [], dict[str, list[str]]()
+
+    def add(edge: str, begin: str, end: str, lanes: Sequence[float]) -> None:
+        first, until = where[begin][0], where[end][0]
+        into.setdefault(end, []).extend(f"{edge}_{index}" for index in range(len(lanes)))
+        edges.append(_edge(edge, begin, end, [
+            _lane(road, f"{edge}_{index}", index, until - first, road.lane_width,
+                _along(road, first, until, y))
+            for index, y in enumerate(lanes)
+        ]))  # fmt: skip
+
+    for part, begin, end in zip(parts, ["begin", *inner], [*inner, "end"], strict=True):
+        add(part.edge, begin, end, [road.lane_centre(lane) for lane in part.lanes])
+        if part.ramp >= 0:
+            y, ramp = road.lane_centre(part.ramp), part.ramp_edge
+            if part.begin == 0.0:
+                begin = f"{ramp}_begin"
+                where[begin] = (0.0, y)
+            if part.end == last:
+                end = f"{ramp}_end"
+                where[end] = (last, y)
+            add(ramp, begin, end, [y])
+    for number, crossing in enumerate(road.crossings):
+        edge = f"crossing{number}"
+        begin, end, lane = f"{edge}_begin", f"{edge}_end", f"{edge}_0"
+        where |= {begin: (crossing.at, -crossing.reach), end: (crossing.at, crossing.reach)}
+        into[end] = [lane]
+        shape = " ".join(_place(road, *where[name]) for name in (begin, end))
+        drawn = _lane(road, lane, 0, 2.0 * crossing.reach, crossing.width, shape)
+        edges.append(_edge(edge, begin, end, [drawn]))
+    pairs = zip(inner, itertools.pairwise(parts), strict=True)
+    joints = {node: _joints(*pair) for node, pair in pairs}
+    junctions = [
+        _junction(road, name, place, into.get(name, ()), len(joints.get(name, ())))
+        for name, place in where.items()
     ]
-    edges = road.left_edge, road.right_edge
-    return _network(_bounds(road, end) if road.bent else bounds, [
-        _edge(_EDGE, "begin", "end", lanes),
-        _junction(road, "begin", 0.0, sum(edges) / 2, [], edges),
-        _junction(road, "end", end, sum(edges) / 2, ids, edges[::-1]),
-    ])  # fmt: skip
-
-
-def _network(bounds: str, parts: Sequence[Any]) -> str:
+    connections = [
+        E.connection({"from": one, "to": other, "fromLane": str(first), "toLane": str(then),
+            "dir": "s", "state": "M"})
+        for (one, first), (other, then) in itertools.chain(*joints.values())
+    ]  # fmt: skip
+    bounds = _bounds(road, last)
     location = E.location(
         netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
     )
-    return _text(
-        E.net(location, *parts, version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
-    )
+    return document(E.net(
+        location, *edges, *junctions, *connections,
+        version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50",
+    ))  # fmt: skip
 
 
 def _edge(name: str, begin: str, end: str, lanes: Sequence[Any]) -> Any:
@@ -187,131 +213,41 @@ def _lane(road: Road, name: str, index: int, length: float, width: float, shape:
 
 
 def _junction(
-    road: Road,
-    name: str,
-    x: float,
-    y: float,
-    lanes: Sequence[str],
-    edges: Sequence[float],
-    links: int = 0,
+    road: Road, name: str, place: tuple[float, float], lanes: Sequence[str], links: int
 ) -> Any:
-    """The end of edges.
+    """The end of edges, at x and y, m.
 
     lanes: that lead there.
-    edges: y of the ends of its shape, m.
     links: lanes that continue.
     """
-    at, none = _place(road, x, y).split(","), "0" * links
+    at, none, edges = (
+        _place(road, *place).split(","),
+        "0" * links,
+        [road.right_edge, road.left_edge],
+    )
     return E.junction(
         *(E.request(index=index, response=none, foes=none, cont=0) for index in range(links)),
         id=name, type="priority" if links else "dead_end", x=at[0], y=at[1],
         incLanes=" ".join(lanes), intLanes="",
-        shape=" ".join(_place(road, x, edge) for edge in edges),
+        shape=" ".join(_place(road, place[0], y) for y in edges[:: -1 if name == "begin" else 1]),
     )  # fmt: skip
 
 
 def _segment(road: Road) -> float:
-    """m between the vertices of a road's lanes where it bends: a chord's height goes with its
+    """m between the vertices of a road's lanes where it is curved: a chord's height goes with its
     square by the radius.
     """
     return SEGMENT * math.sqrt(min(tightest(road.line) / _TIGHT, 1.0))
 
 
-def _shaped_xml(road: Road) -> str:
-    """A road of several edges, one a section, its ramps beside it, and the roads that cross it, as
-    a network.
-    """
-    last = road.length + road.run_out
-    reach = max([0.0, *(crossing.reach for crossing in road.crossings)])
-    low, high = min(road.right_edge, -reach), max(road.left_edge, reach)
-    bounds = f"0.00,{_metres(low)},{_metres(last)},{_metres(high)}"
-    parts = (
-        sections(road)
-        if road.spans
-        else (Section(_EDGE, 0.0, last, tuple(range(road.lanes)), -1, ""),)
+def _joints(one: Section, other: Section) -> list[tuple[tuple[str, int], tuple[str, int]]]:
+    """Where lanes continue from one section to the next: edge and index, of both."""
+    before, after = (
+        {lane: (part.edge, index) for index, lane in enumerate(part.lanes)}
+        | {part.ramp: (part.ramp_edge, 0)}
+        for part in (one, other)
     )
-    names = [f"node{number}" for number in range(len(parts) + 1)]
-    middle, begins = (
-        0.5 * (road.left_edge + road.right_edge),
-        (*(part.begin for part in parts), last),
-    )
-    where = {name: (place, middle) for name, place in zip(names, begins, strict=True)}
-    ways: list[tuple[str, str, str, list[tuple[str, float, float]]]] = []
-    for number, part in enumerate(parts):
-        lanes = [
-            (f"{part.edge}_{k}", road.lane_centre(lane), road.lane_width)
-            for k, lane in enumerate(part.lanes)
-        ]
-        ways.append((part.edge, names[number], names[number + 1], lanes))
-        if part.ramp >= 0:
-            y = road.lane_centre(part.ramp)
-            begin, end = names[number], names[number + 1]
-            if part.begin == 0.0:
-                begin = f"{part.ramp_edge}_begin"
-                where[begin] = (0.0, y)
-            if part.end == last:
-                end = f"{part.ramp_edge}_end"
-                where[end] = (last, y)
-            ways.append((part.ramp_edge, begin, end, [(f"{part.ramp_edge}_0", y, road.lane_width)]))
-    into: dict[str, list[str]] = {}
-    found = []
-    for edge, begin, end, lanes in ways:
-        first, until = where[begin][0], where[end][0]
-        into.setdefault(end, []).extend(lane for lane, _, _ in lanes)
-        found.append(_edge(edge, begin, end, [
-            _lane(road, lane, index, until - first, width, _along(road, first, until, y))
-            for index, (lane, y, width) in enumerate(lanes)
-        ]))  # fmt: skip
-    for number, crossing in enumerate(road.crossings):
-        edge = f"crossing{number}"
-        begin, end, lane = f"{edge}_begin", f"{edge}_end", f"{edge}_0"
-        where |= {begin: (crossing.at, -crossing.reach), end: (crossing.at, crossing.reach)}
-        into[end] = [lane]
-        shape = " ".join(_place(road, *where[name]) for name in (begin, end))
-        found.append(
-            _edge(
-                edge,
-                begin,
-                end,
-                [_lane(road, lane, 0, 2.0 * crossing.reach, crossing.width, shape)],
-            )
-        )
-    joints = _joints(road, parts)
-    for name, place in where.items():
-        links = len(joints[names.index(name)]) if name in names[1:-1] else 0
-        found.append(
-            _junction(
-                road, name, *place, into.get(name, ()), (road.right_edge, road.left_edge), links
-            )
-        )
-    for one, from_lane, other, to_lane in itertools.chain(*joints.values()):
-        found.append(E.connection({
-            "from": one, "to": other, "fromLane": str(from_lane), "toLane": str(to_lane),
-            "dir": "s", "state": "M",
-        }))  # fmt: skip
-    return _network(_bounds(road, last) if road.bent else bounds, found)
-
-
-def _joints(road: Road, parts: Sequence[Section]) -> dict[int, list[tuple[str, int, str, int]]]:
-    """Where lanes go on from one section to the next: edge and index, of both.
-
-    By the number of the node between.
-    """
-    found: dict[int, list[tuple[str, int, str, int]]] = {}
-
-    def place(part: Section, lane: int) -> tuple[str, int] | None:
-        if lane == part.ramp:
-            return part.ramp_edge, 0
-        return (part.edge, part.lanes.index(lane)) if lane in part.lanes else None
-
-    for number, (one, other) in enumerate(itertools.pairwise(parts), 1):
-        links = []
-        for lane in range(road.lanes):
-            before, after = place(one, lane), place(other, lane)
-            if before is not None and after is not None:
-                links.append((*before, *after))
-        found[number] = links
-    return found
+    return [(before[lane], after[lane]) for lane in sorted(before) if lane >= 0 and lane in after]
 
 
 def _along(road: Road, first: float, until: float, y: float) -> str:
@@ -327,16 +263,18 @@ def _place(road: Road, x: float, y: float) -> str:
 
 
 def _bounds(road: Road, end: float) -> str:
-    """What encloses a road that bends, up to `end`, m, and those that cross it."""
+    """The box around a road up to `end`, m, and those that cross it."""
+    if not road.bent:
+        reach = max((it.reach for it in road.crossings), default=0.0)
+        corners = 0.0, min(road.right_edge, -reach), end, max(road.left_edge, reach)
+        return ",".join(map(_metres, corners))
     line = drawn_points(road.line, 0.0, end, _segment(road))
     edges = [map_places(road.line, line, edge)[:2] for edge in (road.right_edge, road.left_edge)]
-    for crossing in road.crossings:
-        edges += [
-            map_places(road.line, np.array([crossing.at]), end * crossing.reach)[:2]
-            for end in (-1.0, 1.0)
-        ]
-    corners = np.hstack(edges)
-    return ",".join(f"{value:.2f}" for value in (*corners.min(axis=1), *corners.max(axis=1)))
+    for it in road.crossings:
+        ends = np.array([-it.reach, it.reach])
+        edges.append(map_places(road.line, np.full(2, it.at), ends)[:2])
+    box = np.hstack(edges)
+    return ",".join(f"{value:.2f}" for value in (*box.min(axis=1), *box.max(axis=1)))
 
 
 def _polyline(road: Road, s: FloatArray, d: float) -> str:
@@ -361,16 +299,18 @@ def routes_xml(
     file comes from.
     """
     vehicle = concrete.ego_vehicle(vehicle)
-    routes = E.routes(
-        *(E.vType(attributes) for attributes in vehicle_types(concrete, vehicle, ego_type))
-    )
+    routes = E.routes(*map(E.vType, vehicle_types(concrete, vehicle, ego_type)))
     routes.addprevious(etree.Comment(_remarks(concrete, origin)))
-    for attributes in departures(concrete, vehicle.length):
-        edges = " ".join(_route(concrete, attributes["id"]))
+    way, y = concrete.ego.way, concrete.ego.y
+    goals = [(y, None if way is None else y + way.offset)] + [
+        (it.start.y, it.y(math.inf) if it.lateral_moves else None) for it in concrete.actors
+    ]
+    for attributes, goal in zip(departures(concrete, vehicle.length), goals, strict=True):
+        edges = " ".join(vehicle_edges(concrete.road, *goal))
         if routes.find(f"route[@id='{attributes['route']}']") is None:
             routes.append(E.route(id=attributes["route"], edges=edges))
         routes.append(E.vehicle(attributes))
-    return _text(routes)
+    return document(routes)
 
 
 def vehicle_types(
@@ -379,41 +319,24 @@ def vehicle_types(
     """Attributes of the vTypes of a case, the ego's first; `vehicle` has the body that the scenario
     prescribes.
     """
-    ego = {
-        "id": EGO,
-        "length": _number(vehicle.length),
-        "width": _number(vehicle.width),
-        "accel": _number(vehicle.max_acceleration),
-        "decel": _number(vehicle.max_deceleration),
-        "emergencyDecel": _number(vehicle.max_deceleration),
-        "maxSpeed": _number(vehicle.max_speed),
-        "desiredMaxSpeed": _desired(concrete.ego.speed),
-        "minGap": "0",
-        "sigma": "0",
-        "speedDev": "0",
-        "tau": "1",
-        "color": "0,0.6,0.2",
-        **(ego_type or {}),
-    }
+    strongest = vehicle.max_deceleration
+    ego = _texts(
+        id=EGO, length=vehicle.length, width=vehicle.width, accel=vehicle.max_acceleration,
+        decel=strongest, emergencyDecel=strongest, maxSpeed=vehicle.max_speed,
+        desiredMaxSpeed=_desired(concrete.ego.speed), **_EXACT, tau="1", color="0,0.6,0.2",
+    )  # fmt: skip
     others = [
-        {
-            "id": actor.name,
-            "length": _number(actor.length),
-            "width": _number(actor.width),
-            "accel": "10",
-            "decel": "10",
-            "emergencyDecel": "10",
-            "maxSpeed": _number(concrete.road.speed_limit),
-            "desiredMaxSpeed": _desired(actor.start.speed),
-            "minGap": "0",
-            "sigma": "0",
-            "speedDev": "0",
-            "color": "0.8,0.2,0.1",
-            **_as_it_is(actor),
-        }
+        _texts(
+            id=actor.name, length=actor.length, width=actor.width, accel="10", decel="10",
+            emergencyDecel="10", maxSpeed=concrete.road.speed_limit,
+            desiredMaxSpeed=_desired(actor.start.speed), **_EXACT, color="0.8,0.2,0.1",
+        ) | _as_it_is(actor)
         for actor in concrete.actors
-    ]
-    return [ego, *others]
+    ]  # fmt: skip
+    return [ego | dict(ego_type or {}), *others]
+
+
+_EXACT = {"minGap": "0", "sigma": "0", "speedDev": "0"}
 
 
 def _as_it_is(actor: Actor) -> dict[str, str]:
@@ -423,33 +346,15 @@ def _as_it_is(actor: Actor) -> dict[str, str]:
     body = BODIES[actor.body]
     found = {"vClass": body.sumo_class, "guiShape": body.shape}
     if actor.model is not None:
-        numbers = dict(actor.model.numbers)
-        found |= {
-            "carFollowModel": actor.model.name,
-            "desiredMaxSpeed": _desired(actor.model.desired),
-            "accel": "2.6",
-            "decel": "4.5",
-            "emergencyDecel": "9",
-            "minGap": "2.5",
-            "tau": "1",
-            # else nobody passes a slower vehicle that drives further to the left
-            "lcOvertakeRight": "1",
-            **{name: _number(value) for name, value in numbers.items()},
-        }
+        found |= _texts(
+            carFollowModel=actor.model.name, desiredMaxSpeed=_desired(actor.model.desired),
+            accel="2.6", decel="4.5", emergencyDecel="9", minGap="2.5", tau="1",
+            # else a slower vehicle that drives further to the left is never passed
+            lcOvertakeRight="1",
+        ) | _texts(**dict(actor.model.numbers))  # fmt: skip
         if actor.model.name == "EIDM":  # whose noise is drawn from a stream that all vehicles share
             found |= {"sigmaleader": "0", "sigmagap": "0", "sigmaerror": "0"}
     return found
-
-
-def _route(concrete: ConcreteScenario, name: str) -> tuple[str, ...]:
-    """The edges of a vehicle's route."""
-    if name == EGO:
-        way, y = concrete.ego.way, concrete.ego.y
-        return vehicle_edges(concrete.road, y, None if way is None else y + way.offset)
-    actor = next(actor for actor in concrete.actors if actor.name == name)
-    return vehicle_edges(
-        concrete.road, actor.start.y, actor.y(math.inf) if actor.lateral_moves else None
-    )
 
 
 def departures(
@@ -459,83 +364,73 @@ def departures(
 
     one_lane: there is the right-hand lane alone.
     """
-    found = []
-    road = concrete.road
-    parted = bool(road.spans) and road.network is None and not one_lane
-    starts = [
-        (EGO, concrete.ego, ego_length),
-        *((a.name, a.start, a.length) for a in concrete.actors),
-    ]
-    on_map = {a.name for a in concrete.actors if a.on_map is not None}
+    found, road = [], concrete.road
+    end = road.length + road.run_out
+    starts = [(EGO, concrete.ego, ego_length)]
+    for actor in concrete.actors:
+        start, length = actor.start, actor.length
+        # SUMO has no lane there, and gets a place on the map before the first step
+        if actor.on_map is not None:
+            start = replace(start, x=min(max(start.x, length / 2), end - length))
+        starts.append((actor.name, start, length))
     for name, start, length in starts:
-        lane = min(max(round(start.y / road.lane_width), 0), road.lanes - 1)
-        # on a bend SUMO's place is exact along the line alone
-        if one_lane or (road.bent and not concrete.reacts):
-            lane = 0
-        offset = start.y - road.lane_centre(lane)
-        # SUMO has no lane there, and is told a place on the map before the first step
-        if name in on_map:
-            start = replace(
-                start, x=min(max(start.x, length / 2), road.length + road.run_out - length)
-            )
-        if road.network is not None and road.spans and 0 not in road.lanes_at(start.x + length / 2):
-            lane -= 1  # SUMO counts from the right-hand lane of the edge
-        lane += 0 if road.network is None else road.network.first_lane
-        section = (
-            next((it for it in sections(road) if start.x + length / 2 <= it.end), None)
-            if parted
-            else None
-        )
-        attributes = {
-            "id": name,
-            "type": name,
-            "route": "along",
-            "depart": "0",
-            "departLane": str(lane),
-            "departPos": _number(start.x + length / 2),  # SUMO's position is the front bumper
-            "departSpeed": _number(start.speed),
+        front = start.x + length / 2  # SUMO's position is the front bumper
+        # in a curve SUMO's place is exact along the line alone
+        single = one_lane or (road.bent and not concrete.reacts)
+        lane = 0 if single else _lane_at(road, start.y)
+        attributes = _texts(
+            id=name, type=name, route="along", depart="0", departLane=str(lane), departPos=front,
+            departSpeed=start.speed,
             # else SUMO delays a vehicle that it finds too close, and the case turns safe
-            "insertionChecks": "none",
-        }
-        if section is not None:
-            here = (section.ramp,) if lane == section.ramp else section.lanes
-            attributes |= {
-                "route": f"along_{name}",
-                "departEdge": str(sections(road).index(section)),
-                "departLane": str(here.index(min(max(lane, here[0]), here[-1]))),
-                "departPos": _number(start.x + length / 2 - section.begin),
-            }
-        if offset:
-            attributes["departPosLat"] = _number(offset)
+            insertionChecks="none",
+        )  # fmt: skip
+        if road.network is not None:
+            # SUMO counts from the right-hand lane of the edge
+            missing = bool(road.spans) and 0 not in road.lanes_at(front)
+            attributes["departLane"] = str(lane - missing + road.network.first_lane)
+        elif road.spans and not one_lane:
+            attributes |= _departure(road, name, lane, front)
+        if start.y != road.lane_centre(lane):
+            attributes["departPosLat"] = _number(start.y - road.lane_centre(lane))
         found.append(attributes)
     return found
 
 
+def _departure(road: Road, name: str, lane: int, front: float) -> dict[str, str]:
+    """Attributes of a vehicle that departs from one of several sections."""
+    index, section = next(
+        ((index, it) for index, it in enumerate(sections(road)) if front <= it.end), (0, None)
+    )
+    if section is None:
+        return {}
+    here = (section.ramp,) if lane == section.ramp else section.lanes
+    return _texts(
+        route=f"along_{name}", departEdge=str(index),
+        departLane=str(here.index(min(max(lane, here[0]), here[-1]))),
+        departPos=front - section.begin,
+    )  # fmt: skip
+
+
 def _remarks(concrete: ConcreteScenario, origin: str) -> str:
-    lines = [f"{concrete.scenario}: {concrete.label}."]
-    lines += [origin] if origin else []
+    lines = [f"{concrete.scenario}: {concrete.label}.", *([origin] if origin else [])]
     for actor in concrete.actors:
+        who = f"Not in this file: `{actor.name}`"
         if actor.lively and not actor.follows_at_once:
             lines.append(
                 f"Not in this file: what `{actor.name}` does. The harness moves it step by step, "
-                "and here it keeps its "
-                "speed."
+                "and here it keeps its speed."
             )
-        for move in actor.lateral_moves:
-            side = "left" if move.offset > 0 else "right"
-            lines.append(
-                f"Not in this file: `{actor.name}` moves {abs(move.offset):g} m to the {side} "
-                f"from {move.begin:g} s to "
-                f"{move.begin + move.duration:g} s. A route file cannot say that: the harness "
-                "moves the vehicle step "
-                "by step, and here it stays in its lane."
-            )
+        lines += [
+            f"{who} moves {abs(move.offset):g} m to the {'left' if move.offset > 0 else 'right'} "
+            f"from {move.begin:g} s to {move.begin + move.duration:g} s. A route file cannot say "
+            "that: the harness moves the vehicle step by step, and here it stays in its lane."
+            for move in actor.lateral_moves
+        ]
         if actor.braking is not None:
             lines.append(
-                f"Not in this file: `{actor.name}` brakes to a standstill with "
-                f"{actor.braking.acceleration:g} m/s2 "
-                f"from {actor.braking.begin:g} s on. The harness moves it step by step, and here "
-                "it keeps its speed."
+                f"{who} brakes to a standstill with {actor.braking.acceleration:g} m/s2 from "
+                f"{actor.braking.begin:g} s on. The harness moves it step by step, and here it "
+                "keeps its speed."
             )
     text = "\n     ".join(lines)
     return f" {text} ".replace("--", "- -")  # which ends an XML comment
@@ -550,7 +445,7 @@ def view_xml(road: Road) -> str:
     zoom = 100 * (road.length + road.run_out) / VIEW_LENGTH
     middle = (road.left_edge + road.right_edge) / 2
     viewport = E.viewport(zoom=f"{zoom:g}", x=f"{VIEW_LENGTH / 2:g}", y=f"{middle:g}")
-    return _text(E.viewsettings(viewport, E.delay(value="50")))
+    return document(E.viewsettings(viewport, E.delay(value="50")))
 
 
 def configuration_xml(
@@ -558,7 +453,7 @@ def configuration_xml(
     routes: str,
     step: float,
     *,
-    lane_change_duration: float | None = None,
+    lane_change_duration: float = _USUAL.lane_change_duration,
     view: str | None = None,
 ) -> str:
     """A .sumocfg that opens the case in sumo-gui with the options that the harness uses.
@@ -569,13 +464,8 @@ def configuration_xml(
     network, routes, view: the files, relative to this one; without a view sumo-gui shows the whole
         network.
     """
-    duration = (
-        SimulationSettings().lane_change_duration
-        if lane_change_duration is None
-        else lane_change_duration
-    )
-    options = {**SIMULATION_OPTIONS, "lanechange.duration": f"{duration:g}"}
-    return _text(E.configuration(
+    options = {**SIMULATION_OPTIONS, "lanechange.duration": f"{lane_change_duration:g}"}
+    return document(E.configuration(
         E.input(E("net-file", value=network), E("route-files", value=routes)),
         E.time(E.begin(value="0"), E("step-length", value=f"{step:g}")),
         E.processing(*(E(name, value=value) for name, value in options.items())),
