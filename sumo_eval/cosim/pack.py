@@ -21,7 +21,7 @@ from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.session import running
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
-from sumo_eval.cosim.world import World
+from sumo_eval.cosim.world import World, kind_of
 from sumo_eval.errors import InputError, SimulationError, must_be
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
@@ -39,7 +39,7 @@ class Pack:
                 "`conditions`."
             )
         self._settings = cases[0].simulation(settings)
-        self._kind = _kind(cases[0])
+        self._kind = kind_of(cases[0])
         for concrete in cases:
             self._check(concrete)
         self.world = world = World(cases, self._settings)
@@ -135,17 +135,7 @@ class Pack:
                 "vehicle follows, waits for a condition, has a path or a heading, or comes in a "
                 "stream."
             )
-        if _kind(concrete) != self._kind:
+        if kind_of(concrete) != self._kind:
             raise must_be("The cases", "one pack", "of one road, one ego's body and as many other "
                                                    "vehicles",
                           f"{concrete.scenario} ({concrete.label})")  # fmt: skip
-
-
-def _kind(concrete: ConcreteScenario) -> tuple[object, ...]:
-    return (
-        concrete.road,
-        concrete.ego_body,
-        concrete.time_limit,
-        concrete.standstill_time,
-        len(concrete.actors),
-    )

@@ -1,25 +1,41 @@
-"""What a case holds as numbers: the records of bodies, egos, other vehicles and what rules see of
-them.
+"""Numbers of a case: the records of bodies, egos, actors and what rules see of them.
 
-A row is a case: its ego in `EGO`, its m other vehicles in `OTHER`. x, y and heading of a body are
-those of the road's frame, along and across it; what rules see of it is a `MOVER`. On a road that
-bends every body stands on the map as well (`map`).
+A row is a case: its ego in `EGO`, its m actors in `OTHER`. x, y and heading of a body are those of
+the road's frame, along and across it; what rules see of it is a `MOVER`. On a curved road every
+body stands on the map as well (`map`).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.vehicle_model import LIMITED
-from sumo_eval.trajectory import EndReason
+from sumo_eval.trajectory import EndReason, FloatArray
 
 Records = NDArray[Any]
 """A structured array; each is made in one place, as every other type of it would be compiled
 again."""
+
+
+class Scenes(NamedTuple):
+    """What n cases with m actors each are, and what SUMO shows of them.
+
+    egos, others, clips: (n,), (n, m) and (n, kinds).
+    seen: the actors as rules see them, (n, m).
+    samples: (n, 1 + m, instants, channels).
+    shown: x and y of the front bumper, angle and speed of the actors, (n, m, 4).
+    """
+
+    egos: Records
+    others: Records
+    clips: Records
+    seen: Records
+    samples: FloatArray
+    shown: FloatArray
 
 
 Layout = list[tuple[str, Any]]
@@ -38,18 +54,10 @@ def flags(*names: str) -> Layout:
 
 MOVER = np.dtype(
     fields(
-        "x",
-        "y",
-        "heading",
-        "along",
-        "across",
-        "half_length",
-        "half_width",
-        "speed",
-        "braking",
+        "x", "y", "heading", "along", "across", "half_length", "half_width", "speed", "braking",
         "curvature",
     )
-)
+)  # fmt: skip
 """A vehicle as rules see it: along and across the road; x is nan where there is none
 (`ads.perception`). along: dx/dt, m/s. curvature: of the road beside it, at the offset y, 1/m,
 positive to the left."""
@@ -62,6 +70,13 @@ _WAY = [*fields("start", "offset", "begin", "length", "by"), *flags("asked", "en
 """Where it is to be across the road: where it began, m, and from x = `begin` on, over `length` m,
 `offset` m further to the left. asked: 1 if it has to make that lane change, finished by x = `by`;
 ends: 1 if its first lane ends there."""
+
+
+def numbers_of(records: Records) -> FloatArray:
+    """The numbers of records, whose fields all have eight bytes, in place: counts are no use."""
+    return records.view(np.float64).reshape(*records.shape, -1)
+
+
 EGO = np.dtype(
     [
         *BODY, *fields("acceleration", "steering"), ("before", _BEFORE), ("next", _NEXT),
@@ -80,6 +95,10 @@ world at which the case began.
 slip, yaw_rate: of the dynamic vehicle model, rad and rad/s.
 way: as in `_WAY`."""
 
+_COMMAND = EGO.fields["command"][1] // 8  # type: ignore[index]
+COMMAND = slice(_COMMAND, _COMMAND + 2)
+"""Place of the command in the numbers of an ego."""
+
 OTHER = np.dtype(
     [
         *BODY, *fields("rate", "acceleration"), ("before", _BEFORE), *fields("front_x", "front_y"),
@@ -96,13 +115,12 @@ from where SUMO moves no vehicle.
 
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
 
+PLACES = ("opens", "is_open", "closes", "is_gone", "parted_until", "parted_from")
 _ROAD = [
-    *fields("length", "right_edge", "left_edge", "lane_width"), *flags("lanes", "bent", "shaped"),
-    *fields("right_opens", "right_is_open", "right_closes", "right_is_gone", "right_parted_until",
-        "right_parted_from"),
-    *fields("left_opens", "left_is_open", "left_closes", "left_is_gone", "left_parted_until",
-        "left_parted_from"),
-]  # fmt: skip
+    *fields("length", "right_edge", "left_edge", "lane_width"),
+    *flags("lanes", "bent", "shaped"),
+    *fields(*(f"{side}_{name}" for side in ("right", "left") for name in PLACES)),
+]
 """Where the outermost lanes are: as in `road.lanes`."""
 LIMITS = fields(
     "length", "width", "wheelbase", "steering_ratio", "max_steering_wheel_angle_deg",
@@ -136,19 +154,19 @@ REASONS: tuple[EndReason | None, ...] = (
     "ads_timeout",
     "sim_error",
 )  # fmt: skip
-CONTACT, STANDSTILL, ROAD_END, OFF_ROAD, TIME_LIMIT, DECIDED, ADS_ERROR, _ADS_TIMEOUT, SIM_ERROR = (
-    range(1, 10)
-)
+CONTACT, STANDSTILL, ROAD_END = range(1, 4)
+OFF_ROAD, TIME_LIMIT, DECIDED = range(4, 7)
+ADS_ERROR, SIM_ERROR = 7, 9
 
 TO_ITS_END: tuple[EndReason, ...] = ("road_end", "time_limit")
 """Why cases end in which everything could happen that was to: a condition that never held then is
-worth a word."""
+reported."""
 
 WHATS = (*LIMITED, "actor_off_its_script")
 OFF_SCRIPT = len(LIMITED)
 SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
 STRAIGHT = 90.0  # deg clockwise from north, SUMO's angle along the road
 ALONG = 1e-9  # rad, a heading smaller than this is none
-# rad, an ego on a bend that keeps its lane turns less than that against the road
+# rad, an ego in a curve that keeps its lane turns less than that against the road
 ALONG_A_BEND = 0.01
 DEGREES = 180.0 / math.pi

@@ -65,7 +65,7 @@ from sumo_eval.cosim.sumo.session import running, session
 from sumo_eval.cosim.sumo.shared_files import plain, shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.sumo.sumo_files import network_xml
 from sumo_eval.cosim.traffic import Traffic
-from sumo_eval.cosim.world import World
+from sumo_eval.cosim.world import World, kind_of
 from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
@@ -299,9 +299,7 @@ def simulate_together(
         ):
             return None
         body = (
-            concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit,
-            concrete.standstill_time,
-            len(concrete.actors),
+            concrete.scenario, kind_of(concrete),
             tuple([(it.body, it.model is None,
                 it.follows_at_once) for it in concrete.actors if concrete.lively]),
         )  # fmt: skip

@@ -1,7 +1,6 @@
-"""What happens in a step, one row after the other: vehicles move, scripts go on, bodies touch,
-cases end.
+"""One step of every row: vehicles move, scripts continue, bodies touch, cases end.
 
-The vehicle model moves the ego on the map, and contact is judged there; on a straight road frame
+The vehicle model moves the ego on the map, and contact is found there; on a straight road frame
 and map are the same numbers.
 """
 
@@ -30,10 +29,11 @@ from sumo_eval.cosim.records import (
     SUMO,
     TIME_LIMIT,
     Records,
+    Scenes,
 )
 from sumo_eval.cosim.vehicle_model import count_clip, move, move_dynamic
 from sumo_eval.kernels import kernel, rows
-from sumo_eval.scenario.played import BEGUN
+from sumo_eval.scenario.played import BEGUN, Cast
 from sumo_eval.scenario.road.lanes import left_edge_at, right_edge_at
 from sumo_eval.scenario.road.reference_line import line_at, to_frame, to_map
 from sumo_eval.trajectory import FloatArray
@@ -47,68 +47,42 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
     the road's axes.
 
     line: the road's, of no knots if straight.
-    rear: m from the centre back to the axle that runs along the lane. A body that follows a bend
+    rear: m from the centre back to the axle that runs along the lane. A body that follows a curve
         leans out of it there by atan(rear * curvature), which takes no more of the road from others
         than on a straight.
     """
     _, _, _, curvature = line_at(line, body.x)
     inner, speed, length, width = 1.0 - curvature * body.y, body.speed, body.length, body.width
     heading = 0.0 if abs(body.heading) < ALONG else within_a_turn(body.heading)
-    mover.x, mover.y, mover.heading, mover.speed, mover.braking = (
-        body.x,
-        body.y,
-        heading,
-        speed,
-        0.0,
-    )
+    mover.x, mover.y, mover.heading = body.x, body.y, heading
+    mover.speed, mover.braking = speed, 0.0
     mover.along, mover.across = speed * math.cos(heading) / inner, speed * math.sin(heading)
     mover.curvature = curvature / inner
     lean = heading + math.atan(rear * mover.curvature)
     c, s = abs(math.cos(lean)), abs(math.sin(lean))
     if s < ALONG:
         c, s = 1.0, 0.0
-    mover.half_length, mover.half_width = (
-        0.5 * (length * c + width * s),
-        0.5 * (length * s + width * c),
-    )
+    mover.half_length = 0.5 * (length * c + width * s)
+    mover.half_width = 0.5 * (length * s + width * c)
 
 
 @kernel
 def put_on_map(body: Any, line: Any) -> float:
-    """Put a vehicle of which the frame is known on the map; the share of a metre along the line
-    that it drives there for each metre of the line.
+    """Put a vehicle of which the frame is known on the map, with its front bumper; the share of a
+    metre along the line that it drives there for each metre of the line.
     """
     at = body.map
     at.x, at.y, at.heading, curvature = to_map(line, body.x, body.y, body.heading)
+    _put_front(body)
     return float(1.0 - curvature * body.y)
 
 
 @kernel
-def _keep_before(body: Any) -> None:
-    """Keep where a vehicle is as where it was before the step."""
-    was = body.before
-    was.x, was.y, was.heading, was.speed, was.across = (
-        body.x,
-        body.y,
-        body.heading,
-        body.speed,
-        body.across,
-    )
-    was.map.x, was.map.y, was.map.heading = body.map.x, body.map.y, body.map.heading
-
-
-@kernel
-def _put_back(body: Any) -> None:
-    """Put a vehicle where it was before the step."""
-    was = body.before
-    body.x, body.y, body.heading, body.speed, body.across = (
-        was.x,
-        was.y,
-        was.heading,
-        was.speed,
-        was.across,
-    )
-    body.map.x, body.map.y, body.map.heading = was.map.x, was.map.y, was.map.heading
+def _restate(to: Any, source: Any) -> None:
+    """Write the motion of a vehicle, now or before the step, into the other of both."""
+    to.x, to.y, to.heading = source.x, source.y, source.heading
+    to.speed, to.across = source.speed, source.across
+    to.map.x, to.map.y, to.map.heading = source.map.x, source.map.y, source.map.heading
 
 
 @kernel
@@ -130,17 +104,13 @@ def _tell(tell: Any, told: int, number: int, body: Any, line: Any, along: float)
 
     along: dx/dt, m/s.
     """
-    tell[told, 0] = number
-    tell[told, 1] = body.front_x
-    tell[told, 2] = body.front_y
-    tell[told, 3] = STRAIGHT - body.map.heading * DEGREES
-    tell[told, 4] = body.speed
     s, d, _, _ = to_frame(
         line, body.front_x, body.front_y, body.map.heading, body.x + 0.5 * body.length
     )
-    tell[told, 5] = s
-    tell[told, 6] = d
-    tell[told, 7] = along
+    angle = STRAIGHT - body.map.heading * DEGREES
+    values = float(number), body.front_x, body.front_y, angle, body.speed, s, d, along
+    for k, value in enumerate(values):
+        tell[told, k] = value
     return told + 1
 
 
@@ -162,26 +132,17 @@ def _sample(samples: Any, vehicle: Any, time: float, acceleration: float, steeri
     count = vehicle.samples
     if count > 0 and time - samples[count - 1, 0] < 1e-9:
         return
-    samples[count, 0] = time
-    samples[count, 1] = vehicle.x
-    samples[count, 2] = vehicle.y
-    samples[count, 3] = vehicle.heading
-    samples[count, 4] = vehicle.speed
-    samples[count, 5] = acceleration
-    samples[count, 6] = steering
+    values = time, vehicle.x, vehicle.y, vehicle.heading, vehicle.speed, acceleration, steering
+    for k, value in enumerate(values):
+        samples[count, k] = value
     vehicle.samples = count + 1
 
 
 @kernel
 def _sample_row(ego: Any, others: Any, samples: Any) -> None:
     """Record every vehicle of a case at its time."""
-    _sample(
-        samples[0],
-        ego,
-        ego.time,
-        ego.acceleration,
-        math.nan if ego.placed == SUMO else ego.steering,
-    )
+    steering = math.nan if ego.placed == SUMO else ego.steering
+    _sample(samples[0], ego, ego.time, ego.acceleration, steering)
     for j in range(len(others)):
         if others[j].present:
             _sample(samples[1 + j], others[j], ego.time, others[j].acceleration, math.nan)
@@ -196,14 +157,12 @@ def begin_rows(
     for i in range(len(egos)):
         ego = egos[i]
         put_on_map(ego, line)
-        _put_front(ego)
-        _keep_before(ego)
+        _restate(ego.before, ego)
         show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
         for j in range(len(others[i])):
             other = others[i][j]
             put_on_map(other, line)
-            _put_front(other)
-            _keep_before(other)
+            _restate(other.before, other)
             show_body(seen[i][j], other, line, 0.0)
         _sample_row(ego, others[i], samples[i])
 
@@ -216,9 +175,10 @@ def stop_rows(egos: Records, others: Records, samples: FloatArray, row: int, bac
     """
     ego = egos[row]
     if back:
-        _put_back(ego)
+        _restate(ego, ego.before)
         for j in range(len(others[row])):
-            _put_back(others[row][j])
+            other = others[row][j]
+            _restate(other, other.before)
     _sample_row(ego, others[row], samples[row])
 
 
@@ -228,18 +188,16 @@ def stop_rows(egos: Records, others: Records, samples: FloatArray, row: int, bac
 @rows
 def move_rows(
     egos: Records, others: Records, clips: Records, tell: FloatArray, scenario: Records,
-    line: Records, steps: int,
-    closely: int,
+    line: Records, closely: int,
 ) -> int:  # fmt: skip
-    """Move the egos as they are commanded to the end of so many steps, and keep where all others
-    were before.
+    """Move the egos as they are commanded for a step, and keep where all actors were before.
 
-    What SUMO has to hear of it is written to `tell`, a row each: number of the vehicle, x and y of
-    the front bumper's centre on the map, angle and speed, its place along and across the line and
-    dx/dt.
+    What SUMO has to receive of it is written to `tell`, a row each: number of the vehicle, x and y
+    of the front bumper's centre on the map, angle and speed, its place along and across the line
+    and dx/dt.
 
-    closely: SUMO hears of the egos.
-    line: the road's, of no knots if it is straight. Returns how many rows of `tell` there are.
+    line: the road's, of no knots if it is straight.
+    closely: not 0 where SUMO receives the egos. Returns how many rows of `tell` there are.
     """
     told = 0
     step = scenario[0].step
@@ -247,7 +205,8 @@ def move_rows(
         ego, limits = egos[i], scenario[first_of(scenario, i)].vehicle
         if ego.live == 0 or ego.reason != 0:
             continue
-        _keep_before(ego)
+        before = ego.before
+        _restate(before, ego)
         if ego.placed == MODEL:
             wanted, steering = ego.command.acceleration, ego.command.steering
             if not math.isfinite(wanted + steering):
@@ -262,18 +221,13 @@ def move_rows(
             at.x, at.y, at.heading, ego.speed = ahead.x, ahead.y, ahead.heading, ahead.speed
             ego.acceleration, ego.steering = ahead.acceleration, ahead.steering
         if ego.placed != SUMO:
-            near = ego.before.x + ego.before.speed * step
+            near = before.x + before.speed * step
             ego.x, ego.y, ego.heading, curvature = to_frame(
                 line, ego.map.x, ego.map.y, ego.map.heading, near
             )
             _put_front(ego)
-            before = ego.before
-            if (
-                len(line)
-                or ego.speed != before.speed
-                or ego.heading != 0.0
-                or before.heading != 0.0
-            ):
+            turned = ego.heading != 0.0 or before.heading != 0.0
+            if len(line) or turned or ego.speed != before.speed:
                 ego.stale = 1
             if closely and ego.stale:
                 ego.stale = 0
@@ -281,19 +235,19 @@ def move_rows(
                 told = _tell(tell, told, i * (1 + len(others[i])), ego, line, along)
         for j in range(len(others[i])):
             other = others[i][j]
-            _keep_before(other)
+            _restate(other.before, other)
             other.told = 0
     return told
 
 
 @kernel
-def _stand(other: Any, x: float, y: float, angle: float, speed: float, line: Any) -> None:
-    """Put another vehicle where SUMO shows its front bumper."""
-    half, at = 0.5 * other.length, other.map
+def _stand(other: Any, shown: FloatArray, line: Any) -> None:
+    """Put an actor where SUMO shows it, as in `Scenes`."""
+    half, at, angle = 0.5 * other.length, other.map, shown[2]
     at.heading = within_a_turn((STRAIGHT - angle) / DEGREES) if angle != STRAIGHT else 0.0
-    at.x, at.y = x - half * math.cos(at.heading), y - half * math.sin(at.heading)
+    at.x, at.y = shown[0] - half * math.cos(at.heading), shown[1] - half * math.sin(at.heading)
     other.x, other.y, other.heading, _ = to_frame(line, at.x, at.y, at.heading, other.x)
-    other.speed = speed
+    other.speed = shown[3]
 
 
 @kernel
@@ -303,18 +257,13 @@ def _go_back(body: Any, share: float) -> None:
     here = between(_body(was.map, was, body), _body(at, body, body), share)
     at.x, at.y, at.heading = here.x, here.y, here.heading
     here = between(_body(was, was, body), _body(body, body, body), share)
-    body.x, body.y, body.heading, body.speed, body.across = (
-        here.x,
-        here.y,
-        here.heading,
-        here.speed,
-        here.across,
-    )
+    body.x, body.y, body.heading = here.x, here.y, here.heading
+    body.speed, body.across = here.speed, here.across
 
 
 @kernel
 def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
-    """Why a case ends, 0 while it goes on."""
+    """Why a case ends, 0 while it continues."""
     road = scenario.road
     ego.stood = ego.stood + scenario.step if ego.speed < scenario.standstill_speed else 0.0
     if not right_edge_at(road, ego.x) <= ego.y <= left_edge_at(road, ego.x):
@@ -341,16 +290,16 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
 
 @rows
 def see_rows(
-    egos: Records, others: Records, clips: Records, seen: Records, samples: FloatArray,
-    shown: FloatArray, scenario: Records, line: Records, steps: int, sampling: int, as_read: int,
-) -> int:  # fmt: skip
-    """Take in what SUMO shows at the end of so many steps: places, contact, ends, samples, what
-    rules see next.
+    scenes: Scenes, scenario: Records, line: Records, steps: int, sampling: int, as_read: int
+) -> int:
+    """Take in what SUMO shows at the end of n steps: places, contact, ends, samples, what rules
+    see next.
 
-    shown: (n, m, 4), x and y of the front bumper, angle and speed of the others, which count if
-        `as_read`.
-    line: the road's, of no knots if it is straight. Returns how many cases have ended.
+    line: the road's, of no knots if it is straight.
+    as_read: not 0 where `shown` counts. Returns how many cases have ended.
     """
+    egos, others, clips = scenes.egos, scenes.others, scenes.clips
+    seen, samples, shown = scenes.seen, scenes.samples, scenes.shown
     ended = 0
     step = scenario[0].step
     for i in range(len(egos)):
@@ -369,11 +318,12 @@ def see_rows(
             if other.present == 0:
                 continue
             if as_read:
-                ahead, left = shown[i, j, 0] - other.front_x, shown[i, j, 1] - other.front_y
+                at = shown[i, j]
+                ahead, left = at[0] - other.front_x, at[1] - other.front_y
                 off = math.sqrt(ahead * ahead + left * left)
                 if sampling and off > SCRIPT_TOLERANCE and ego.scripted_until < math.inf:
                     count_clip(clips[i], OFF_SCRIPT, now, 0.0, off)
-                _stand(other, shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], line)
+                _stand(other, at, line)
             was = other.before
             other.rate = (other.speed - was.speed) / step
             share = share_at_touch(
@@ -382,10 +332,8 @@ def see_rows(
             if 0.0 <= share < first:
                 first, ego.struck = share, j
         # a case ends at the road's end, whatever it would touch beyond
-        if (
-            first <= 1.0
-            and not ego.before.x + first * (ego.x - ego.before.x) > scenario[0].road.length
-        ):
+        touched_at = ego.before.x + first * (ego.x - ego.before.x)
+        if first <= 1.0 and not touched_at > scenario[0].road.length:
             ego.reason, ego.share = CONTACT, first
             _go_back(ego, first)
             ego.time = now - step + first * step
@@ -409,8 +357,8 @@ def see_rows(
 
 @kernel
 def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> bool:
-    """Whether SUMO cannot move another vehicle by itself: it is in a move, turned, or has been
-    beside the lanes.
+    """Whether SUMO cannot move an actor by itself: it is in a move, turned, or has been beside the
+    lanes.
     """
     road, reach = scenario.road, 0.5 * other.width - BESIDE
     if not road.right_edge - reach <= other.y <= road.left_edge + reach:
@@ -425,16 +373,16 @@ def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> boo
 
 @rows
 def tell_others_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, tell: FloatArray,
-    scenario: Records, line: Records,
-    steps: int, told: int, closely: int, quiet: int,
+    cast: Cast, tell: FloatArray, scenario: Records, line: Records, steps: int, told: int,
+    closely: int,
 ) -> int:  # fmt: skip
-    """Put the others on the map, and write what SUMO has to hear of them to `tell`, behind `told`
-    rows of it.
+    """Put the actors on the map, and write what SUMO has to receive of them to `tell`, behind
+    `told` rows of it.
 
-    closely: SUMO hears of them.
-    quiet: but of none that SUMO can move by itself. Returns how many rows there are then.
+    closely: 0: nothing, 1: all, 2: all that SUMO cannot move by itself. Returns how many rows
+        there are then.
     """
+    egos, others, plays, acts = cast.egos, cast.others, cast.plays, cast.acts
     for i in range(len(egos)):
         if egos[i].live == 0 or egos[i].reason != 0:
             continue
@@ -445,8 +393,7 @@ def tell_others_rows(
             if play.model or other.present == 0:
                 continue
             inner = put_on_map(other, line)
-            _put_front(other)
-            if quiet and not _at_work(other, play, acts[i][j], now, scenario[0]):
+            if closely == 2 and not _at_work(other, play, acts[i][j], now, scenario[0]):
                 other.told = 0
             elif closely:
                 other.told = 2
@@ -459,7 +406,7 @@ def tell_others_rows(
 
 @rows
 def map_rows(others: Records, line: Records) -> None:
-    """Put the others on the map."""
+    """Put the actors on the map."""
     for i in range(len(others)):
         for j in range(len(others[i])):
             put_on_map(others[i][j], line)

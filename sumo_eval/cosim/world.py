@@ -1,5 +1,4 @@
-"""The world of one case or of many: who is where, what the scripts say, what touched, what ended,
-what is recorded.
+"""The world of one case or of many: places of all vehicles, scripts, contacts, ends, recordings.
 
 Its records are in `cosim.records`, what happens to them in a step in `cosim.step_rules`.
 """
@@ -23,18 +22,22 @@ from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.cosim.latency import Latencies
 from sumo_eval.cosim.records import (
     CLIP,
+    COMMAND,
     CYCLE,
     EGO,
     LIMITS,
     MODEL,
     MOVER,
     OTHER,
+    PLACES,
     REASONS,
     SCENARIO,
     SIM_ERROR,
     TO_ITS_END,
     WHATS,
     Records,
+    Scenes,
+    numbers_of,
 )
 from sumo_eval.cosim.step_rules import begin_rows, map_rows, move_rows, see_rows, tell_others_rows
 from sumo_eval.cosim.vehicle_model import count_clip
@@ -56,47 +59,50 @@ from sumo_eval.text import clean, clean_log, traceback_of
 from sumo_eval.trajectory import CHANNELS, Alone, Clip, Collision, EndReason, Recording, Trajectory
 
 _ENDS = ("time_limit", "standstill_speed", "standstill_time", "end_when_decided")
-_PLACES = ("opens", "is_open", "closes", "is_gone", "parted_until", "parted_from")
 _ARRIVED = 0.101  # m before the end of the last lane, nearer than which SUMO takes a vehicle out
 
 
 def described(
     road: Road, vehicle: VehicleSettings, step: float, settings: SimulationSettings | None = None
 ) -> Records:
-    """What the rows of a case, or of many like it, share: the two `SCENARIO` records.
+    """Two `SCENARIO` records, which the rows of a case, or of many like it, share.
 
-    settings: when cases end; None: nobody asks.
+    settings: when cases end; None: they do not.
     """
-    ends = None if settings is None else tuple(getattr(settings, name) for name in _ENDS)
+    ends = tuple(float(getattr(settings, name, 0.0)) for name in _ENDS)
     return _described(road, vehicle, step, ends).copy()
 
 
 @lru_cache(maxsize=16)
 def _described(
-    road: Road, vehicle: VehicleSettings, step: float, ends: tuple[float, ...] | None
+    road: Road, vehicle: VehicleSettings, step: float, ends: tuple[float, ...]
 ) -> Records:
     found = np.zeros(2, SCENARIO)
     for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
         found["road"][name] = getattr(road, name)
     for side, lane in (("right", 0), ("left", road.lanes - 1)):
         span = road.span(lane)
-        for name, place in zip(
-            _PLACES, (*span.places, span.parted_until, span.parted_from), strict=True
-        ):
+        places = *span.places, span.parted_until, span.parted_from
+        for name, place in zip(PLACES, places, strict=True):
             found["road"][f"{side}_{name}"] = place
     for name, _ in LIMITS:
         found["vehicle"][name] = getattr(vehicle, name)
     found["step"] = step, max(round(CYCLE / step), 1) * step
-    for name, value in zip(_ENDS, ends or (), strict=ends is not None):
+    for name, value in zip(_ENDS, ends, strict=True):
         found[name] = value
     return found
 
 
-class World:
-    """Cases that are driven together, on roads of one kind, with as many other vehicles each.
+def kind_of(concrete: ConcreteScenario) -> tuple[object, ...]:
+    """Values that cases of one world share."""
+    limits = concrete.time_limit, concrete.standstill_time
+    return concrete.road, concrete.ego_body, *limits, len(concrete.actors)
 
-    rows: the numbers of the cases that are held, in the order of the arrays; some of them may have
-        ended.
+
+class World:
+    """Cases that are driven together, on roads of one kind, with as many actors each.
+
+    rows: the numbers of the cases in the arrays, in their order; some of them may have ended.
     each: the settings of each case.
     scenario: two `SCENARIO` records, or two for each row where the cases change the vehicle.
     """
@@ -113,7 +119,7 @@ class World:
         self.errors: dict[int, str] = {}
         self.logs: dict[int, str] = {}
         self.places: dict[int, str] = {}  # where in the user's code an exception came from
-        self.notes: dict[int, Any] = {}
+        self.notes: dict[int, Any] = defaultdict(_new_notes)
         self.left: dict[int, Alone] = {}
         self.released: set[int] = set()  # cases whose driver has been released
         self.latencies = Latencies(n)
@@ -124,8 +130,7 @@ class World:
             for vehicle in (vehicles[:1] if alike else vehicles)
         ])  # fmt: skip
         self.line = knots_of(cases[0].road.line)
-        self.egos = _egos(cases, settings.vehicle, placed)
-        self.others = _others(cases)
+        self.egos, self.others = _egos(cases, settings.vehicle, placed), _others(cases)
         self.players = players([case.actors for case in cases])
         self.egos["scripted_until"] = [case.script_end + settings.step for case in cases]
         self._end_of_lanes = cases[0].road.length + cases[0].road.run_out - _ARRIVED
@@ -137,6 +142,8 @@ class World:
         self._sampled, self._room = 1, 64
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
         self._commands = np.zeros((n, self._room, 2))
+        self._models = placed == MODEL and settings.plant is None  # the vehicle model moves all
+        self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
         self.reacts = any(case.reacts for case in cases)
         self._stack = np.zeros((DEEPEST, 3))
         self.timed = not any(case.lively for case in cases)
@@ -148,74 +155,53 @@ class World:
         play_rows(self.cast, 0, settings.step, self.line)
         begin_rows(self.egos, self.others, self.seen, self.samples, self.scenario, self.line)
         self.going = n
-        self._codes: Any = None  # the rules of a step as machine code for these arrays
+
+    def _run(self, loop: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a loop over the rows: bound, which takes a third of the time."""
+        if loop not in self._codes:
+            self._codes[loop] = bound(loop, *arguments)
+        return self._codes[loop](*arguments)
 
     @property
     def cast(self) -> Cast:
         """The vehicles of all rows."""
         return Cast(self.egos, self.others, *self.players)
 
-    def play(self, told: int, *, closely: bool, as_read: bool = False) -> int:
-        """Move the others to the end of the coming step; how many rows of `tell` there are then.
+    def move(self, *, closely: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
+        """Move all vehicles to the end of the coming step; how many rows of `tell` there are then,
+        and which vehicles have left.
 
+        closely: SUMO receives all vehicles.
         as_read: SUMO moves those by itself that only keep their speed.
         """
-        plays, acts = self.players.plays, self.players.acts
-        steps = self.steps + 1
-        play_rows(self.cast, steps, self.settings.step, self.line)
+        steps, step = self.steps + 1, self.settings.step
+        shared, cast = (self.tell, self.scenario, self.line), self.cast
+        told = self._run(move_rows, self.egos, self.others, self.clips, *shared, int(closely))
+        self._run(play_rows, cast, steps, step, self.line)
         quiet = as_read and self.timed and not len(self.line)
-        return int(tell_others_rows(
-            self.egos, self.others, plays, acts, self.tell, self.scenario, self.line, steps, told,
-            int(closely),
-            int(quiet),
-        ))  # fmt: skip
-
-    def move(self, *, closely: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
-        """Move everybody to the end of the coming step; how many rows of `tell` there are then, and
-        who has left.
-        """
-        steps = self.steps + 1
-        if self._codes is None:
-            self._codes = (
-                bound(move_rows, *self._moving, 1, 0),
-                bound(see_rows, *self._seeing, 1, 0, 0),
-            )
-        told = self.play(
-            self._codes[0](*self._moving, steps, int(closely)), closely=closely, as_read=as_read
+        told = self._run(
+            tell_others_rows, cast, *shared, steps, told, closely + (closely and quiet)
         )
-        now = steps * self.settings.step
+        now = steps * step
         return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
 
     def keep_commands(self) -> None:
         """Keep what the egos are commanded in this step; nan of one that SUMO or a plant moves."""
         if self.steps == self._commands.shape[1]:
             self._commands = np.concatenate([self._commands, np.zeros_like(self._commands)], 1)
-        command = self.egos["command"]
-        moved = self.egos["placed"] == MODEL
-        self._commands[:, self.steps, 0] = np.where(moved, command["acceleration"], np.nan)
-        self._commands[:, self.steps, 1] = command["steering"]
+        now = self._commands[:, self.steps]
+        now[:] = numbers_of(self.egos)[:, COMMAND]
+        if not self._models:
+            now[self.egos["placed"] != MODEL, 0] = np.nan
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
         """Take in what SUMO shows at the end of the step; how many cases have ended."""
         self.steps += 1
-        return int(self._codes[1](*self._seeing, self.steps, int(sampling), int(as_read)))
-
-    @property
-    def _moving(self) -> tuple[Any, ...]:
-        return self.egos, self.others, self.clips, self.tell, self.scenario, self.line
-
-    @property
-    def _seeing(self) -> tuple[Any, ...]:
-        return (
-            self.egos,
-            self.others,
-            self.clips,
-            self.seen,
-            self.samples,
-            self.shown,
-            self.scenario,
-            self.line,
+        scenes = Scenes(self.egos, self.others, self.clips, self.seen, self.samples, self.shown)
+        ended: int = self._run(
+            see_rows, scenes, self.scenario, self.line, self.steps, int(sampling), int(as_read)
         )
+        return ended
 
     def may_leave(self, now: float) -> bool:
         """Whether a vehicle may come to the end of its lanes in the step to `now`, s; a quick no
@@ -250,14 +236,13 @@ class World:
         return len(kept), numbers.tolist()
 
     def wake(self, now: float) -> None:
-        """Begin the moves whose conditions have come to hold in the step that ends `now`, s."""
-        before = self.steps * self.settings.step
-        wake_rows(self.cast, now, before, self._stack, self.line)
+        """Begin the moves whose conditions became true in the step that ends `now`, s."""
+        self._run(wake_rows, self.cast, now, self.time, self._stack, self.line)
         self.put_on_map()
 
     def put_on_map(self) -> None:
-        """Say where the others are on the map, who have been moved along and across the road."""
-        map_rows(self.others, self.line)
+        """Put the actors on the map, which have been moved along and across the road."""
+        self._run(map_rows, self.others, self.line)
 
     @property
     def time(self) -> float:
@@ -269,19 +254,9 @@ class World:
 
         known: its count and first time, s.
         """
-        if case not in self.notes:
-            self.notes[case] = defaultdict(
-                lambda: SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0)
-            )
         notes = self.notes[case]
-        count_clip(
-            notes,
-            what,  # type: ignore[arg-type]
-            self.time,
-            float(requested),
-            float(applied),
-        )
-        vars(self.notes[case][what]).update(known)
+        count_clip(notes, what, self.time, float(requested), float(applied))  # type: ignore[arg-type]
+        vars(notes[what]).update(known)
 
     def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
         """Traceback and place of an exception, for a log and for a table."""
@@ -299,15 +274,15 @@ class World:
             self.note(0, what, float(count), float(count), count=count, first=0.0)
 
     def leave(self, row: int, why: Alone) -> None:
-        """A case cannot go on beside others, and has to be driven alone from its start."""
+        """Remove a case from its batch; it restarts alone."""
         self.left[int(self.rows[row])] = why
         self.egos["reason"][row] = SIM_ERROR
 
     def fail(self, row: int, reason: EndReason, sentence: str) -> None:
-        """A case cannot go on; the next look at it ends it."""
+        """End a case at the next look at it."""
         case = int(self.rows[row])
         self.egos["reason"][row] = REASONS.index(reason)
-        self.errors[case] = f"{self.errors[case]} {sentence}" if case in self.errors else sentence
+        self.errors[case] = f"{self.errors.get(case, '')} {sentence}".lstrip()
 
     def room_for_samples(self) -> None:
         """Make room for the sample that the coming step takes."""
@@ -326,7 +301,7 @@ class World:
             setattr(self, name, getattr(self, name)[rows])
         if len(self.scenario) > 2:
             self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
-        self.players, self._codes = self.players.of(rows), None
+        self.players, self._codes = self.players.of(rows), {}
 
     def end(self, row: int) -> int:
         """Take down what a case that has ended leaves behind; its number."""
@@ -337,20 +312,16 @@ class World:
         assert reason is not None
         if reason in TO_ITS_END:
             acts = self.players.acts[row]
-            # nobody has to depart from a recording
+            # departing from a recording is optional
             waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)
             used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
             if count := int((waiting & used).sum()):
                 self.note(case, "trigger_never_fired", float(count), 0.0, count=count)
-        way = ego["way"]
-        missed = (
-            abs(float(ego["y"]) - float(way["start"] + way["offset"]))
-            > 0.5 * self.cases[case].road.lane_width
-        )
-        if way["asked"] and missed and ego["x"] >= way["by"]:
+        way, concrete = ego["way"], self.cases[case]
+        actors, vehicle = concrete.actors, self.settings.vehicle
+        aside = abs(float(ego["y"]) - float(way["start"] + way["offset"]))
+        if way["asked"] and aside > 0.5 * concrete.road.lane_width and ego["x"] >= way["by"]:
             self.note(case, "goal_missed", float(way["by"]), float(ego["y"]))
-        concrete, vehicle = self.cases[case], self.settings.vehicle
-        actors = concrete.actors
         if concrete.ego.recorded:
             self._note_departure(row, case)
         hit = self._collision(row, actors) if reason == "contact" else None
@@ -361,10 +332,7 @@ class World:
         self.ended[case] = partial(
             Recording,
             self._trajectory(row, 0, int(ego["samples"]), vehicle),
-            {
-                actor.name: self._trajectory(row, 1 + j, counts[j], actor)
-                for j, actor in enumerate(actors)
-            },
+            {it.name: self._trajectory(row, 1 + j, counts[j], it) for j, it in enumerate(actors)},
             hit,
             reason,
             self._clips(row, case),
@@ -373,9 +341,7 @@ class World:
         return case
 
     def _note_departure(self, row: int, case: int) -> None:
-        """Put on record how far the ego was from where the recorded one was, and who reacted to it
-        from when on.
-        """
+        """Record how far the ego was from the recorded one, and when actors began to react to it."""
         count = int(self.egos["samples"][row])
         time, x, y = self.samples[row, 0, :count, :3].T
         apart = departures(self.cases[case].ego.recorded, time, x, y)
@@ -395,26 +361,22 @@ class World:
         return float(time[-1] - time[elsewhere[-1]] if len(elsewhere) else time[-1])
 
     def recordings(self, wall_time: float) -> list[Recording | Alone]:
-        """What each case left behind, or why it has to be driven alone.
+        """The recording of each case, or why it has to be driven alone.
 
         wall_time: of all of them, s.
         """
-        found: list[Recording | Alone] = []
-        for case in range(len(self.cases)):
-            if case in self.left:
-                found.append(self.left[case])
-                continue
-            recording, error = self.ended[case], self.errors.get(case)
-            found.append(
-                recording(
-                    None if error is None else clean(error),
-                    clean_log(self.logs.get(case, "")),
-                    self.latencies.of(case),
-                    wall_time / len(self.cases),
-                    self.places.get(case, ""),
-                )
-            )
-        return found
+        each = wall_time / len(self.cases)
+        return [
+            self.left[case] if case in self.left else self._recording(case, each)
+            for case in range(len(self.cases))
+        ]
+
+    def _recording(self, case: int, wall_time: float) -> Recording:
+        error = self.errors.get(case)
+        return self.ended[case](
+            None if error is None else clean(error), clean_log(self.logs.get(case, "")),
+            self.latencies.of(case), wall_time, self.places.get(case, ""),
+        )  # fmt: skip
 
     def _trajectory(
         self, row: int, vehicle: int, count: int, body: VehicleSettings | Actor
@@ -424,16 +386,11 @@ class World:
 
     def _collision(self, row: int, actors: Sequence[Actor]) -> Collision:
         ego = self.egos[row]
-        struck = int(ego["struck"])
-        ego_body = self._touching(ego, float(ego["x"]))
+        x, struck = float(ego["x"]), int(ego["struck"])
         # a touch at a step's first instant is that one
         time = float(self.samples[row, 0, int(ego["samples"]) - 1, 0])
-        return describe(
-            time,
-            actors[struck].name,
-            ego_body,
-            self._touching(self.others[row, struck], float(ego["x"])),
-        )
+        bodies = self._touching(ego, x), self._touching(self.others[row, struck], x)
+        return describe(time, actors[struck].name, *bodies)
 
     def _touching(self, vehicle: Any, x: float) -> Body:
         """A vehicle as it stands on the map, in the axes that the road has at x."""
@@ -450,13 +407,14 @@ class World:
         )
 
     def _clips(self, row: int, case: int) -> tuple[Clip, ...]:
-        found = [
-            Clip(WHATS[what], *self.clips[row, what].tolist())
-            for what in np.flatnonzero(self.clips["count"][row])
-        ]
-        for what, note in self.notes.get(case, {}).items():
-            found.append(Clip(what, note.count, note.first, note.requested, note.applied))
+        counted = np.flatnonzero(self.clips["count"][row])
+        found = [Clip(WHATS[what], *self.clips[row, what].tolist()) for what in counted]
+        found += [Clip(what, *vars(note).values()) for what, note in self.notes[case].items()]
         return tuple(sorted(found, key=lambda clip: clip.what))
+
+
+def _new_notes() -> Any:
+    return defaultdict(lambda: SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0))
 
 
 def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: int) -> Records:
@@ -471,20 +429,18 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
         if concrete.ego.way is not None:
             write_way(egos[i], concrete.ego.way, concrete.ego.y, concrete.ego.speed)
     if placed == MODEL:
-        _put_on_bend(egos, cases[0].road, vehicle)
+        _put_in_curve(egos, cases[0].road, vehicle)
     return egos
 
 
 def write_way(ego: Any, way: Way, y: float, speed: float) -> None:
-    """Write into a record what lane change an ego has to make that starts at y, m, with a speed,
-    m/s.
-    """
+    """Write the lane change that an ego has to make which starts at y, m, with a speed, m/s."""
     ego["way"] = (y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends))
 
 
-def _put_on_bend(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
-    """Put egos that begin on a bend as those stand who drive it: the rear axle along it, the wheel
-    turned.
+def _put_in_curve(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
+    """Put egos that begin in a curve as those stand that drive it: the rear axle along it, the
+    wheel turned.
     """
     line, half = curvatures(road.line, egos["x"]), 0.5 * vehicle.wheelbase
     bend = line / (1.0 - line * egos["y"])
@@ -494,16 +450,11 @@ def _put_on_bend(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
 
 
 def _others(cases: Sequence[ConcreteScenario]) -> Records:
-    """The other vehicles at their start, (n, m)."""
+    """The actors at their start, (n, m)."""
     others = np.zeros((len(cases), len(cases[0].actors)), OTHER)
-    for i, concrete in enumerate(cases):
-        for j, actor in enumerate(concrete.actors):
-            other, start = others[i, j], actor.start
-            other["x"], other["y"], other["heading"], other["speed"] = (
-                start.x,
-                start.y,
-                actor.heading,
-                start.speed,
-            )
-            other["length"], other["width"], other["present"] = actor.length, actor.width, 1
+    for name in ("x", "y", "speed"):
+        others[name] = [[getattr(it.start, name) for it in case.actors] for case in cases]
+    for name in ("heading", "length", "width"):
+        others[name] = [[getattr(it, name) for it in case.actors] for case in cases]
+    others["present"] = 1
     return others
