@@ -142,6 +142,7 @@ class World:
         self._sampled, self._room = 1, 64
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
         self._commands = np.zeros((n, self._room, 2))
+        self._commanded = numbers_of(self.egos)[:, COMMAND]
         self._models = placed == MODEL and settings.plant is None  # the vehicle model moves all
         self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
         self.reacts = any(case.reacts for case in cases)
@@ -190,7 +191,7 @@ class World:
         if self.steps == self._commands.shape[1]:
             self._commands = np.concatenate([self._commands, np.zeros_like(self._commands)], 1)
         now = self._commands[:, self.steps]
-        now[:] = numbers_of(self.egos)[:, COMMAND]
+        now[:] = self._commanded
         if not self._models:
             now[self.egos["placed"] != MODEL, 0] = np.nan
 
@@ -302,6 +303,7 @@ class World:
         if len(self.scenario) > 2:
             self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
         self.players, self._codes = self.players.of(rows), {}
+        self._commanded = numbers_of(self.egos)[:, COMMAND]
 
     def end(self, row: int) -> int:
         """Take down what a case that has ended leaves behind; its number."""

@@ -659,27 +659,32 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
     """
     actors = [actor for case in cases for actor in case]
     shape = len(cases), len(cases[0])
+    lists = list(map(_records_of, actors))
 
-    def room(kind: np.dtype[Any], name: str = "", more: int = 0) -> Records:
-        """As many records for each vehicle as the acts of one have at most; "": one an act."""
-        most = [sum(len(getattr(act, name)) if name else 1 for act in it.acts) for it in actors]
-        return np.zeros((*shape, max(most, default=0) + more or 1), kind)
+    def records(kind: Any, rows: list[list[tuple[Any, ...]]]) -> Records:
+        """Records of each vehicle, (n, m, as many as one has at most, at least one)."""
+        found = np.zeros((len(rows), max(map(len, rows), default=0) or 1), kind)
+        for row, values in zip(found, rows, strict=True):
+            if values:
+                row[: len(values)] = values
+        return found.reshape(*shape, found.shape[1])
 
-    made = Players(np.zeros(shape, PLAY), room(ACT), room(PIECE, "table", 3), room(TABLE, "table"),
-                   room(PROGRAM, "program"))  # fmt: skip
-    for i, case in enumerate(cases):
-        for j, actor in enumerate(case):
-            made.plays[i, j] = _play_of(actor)
-            first = step = 0
-            for q, act in enumerate(actor.acts):
-                made.acts[i, j, q] = _record_of(act, first, step)
-                for knot in act.table:
-                    made.table[i, j, first] = knot
-                    first += 1
-                for op, one, two, value in act.program:
-                    made.program[i, j, step] = (value, op, one, two)
-                    step += 1
-    return made
+    plays = np.array([_play_of(actor) for actor in actors], PLAY).reshape(shape)
+    acts, table = records(ACT, [it[0] for it in lists]), records(TABLE, [it[1] for it in lists])
+    pieces = np.zeros((*shape, table.shape[2] + 2), PIECE)
+    return Players(plays, acts, pieces, table, records(PROGRAM, [it[2] for it in lists]))
+
+
+def _records_of(actor: Any) -> tuple[list[Any], list[Any], list[Any]]:
+    """Records of an actor's acts, of their tables and of their programs."""
+    acts: list[Any] = []
+    table: list[Any] = []
+    program: list[Any] = []
+    for act in actor.acts:
+        acts.append(_record_of(act, len(table), len(program)))
+        table += act.table
+        program += [(value, op, one, two) for op, one, two, value in act.program]
+    return acts, table, program
 
 
 def _play_of(actor: Any) -> tuple[Any, ...]:
