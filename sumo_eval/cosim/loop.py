@@ -1,9 +1,9 @@
-"""The loop: the only one in which anything drives, one case or hundreds beside each other.
+"""The loop: the only one in which anything drives, one case or hundreds in a batch.
 
-A step: the driver commands, the vehicle model moves the egos and the scripts move the others, SUMO
-steps everything, the world takes in what SUMO shows. Who drives is one of four: `Rows` (rules that
-are kernels), `OneEach` (a policy in plain Python for each row), `Batch` (one policy over arrays),
-`OnTraci` (whoever needs the simulation to itself).
+A step: the ADS commands, the vehicle model moves the egos and the scripts move the actors, SUMO
+steps all vehicles, the world takes in what SUMO shows. One of four controls the egos: `Rules`
+(which are kernels), `OneEach` (a policy in plain Python for each row), `OverArrays` (one policy
+over arrays), `OnTraci` (an ADS that needs the simulation to itself).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, h
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
 from sumo_eval.cosim.latency import EVERY
 from sumo_eval.cosim.plans import Wheel
-from sumo_eval.cosim.records import PLANT, REASONS, Records
+from sumo_eval.cosim.records import COMMAND, PLANT, REASONS, Records, numbers_of
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.step_rules import stop_rows
 from sumo_eval.cosim.sumo.insides import simulation_time
@@ -58,14 +58,14 @@ from sumo_eval.trajectory import Alone, EndReason
 _LONGEST_WORDS = SENTENCE - 20  # characters of an adapter's sentence, to which the time is added
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 ASKS_SUMO = Alone("asks_sumo")
-KEPT = 0.75  # share of the rows that must still be live, or the others are given up
+KEPT = 0.75  # share of the rows that must still be live, or the ended ones are given up
 _body = Body._make
 _look = tuple.__new__  # a NamedTuple's own constructor takes twice as long
-SEEN_AS_IT_IS: dict[str, Any] = {
-    "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0,
-    "sensor_range": None,
-    "field_of_view_deg": None, "occlusion": False,
-}  # fmt: skip
+_SENSES = (
+    "perception_delay", "dropout", "position_noise", "speed_noise", "sensor_range",
+    "field_of_view_deg", "occlusion",
+)  # fmt: skip
+_USUAL = ConditionSettings()
 
 
 class Terms(NamedTuple):
@@ -83,16 +83,31 @@ class Terms(NamedTuple):
     every: int = 1
 
 
-class Driver:
+def error_of(call: Callable[..., Any], *arguments: Any) -> BaseException | None:
+    """The error that a call of the user's code raises; Ctrl-C is the user's."""
+    try:
+        call(*arguments)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+        return error
+    return None
+
+
+class EgoControl:
     """Controls the egos of all rows."""
 
     def __init__(self, terms: Terms) -> None:
-        self._step_timeout, self._plant, self._folder, self._every = terms
+        self._terms = terms
 
     def begin(self, world: World, stage: Stage) -> None:
         """Before the first step."""
         self._traci, self._clock = stage.traci, simulation_time(stage.traci)
-        self._delayed = _Delayed(world, self._plant)
+        self._actuations = {
+            case: Actuation(its.conditions, partial(world.note, case))
+            for case, its in enumerate(world.each)
+            if its.conditions.actuation_delay or its.conditions.step_budget is not None
+        }
 
     def step(self, world: World, time: float) -> None:
         """Write the egos' commands, or fail rows."""
@@ -105,45 +120,55 @@ class Driver:
         """From now on these rows, in this order."""
 
     def release(self, world: World, row: int) -> None:
-        """A row has ended: close what it holds."""
-        if self._plant is not None:
-            self._closed(world, row, "The vehicle model", self._plant.close, "sim_error")
+        """Close what an ended row holds."""
+        if self._terms.plant is not None:
+            self._closed(world, row, self._terms.plant.close, "sim_error")
+
+    def _pass_on(self, world: World, time: float, took: Callable[[int], float]) -> None:
+        """Replace the commands by those that reach the vehicles, or by the plant's next state.
+
+        took: of a case, s.
+        """
+        for row in np.flatnonzero(world.egos["live"]).tolist() if self._actuations else ():
+            case = int(world.rows[row])
+            if case in self._actuations:
+                command = Command(*world.egos["command"][row].tolist())
+                arrived = self._actuations[case].pass_on(command, time, took(case))
+                assert arrived is not None
+                world.egos["command"][row] = arrived.acceleration, arrived.steering
+        if self._terms.plant is not None:
+            advance_plant(self._terms.plant, world, Command(*world.egos["command"][0].tolist()))
 
     def _closed(
         self,
         world: World,
         row: int,
-        who: str,
         close: Callable[[], None],
         fault: EndReason,
         target: Any = None,
     ) -> None:
-        """Close one of the things a case holds; what goes wrong there keeps none of the others from
-        being closed.
-        """
-        try:
-            close()
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
-            world.keep_fault(int(world.rows[row]), error, target, self._folder)
-            # nobody undoes a collision afterwards
-            contact = REASONS[int(world.egos["reason"][row])] == "contact"
-            world.fail(
-                row, "contact" if contact else fault, f"{who} raised in close: {said(error)}."
-            )
+        """Close one of the things a case holds; its failure keeps no other from being closed."""
+        error = error_of(close)
+        if error is None:
+            return
+        world.keep_fault(int(world.rows[row]), error, target, self._terms.folder)
+        # a collision is not undone afterwards
+        contact = REASONS[int(world.egos["reason"][row])] == "contact"
+        who = "The ADS" if fault == "ads_error" else "The vehicle model"
+        reason: EndReason = "contact" if contact else fault
+        world.fail(row, reason, f"{who} raised in close: {said(error)}.")
 
     def _close_guarded(
         self, world: World, row: int, close: Callable[[], None], target: Any
     ) -> None:
         """Close an ADS that may have used TraCI, and remove its listeners."""
-        self._closed(world, row, "The ADS", close, "ads_error", target)
-        self._closed(world, row, "The ADS", GUARD.end, "ads_error")
+        self._closed(world, row, close, "ads_error", target)
+        self._closed(world, row, GUARD.end, "ads_error")
         world.touched(GUARD.touched, GUARD.ignored)
 
     def _check_clock(self, world: World, time: float) -> None:
-        """The harness alone steps, starts and closes the simulation; who swallows the refusal of a
-        call has made it.
+        """The harness alone steps, starts and closes the simulation; an ADS that swallows the
+        refusal of a call has made it.
         """
         if GUARD.refusal is not None:
             deed, why = GUARD.refusal
@@ -165,19 +190,17 @@ class Driver:
 
 def sees_all(conditions: ConditionSettings) -> bool:
     """Whether the conditions let an ADS see the world as it is."""
-    return all(getattr(conditions, what) == usual for what, usual in SEEN_AS_IT_IS.items())
+    return all(getattr(conditions, name) == getattr(_USUAL, name) for name in _SENSES)
 
 
 def note_unlimited(world: World) -> None:
-    """Put on record that an ADS sees the world as it is where the conditions ask for something
-    else.
-    """
+    """Record that an ADS sees the world as it is in spite of the conditions."""
     for case, its in enumerate(world.each):
         if not sees_all(its.conditions):
             world.note(case, "perception_not_limited", 1.0, 0.0)
 
 
-def drive(world: World, driver: Driver, stage: Stage) -> None:
+def drive(world: World, driver: EgoControl, stage: Stage) -> None:
     """Step until every case has ended."""
     settings = world.settings
     step, every = settings.step, round(settings.record_interval / settings.step)
@@ -204,7 +227,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             except stage.traci.TraCIException as error:
                 if not asked:
                     raise
-                raise ControllerError(  # who asks SUMO has just taken a vehicle away
+                raise ControllerError(  # an ADS that asks SUMO has just removed a vehicle
                     f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: "
                     f"{said(error)}."
                 ) from error
@@ -220,18 +243,13 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
                 _end_rows(world, driver, stage)
     except LeftTheRoadError:
         world.egos["reason"][0] = REASONS.index("off_road")
-        world.room_for_samples()
-        stop_rows(world.egos, world.others, world.samples, 0, moved)
-    except (ControllerError, SimulationError) as error:
+        _stop(world, moved)
+    except (
+        ControllerError, SimulationError, stage.traci.TraCIException, stage.traci.FatalTraCIError
+    ) as error:  # fmt: skip
         if len(world.cases) > 1:
             raise
         break_off(world, error, moved)
-    except (stage.traci.TraCIException, stage.traci.FatalTraCIError) as error:
-        if len(world.cases) > 1:
-            raise
-        break_off(
-            world, SimulationError(f"SUMO stopped at {world.time:.2f} s: {said(error)}."), moved
-        )
     finally:
         for row in np.flatnonzero(world.egos["live"]).tolist():
             _release(world, driver, row)
@@ -239,37 +257,46 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
         world.end(row)
 
 
-def _release(world: World, driver: Driver, row: int) -> None:
-    """Release the driver of a row, once, whatever comes of it."""
+def _release(world: World, driver: EgoControl, row: int) -> None:
+    """Release the controller of a row, once."""
     case = int(world.rows[row])
     if case not in world.released:
         world.released.add(case)
         driver.release(world, row)
 
 
-def break_off(world: World, error: ControllerError | SimulationError, moved: int = 0) -> None:
-    """A single case cannot go on.
+def break_off(world: World, error: Exception, moved: int = 0) -> None:
+    """End a single case by an error.
 
     moved: within a step, of which nothing counts.
     """
-    world.fail(0, _fault(error), words_of(error, SENTENCE))
+    if isinstance(error, ControllerError | SimulationError):
+        world.fail(0, _fault(error), words_of(error, SENTENCE))
+    else:
+        words = f"SUMO stopped at {world.time:.2f} s: {said(error)}."
+        world.fail(0, "sim_error", words_of(words, SENTENCE))
+    _stop(world, moved)
+
+
+def _stop(world: World, moved: int) -> None:
     world.room_for_samples()
     stop_rows(world.egos, world.others, world.samples, 0, moved)
 
 
-def _end_rows(world: World, driver: Driver, stage: Stage) -> None:
+def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:
     """Take down the rows that have ended, and give their arrays up once they are many."""
-    for row in np.flatnonzero((world.egos["reason"] != 0) & (world.egos["live"] != 0)).tolist():
+    egos = world.egos
+    for row in np.flatnonzero((egos["reason"] != 0) & (egos["live"] != 0)).tolist():
         case = int(world.rows[row])
-        if REASONS[int(world.egos["reason"][row])] == "ads_error" and case not in world.errors:
-            wanted, steering = world.egos["command"][row].tolist()
-            name, value = (
-                ("steering", steering) if np.isfinite(wanted) else ("acceleration", wanted)
+        if REASONS[int(egos["reason"][row])] == "ads_error" and case not in world.errors:
+            value, steering = egos["command"][row].tolist()
+            name, value = ("steering", steering) if np.isfinite(value) else ("acceleration", value)
+            world.fail(
+                row,
+                "ads_error",
+                f"`{name}` of the ADS's Command must be a finite number, got {value!r} "
+                f"at {float(egos['time'][row]):.2f} s.",
             )
-            time = float(world.egos["time"][row])
-            world.fail(row, "ads_error", f"`{name}` of the ADS's Command must be a finite number, "
-                                         f"got {value!r} "
-                       f"at {time:.2f} s.")  # fmt: skip
         _release(world, driver, row)
         stage.remove(world, row)
         world.end(row)
@@ -284,8 +311,10 @@ def _end_rows(world: World, driver: Driver, stage: Stage) -> None:
         stage.without(world)
 
 
-def told(concrete: ConcreteScenario, settings: SimulationSettings, terms: Terms) -> Briefing:
-    """What a controller is told before a case."""
+def make_briefing(
+    concrete: ConcreteScenario, settings: SimulationSettings, terms: Terms
+) -> Briefing:
+    """The briefing of a controller before a case."""
     revealed = settings.conditions.reveal_scenario
     road = concrete.road
     return Briefing(
@@ -301,49 +330,18 @@ def told(concrete: ConcreteScenario, settings: SimulationSettings, terms: Terms)
     )
 
 
-class _Delayed:
-    """The way that commands take under the conditions, and the plant in place of the vehicle model;
-    all rows'.
-    """
-
-    def __init__(self, world: World, plant: FmuPlant | None) -> None:
-        self._plant = plant
-        self._of = {
-            case: Actuation(its.conditions, partial(world.note, case))
-            for case, its in enumerate(world.each)
-            if its.conditions.actuation_delay or its.conditions.step_budget is not None
-        }
-
-    def pass_on(self, world: World, time: float, took: Callable[[int], float]) -> None:
-        """Put the commands that reach the vehicles in place of those that were given.
-
-        took: of a case, s.
-        """
-        for row in np.flatnonzero(world.egos["live"]).tolist() if self._of else ():
-            case = int(world.rows[row])
-            if case in self._of:
-                arrived = self._of[case].pass_on(
-                    Command(*world.egos["command"][row].tolist()), time, took(case)
-                )
-                assert arrived is not None
-                world.egos["command"][row] = (arrived.acceleration, arrived.steering)
-        if self._plant is not None:
-            advance_plant(self._plant, world, Command(*world.egos["command"][0].tolist()))
-
-
 def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     """Ask the plant for the next state of the single ego, which the coming step then has."""
     ego = world.egos[0]
-    place = (float(ego["map"][name]) for name in ("x", "y", "heading"))
-    state = EgoState(*place, *(float(ego[name]) for name in ("speed", "acceleration", "steering")))
-    before = state
-    state, clips = plant.advance(state, command, world.settings.step)
+    before = EgoState(
+        *ego["map"].tolist(), *(float(ego[name]) for name in ("speed", "acceleration", "steering"))
+    )
+    state, clips = plant.advance(before, command, world.settings.step)
     moved = math.hypot(state.x - before.x, state.y - before.y)
     if not (moved < FASTEST * world.settings.step and BACKWARDS < state.speed < FASTEST):
         raise SimulationError(
             f"The vehicle model moved `{EGO}` {moved:g} m in the step after {world.time:.2f} s, "
-            "to the speed "
-            f"{state.speed:g} m/s; no vehicle is faster than {FASTEST:g} m/s."
+            f"to the speed {state.speed:g} m/s; no vehicle is faster than {FASTEST:g} m/s."
         )
     for what, requested, applied in clips:
         world.note(0, what, requested, applied)
@@ -351,17 +349,7 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     world.egos["placed"][0] = PLANT
 
 
-def arrays(ads: Sequence[Compiled], world: World) -> tuple[Records, ...]:
-    """What the loop of these objects, all of one class, wants beside what is seen: a row for each
-    case of the world.
-    """
-    own: Any = type(ads[0])
-    if knows_the_scripts(ads[0]):
-        return own.foreseeing(ads, world.cases, world.each)  # type: ignore[no-any-return]
-    return own.arrays(ads, world.scenario, world.seen.shape[1])  # type: ignore[no-any-return]
-
-
-class Rows(Driver):
+class Rules(EgoControl):
     """Rules that are kernels, one object a case, all of one class."""
 
     def __init__(self, ads: Sequence[Compiled], terms: Terms) -> None:
@@ -373,7 +361,11 @@ class Rows(Driver):
         super().begin(world, stage)
         stage.take_charge(world)
         note_unlimited(world)  # a rule sees the world
-        self._arrays = arrays(self._ads, world)
+        own: Any = type(self._ads[0])
+        if knows_the_scripts(self._ads[0]):
+            self._arrays = own.foreseeing(self._ads, world.cases, world.each)
+        else:
+            self._arrays = own.arrays(self._ads, world.scenario, world.seen.shape[1])
         # Over no rows: compiled or loaded here, and not within the time of a step.
         self._loop(world.egos[:0], world.seen[:0], *self._arrays, world.scenario, 0.0)
         self._egos: Records | None = None
@@ -388,18 +380,11 @@ class Rows(Driver):
         self._code(*arguments)
         took = (clock.perf_counter() - asked) / world.going
         world.latencies.shared.append(took)
-        self._delayed.pass_on(world, time, lambda case: took)
+        self._pass_on(world, time, lambda case: took)
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """Keep the memory of these rows."""
-        self._arrays = tuple(_rows_of(array, rows) for array in self._arrays)
-
-
-def _rows_of(array: Any, rows: NDArray[np.intp]) -> Any:
-    """Rows of an array, or of every array of a named tuple."""
-    if isinstance(array, tuple):
-        return type(array)(*(one[rows] for one in array))
-    return array[rows]
+        self._arrays = tuple(array[rows] for array in self._arrays)
 
 
 class Replay(NamedTuple):
@@ -409,10 +394,10 @@ class Replay(NamedTuple):
     until: int
 
 
-class Replays(Driver):
+class Replays(EgoControl):
     """Recorded commands, then the strongest braking with the wheel straight, in a curve as it was.
 
-    Nothing is asked again: delays are in the commands already.
+    Delays are in the commands already.
     """
 
     def __init__(self, replays: Sequence[Replay], terms: Terms) -> None:
@@ -437,12 +422,12 @@ class Replays(Driver):
         straight = 0.0 if not world.cases[0].road.bent else command["steering"]
         command["acceleration"] = np.where(brakes, -self._strongest[rows], now[:, 0])
         command["steering"] = np.where(brakes, straight, now[:, 1])
-        # full braking is no reason to go on once the ego stands
+        # full braking is no reason to continue once the ego stands
         world.egos["settled"] = brakes
 
 
-class Policies(Driver):
-    """What plain Python policies share, one in each row or one for all."""
+class Policies(EgoControl):
+    """Common part of plain Python policies, one in each row or one for all."""
 
     checks = False  # whether a refused call is reported by the check that follows
 
@@ -451,24 +436,21 @@ class Policies(Driver):
         self._seeds = seeds
 
     def begin(self, world: World, stage: Stage) -> None:
-        """What they are shown and how they are obeyed."""
+        """Make their senses and their trackers."""
         super().begin(world, stage)
         self._road, self._alone = world.cases[0].road, len(world.cases) == 1
         stage.take_charge(world)
-        GUARD.begin(
-            (actor.name for actor in world.cases[0].actors) if self._alone else (),
-            world.settings.step,
-            world.settings.conditions.interference, heeding(world.cases[0]),
-        )  # fmt: skip
+        names = [actor.name for actor in world.cases[0].actors] if self._alone else []
+        interference = world.settings.conditions.interference
+        GUARD.begin(names, world.settings.step, interference, heeding(world.cases[0]))
         self._tasks = [task_of(concrete) for concrete in world.cases]
         self._kinds = [dict(enumerate(kinds_of(concrete).values(), 1)) for concrete in world.cases]
         self._senses = {
             case: Senses(
-                it.road, its.conditions, f"{seed}/{it.scenario}/{it.label}", self._tasks[case],
-                kinds_of(it),
+                it.road, its.conditions, f"{self._seeds[case]}/{it.scenario}/{it.label}",
+                self._tasks[case], kinds_of(it),
             )
-            for case, (it, its, seed) in enumerate(zip(world.cases, world.each, self._seeds,
-                strict=True))
+            for case, (it, its) in enumerate(zip(world.cases, world.each, strict=True))
             if not sees_all(its.conditions)
         }  # fmt: skip
         self._took = [0.0] * len(world.cases)
@@ -480,15 +462,9 @@ class Policies(Driver):
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """Look at these rows."""
-        n, m = world.seen.shape
-        self._ego_values = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, :8]
-        first = [name for name, _ in _numbers(world.egos.dtype)].index("command.acceleration")
-        self._commands = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[
-            :, first : first + 2
-        ]
-        self._other_values = world.others.view(np.float64).reshape(
-            n, m, world.others.itemsize // 8
-        )[:, :, :8]
+        self._ego_values = numbers_of(world.egos)[:, :8]
+        self._commands = numbers_of(world.egos)[:, COMMAND]
+        self._other_values = numbers_of(world.others)[:, :, :8]
 
     def _fail(
         self, world: World, rows: Sequence[int], error: BaseException, when: str, target: Any
@@ -506,7 +482,7 @@ class Policies(Driver):
             fault, words = _fault(error), words_of(error, SENTENCE)
             sentence = words if words.endswith(f" {when}.") else str(with_time(error, when))
         for row in rows:
-            world.keep_fault(int(world.rows[row]), error, target, self._folder)
+            world.keep_fault(int(world.rows[row]), error, target, self._terms.folder)
             if not (self.checks and isinstance(error, RefusedCallError)):
                 world.fail(row, fault, sentence)
 
@@ -519,35 +495,17 @@ class Policies(Driver):
             return Observation(
                 time, self._road, me, acceleration, look, self._tasks[case], self._kinds[case]
             )
-        body = _body(me)
         senses = self._senses[case]
-        names = [actor.name for actor in world.cases[case].actors]
-        senses.take_in(
-            time,
-            body,
-            acceleration,
-            {name: _body(other[:7]) for name, other in zip(names, others, strict=True)},
-        )
+        actors = zip(world.cases[case].actors, others, strict=True)
+        bodies = {actor.name: _body(values[:7]) for actor, values in actors}
+        senses.take_in(time, _body(me), acceleration, bodies)
         return senses.observe()
-
-
-def _numbers(dtype: np.dtype[Any], within: str = "") -> list[tuple[str, int]]:
-    """The numbers of a record one behind the other, by their full names."""
-    found = []
-    for name in dtype.names or ():
-        inner = dtype[name]
-        found += (
-            _numbers(inner, f"{within}{name}.")
-            if inner.names
-            else [(f"{within}{name}", inner.itemsize)]
-        )
-    return found
 
 
 class OneEach(Policies):
     """A policy in plain Python for each row: its own exception, time and state.
 
-    every: it is asked at every so manieth step; in between its answer holds.
+    It is called every n-th step, as `Terms` say; in between its answer holds.
     """
 
     checks = True
@@ -556,7 +514,7 @@ class OneEach(Policies):
         self, policies: Sequence[PolicyController], seeds: Sequence[int], terms: Terms
     ) -> None:
         super().__init__(seeds, terms)
-        self._policies, self._terms = policies, terms
+        self._policies = policies
 
     def begin(self, world: World, stage: Stage) -> None:
         """Reset each of them."""
@@ -564,12 +522,9 @@ class OneEach(Policies):
         for case, policy in enumerate(self._policies):
             if case in world.errors:
                 continue
-            try:
-                policy.reset(told(world.cases[case], world.each[case], self._terms), TRACI, EGO)
-            # the user's; an ADS's own is put in words by the watch over it
-            except KeyboardInterrupt:
-                raise
-            except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+            briefing = make_briefing(world.cases[case], world.each[case], self._terms)
+            error = error_of(policy.reset, briefing, TRACI, EGO)
+            if error is not None:
                 self._fail(world, [case], error, "in reset", policy.target)
         self._check(world, 0.0)
         self._settled = [
@@ -579,19 +534,16 @@ class OneEach(Policies):
         self._any_settles = any(self._settled)
 
     def _check(self, world: World, time: float) -> None:
-        """A policy that has the simulation to itself may have done things there."""
-        if not self._alone:
-            return
-        try:
-            self._check_clock(world, time)
-        except ControllerError as error:
+        """Check the clock where the policy has the simulation to itself."""
+        error = error_of(self._check_clock, world, time) if self._alone else None
+        if error is not None:
             world.fail(0, "ads_error", str(error))
 
     def step(self, world: World, time: float) -> None:
         """Ask each of them."""
         egos, others = self._ego_values.tolist(), self._other_values.tolist()
         given, asked_rows = [], []
-        now = clock.perf_counter
+        now, terms = clock.perf_counter, self._terms
         if self._alone:
             GUARD.heard()
         for row in np.flatnonzero(world.egos["live"]).tolist() if len(egos) > 1 else (0,):
@@ -600,14 +552,14 @@ class OneEach(Policies):
             asked = now()
             try:
                 seen = self._observation(world, case, time, egos[row], others[row])
-                if world.steps % self._every:
+                if world.steps % terms.every:
                     command = self._wheels[case].command(None, egos[row], time)
                     given.append((command.acceleration, command.steering))
                     asked_rows.append(row)
                     self._took[case] = 0.0
                     continue
                 action = policy.act(seen)
-                if self._every == 1 and type(action) is float and -math.inf < action < math.inf:
+                if terms.every == 1 and type(action) is float and -math.inf < action < math.inf:
                     answer = action, 0.0
                 else:
                     wheel = self._wheels[case]
@@ -615,9 +567,9 @@ class OneEach(Policies):
                     command = wheel.command(wanted, egos[row], time)
                     answer = command.acceleration, command.steering
                 took = now() - asked
-                if took > self._step_timeout:
+                if took > terms.step_timeout:
                     raise ControllerTimeoutError(
-                        f"The ADS must answer within {self._step_timeout:g} s, took longer"
+                        f"The ADS must answer within {terms.step_timeout:g} s, took longer"
                     )
             except KeyboardInterrupt:
                 raise
@@ -634,7 +586,7 @@ class OneEach(Policies):
         if given:
             self._commands[asked_rows] = given
         self._check(world, time)
-        self._delayed.pass_on(world, time, self._took.__getitem__)
+        self._pass_on(world, time, self._took.__getitem__)
 
     def release(self, world: World, row: int) -> None:
         """Close the row's policy."""
@@ -642,14 +594,14 @@ class OneEach(Policies):
         if self._alone:
             self._close_guarded(world, row, policy.close, policy.target)
         else:
-            self._closed(world, row, "The ADS", policy.close, "ads_error", policy.target)
+            self._closed(world, row, policy.close, "ads_error", policy.target)
         super().release(world, row)
 
 
 def with_time(error: ControllerError, when: str) -> ControllerError:
-    """What an adapter, or the watch over a step, has put in words, with the time.
+    """An error of an adapter, or of the watch over a step, with the time in its words.
 
-    The class may be the user's own.
+    Its class may be the user's own.
     """
     kind = ControllerTimeoutError if isinstance(error, ControllerTimeoutError) else ControllerError
     return kind(f"{words_of(error, _LONGEST_WORDS)} {when}.")
@@ -661,71 +613,71 @@ def _fault(error: ControllerError | SimulationError) -> EndReason:
     return "ads_timeout" if isinstance(error, ControllerTimeoutError) else "ads_error"
 
 
-class Batch(Policies):
+class OverArrays(Policies):
     """One policy for all rows, which takes arrays of observations and gives arrays of commands.
 
-    Its numbers may depend on how many rows there are and which (those of a network do, in the last
-    bit): what is driven together is part of what it is given.
+    Its numbers may depend on the batch (those of a network do, in the last bit): the batch is part
+    of its input.
     """
 
     def __init__(self, policy: PolicyController, seeds: Sequence[int], terms: Terms) -> None:
         super().__init__(seeds, terms)
-        self._policy, self._terms = policy, terms
+        self._policy = policy
         self._act: Callable[[Any], Any] = policy.act
-        self._held = 0
 
     def begin(self, world: World, stage: Stage) -> None:
         """Reset it once for all rows."""
         super().begin(world, stage)
         note_unlimited(world)  # arrays are of the world as it is
         self._held = len(world.cases)
-        briefing = told(world.cases[0], world.each[0], self._terms)
-        try:
-            self._policy.reset(replace(briefing, values=None), TRACI, EGO)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+        briefing = make_briefing(world.cases[0], world.each[0], self._terms)
+        error = error_of(self._policy.reset, replace(briefing, values=None), TRACI, EGO)
+        if error is not None:
             self._fail_all(world, error, "in reset")
-        self._settled: Callable[[], Any] | None = (
-            getattr(self._policy.target, "settled", None)
-            if world.settings.end_when_decided
-            else None
-        )
+        decided = world.settings.end_when_decided
+        self._settled = getattr(self._policy.target, "settled", None) if decided else None
 
     def step(self, world: World, time: float) -> None:
         """One call for all."""
         live = np.flatnonzero(world.egos["live"])
-        seen = Observations(time, world.cases[0].road, world.rows[live], world.egos[live],
-            world.seen[live],
-                            world.others[live], world.cases)  # fmt: skip
+        seen = Observations(
+            time, world.cases[0].road, world.rows[live], world.egos[live], world.seen[live],
+            world.others[live], world.cases,
+        )  # fmt: skip
         asked = clock.perf_counter()
-        try:
-            answer = self._answer(seen, len(live))
-            if self._settled is not None:
-                world.egos["settled"][live] = self._have_settled(self._settled(), len(live))
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+        error = error_of(self._command, world, live, seen)
+        if error is not None:
             self._fail_all(world, error, f"at {time:.2f} s")
             return
-        took = clock.perf_counter() - asked
-        world.latencies.shared.append(took / len(live))
-        command = world.egos["command"]
-        answer = answer.reshape(len(live), -1)
-        command["acceleration"][live] = answer[:, 0]
-        command["steering"][live] = answer[:, 1] if answer.shape[1] == 2 else 0.0
-        self._delayed.pass_on(world, time, lambda case: took / len(live))
+        took = (clock.perf_counter() - asked) / len(live)
+        world.latencies.shared.append(took)
+        self._pass_on(world, time, lambda case: took)
+
+    def _command(self, world: World, live: NDArray[np.intp], seen: Observations) -> None:
+        """Write the policy's commands for the rows that are live."""
+        rows = len(live)
+        answer = self._answer(seen, rows)
+        if self._settled is not None:
+            settled = np.asarray(self._settled(), dtype=bool)
+            if settled.shape != (rows,):
+                raise ControllerError(
+                    f"`settled()` of the ADS must give the shape ({rows},), got {settled.shape}"
+                )
+            world.egos["settled"][live] = settled
+        self._commands[live] = 0.0
+        answer = answer.reshape(rows, -1)
+        self._commands[live, : answer.shape[1]] = answer
 
     def _answer(self, seen: Observations, rows: int) -> NDArray[np.float64]:
         asked = clock.perf_counter()
         try:
             answer = np.asarray(self._act(seen), dtype=np.float64)
-            overdue = clock.perf_counter() - asked > self._step_timeout * rows
+            overdue = clock.perf_counter() - asked > self._terms.step_timeout * rows
         except ControllerTimeoutError:  # of the watch over it
             overdue = True
         if overdue:
             raise ControllerTimeoutError(
-                f"The ADS must answer within {self._step_timeout:g} s a case, took longer"
+                f"The ADS must answer within {self._terms.step_timeout:g} s a case, took longer"
             )
         if answer.shape not in ((rows,), (rows, 1), (rows, 2)):
             raise ControllerError(
@@ -733,16 +685,6 @@ class Batch(Policies):
                 f"{answer.shape}"
             )
         return answer
-
-    def _have_settled(self, said_so: Any, rows: int) -> NDArray[np.bool_]:
-        """Which of the rows that were asked just now have settled, (n,)."""
-        settled = np.asarray(said_so, dtype=bool)
-        if settled.shape != (rows,):
-            raise ControllerError(
-                f"What `settled()` of the ADS gives must have the shape ({rows},), got "
-                f"{settled.shape}"
-            )
-        return settled
 
     def _fail_all(self, world: World, error: BaseException, when: str) -> None:
         self._fail(
@@ -753,5 +695,5 @@ class Batch(Policies):
         """Close it when the last row has ended."""
         self._held -= 1
         if self._held == 0:
-            self._closed(world, row, "The ADS", self._policy.close, "ads_error")
+            self._closed(world, row, self._policy.close, "ads_error")
         super().release(world, row)

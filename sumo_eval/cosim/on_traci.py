@@ -31,7 +31,14 @@ from sumo_eval.cosim.impossible import (
     impossible,
     leaves_the_lanes,
 )
-from sumo_eval.cosim.loop import Driver, Terms, advance_plant, note_unlimited, told, with_time
+from sumo_eval.cosim.loop import (
+    EgoControl,
+    Terms,
+    advance_plant,
+    make_briefing,
+    note_unlimited,
+    with_time,
+)
 from sumo_eval.cosim.plans import HOLD, Wheel, wanted
 from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
@@ -52,7 +59,7 @@ _PLACE_TOLERANCE = 1e-3  # m
 _CHORD_SHARE = 0.03
 
 
-class OnTraci(Driver):
+class OnTraci(EgoControl):
     """The hooks of all rows; one that is alone has the simulation to itself.
 
     Beside others a row with anything out of the ordinary leaves its batch, and is driven alone.
@@ -214,7 +221,12 @@ class _Hook:
         elif self._case == 0:
             note_unlimited(world)  # TraCI shows everything
         self._called(
-            "in reset", 0.0, self.ads.reset, told(concrete, settings, self._terms), TRACI, EGO
+            "in reset",
+            0.0,
+            self.ads.reset,
+            make_briefing(concrete, settings, self._terms),
+            TRACI,
+            EGO,
         )
         self._driver._check_clock(world, 0.0)
 

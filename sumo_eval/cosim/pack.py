@@ -96,7 +96,7 @@ class Pack:
             stage.put_aside(gone)
             stage.tell(world, told)
             for row in np.flatnonzero(world.egos["begun"] == begun).tolist() if begun else ():
-                stage.begin_anew(world, row)
+                stage.begin_again(world, row)
             stage.step()
             if stage.compares(begun):
                 stage.compare(world)

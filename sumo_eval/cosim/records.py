@@ -74,7 +74,7 @@ ends: 1 if its first lane ends there."""
 
 def numbers_of(records: Records) -> FloatArray:
     """The numbers of records, whose fields all have eight bytes, in place: counts are no use."""
-    return records.view(np.float64).reshape(*records.shape, -1)
+    return records.view(np.float64).reshape(*records.shape, records.itemsize // 8)
 
 
 EGO = np.dtype(

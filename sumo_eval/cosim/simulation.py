@@ -47,12 +47,12 @@ from sumo_eval.cosim.doors.traci_program import TraciProgram, served
 from sumo_eval.cosim.doors.traci_view import sharing
 from sumo_eval.cosim.loop import (
     ASKS_SUMO,
-    Batch,
-    Driver,
+    EgoControl,
     OneEach,
+    OverArrays,
     Replay,
     Replays,
-    Rows,
+    Rules,
     Terms,
     break_off,
     drive,
@@ -132,9 +132,9 @@ def simulate(
         )
     alone = Compiled.rides(target) or ads.is_policy
     world = World([concrete], settings, MODEL if alone else SUMO)
-    driver: Driver
+    driver: EgoControl
     if Compiled.rides(target):
-        driver = Rows([target], terms)
+        driver = Rules([target], terms)
     elif ads.is_policy:
         driver = _policies([ads], [seed], terms)
     else:
@@ -169,13 +169,13 @@ def _target(ads: Adapter) -> Any:
     return None if ads.is_policy else ads.target
 
 
-def _policies(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> Driver:
+def _policies(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> EgoControl:
     if takes_arrays(ads[0].target):
         if terms.every > 1:
             raise InputError(
                 "A policy over arrays (`batch`) is asked at every step; it takes no `period`."
             )
-        return Batch(ads[0], seeds, terms)
+        return OverArrays(ads[0], seeds, terms)
     return OneEach(ads, seeds, terms)
 
 
@@ -335,7 +335,7 @@ def simulate_together(
                     )
                 else:
                     driver = (
-                        Rows(made, terms) if isinstance(made[0], Compiled)
+                        Rules(made, terms) if isinstance(made[0], Compiled)
                         else Replays(made, terms) if isinstance(made[0], Replay)
                         else _policies(made, seeds_here, terms)
                     )  # fmt: skip
@@ -538,7 +538,7 @@ def _chosen(hook: Any, found: Sequence[Recording | Alone]) -> list[int]:
 
 
 def _together(
-    cases: Sequence[ConcreteScenario], driver: Driver, settings: SimulationSettings
+    cases: Sequence[ConcreteScenario], driver: EgoControl, settings: SimulationSettings
 ) -> Sequence[Recording | Alone]:
     """The recording of each case, or why it has to be driven alone."""
     began = clock.perf_counter()

@@ -1,14 +1,15 @@
-"""SUMO's side of the cases that are driven: what it is told before a step, what it shows after it,
+"""SUMO's side of the cases that are driven: what it receives before a step, what it shows after it,
 whether both agree.
 
-SUMO steps the ego and every other vehicle of every case. Where nobody asks it, it hears of all of
-them at every tenth step, and must then show each where it was told.
+SUMO steps the ego and every actor of every case. Where no ADS asks it, it receives all of them at
+every tenth step, and must then show each where it was told.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
+from sumo_eval.scenario.concrete import Road
 from sumo_eval.trajectory import Alone, FloatArray
 
 # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
@@ -28,7 +30,7 @@ EGO_SPEED_MODE = 6
 EXACT_SPEED_MODE = 32
 LEFT_BATCH = Alone("left_batch")
 CHECKED_EVERY = 10  # steps
-ASIDE = -500.0  # m, y of a vehicle that nothing is to see
+ASIDE = -500.0  # m, y of a hidden vehicle
 # place, angle and speed of a vehicle that SUMO has no longer
 _NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)
 _KEEPS_ROUTE = 2  # moveToXY: anywhere, off the road too
@@ -41,11 +43,16 @@ def joined(egos: Any, others: Any, name: str) -> FloatArray:
     return np.column_stack([egos[name], others[name]])
 
 
+def lane_at(road: Road, y: Any) -> Any:
+    """Number of the lane nearest to y, m."""
+    return np.clip(np.round(y / road.lane_width), 0, road.lanes - 1).astype(np.intp)
+
+
 class Stage:
     """The running simulation of the cases of a world.
 
-    asked: somebody else may ask SUMO, which is told everything at every step.
-    as_read: the other vehicles are as SUMO shows them in every respect, whatever their scripts say.
+    asked: an ADS may ask SUMO, which receives everything at every step.
+    as_read: the actors are as SUMO shows them in every respect, whatever their scripts say.
     """
 
     tolerance = 1e-3  # m, between the vehicle model and SUMO
@@ -61,34 +68,25 @@ class Stage:
         count, road = len(world.cases), world.cases[0].road
         self._alone = count == 1
         self._bent, self._road, self._step = road.bent, road, world.settings.step
-        # it is told places on lanes: a place on the map costs fifty times
+        # it receives places on lanes: a place on the map costs fifty times
         self._on_lanes = self._bent and not as_read
-        # m/s along the line, which SUMO goes on with until it is told again
+        # m/s along the line, with which SUMO continues until it receives another
         self._told: dict[str, float] = {}
         # a network of many edges, or whatever the ADS has made of it
         own = road.network is not None or as_read
         any_edge = own and self._alone
-        self._edges = [
-            ("" if any_edge else edge_name(case, count, asked=asked)) for case in range(count)
-        ]
+        edges = ("" if any_edge else edge_name(case, count, asked=asked) for case in range(count))
+        self._edges = list(edges)
         self._lane = -1 if own else 0
         self._keep = _KEEPS_ROUTE if any_edge else _KEEPS_ROUTE_OFF_ROAD
         self._middle = 0.5 * (road.left_edge + road.right_edge)
         self._half = 0.5 * (road.left_edge - road.right_edge)
         self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
-        self._fronts: dict[str, Any] = dict(
-            zip(
-                [name for names in self.names for name in names[1:]],
-                world.others[["front_x", "front_y"]].ravel().tolist(),
-                strict=True,
-            )
-        )
-        self._on_map = frozenset(
-            name
-            for names, it in zip(self.names, world.cases, strict=True)
-            for name, actor in zip(names[1:], it.actors, strict=True)
-            if actor.on_map is not None
-        )
+        actors = [name for names in self.names for name in names[1:]]
+        fronts = world.others[["front_x", "front_y"]].ravel().tolist()
+        self._fronts: dict[str, Any] = dict(zip(actors, fronts, strict=True))
+        on_map = (actor.on_map is not None for it in world.cases for actor in it.actors)
+        self._on_map = frozenset(compress(actors, on_map))
         self.keep(world)
 
     def keep(self, world: World) -> None:
@@ -133,34 +131,30 @@ class Stage:
         return self.asked or self.compares(steps)
 
     def compares(self, steps: int) -> bool:
-        """Whether SUMO and the world are compared in the step after so many; one by one, whoever
-        asks SUMO does.
+        """Whether SUMO and the world are compared in the step after n; where an ADS asks SUMO, each
+        vehicle is.
         """
         return not self.as_read and (steps == 0 or (steps + 1) % CHECKED_EVERY == 0)
 
+    def _move(self, number: int, x: float, y: float, angle: float, speed: float) -> None:
+        """Put a vehicle, by its number, on the map, where its front bumper is at a step's end."""
+        name = self._flat[number]
+        self.calls.setSpeed(name, speed)
+        edge = self._edge[number // self._width]
+        self.calls.moveToXY(name, edge, self._lane, x, y, angle, self._keep)
+
     def tell(self, world: World, count: int) -> None:
-        """Hand the motion of this step to SUMO: so many rows of `world.tell`."""
+        """Hand the motion of this step to SUMO: `count` rows of `world.tell`."""
         if not count:
             return
         if self._on_lanes:
             self._tell_lanes(world, count)
             return
-        set_speed, move, names = self.calls.setSpeed, self.calls.moveToXY, self._flat
-        for vehicle, x, y, angle, speed in world.tell[:count, :5].tolist():
-            number = int(vehicle)
-            set_speed(names[number], speed)
-            move(
-                names[number],
-                self._edge[number // self._width],
-                self._lane,
-                x,
-                y,
-                angle,
-                self._keep,
-            )
+        for number, *motion in world.tell[:count, :5].tolist():
+            self._move(int(number), *motion)
 
     def put_aside(self, numbers: Sequence[int]) -> None:
-        """Let SUMO stand vehicles where nothing sees them: they have left the network."""
+        """Hide vehicles that have left the network."""
         for number in numbers:
             name = self._flat[number]
             if self.as_read:
@@ -171,39 +165,27 @@ class Stage:
                 name, self._edge[number // self._width], -1, 10.0, ASIDE, STRAIGHT, self._keep
             )
 
-    def begin_anew(self, world: World, row: int) -> None:
-        """Put the vehicles of a row that has begun a case anew where they are at the end of this,
-        its first step.
+    def begin_again(self, world: World, row: int) -> None:
+        """Put the vehicles of a row whose case has begun where they are at the end of this, its
+        first step.
         """
-        bodies = (world.egos[row], *world.others[row])
-        for name, body in zip(self.names[int(world.rows[row])], bodies, strict=True):
+        for j, body in enumerate((world.egos[row], *world.others[row])):
             angle = STRAIGHT - math.degrees(float(body["map"]["heading"]))
-            self.calls.setSpeed(name, float(body["speed"]))
-            self.calls.moveToXY(
-                name,
-                self._edge[row],
-                self._lane,
-                float(body["front_x"]),
-                float(body["front_y"]),
-                angle,
-                self._keep,
-            )
+            place = float(body["front_x"]), float(body["front_y"])
+            self._move(row * self._width + j, *place, angle, float(body["speed"]))
 
     def _tell_lanes(self, world: World, count: int) -> None:
-        """On a bend: to go on from where the mean of its old and its new speed takes it to its
-        place in this step.
+        """In a curve: put vehicles where the mean of old and new speed takes them to their place in
+        this step.
 
-        Whose line is on the map, far beside the lanes, is told a place on the map.
+        One whose line is on the map, far beside the lanes, gets a place on the map.
         """
         calls, end = self.calls, self._road.length + self._road.run_out
-        for vehicle, x, y, angle, speed, s, d, along in world.tell[:count].tolist():
-            number = int(vehicle)
+        for told in world.tell[:count].tolist():
+            number, (s, d, along) = int(told[0]), told[5:]
             name = self._flat[number]
             if name in self._on_map:
-                calls.setSpeed(name, speed)
-                calls.moveToXY(
-                    name, self._edge[number // self._width], self._lane, x, y, angle, self._keep
-                )
+                self._move(number, *told[1:5])
                 continue
             before = s - 0.5 * (self._told.get(name, along) + along) * self._step
             if not (before >= 0.0 and s < end):  # there are no lanes
@@ -214,12 +196,11 @@ class Stage:
             self._told[name] = along
 
     def read(self, world: World) -> None:
-        """Every respect of the other vehicles of a single case, where they are as SUMO shows
-        them.
-        """
+        """Take in the actors where they are as SUMO shows them."""
         if not self.as_read:
             return
-        calls, cells, present, far = self.calls, self._cells, self._present, self._far
+        calls, cells = self.calls, self._cells
+        present, far = self._present, self._far
         actors = self._width - 1
         for number, name in enumerate(self._others):
             row, j = divmod(number, actors)
@@ -252,7 +233,8 @@ class Stage:
                         raise
                     world.leave(row, LEFT_BATCH)
             at = 4 * (row * actors + j)
-            cells[at], cells[at + 1], cells[at + 2], cells[at + 3] = x, y, angle, speed
+            cells[at], cells[at + 1] = x, y
+            cells[at + 2], cells[at + 3] = angle, speed
 
     def _is_past_the_road(self, world: World, row: int, other: int) -> bool:
         """Whether a script has its vehicle's front bumper beyond the last lane."""
@@ -260,38 +242,45 @@ class Stage:
         return bool(body["x"] + 0.5 * body["length"] > road.length + road.run_out - BESIDE)
 
     def compare(self, world: World) -> None:
-        """A case in which SUMO shows somebody elsewhere than it was told in this step has come to
-        its end.
-        """
+        """Fail the cases in which SUMO shows a vehicle elsewhere than it was told in this step."""
         road, live = self._road, self._live
         egos, others = world.egos[live], world.others[live]
-        x, y, length, width, front_x, front_y = (
-            joined(egos, others, name)
-            for name in ("x", "y", "length", "width", "front_x", "front_y")
-        )
+        x, y, length = (joined(egos, others, name) for name in ("x", "y", "length"))
+        front_x, front_y = (joined(egos, others, name) for name in ("front_x", "front_y"))
         told = np.column_stack(
             [egos["placed"] != SUMO, (others["told"] == 2) & (others["present"] == 1)]
         )
         told &= (egos["reason"] == 0)[:, None]
         end = road.length + road.run_out - BESIDE
         told &= (x - 0.5 * length >= 0.0) & (x + 0.5 * length < end)  # there are lanes
-        beside = np.abs(front_y - self._middle) >= self._half + 0.5 * width - BESIDE
+        beside = (
+            np.abs(front_y - self._middle)
+            >= self._half + 0.5 * joined(egos, others, "width") - BESIDE
+        )
         told &= self._bent | ~beside  # beside every lane of a straight road SUMO shows others
         for row, j in np.argwhere(told).tolist():
             at_x, at_y = self.calls.getPosition(self._flat[int(live[row]) * self._width + j])
             off = math.hypot(at_x - front_x[row, j], at_y - front_y[row, j])
             # which also finds a nan
             if not off <= (bend_tolerance(road, y[row, j]) if self._bent else self.tolerance):
-                case = int(world.rows[live[row]])
-                who = "the ego" if j == 0 else f"vehicle `{world.cases[case].actors[j - 1].name}`"
-                world.fail(
-                    int(live[row]), "sim_error",
-                    f"SUMO put the front bumper of {who} at ({at_x:.3f}, {at_y:.3f}) m "
-                    f"instead of ({front_x[row, j]:.3f}, {front_y[row, j]:.3f}) m.",
+                self._fail(
+                    world, int(live[row]), j,
+                    "put the front bumper of {} at "
+                    f"({at_x:.3f}, {at_y:.3f}) m instead of "
+                    f"({front_x[row, j]:.3f}, {front_y[row, j]:.3f}) m.",
                 )  # fmt: skip
 
+    def _fail(self, world: World, row: int, vehicle: int, words: str) -> None:
+        """Fail a case of which SUMO shows a vehicle elsewhere than it was told.
+
+        words: with {} for the vehicle.
+        """
+        actors = world.cases[int(world.rows[row])].actors
+        who = f"vehicle `{actors[vehicle - 1].name}`" if vehicle else "the ego"
+        world.fail(row, "sim_error", f"SUMO {words.format(who)}")
+
     def remove(self, world: World, row: int) -> None:
-        """Take the vehicles of a case that has ended off their road, while others go on."""
+        """Remove the vehicles of a case that has ended from its batch."""
         if not self._alone:
             held = set(self.traci.vehicle.getIDList()) if self.as_read else None
             for name in self.names[int(world.rows[row])]:

@@ -1,25 +1,25 @@
-"""SUMO's side of cases in which vehicles react: SUMO drives them, and is told of everybody else at
+"""SUMO's side of cases in which vehicles react: SUMO drives them, and receives all other vehicles at
 every step.
 
-Everybody else is put where it is at the begin of a step, with the speed that it has at the end, so
-that who follows it sees what is. SUMO knows a body in one lane only. Here we say in which: the main
-one where the middle of its front is, and a second body, its shadow, in the lane over whose line it
+Those are put where they are at the begin of a step, with the speed that they have at the end, so
+that a follower sees the present. SUMO knows a body in one lane only. Here that is: the main one
+where the middle of its front is, and a second body, its shadow, in the lane over whose line it
 reaches (`SimulationSettings.seen_over_line`). A shadow that is not needed stands beside the road,
-where SUMO has lost it and nobody sees it.
+where SUMO has lost it and no vehicle sees it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST
-from sumo_eval.cosim.records import STRAIGHT
-from sumo_eval.cosim.stage import ASIDE, EXACT_SPEED_MODE, Stage, joined
+from sumo_eval.cosim.records import DEGREES, STRAIGHT
+from sumo_eval.cosim.stage import ASIDE, EXACT_SPEED_MODE, Stage, joined, lane_at
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
 from sumo_eval.cosim.world import World
@@ -28,16 +28,24 @@ from sumo_eval.scenario.played import HANDED_OVER
 from sumo_eval.scenario.road.reference_line import curvatures
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-_AS_TOLD_ON_A_BEND = 0.1  # m: on top of that, lanes are polygons of 1 m
-_DEGREES = 180.0 / math.pi
+_AS_TOLD_IN_A_CURVE = 0.1  # m: on top of that, lanes are polygons of 1 m
 _ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
 
 
-def _of_all(world: World, number: NDArray[np.intp], name: str) -> FloatArray:
-    """One field of vehicles by their number: the ego of a row, then its others, then the next
-    row.
+class _OnLane(NamedTuple):
+    """Motion of a vehicle on a lane: begin, y: its place at the step's begin, m; along, before: its
+    speeds at the step's end and begin, m/s.
+
+    lane, beside: of its body and of its shadow, -1: none.
     """
-    return joined(world.egos, world.others, name).ravel()[number]
+
+    number: int
+    lane: int
+    beside: int
+    begin: float
+    y: float
+    along: float
+    before: float
 
 
 class Traffic(Stage):
@@ -53,7 +61,7 @@ class Traffic(Stage):
             [False, *(actor.body in VULNERABLE for actor in case.actors)] for case in world.cases
         ]
         self._road = world.cases[0].road
-        self._handed: set[str] = set()  # those that SUMO drives from within the case on
+        self._handed: set[str] = set()  # those that SUMO began to drive within the case
         self._shadows = not as_read and self._road.lanes > 1
         super().__init__(traci, world, asked=asked, as_read=as_read)
 
@@ -63,69 +71,48 @@ class Traffic(Stage):
         self._count_reacting(world)
         self._walks = np.array([walks for case in cases for walks in self._on_foot[case]])
         self._shadow_of = [
-            shadow_name(self.names[case][j])
-            if self._shadows and has_shadow(world.cases[case], j)
-            else ""
+            shadow_name(name) if self._shadows and has_shadow(world.cases[case], j) else ""
             for case in cases
-            for j in range(len(self._on_foot[case]))
+            for j, name in enumerate(self.names[case])
         ]
         self._has_shadow = np.array([bool(name) for name in self._shadow_of])
         super().keep(world)
-        self._lanes = [
-            [f"{edge}_{lane}" for lane in range(self._road.lanes)] for edge in self._edge
-        ]
+        lanes = range(self._road.lanes)
+        self._lanes = [[f"{edge}_{lane}" for lane in lanes] for edge in self._edge]
 
     def _count_reacting(self, world: World) -> None:
-        """Whom SUMO drives by now."""
-        rows, columns = np.nonzero(world.players.plays["model"])
-        self._reacting = rows, columns
-        names = [
-            self.names[case][1 + j]
-            for case, j in zip(world.rows[rows].tolist(), columns.tolist(), strict=True)
-        ]
-        self._reacting_names = np.array(names, dtype=object)
+        """Count the vehicles that SUMO drives."""
+        self._reacting = np.nonzero(world.players.plays["model"])
 
     def _hand_over(self, world: World) -> None:
-        """Let SUMO drive those from here on that have begun to follow in the last step."""
-        others = world.others
-        there = (others["present"] == 1) & (world.egos["live"] == 1)[:, None]
-        late = np.argwhere((world.players.plays["model"] == HANDED_OVER) & there).tolist()
-        began = [
-            (row, j) for row, j in late if self._flat[row * self._width + 1 + j] not in self._handed
-        ]
-        if not began:
+        """Let SUMO drive the vehicles that have begun to follow in the last step."""
+        present = (world.others["present"] == 1) & (world.egos["live"] == 1)[:, None]
+        late = np.argwhere((world.players.plays["model"] == HANDED_OVER) & present).tolist()
+        numbers = [row * self._width + 1 + j for row, j in late]
+        if self._handed.issuperset(self._flat[number] for number in numbers):
             return
         self._count_reacting(world)
-        calls, road = self.calls, self._road
-        for row, j in began:
-            number, other = row * self._width + 1 + j, others[row, j]
-            name, speed = (
-                self._flat[number],
-                max(float(other["speed"]) * math.cos(float(other["heading"])), 0.0),
-            )
-            self._handed.add(name)
-            lane = min(max(round(float(other["y"]) / road.lane_width), 0), road.lanes - 1)
-            calls.setSpeedMode(name, _ITS_OWN_SPEED_MODE)
-            if not self.as_read:
-                if self._shadow_of[number] in self._seen:
-                    self._hide(self._shadow_of[number])
-                inner = (
-                    1.0 - float(curvatures(road.line, other["x"])) * float(other["y"])
-                    if self._bent
-                    else 1.0
-                )
-                calls.moveTo(
-                    name,
-                    self._lanes[row][lane],
-                    float(other["x"]) + 0.5 * float(other["length"]) / inner,
-                )
-                calls.setLateralLanePosition(name, float(other["y"]) - road.lane_width * lane)
-            calls.setPreviousSpeed(name, speed)
-            calls.setSpeed(name, -1.0)
-            self._told.pop(name, None)
+        for (row, j), number in zip(late, numbers, strict=True):
+            if self._flat[number] not in self._handed:
+                self._hand_over_one(number, row, world.others[row, j])
+
+    def _hand_over_one(self, number: int, row: int, other: Any) -> None:
+        calls, road, name = self.calls, self._road, self._flat[number]
+        self._handed.add(name)
+        calls.setSpeedMode(name, _ITS_OWN_SPEED_MODE)
+        if not self.as_read:
+            self._hide_shadow(number)
+            x, y, lane = float(other["x"]), float(other["y"]), int(lane_at(road, other["y"]))
+            inner = 1.0 - float(curvatures(road.line, x)) * y if self._bent else 1.0
+            calls.moveTo(name, self._lanes[row][lane], x + 0.5 * float(other["length"]) / inner)
+            calls.setLateralLanePosition(name, y - road.lane_width * lane)
+        speed = float(other["speed"]) * math.cos(float(other["heading"]))
+        calls.setPreviousSpeed(name, max(speed, 0.0))
+        calls.setSpeed(name, -1.0)
+        self._told.pop(name, None)
 
     def take_charge(self, world: World) -> None:
-        """Make SUMO obey where it does not drive itself."""
+        """Take control of the vehicles that SUMO does not drive."""
         super().take_charge(world)
         self._seen: set[str] = set()
         calls = self.calls
@@ -137,7 +124,7 @@ class Traffic(Stage):
             world.egos["stale"] = 1
 
     def closely(self, steps: int) -> bool:
-        """Who reacts is to see everybody at every step."""
+        """Vehicles that react see all at every step."""
         return True
 
     def _hide(self, name: str) -> None:
@@ -145,15 +132,18 @@ class Traffic(Stage):
         self.calls.moveToXY(name, self._edge[0], -1, 10.0, ASIDE, STRAIGHT, self._keep)
         self._seen.discard(name)
 
+    def _hide_shadow(self, number: int) -> None:
+        if self._shadow_of[number] in self._seen:
+            self._hide(self._shadow_of[number])
+
     def put_aside(self, numbers: Sequence[int]) -> None:
-        """Their shadows go with them."""
+        """Hide vehicles, with their shadows."""
         super().put_aside(numbers)
         for number in numbers:
-            if self._shadow_of[number] in self._seen:
-                self._hide(self._shadow_of[number])
+            self._hide_shadow(number)
 
     def tell(self, world: World, count: int) -> None:
-        """Hand the motion of this step to SUMO: so many rows of `world.tell`."""
+        """Hand the motion of this step to SUMO: `count` rows of `world.tell`."""
         self._hand_over(world)
         if self.as_read:
             super().tell(world, count)
@@ -162,55 +152,52 @@ class Traffic(Stage):
             return
         told = world.tell[:count]
         number = told[:, 0].astype(np.intp)
-        was = {
-            key: joined(world.egos["before"], world.others["before"], key).ravel()[number]
-            for key in ("x", "heading", "speed")
-        }
-        half = 0.5 * _of_all(world, number, "length")
+
+        def of_all(egos: Any, others: Any, name: str) -> FloatArray:
+            return joined(egos, others, name).ravel()[number]
+
+        now, before = (world.egos, world.others), (world.egos["before"], world.others["before"])
+        half = 0.5 * of_all(*now, "length")
         if self._bent:
             y, along = told[:, 6], told[:, 7]
-            heading = _of_all(world, number, "heading")
-            before = np.array(
-                [
-                    self._told.get(self._flat[n], v)
-                    for n, v in zip(number.tolist(), along, strict=True)
-                ]
-            )
-            begin = told[:, 5] - 0.5 * (before + along) * self._step
+            heading = of_all(*now, "heading")
+            names = (self._flat[n] for n in number.tolist())
+            last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
+            begin = told[:, 5] - 0.5 * (np.array(last) + along) * self._step
         else:
-            y, heading = told[:, 2], (STRAIGHT - told[:, 3]) / _DEGREES
+            y, heading = told[:, 2], (STRAIGHT - told[:, 3]) / DEGREES
             along = told[:, 4] * np.cos(heading)
-            begin = was["x"] + half * np.cos(was["heading"])
+            begin = of_all(*before, "x") + half * np.cos(of_all(*before, "heading"))
         on_lanes = self._on_lanes_from(number, begin, y, heading)
-        lane = np.clip(np.round(y / self._road.lane_width), 0, self._road.lanes - 1).astype(np.intp)
-        wide = 0.5 * _of_all(world, number, "width") * np.abs(np.cos(heading))
+        lane = lane_at(self._road, y)
+        wide = 0.5 * of_all(*now, "width") * np.abs(np.cos(heading))
         wide += half * np.abs(np.sin(heading))
-        centre = _of_all(world, number, "y")
-        beside = np.where(
-            on_lanes & self._has_shadow[number],
-            self._lanes_beside(centre, wide, lane, world.settings.seen_over_line), -1,
+        beside = self._lanes_beside(of_all(*now, "y"), wide, lane, world.settings.seen_over_line)
+        beside[~(on_lanes & self._has_shadow[number])] = -1
+        motions = zip(
+            on_lanes.tolist(), number.tolist(), lane.tolist(), beside.tolist(), begin.tolist(),
+            y.tolist(), np.maximum(along, 0.0).tolist(), of_all(*before, "speed").tolist(),
+            strict=True,
         )  # fmt: skip
-        if not on_lanes.all():
-            for k in np.flatnonzero(~on_lanes).tolist():
-                _, x, north, angle, speed = told[k, :5].tolist()
-                self._put_anywhere(int(number[k]), x, north, angle, speed)
-        self._put_on_lanes(
-            np.flatnonzero(on_lanes).tolist(), number.tolist(), lane.tolist(), begin.tolist(),
-            y.tolist(),
-            np.maximum(along, 0.0).tolist(), beside.tolist(), was["speed"].tolist(),
-        )  # fmt: skip
+        later = []
+        for k, (is_on_lane, *motion) in enumerate(motions):
+            if is_on_lane:
+                later.append(_OnLane(*motion))
+            else:
+                self._put_anywhere(motion[0], told[k, 1:5].tolist())
+        for it in later:
+            self._put_on_lane(it)
 
     def _on_lanes_from(
         self, number: NDArray[np.intp], begin: FloatArray, y: FloatArray, heading: FloatArray
     ) -> BoolArray:
-        """Who of those told can be put on a lane: not who walks, is beside them, comes the other
-        way, or drives off.
+        """Vehicles that can be put on a lane: not on foot, nor beside the lanes, nor coming the
+        other way, nor driving off.
         """
         road = self._road
-        inside = (
-            (y > road.right_edge + BESIDE) & (y < road.left_edge - BESIDE) & (np.cos(heading) > 0.0)
-        )
-        inside &= (begin >= 0.0) & (begin < road.length + road.run_out - FASTEST * self._step * 0.1)
+        inside = (y > road.right_edge + BESIDE) & (y < road.left_edge - BESIDE)
+        inside &= (np.cos(heading) > 0.0) & (begin >= 0.0)
+        inside &= begin < road.length + road.run_out - FASTEST * self._step * 0.1
         return np.asarray(inside & ~self._walks[number])
 
     def _lanes_beside(
@@ -224,66 +211,40 @@ class Traffic(Stage):
         right = (y - wide < width * (lane - 0.5) - over) & (lane > 0)
         return np.where(left, lane + 1, np.where(right, lane - 1, -1))
 
-    def _put_anywhere(self, number: int, x: float, y: float, angle: float, speed: float) -> None:
-        calls, name = self.calls, self._flat[number]
-        calls.setSpeed(name, speed)
-        calls.moveToXY(
-            name,
-            self._edge[number // self._width],
-            -1 if self._road.network else 0,
-            x,
-            y,
-            angle,
-            self._keep,
-        )
-        if self._shadow_of[number] in self._seen:
-            self._hide(self._shadow_of[number])
+    def _put_anywhere(self, number: int, motion: Sequence[float]) -> None:
+        self._move(number, *motion)
+        self._hide_shadow(number)
 
-    def _put_on_lanes(
-        self, chosen: list[int], number: list[int], lane: list[int], begin: list[float],
-        y: list[float],
-        along: list[float], beside: list[int], before: list[float],
-    ) -> None:  # fmt: skip
-        """Put vehicles and their shadows where they are at the step's begin, with the speed that
-        they have at its end.
-
-        The lists are of all that are told;
-
-        chosen: places in them.
+    def _put_on_lane(self, it: _OnLane) -> None:
+        """Put a vehicle and its shadow where they are at the step's begin, with the speed that they
+        have at its end.
         """
-        move, aside, set_speed = (
-            self.calls.moveTo,
-            self.calls.setLateralLanePosition,
-            self.calls.setSpeed,
-        )
-        width = self._road.lane_width
-        for k in chosen:
-            name, lanes = self._flat[number[k]], self._lanes[number[k] // self._width]
-            move(name, lanes[lane[k]], begin[k])
-            aside(name, y[k] - width * lane[k])
-            set_speed(name, along[k])
-            if self._bent:
-                self._told[name] = along[k]
-            shadow = self._shadow_of[number[k]]
-            if beside[k] < 0:
-                if shadow in self._seen:
-                    self._hide(shadow)
-                continue
-            if shadow not in self._seen:
-                self.calls.setPreviousSpeed(shadow, before[k])
-                self._seen.add(shadow)
-            move(shadow, lanes[beside[k]], begin[k])
-            aside(shadow, y[k] - width * beside[k])
-            set_speed(shadow, along[k])
+        name, shadow = self._flat[it.number], self._shadow_of[it.number]
+        if self._bent:
+            self._told[name] = it.along
+        self._put(name, it, it.lane)
+        if it.beside < 0:
+            self._hide_shadow(it.number)
+            return
+        if shadow not in self._seen:
+            self.calls.setPreviousSpeed(shadow, it.before)
+            self._seen.add(shadow)
+        self._put(shadow, it, it.beside)
+
+    def _put(self, name: str, it: _OnLane, lane: int) -> None:
+        self.calls.moveTo(name, self._lanes[it.number // self._width][lane], it.begin)
+        self.calls.setLateralLanePosition(name, it.y - self._road.lane_width * lane)
+        self.calls.setSpeed(name, it.along)
 
     def read(self, world: World) -> None:
-        """Where SUMO has driven those that react."""
+        """Take in where SUMO has driven those that react."""
         if self.as_read:
             super().read(world)
         others = world.others
         rows, columns = self._reacting
-        there = (world.egos["live"][rows] == 1) & (others["present"][rows, columns] == 1)
-        rows, columns, names = rows[there], columns[there], self._reacting_names[there].tolist()
+        present = (world.egos["live"][rows] == 1) & (others["present"][rows, columns] == 1)
+        rows, columns = rows[present], columns[present]
+        names = [self._flat[number] for number in (rows * self._width + 1 + columns).tolist()]
         if not names:
             return
         try:
@@ -328,17 +289,12 @@ class Traffic(Stage):
         half, speed = 0.5 * others["length"][at], shown[:, 3]
         if self._bent:  # a metre of lane is 1 - curvature y metres of ground
             inner = 1.0 - curvatures(self._road.line, shown[:, 0]) * others["y"][at]
-            others["x"][at], others["heading"][at], speed = (
-                shown[:, 0] - half / inner,
-                0.0,
-                speed * inner,
-            )
+            others["x"][at], others["heading"][at] = shown[:, 0] - half / inner, 0.0
+            speed = speed * inner
         else:
             heading = np.radians((STRAIGHT - shown[:, 2] + 180.0) % 360.0 - 180.0)
-            others["x"][at], others["y"][at] = (
-                shown[:, 0] - half * np.cos(heading),
-                shown[:, 1] - half * np.sin(heading),
-            )
+            others["x"][at] = shown[:, 0] - half * np.cos(heading)
+            others["y"][at] = shown[:, 1] - half * np.sin(heading)
             others["heading"][at] = heading
             others["front_x"][at], others["front_y"][at] = shown[:, 0], shown[:, 1]
         others["across"][at] = 0.0
@@ -346,7 +302,7 @@ class Traffic(Stage):
         others["speed"][at] = speed
 
     def compare(self, world: World) -> None:
-        """A case in which SUMO shows something else than it was told has come to its end."""
+        """Fail the cases in which SUMO shows something else than it was told."""
         if not self._bent:
             super().compare(world)
             return
@@ -356,33 +312,25 @@ class Traffic(Stage):
                 name = self._flat[row * self._width + j]
                 if world.egos["reason"][row] or (j and not (body["present"] and body["told"] == 2)):
                     continue
-                if name not in self._told or not self._on_some_lane(name):
+                if name not in self._told or self.calls.getLaneIndex(name) < 0:
                     continue
                 inner = 1.0 - float(curvatures(self._road.line, body["x"])) * float(body["y"])
                 ahead = 0.5 * float(body["length"]) * math.cos(float(body["heading"])) / inner
                 off = self.calls.getLanePosition(name) - float(body["x"]) - ahead
-                if not abs(off) <= _AS_TOLD_ON_A_BEND:  # which also finds a nan
-                    who = (
-                        "the ego"
-                        if j == 0
-                        else f"vehicle `{world.cases[int(world.rows[row])].actors[j - 1].name}`"
-                    )
-                    world.fail(
+                if not abs(off) <= _AS_TOLD_IN_A_CURVE:  # which also finds a nan
+                    self._fail(
+                        world,
                         row,
-                        "sim_error",
-                        f"SUMO put {who} {off:.3f} m along its lane from where it was told.",
+                        j,
+                        f"put {{}} {off:.3f} m along its lane from where it was told.",
                     )
-
-    def _on_some_lane(self, name: str) -> bool:
-        return bool(self.calls.getLaneIndex(name) >= 0)
 
     def remove(self, world: World, row: int) -> None:
-        """Take the vehicles of a case that has ended off their road, while others go on."""
+        """Remove the vehicles of a case that has ended from its batch."""
         if self._alone:
             return
-        held = (
-            set(self.traci.vehicle.getIDList()) if not world.others["present"][row].all() else None
-        )
+        gone = not world.others["present"][row].all()
+        held = set(self.traci.vehicle.getIDList()) if gone else None
         for number in range(row * self._width, (row + 1) * self._width):
             for name in (self._flat[number], self._shadow_of[number]):
                 if name and (held is None or name in held):
