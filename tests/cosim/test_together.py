@@ -211,8 +211,7 @@ def test_a_policy_over_arrays_says_of_each_of_its_rows_whether_it_is_settled():
     assert ends[1] != "decided"
     wrong = [one.error for one in simulate_many(cases, SettledOverArrays(rows=1), DECIDED)]
     assert all(
-        "`settled()` of the ADS must give the shape (2,), got (1,)" in error
-        for error in wrong
+        "`settled()` of the ADS must give the shape (2,), got (1,)" in error for error in wrong
     )
 
 
