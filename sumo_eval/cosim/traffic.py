@@ -1,5 +1,5 @@
-"""SUMO's side of cases in which vehicles react: SUMO drives them, and receives all other vehicles at
-every step.
+"""SUMO's side of cases in which vehicles react: SUMO drives them, and receives all else at every
+step.
 
 Those are put where they are at the begin of a step, with the speed that they have at the end, so
 that a follower sees the present. SUMO knows a body in one lane only. Here that is: the main one

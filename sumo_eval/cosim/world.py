@@ -256,7 +256,8 @@ class World:
         known: its count and first time, s.
         """
         notes = self.notes[case]
-        count_clip(notes, what, self.time, float(requested), float(applied))  # type: ignore[arg-type]
+        kind: Any = what
+        count_clip(notes, kind, self.time, float(requested), float(applied))
         vars(notes[what]).update(known)
 
     def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
@@ -343,7 +344,7 @@ class World:
         return case
 
     def _note_departure(self, row: int, case: int) -> None:
-        """Record how far the ego was from the recorded one, and when actors began to react to it."""
+        """Record how far the ego was from the recorded one, and when actors began to react."""
         count = int(self.egos["samples"][row])
         time, x, y = self.samples[row, 0, :count, :3].T
         apart = departures(self.cases[case].ego.recorded, time, x, y)
