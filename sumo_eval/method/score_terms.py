@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,17 +69,14 @@ class KnownSums:
 def weighted_mean(values: ArrayLike, weights: ArrayLike, counts: Counts) -> FloatArray:
     """sum(w_i v_i) / sum(w_i) in every sample, (m,); nan where the weights add up to 0.
 
-    values: (n,), a case whose value is nan has no part.
-    weights: (n,), at least 0.
+    values, weights: (n,), weights at least 0; a case of which either is nan has no part.
     counts: (m, n).
     """
-    found, weight = np.asarray(values, dtype=np.float64), np.asarray(weights, dtype=np.float64)
-    known = np.isfinite(found)
-    weight = np.where(known, weight, 0.0)
+    known = np.isfinite(values) & np.isfinite(weights)
+    weight = np.where(known, weights, 0.0)
     total = counts @ weight
-    return _ratio(
-        counts @ (weight * np.where(known, found, 0.0)), total, np.full(total.shape, np.nan)
-    )
+    terms = counts @ (weight * np.where(known, values, 0.0))
+    return _ratio(terms, total, np.full(total.shape, np.nan))
 
 
 def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
@@ -89,10 +86,8 @@ def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
     severity: U_i, m/s, or its loss L, of any shape.
     ideal: Ug_i, or its loss, of the same shape.
     """
-    hit, best = np.asarray(severity, dtype=np.float64), np.asarray(ideal, dtype=np.float64)
-    return np.asarray(
-        np.divide(best, hit, out=np.where(np.isnan(hit + best), np.nan, 1.0), where=hit > best)
-    )
+    known = np.where(np.isnan(severity) | np.isnan(ideal), np.nan, 1.0)
+    return np.asarray(np.divide(ideal, severity, out=known, where=np.greater(severity, ideal)))
 
 
 def collision_avoidance(
@@ -109,24 +104,17 @@ def collision_avoidance(
     1 if a case of it was evaluated; without an evaluated case, or with collisions none of which can
     be compared, it has nan.
     """
-    r = np.asarray(weight, dtype=np.float64)
-    share = np.where(np.isfinite(r), np.asarray(ratio, dtype=np.float64), np.nan)
+    share = np.where(np.isfinite(weight), ratio, np.nan)
     plain = weighted_mean(share, np.ones(share.shape), counts)
-    c = weighted_mean(share, np.nan_to_num(r), counts)
+    c = weighted_mean(share, np.nan_to_num(weight), counts)
     c = np.where(np.isnan(c), plain, c)
     without = ~_drawn(collided, counts) & _drawn(evaluated, counts)
     return np.where(np.isnan(c) & without, 1.0, c)
 
 
-def exposure_mean(values: ArrayLike, exposure: ArrayLike, counts: Counts) -> FloatArray:
-    """Eq. 13: D = sum(p_i D_i) / sum(p_i) in every sample, (m,); H likewise. nan where no case with
-    exposure has one.
-
-    values: D_i (or the human-likeness of a case), (n,), nan where there is none.
-    exposure: p_i, (n,), at least 0.
-    counts: (m, n).
-    """
-    return weighted_mean(values, exposure, counts)
+exposure_mean = weighted_mean
+"""Eq. 13: D = sum(p_i D_i) / sum(p_i) in every sample, (m,); H and T likewise. nan where no case with
+exposure has one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,10 +155,8 @@ def ordering_score(
     human_likeness: H, (m,), 0..1.
     points: a for driving the task without harm, b for doing it as human drivers do; together 100.
     """
-    likeness = np.nan_to_num(np.asarray(human_likeness, dtype=np.float64))
-    safely = np.maximum(np.asarray(grade, dtype=np.float64), 0.0)
-    done = np.asarray(task, dtype=np.float64) * safely
-    return np.asarray(done * (points.a + points.b * likeness))
+    done = task * np.maximum(grade, 0.0)
+    return np.asarray(done * (points.a + points.b * np.nan_to_num(human_likeness)))
 
 
 def mean_shares(weights: ArrayLike) -> FloatArray:
@@ -192,8 +178,8 @@ def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
     severity: U_i, (n,), m/s, 0 without contact.
     ideal: Ug_i, (n,), m/s, 0 where the ideal vehicle avoids.
     """
-    beyond = np.asarray(severity, dtype=np.float64) - np.asarray(ideal, dtype=np.float64)
-    return np.asarray(np.maximum(beyond, 0.0))  # which is nan where one of both is
+    # which is nan where one of both is
+    return np.asarray(np.maximum(np.subtract(severity, ideal), 0.0))
 
 
 def avoided_share(
@@ -205,7 +191,7 @@ def avoided_share(
     severity: U_i of the ADS, (n,), m/s, 0 without contact, nan where it could not be evaluated.
     ideal: Ug_i of the ideal vehicle in the same concrete scenarios, likewise.
     unreacting: U0_i of `no_reaction`, likewise.
-    weights: w_i, (n,).
+    weights: w_i, (n,), nan where a case has no part.
     counts: (m, n).
 
     1: as the ideal vehicle; 0: as doing nothing; below 0: worse than that. A numerator of 0 gives
@@ -213,15 +199,34 @@ def avoided_share(
     sample are 0, every point weighs the same. nan where no point of a sample is known. An ADS that
     is no worse in any case and better in one never has a lower A.
     """
-    lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
-    known = np.isfinite(lost) & np.isfinite(at_stake)
+    stakes = _Stakes.of(severity, ideal, unreacting, weights)
+    weighs = counts @ stakes.weight > 0.0
     numerator, denominator = (
-        _weighted_sum(np.where(known, part, np.nan), weights, known, counts)
-        for part in (lost, at_stake)
+        np.where(weighs, counts @ (stakes.weight * part), counts @ part)
+        for part in (stakes.lost, stakes.at_stake)
     )
     share = 1.0 - _ratio(numerator, denominator, np.ones(numerator.shape))
     share = np.where(numerator > 0.0, share, 1.0)
-    return np.where(_drawn(known, counts), share, np.nan)
+    return np.where(_drawn(stakes.known, counts), share, np.nan)
+
+
+class _Stakes(NamedTuple):
+    """Terms of A, (n,): max(0, U_i - Ug_i), max(0, U0_i - Ug_i) and w_i, 0 where one is unknown."""
+
+    lost: FloatArray
+    at_stake: FloatArray
+    weight: FloatArray
+    known: BoolArray
+
+    @classmethod
+    def of(
+        cls, severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike
+    ) -> _Stakes:
+        """Those of each point."""
+        lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
+        known = np.isfinite([lost, at_stake, weights]).all(axis=0)
+        lost, at_stake, weight = (np.where(known, each, 0.0) for each in (lost, at_stake, weights))
+        return cls(lost, at_stake, weight, known)
 
 
 def avoided_share_losses(
@@ -234,14 +239,11 @@ def avoided_share_losses(
     nan where a point is not known. Where nothing was at stake but something was lost, A is 0 and
     the points share the 1 by what each lost.
     """
-    lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
-    known = np.isfinite(lost) & np.isfinite(at_stake)
-    weight = np.where(known, np.asarray(weights, dtype=np.float64), 0.0)
-    if not weight.any():
-        weight = known.astype(np.float64)
-    taken = weight * np.where(known, lost, 0.0)
-    whole = float(np.sum(weight * np.where(known, at_stake, 0.0))) or float(np.sum(taken)) or 1.0
-    return np.where(known, taken / whole, np.nan)
+    stakes = _Stakes.of(severity, ideal, unreacting, weights)
+    weight = stakes.weight if stakes.weight.any() else stakes.known.astype(np.float64)
+    taken = weight * stakes.lost
+    whole = float(np.sum(weight * stakes.at_stake)) or float(np.sum(taken)) or 1.0
+    return np.where(stakes.known, taken / whole, np.nan)
 
 
 def product_losses(factors: FloatArray) -> FloatArray:
@@ -268,7 +270,9 @@ def product_losses(factors: FloatArray) -> FloatArray:
     return losses
 
 
-def regret(severity: ArrayLike, ideal: ArrayLike, weights: ArrayLike, counts: Counts) -> FloatArray:
+def regret(
+    severity: ArrayLike, ideal: ArrayLike, weights: FloatArray, counts: Counts
+) -> FloatArray:
     """sum(w_i max(0, U_i - Ug_i)) / sum(w_i) over all evaluated points of every sample, m/s, (m,).
 
     severity, ideal, weights, counts: as in `avoided_share`.
@@ -278,7 +282,8 @@ def regret(severity: ArrayLike, ideal: ArrayLike, weights: ArrayLike, counts: Co
     """
     lost = excess(severity, ideal)
     mean = weighted_mean(lost, weights, counts)
-    return np.where(np.isnan(mean), weighted_mean(lost, np.ones(lost.shape), counts), mean)
+    plain = weighted_mean(lost, np.where(np.isnan(weights), np.nan, 1.0), counts)
+    return np.where(np.isnan(mean), plain, mean)
 
 
 def avoidance_grade(avoided: ArrayLike, sharpness: float) -> FloatArray:
@@ -288,7 +293,7 @@ def avoidance_grade(avoided: ArrayLike, sharpness: float) -> FloatArray:
     avoided: A, at most 1; nan stays nan.
     sharpness: x0, above 0: harm below it hardly counts.
     """
-    x = 1.0 - np.asarray(avoided, dtype=np.float64)
+    x = np.subtract(1.0, avoided)
     return np.asarray(1.0 - np.log1p(x / sharpness) / np.log1p(1.0 / sharpness))
 
 
@@ -301,18 +306,6 @@ def grade_slope(avoided: float, sharpness: float) -> float:
     return (
         0.0 if avoided < 0.0 else 1.0 / ((sharpness + 1.0 - avoided) * math.log1p(1.0 / sharpness))
     )
-
-
-def _weighted_sum(
-    values: FloatArray, weights: ArrayLike, known: BoolArray, counts: Counts
-) -> FloatArray:
-    """sum(w_i v_i) over the known cases of every sample, (m,); of v_i alone where all their weights
-    are 0.
-    """
-    weight = np.where(known, np.asarray(weights, dtype=np.float64), 0.0)
-    found = np.where(known, values, 0.0)
-    weighs = counts @ weight > 0.0
-    return np.where(weighs, counts @ (weight * found), counts @ found)
 
 
 def _drawn(flags: ArrayLike, counts: Counts) -> BoolArray:

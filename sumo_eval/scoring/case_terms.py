@@ -83,22 +83,14 @@ class CaseTerms:
 def case_terms(cases: CaseTable | Sequence[CaseResult], method: MethodSettings) -> CaseTerms:
     """The terms of cases, in their order."""
     table = CaseTable.of(cases)
-    contact, severity, ideal, unreacting = (
-        _loss(values) if method.collision.loss == "class" else values
-        for values in (
-            np.where(table.collided, table.severity, np.nan),
-            table.incident_severity,
-            table.ideal_severity,
-            table.no_reaction_severity,
-        )
-    )
+    contact = np.where(table.collided, table.severity, np.nan)
     return CaseTerms(
         exposure=table.exposure,
         weight=table.weight,
-        severity=severity,
-        ideal=ideal,
-        unreacting=unreacting,
-        ratio=score_terms.ideal_ratio(contact, ideal),
+        severity=_compared(table.incident_severity, method),
+        ideal=_compared(table.ideal_severity, method),
+        unreacting=_compared(table.no_reaction_severity, method),
+        ratio=ratios(contact, table.ideal_severity, method),
         collided=table.collided,
         evaluated=table.evaluated,
         index=np.where(table.counts_for_index, table.index, np.nan),
@@ -112,9 +104,14 @@ def case_terms(cases: CaseTable | Sequence[CaseResult], method: MethodSettings) 
 
 def ratios(severity: FloatArray, ideal: FloatArray, method: MethodSettings) -> FloatArray:
     """Ug/U of collisions, (n,), or that of their loss classes; nan where one of both is nan."""
-    if method.collision.loss == "class":
-        severity, ideal = (_loss(values) for values in (severity, ideal))
-    return score_terms.ideal_ratio(severity, ideal)
+    return score_terms.ideal_ratio(_compared(severity, method), _compared(ideal, method))
+
+
+def _compared(severity: FloatArray, method: MethodSettings) -> FloatArray:
+    """U, or its loss class where classes are compared, (n,); nan stays nan."""
+    if method.collision.loss != "class":
+        return severity
+    return np.where(np.isnan(severity), np.nan, collision_loss(np.nan_to_num(severity)))
 
 
 def scores_of(
@@ -141,17 +138,11 @@ def scores_of(
     d = score_terms.exposure_mean(terms.index, terms.exposure, counts)
     voided = terms.voids.any() if hits is None else hits @ terms.voids.astype(np.float64) > 0.0
     d = np.where(voided, np.nan, d)
-    seen = np.isfinite(terms.weight)
-    u, ideal, unreacting = (
-        np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting)
-    )
-    weight = np.nan_to_num(terms.weight)
-    avoided = score_terms.avoided_share(u, ideal, unreacting, weight, counts)
+    harm = terms.severity, terms.ideal, terms.unreacting
+    avoided = score_terms.avoided_share(*harm, terms.weight, counts)
     by_exposure = np.full(d.shape, np.nan)
     if terms.exposure.any() if exposed is None else exposed:
-        by_exposure = score_terms.avoided_share(
-            terms.severity, terms.ideal, terms.unreacting, terms.exposure, counts
-        )
+        by_exposure = score_terms.avoided_share(*harm, terms.exposure, counts)
     human = score_terms.exposure_mean(terms.likeness, terms.exposure, counts)
     task = score_terms.exposure_mean(terms.task, terms.exposure, counts)
     grade = score_terms.avoidance_grade(avoided, method.task.sharpness)
@@ -162,24 +153,13 @@ def scores_of(
         "s": score_terms.paper_score(c, d, method.score),
         "avoided_share": avoided,
         "avoided_share_exposure": by_exposure,
-        "regret": score_terms.regret(u, ideal, weight, counts),
+        "regret": score_terms.regret(terms.severity, terms.ideal, terms.weight, counts),
         "human_likeness": human,
         "task_share": task,
         "avoidance_grade": grade,
         "s_plus": score_terms.ordering_score(task, grade, human, method.score),
         "collision_probability": score_terms.exposure_mean(contact, terms.exposure, counts),
     }
-
-
-def avoided_share_losses(terms: CaseTerms) -> FloatArray:
-    """Share that each case takes from A, (n,); together 1 - A. nan where a case has no part in
-    it.
-    """
-    seen = np.isfinite(terms.weight)
-    u, ideal, unreacting = (
-        np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting)
-    )
-    return score_terms.avoided_share_losses(u, ideal, unreacting, np.nan_to_num(terms.weight))
 
 
 def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
@@ -268,32 +248,25 @@ def missing_bounds(
         likeness=np.where(unlike & ~terms.incident, 1.0, terms.likeness),
         task=np.where(untimed, 1.0, terms.task),
     )
-    found = [
-        point_values(one, method)
-        for one in (worst, _without_what_lifts(worst, unsure, method), best)
-    ]
-    moved: list[str] = ["c"] if unrated.any() else []
-    moved += ["d"] if unindexed.any() else []
-    if lost.any() or unsure.any() or unlike.any():
-        moved += [
-            "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
-            "human_likeness",
-            "s_plus",
-        ]  # fmt: skip
+    cases_of = (worst, _without_what_lifts(worst, unsure, method), best)
+    found = [point_values(one, method) for one in cases_of]
+    ordering = (
+        "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
+        "human_likeness", "s_plus",
+    )  # fmt: skip
+    moves = {"c": unrated, "d": unindexed} | dict.fromkeys(ordering, lost | unsure | unlike)
     bounds: dict[str, Ends] = {}
-    for name in moved:
+    for name, which in moves.items():
         ends = [value for value in (one[name] for one in found) if value is not None]
-        if ends:
+        if ends and which.any():
             bounds[name] = min(ends), max(ends)
     if "c" in bounds or "d" in bounds:
         (c, most_c), (d, most_d) = (
             bounds.get(name, (values[name], values[name])) for name in ("c", "d")
         )
         d = None if (safe & ~terms.evaluated).any() else d
-        low, high = (
-            score_of(*both, method.score).total or 0.0 for both in ((c, d), (most_c, most_d))
-        )
-        bounds["s"] = low, high
+        low, high = (score_of(*both, method.score).total for both in ((c, d), (most_c, most_d)))
+        bounds["s"] = low or 0.0, high or 0.0
     return bounds
 
 
@@ -315,10 +288,3 @@ def _without_what_lifts(terms: CaseTerms, unsure: BoolArray, method: MethodSetti
             break
         kept = replace(terms, ideal=np.where(lifts, np.nan, terms.ideal))
     return kept
-
-
-def _loss(severity: FloatArray) -> FloatArray:
-    known = np.isfinite(severity)
-    loss = np.full(severity.shape, np.nan)
-    loss[known] = collision_loss(severity[known])
-    return loss

@@ -12,9 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from sumo_eval.cases import CaseTable, IntArray, point_numbers
-from sumo_eval.method.score_terms import exposure_mean, mean_shares, once
+from sumo_eval.method.score_terms import (
+    avoided_share_losses,
+    exposure_mean,
+    mean_shares,
+    once,
+)
 from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms, ratios
+from sumo_eval.scoring.case_terms import case_terms, ratios
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -85,8 +90,8 @@ class Findings:
         """Share that each case takes from A, (n,), together 1 - A; nan where it has no part in
         A.
         """
-        losses = avoided_share_losses(case_terms(self.cases, self.settings.method))
-        return np.where(np.isfinite(losses), losses, np.nan)
+        terms = case_terms(self.cases, self.settings.method)
+        return avoided_share_losses(terms.severity, terms.ideal, terms.unreacting, terms.weight)
 
     @property
     def collisions(self) -> CollisionShares:
