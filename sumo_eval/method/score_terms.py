@@ -224,7 +224,7 @@ class _Stakes(NamedTuple):
     ) -> _Stakes:
         """Those of each point."""
         lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
-        known = np.isfinite([lost, at_stake, weights]).all(axis=0)
+        known: BoolArray = np.isfinite(lost) & np.isfinite(at_stake) & np.isfinite(weights)
         lost, at_stake, weight = (np.where(known, each, 0.0) for each in (lost, at_stake, weights))
         return cls(lost, at_stake, weight, known)
 

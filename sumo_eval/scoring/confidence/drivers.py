@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.drivers.synthetic.population import draw_driver
@@ -60,45 +61,48 @@ def driver_deviations(
     The same driver is left out of all cases at once, because it is the same person.
     """
     there = np.isin(cases.case, [case for case, one in left_out.items() if one.without])
-    chosen = cases.case[there].tolist()
-    names, weights = (
-        sorted({name for case in chosen for name in present[case]}),
-        cases.exposure[there],
-    )
+    chosen, weights = cases.case[there].tolist(), cases.exposure[there]
+    names = sorted({name for case in chosen for name in present[case]})
     if len(names) < 3 or not weights.any():  # a deviation needs two that stay
         return NO_DEVIATIONS
-    index, likeness = np.empty((len(names), len(chosen))), np.empty((len(names), len(chosen)))
+    found, drove = [left_out[case] for case in chosen], [list(present[case]) for case in chosen]
     plausible = np.nan_to_num(cases.plausibility[there])
-    changed_index = np.array(
-        [left_out[case].exchanged - left_out[case].everyone for case in chosen]
-    )
-    changed_likeness = [
-        left_out[case].likeness_exchanged - left_out[case].likeness for case in chosen
+
+    def mean(values: ArrayLike) -> FloatArray:
+        """Over the cases, of values (..., cases)."""
+        return np.asarray((np.array(values) @ weights) / weights.sum())
+
+    index = [
+        [
+            one.without[who.index(name)] if name in who else one.everyone
+            for one, who in zip(found, drove, strict=True)
+        ]
+        for name in names
     ]
-    for column, case in enumerate(chosen):
-        found, here = left_out[case], list(present[case])
-        for line, name in enumerate(names):
-            drove = name in here
-            index[line, column] = found.without[here.index(name)] if drove else found.everyone
-            one = found.likeness_without[here.index(name)] if drove else found.likeness
-            likeness[line, column] = one * plausible[column]
+    likeness = np.array(
+        [
+            [
+                one.likeness_without[who.index(name)] if name in who else one.likeness
+                for one, who in zip(found, drove, strict=True)
+            ]
+            for name in names
+        ]
+    )
+    index_change = mean([one.exchanged - one.everyone for one in found])
+    likeness_change = mean(plausible * [one.likeness_exchanged - one.likeness for one in found])
     likened = cases.safe & np.isfinite(cases.human_likeness)
     whole, calm = (
         sum(cases.exposure[part].tolist()) for part in (likened, likened & ~cases.incident)
     )
-    compared = calm / whole if whole else 0.0
     groups = [_group(name, settings, seed) for name in names]
     share = settings.population.overtake_share if groups.count(None) == 0 else 1.0
-    mean_index, mean_likeness, index_change, likeness_change = (
-        (table @ weights) / weights.sum()
-        for table in (index, likeness, changed_index, plausible * changed_likeness)
+    errors, likeness_errors = (
+        stratified_deviations(mean(values), groups, share, float(change))
+        for values, change in ((index, index_change), (likeness * plausible, likeness_change))
     )
-    return DriverDeviations(
-        (*names, INCLINATION),
-        stratified_deviations(mean_index, groups, share, float(index_change)),
-        compared * stratified_deviations(mean_likeness, groups, share, float(likeness_change)),
-        max(len(names) - len(set(groups)), 1),
-    )
+    compared = calm / whole if whole else 0.0
+    freedom = max(len(names) - len(set(groups)), 1)
+    return DriverDeviations((*names, INCLINATION), errors, compared * likeness_errors, freedom)
 
 
 def exchanges(

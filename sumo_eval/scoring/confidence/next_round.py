@@ -88,21 +88,13 @@ def standing(
         else "an ADS has no interval"
     )
     further = size_of_next(budget, size, done)
+    why = f"{wide}; it was stopped, `--resume` drives more rounds"
     if sampling.until is not None and half <= sampling.until:
-        return Standing(
-            rounds, done, budget, half, 0, f"{wide}, no more than the {sampling.until:g} asked for"
-        )
-    if further:
-        return Standing(
-            rounds,
-            done,
-            budget,
-            half,
-            further,
-            f"{wide}; it was stopped, `--resume` drives more rounds",
-        )
-    asked = "" if sampling.until is None else f", more than the {sampling.until:g} asked for"
-    return Standing(rounds, done, budget, half, 0, f"all it may drive; {wide}{asked}")
+        further, why = 0, f"{wide}, no more than the {sampling.until:g} asked for"
+    elif not further:
+        asked = "" if sampling.until is None else f", more than the {sampling.until:g} asked for"
+        why = f"all it may drive; {wide}{asked}"
+    return Standing(rounds, done, budget, half, further, why)
 
 
 def further_round(

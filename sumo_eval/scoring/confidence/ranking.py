@@ -14,8 +14,9 @@ ADS alike.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,23 +44,14 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
     means = _Means({name: weights[name] for name in weighing if name in known})
     names = list(dict.fromkeys(score.ads for score in scores))
     own = {name: {score.scenario: score for score in scores if score.ads == name} for name in names}
-    totals = {name: means.total(own[name]) for name in names}
+    totals = {name: total for name in names if (total := means.total(own[name])) is not None}
     spreads = {
         name: means.spread({scenario: found.get((name, scenario)) for scenario in weights})
         for name in names
     }
-    ranked = sorted(
-        (name for name in names if totals[name] is not None),
-        key=lambda name: (-(totals[name] or 0.0), name),
-    )
+    ranked = sorted(totals, key=lambda name: (-totals[name], name))
     pairs = [
-        _pair(
-            above,
-            below,
-            (totals[above] or 0.0) - (totals[below] or 0.0),
-            spreads[above],
-            spreads[below],
-        )
+        _pair((above, below), totals[above] - totals[below], spreads)
         for above, below in itertools.combinations(ranked, 2)
     ]
     apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
@@ -68,12 +60,12 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
         if number == 1 or apart[ranked[number - 2], name]:
             place = number
         interval = _interval(own[name], totals[name], spreads[name], means)
+        results = [own[name][scenario] for scenario in means.weights]
         from_a, from_h = (
-            means.of({scenario: getattr(score, part) for scenario, score in own[name].items()})
-            for part in ("a_points", "h_points")
+            means.of(getattr(score, part) for score in results) for part in ("a_points", "h_points")
         )
         rows.append(RankedAds(name, place, totals[name], interval, from_a, from_h))
-    rows += [RankedAds(name, None, None, None) for name in sorted(names) if totals[name] is None]
+    rows += [RankedAds(name, None, None, None) for name in sorted(set(names) - set(ranked))]
     taskless = tuple(name for name in weighing if name not in known)
     return Ranking(weights, LEVEL, tuple(rows), tuple(pairs), bare, taskless)
 
@@ -87,38 +79,29 @@ class _Means:
 
     weights: Mapping[str, float]
 
-    def of(self, values: Mapping[str, float]) -> float:
-        """The mean of values by scenario."""
-        return sum(weight * values[name] for name, weight in self.weights.items()) / sum(
-            self.weights.values()
-        )
+    def of(self, values: Iterable[Any]) -> Any:
+        """The mean of values, one a scenario: numbers or arrays."""
+        weights = self.weights.values()
+        pairs = zip(weights, values, strict=True)
+        return sum(weight * value for weight, value in pairs) / sum(weights)
 
     def total(self, scores: Mapping[str, ScenarioResult]) -> float | None:
         """S+ of one ADS; None where it has none in a scenario.
 
         scores: by scenario.
         """
-        plus = {name: scores[name].s_plus for name in self.weights if name in scores}
-        if not plus or len(plus) < len(self.weights) or None in plus.values():
-            return None
-        return self.of({name: value or 0.0 for name, value in plus.items()})
+        plus = [scores[name].s_plus if name in scores else None for name in self.weights]
+        return None if not plus or None in plus else float(self.of(plus))
 
     def spread(self, found: Mapping[str, ScoreIntervals | None]) -> _Spread | None:
         """`total` of every replicate; None where a scenario has no replicates."""
-        known = {name: one for name in self.weights if (one := found.get(name)) is not None}
+        known = [one for name in self.weights if (one := found.get(name)) is not None]
         if not known or len(known) < len(self.weights):
             return None
-        return _Spread(
-            self._mean_of({name: np.nan_to_num(one.worse) for name, one in known.items()}),
-            self._mean_of({name: np.nan_to_num(one.better) for name, one in known.items()}),
-            self.of({name: one.missing[0] for name, one in known.items()}),
-            self.of({name: one.missing[1] for name, one in known.items()}),
-        )
-
-    def _mean_of(self, values: Mapping[str, FloatArray]) -> FloatArray:
-        return np.average(
-            [values[name] for name in self.weights], axis=0, weights=list(self.weights.values())
-        )
+        parts = [
+            (np.nan_to_num(one.worse), np.nan_to_num(one.better), *one.missing) for one in known
+        ]
+        return _Spread(*map(self.of, zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,38 +119,32 @@ class _Spread:
 
 
 def _interval(
-    own: Mapping[str, ScenarioResult],
-    total: float | None,
-    spread: _Spread | None,
-    means: _Means,
+    own: Mapping[str, ScenarioResult], total: float, spread: _Spread | None, means: _Means
 ) -> tuple[float, float] | None:
     """Of one ADS's mean: that of its replicates; in a single scenario the interval that its S+ has
     there.
     """
     if len(means.weights) == 1:
         return own[next(iter(means.weights))].s_plus_interval
-    if total is None or spread is None:
+    if spread is None:
         return None
     low, high = _percentiles(spread.worse + spread.lower, spread.better + spread.higher)
     return min(low, total), max(high, total)
 
 
 def _pair(
-    above: str,
-    below: str,
-    difference: float,
-    first: _Spread | None,
-    second: _Spread | None,
+    names: tuple[str, str], difference: float, spreads: Mapping[str, _Spread | None]
 ) -> RankedPair:
+    first, second = (spreads[name] for name in names)
     if first is None or second is None:
-        return RankedPair(above, below, difference, None, False)
+        return RankedPair(*names, difference, None, False)
     both = np.stack([first.worse - second.worse, first.better - second.better])
     low, high = _percentiles(
         both.min(axis=0) + first.lower - second.higher,
         both.max(axis=0) + first.higher - second.lower,
     )
-    interval = min(low, difference), max(high, difference)
-    return RankedPair(above, below, difference, interval, interval[0] > 0.0)
+    low, high = min(low, difference), max(high, difference)
+    return RankedPair(*names, difference, (low, high), low > 0.0)
 
 
 def _percentiles(low: FloatArray, high: FloatArray) -> tuple[float, float]:
