@@ -151,7 +151,7 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     def inside(rays: IntArray, t: FloatArray) -> BoolArray:
         unit = np.clip(start[rays] + t[:, None] * direction[rays], 0.0, 1.0)
         points = partition.logical.from_unit(unit)
-        return np.asarray(partition.hazardous(points) & partition.exists(points))
+        return partition.hazardous(points) & partition.exists(points)
 
     low: FloatArray = np.zeros(len(start))
     high: FloatArray = to_box.copy()

@@ -59,43 +59,41 @@ def crossing_conflict(
     other: the actor's number.
     size: length and width of the ego's body, m.
     """
-    ego = concrete.ego
+    ego, (length, width) = concrete.ego, size
     until = min((concrete.road.length - ego.x) / max(ego.speed, 1.0), _LONGEST)
     found = tracks([concrete], [size], STEP, until)
     times: FloatArray = np.arange(found.others.shape[2], dtype=np.float64) * STEP
-    track, long, wide = _extents(found.others[:, other], concrete, other)
-    x, y = track[0, :, 0], track[0, :, 1]
-    apart = np.abs(y - ego.y_at(x)) - wide[0] - 0.5 * size[1]
+    track = found.others[0, other]
+    long, wide = (reach[0] for reach in _extents(found.others[:, other], concrete, other))
+    x, y = track[:, 0], track[:, 1]
+    apart = np.abs(y - ego.y_at(x)) - wide - 0.5 * width
     inside = np.flatnonzero(apart < 0.0)
     if not inside.size:
         return Conflict(*(math.nan,) * 6)
     first, last = int(inside[0]), int(inside[-1])
-    enters = (
-        float(times[first])
-        if first == 0
-        else _zero(times[first - 1 : first + 1], apart[first - 1 : first + 1])
-    )
-    leaves = math.inf
-    if last + 1 < len(times):
-        leaves = _zero(times[last : last + 2], apart[last : last + 2])
-    begin = float((x - long[0])[inside].min())
-    end = float((x + long[0])[inside].max())
-    arrives, clears = (
-        (place - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
-        for place in (begin - 0.5 * size[0], end + 0.5 * size[0])
-    )
+
+    def crossed(after: int) -> float:
+        """When the actor's body is at the strip's edge, between two samples."""
+        before = apart[after - 1] / (apart[after - 1] - apart[after])
+        return float(times[after - 1] + (times[after] - times[after - 1]) * before)
+
+    def reached(place: float) -> float:
+        """When the ego's front is at x = place, s."""
+        return (place - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+
+    enters = float(times[first]) if first == 0 else crossed(first)
+    leaves = crossed(last + 1) if last + 1 < len(times) else math.inf
+    begin, end = float((x - long)[inside].min()), float((x + long)[inside].max())
+    arrives, clears = reached(begin - 0.5 * length), reached(end + 0.5 * length)
     there, gone = enters, leaves
     # one behind the other from there
-    if math.isinf(leaves) and math.cos(track[0, last, 2]) > math.cos(0.25 * math.pi):
-        there = float(np.interp(begin, x + long[0], times, left=-math.inf))
-        gone, clears = (
-            enters,
-            (begin + 0.5 * size[0] - ego.x) / ego.speed if ego.speed > 0.0 else math.inf,
-        )
+    if math.isinf(leaves) and math.cos(track[last, 2]) > math.cos(0.25 * math.pi):
+        there = float(np.interp(begin, x + long, times, left=-math.inf))
+        gone, clears = enters, reached(begin + 0.5 * length)
     return Conflict(begin, end, enters, leaves, arrives, max(arrives - gone, there - clears, 0.0))
 
 
-_ACROSS = 0.5  # sine of the angle to the road from which on somebody crosses it
+_ACROSS = 0.5  # sine of the angle to the road from which on an actor crosses it
 
 
 def conflicting(logical: LogicalScenario, concrete: ConcreteScenario) -> int | None:
@@ -125,16 +123,13 @@ def ego_size(logical: LogicalScenario) -> tuple[float, float]:
     return (vehicle.length, vehicle.width) if own is None else (own.length, own.width)
 
 
-def _zero(times: FloatArray, values: FloatArray) -> float:
-    """Where a straight line through two values is 0."""
-    return float(times[0] + (times[1] - times[0]) * values[0] / (values[0] - values[1]))
-
-
 def conflict_criticality(
-    placed: Sequence[ConcreteScenario], other: int, delays: Sequence[float],
+    placed: Sequence[ConcreteScenario],
+    other: int,
+    delays: Sequence[float],
     size: tuple[float, float],
     settings: ZoneSettings,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Eqs. 2 and 5-6 on conflicting ways: max ITTC, 1/s, impact speed, m/s, smallest distance, m.
 
     placed: n cases of one scenario.
@@ -147,43 +142,53 @@ def conflict_criticality(
     no actor: 0 then. Max ITTC is the largest inverse time to collision on the conflicting ways,
     with any actor except those that react and come from behind; inf where ideal braking hits.
     """
-    strength = settings.deceleration
+    strength, never = settings.deceleration, np.full(len(placed), np.inf)
     speeds = np.array([concrete.ego.speed for concrete in placed])
     until = float(np.max(_begins(placed, other) + np.array(delays) + speeds / strength)) + HORIZON
     found = tracks(placed, [size] * len(placed), STEP, min(until, _LONGEST))
     first = found.begins[:, other]
-    from_then = np.where(np.isinf(first), 0.0, first) + np.array(delays)
-    searched = _with_all(placed, found, size, np.full(len(placed), np.inf), strength, 0)
+    brakes = np.where(np.isinf(first), 0.0, first) + np.array(delays)
+    searched = _with_all(placed, found, size, _braked(placed, found, never, strength), 0)
     at = np.flatnonzero(np.isinf(searched[0]))
     searched[:2] = 0.0
     if at.size:
         hit = Tracks(found.egos[at], found.others[at], found.begins[at])
-        braking = [placed[i] for i in at.tolist()]
-        searched[:, at] = _with_all(
-            braking, hit, size, from_then[at], strength, round(HORIZON / STEP)
-        )
+        some = [placed[i] for i in at.tolist()]
+        egos = _braked(some, hit, brakes[at], strength)
+        searched[:, at] = _with_all(some, hit, size, egos, round(HORIZON / STEP))
     return searched
 
 
-def _with_all(
-    placed: Sequence[ConcreteScenario], found: Tracks, size: tuple[float, float],
-    begins: FloatArray, strength: float,
-    horizon: int,
-) -> FloatArray:  # fmt: skip
-    """Max ITTC, impact speed and smallest distance of the bodies, (3, n), with the most critical
-    actor.
+def _braked(
+    placed: Sequence[ConcreteScenario], found: Tracks, begins: FloatArray, strength: float
+) -> FloatArray:
+    """x and speed of the egos, (n, T, 2), which brake to a standstill.
 
-    begins: when each ego begins to brake, s.
-    horizon: looks ahead.
+    begins: when each begins to brake, s.
     """
     x, v = np.array([[concrete.ego.x, concrete.ego.speed] for concrete in placed]).T[:, :, None]
     time, wait = np.arange(found.others.shape[2]) * STEP, begins[:, None]
     braking = np.clip(time - wait, 0.0, v / strength)
     speed = v - strength * braking
-    egos = np.stack([x + v * np.minimum(time, wait) + braking * (v + speed) / 2.0, speed], axis=2)
+    return np.stack([x + v * np.minimum(time, wait) + braking * (v + speed) / 2.0, speed], axis=2)
+
+
+def _with_all(
+    placed: Sequence[ConcreteScenario],
+    found: Tracks,
+    size: tuple[float, float],
+    egos: FloatArray,
+    horizon: int,
+) -> FloatArray:
+    """Max ITTC, impact speed and smallest distance of the bodies, (3, n), with the most critical
+    actor.
+
+    egos: x and speed, (n, T, 2).
+    horizon: looks ahead.
+    """
     each = np.array(
         [
-            _with(placed, found, egos, number, size, horizon)
+            _with(placed, found.others[:, number], number, size, egos, horizon)
             for number in range(found.others.shape[1])
         ]
     ).transpose(1, 0, 2)
@@ -202,62 +207,58 @@ def _let_the_ego_in(placed: Sequence[ConcreteScenario]) -> BoolArray:
 
 
 def _with(
-    placed: Sequence[ConcreteScenario], found: Tracks, egos: FloatArray, other: int,
+    placed: Sequence[ConcreteScenario],
+    track: FloatArray,
+    other: int,
     size: tuple[float, float],
+    egos: FloatArray,
     horizon: int,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Max ITTC, impact speed and smallest distance of the bodies with number `other`, (3, n).
 
-    egos: x and speed, (n, T, 2).
+    track: its, (n, T, 5).
     """
-    track, long, wide = _extents(found.others[:, other], placed[0], other)
+    long, wide = _extents(track, placed[0], other)
     ways = np.zeros(len(placed), _WAY)
     for i, concrete in enumerate(placed):
-        way = concrete.ego.way
-        own = (
-            (0.0, 0.0, 1.0)
-            if way is None
-            else (way.offset, way.begin, way.length(concrete.ego.speed))
-        )
-        ways[i] = (concrete.ego.y, *own)
-    told = np.stack(
+        way, offset = concrete.ego.way, (0.0, 0.0, 1.0)
+        if way is not None:
+            offset = (way.offset, way.begin, way.length(concrete.ego.speed))
+        ways[i] = (concrete.ego.y, *offset)
+    bodies = np.stack(
         [track[:, :, 0], track[:, :, 1], long + 0.5 * size[0], wide + 0.5 * size[1]], axis=2
     )
     result = np.zeros((len(placed), 3))
-    _search_rows(ways, egos, told, STEP, horizon, result)
-    hit = np.flatnonzero(result[:, 1] >= 0.0)
-    impact = np.zeros(len(placed))
-    at = result[hit, 1].astype(np.intp)
+    _search_rows(ways, egos, bodies, STEP, horizon, result)
+    inverse, touch, nearest = result.T
+    hit = np.flatnonzero(touch >= 0.0)
+    at, impact = touch[hit].astype(np.intp), np.zeros(len(placed))
     heading, speed, across = (track[hit, at, channel] for channel in (2, 3, 4))
     along = speed * np.cos(heading) - across * np.sin(heading)
     sideways = speed * np.sin(heading) + across * np.cos(heading)
     impact[hit] = np.hypot(egos[hit, at, 1] - along, sideways)
-    inverse = np.where(result[:, 1] >= 0.0, np.inf, result[:, 0])
-    return np.stack([inverse, impact, np.maximum(result[:, 2], 0.0)])
+    return np.stack([np.where(touch >= 0.0, np.inf, inverse), impact, np.maximum(nearest, 0.0)])
 
 
 def _begins(placed: Sequence[ConcreteScenario], other: int) -> FloatArray:
     """When the first move of number `other` begins at the latest, s, as far as its script says
     that.
     """
-    found = []
+    begins = []
     for concrete in placed:
         script, ego = concrete.actors[other].acts, concrete.ego
         on_the_road = (concrete.road.length - ego.x) / max(ego.speed, 1.0)
-        found.append(
-            min((on_the_road if act.program else act.begin for act in script), default=0.0)
-        )
-    return np.array(found)
+        times = (on_the_road if act.program else act.begin for act in script)
+        begins.append(min(times, default=0.0))
+    return np.array(begins)
 
 
 def _extents(
     track: FloatArray, concrete: ConcreteScenario, other: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Tracks (n, T, 5) of a body, and half of what it reaches along and across the road, (n, T),
-    m.
-    """
+) -> tuple[FloatArray, FloatArray]:
+    """Half of the reach of a body along and across the road, (n, T), m; track: (n, T, 5)."""
     actor = concrete.actors[other]
-    return track, *half_extents(track[:, :, 2], actor.length, actor.width)
+    return half_extents(track[:, :, 2], actor.length, actor.width)
 
 
 @kernel

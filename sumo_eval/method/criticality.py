@@ -349,9 +349,7 @@ def _closing_speed(ego_speed: ArrayLike, lead_speed: ArrayLike) -> FloatArray:
 
     An oncoming vehicle is refused: braking cannot bring the relative speed to 0.
     """
-    return np.asarray(
-        _not_negative("ego_speed", ego_speed) - _not_negative("lead_speed", lead_speed)
-    )
+    return _not_negative("ego_speed", ego_speed) - _not_negative("lead_speed", lead_speed)
 
 
 def _braking_time(time: ArrayLike, delay: ArrayLike) -> FloatArray:

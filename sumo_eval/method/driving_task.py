@@ -66,7 +66,7 @@ def _off_road(x: FloatArray, y: FloatArray, road: Road, margin: float) -> BoolAr
     for crossing in road.crossings:
         inside = np.abs(x - crossing.at) <= 0.5 * crossing.width + margin
         beyond &= ~(inside & (np.abs(y) <= crossing.reach + margin))
-    return np.asarray(beyond)
+    return beyond
 
 
 def roadside_contact(departure: Departure, overlap: float) -> Collision:

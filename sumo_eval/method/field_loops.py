@@ -164,12 +164,6 @@ def _add_terms(
     if k1 == 0.5:
         for i in range(filled):
             total[i] += weight * growth[i] * math.sqrt(nearness[i])
-    elif k1 == 1.0:
-        for i in range(filled):
-            total[i] += weight * growth[i] * nearness[i]
-    elif k1 == 2.0:
-        for i in range(filled):
-            total[i] += weight * growth[i] * nearness[i] * nearness[i]
     else:
         for i in range(filled):
             total[i] += weight * growth[i] * nearness[i] ** k1
@@ -245,7 +239,7 @@ def put_field(
     """Put the field at rows of points across into `field`, (s, k): near samples summed, far ones
     interpolated.
 
-    rows: `shared_fields.Rows`.
+    rows: `shared_fields.PointRows`.
     samples: as in `far_values`.
     near: of the smallest boxes.
     far: from `far_values`.

@@ -87,7 +87,7 @@ def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
     ideal: Ug_i, or its loss, of the same shape.
     """
     known = np.where(np.isnan(severity) | np.isnan(ideal), np.nan, 1.0)
-    return np.asarray(np.divide(ideal, severity, out=known, where=np.greater(severity, ideal)))
+    return np.divide(ideal, severity, out=known, where=np.greater(severity, ideal))
 
 
 def collision_avoidance(
@@ -179,7 +179,7 @@ def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
     ideal: Ug_i, (n,), m/s, 0 where the ideal vehicle avoids.
     """
     # which is nan where one of both is
-    return np.asarray(np.maximum(np.subtract(severity, ideal), 0.0))
+    return np.maximum(np.subtract(severity, ideal), 0.0)
 
 
 def avoided_share(
@@ -310,7 +310,7 @@ def grade_slope(avoided: float, sharpness: float) -> float:
 
 def _drawn(flags: ArrayLike, counts: Counts) -> BoolArray:
     """Which samples hold a flagged case, (m,)."""
-    return np.asarray(counts @ np.asarray(flags, dtype=np.float64) > 0.0)
+    return counts @ np.asarray(flags, dtype=np.float64) > 0.0
 
 
 def _ratio(numerator: FloatArray, denominator: FloatArray, otherwise: FloatArray) -> FloatArray:

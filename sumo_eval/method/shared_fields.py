@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from sumo_eval.method.trajectory_field import samples_of, trajectory_fields
@@ -86,7 +87,7 @@ class Stretch:
 
 
 class Grid(NamedTuple):
-    """Boxes of a stretch of road, and the nodes in each.
+    """Boxes of a stretch of road, halved again and again, and the nodes in each.
 
     bounds: of all boxes together, x.
     nodes: p Chebyshev points on -1..1, the x of a box.
@@ -105,7 +106,7 @@ class Grid(NamedTuple):
     finer: FloatArray
 
 
-class Rows(NamedTuple):
+class PointRows(NamedTuple):
     """Rows of points across, box after box.
 
     points: (s, k, 2), m.
@@ -135,6 +136,19 @@ def prepare() -> None:
     fields.at(rows, np.broadcast_to(across, (len(rows), len(across))), [0])
 
 
+class _Prepared(NamedTuple):
+    """A trajectory for its sums by boxes.
+
+    samples: by x.
+    near: the first and last (exclusive) of those near each of the smallest boxes.
+    far: the sum of all others there.
+    """
+
+    samples: FloatArray
+    near: NDArray[np.int64]
+    far: FloatArray
+
+
 class SharedFields:
     """The fields of some trajectories on a stretch of road, for many requests.
 
@@ -153,9 +167,9 @@ class SharedFields:
         points: int,
     ) -> None:
         self._trajectories, self._stretch, self._constants = trajectories, stretch, constants
-        self._boxes_pay = _pays(points, stretch)
-        self._samples: dict[int, FloatArray] = {}
-        self._far: dict[int, tuple[NDArray[np.int64], FloatArray]] = {}
+        boxes = constants.k1 <= LARGEST_K1 and constants.superposition == "magnitude"
+        self._by_boxes = boxes and _pays(points, stretch)
+        self._prepare = functools.cache(self._prepared)
 
     def at(self, x: FloatArray, y: FloatArray, places: Sequence[int]) -> FloatArray:
         """Eq. 9 for m of the trajectories at s rows of k points across the road, (m, s, k).
@@ -165,87 +179,69 @@ class SharedFields:
 
         Errors as in `trajectory_fields`.
         """
-        constants = self._constants
-        samples = [self._samples_of(place) for place in places]
-        smooth = constants.k1 <= LARGEST_K1 and all(
-            np.abs(one[:, 4]).max() <= LARGEST_EXPONENT for one in samples
-        )
+        prepared = [self._prepare(place) for place in places] if self._by_boxes else [None]
+        boxed = [one for one in prepared if one is not None]
         inside = self._stretch.holds(x, y)
-        if not self._boxes_pay or not smooth or constants.superposition != "magnitude":
-            return self._plain(x, y, places)
+        if len(boxed) < len(prepared):
+            inside[:] = False
         fields = np.empty((len(places), *y.shape))
-        self._by_boxes(x, y, np.flatnonzero(inside), places, fields)
+        if inside.any():
+            _put_by_boxes(
+                self._stretch,
+                x,
+                y,
+                np.flatnonzero(inside),
+                boxed,
+                float(self._constants.k1),
+                fields,
+            )
         if not inside.all():
-            fields[:, ~inside] = self._plain(x[~inside], y[~inside], places)
+            points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)[~inside]
+            chosen = [self._trajectories[place] for place in places]
+            plain = trajectory_fields(points.reshape(-1, 2), chosen, self._constants)
+            fields[:, ~inside] = plain.reshape(len(places), *points.shape[:2])
         return fields
 
-    def _samples_of(self, place: int) -> FloatArray:
-        """Of one trajectory, by x."""
-        if place not in self._samples:
-            samples = samples_of(
-                self._trajectories[place], self._constants.k2, self._constants.sample_interval
-            )
-            self._samples[place] = samples[np.argsort(samples[:, 0], kind="stable")]
-        return self._samples[place]
-
-    def _far_of(self, place: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Samples of one trajectory that are near the smallest boxes, and the sum of the far
-        ones there.
-        """
+    def _prepared(self, place: int) -> _Prepared | None:
+        """One trajectory; None where the field grows too fast with its speed for boxes."""
         from sumo_eval.method.field_loops import far_values
 
-        if place not in self._far:
-            samples, boxes, k1 = (
-                self._samples_of(place),
-                _boxes(self._stretch),
-                float(self._constants.k1),
-            )
-            near = np.column_stack(
-                (
-                    np.searchsorted(samples[:, 0], boxes.west),
-                    np.searchsorted(samples[:, 0], boxes.east, side="right"),
-                )
-            )
-            far = far_values(samples, boxes.grid, near, k1)
-            self._far[place] = near[-(2**self._stretch.levels) :], far
-        return self._far[place]
+        constants, boxes = self._constants, _boxes(self._stretch)
+        samples = samples_of(self._trajectories[place], constants.k2, constants.sample_interval)
+        if np.abs(samples[:, 4]).max() > LARGEST_EXPONENT:
+            return None
+        samples = samples[np.argsort(samples[:, 0], kind="stable")]
+        first = np.searchsorted(samples[:, 0], boxes.west)
+        near = np.column_stack((first, np.searchsorted(samples[:, 0], boxes.east, side="right")))
+        far = far_values(samples, boxes.grid, near, float(constants.k1))
+        return _Prepared(samples, near[-(2**self._stretch.levels) :], far)
 
-    def _plain(self, x: FloatArray, y: FloatArray, places: Sequence[int]) -> FloatArray:
-        points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
-        chosen = [self._trajectories[place] for place in places]
-        fields = trajectory_fields(points.reshape(-1, 2), chosen, self._constants)
-        return fields.reshape(len(places), *y.shape)
 
-    def _by_boxes(
-        self,
-        x: FloatArray,
-        y: FloatArray,
-        rows: NDArray[np.int64],
-        places: Sequence[int],
-        fields: FloatArray,
-    ) -> None:
-        """Put the fields at some of the rows, all inside the stretch, into `fields`."""
-        from sumo_eval.method.field_loops import put_field
+def _put_by_boxes(
+    stretch: Stretch,
+    x: FloatArray,
+    y: FloatArray,
+    rows: NDArray[np.int64],
+    prepared: Sequence[_Prepared],
+    k1: float,
+    fields: FloatArray,
+) -> None:
+    """Put the fields at some of the rows, all inside the stretch, into `fields`."""
+    from sumo_eval.method.field_loops import put_field
 
-        stretch, number = self._stretch, 2**self._stretch.levels
-        order = rows[np.argsort(x[rows], kind="stable")]
-        x, y = x[order], y[order]
-        boxes = (x - stretch.west) / (stretch.length / number)
-        box = np.minimum(boxes.astype(np.int64), number - 1)
-        starts = np.searchsorted(box, np.arange(number + 1))
-        along = (
-            np.polynomial.chebyshev.chebvander(2.0 * (boxes - box) - 1.0, NODES - 1) @ _nodes()[2]
-        )
-        shares, across = (
-            np.ascontiguousarray(along.T),
-            np.ascontiguousarray((y.T - stretch.middle) / stretch.half),
-        )
-        points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
-        into = Rows(points, order, starts, shares, across)
-        for place, field in zip(places, fields, strict=True):
-            near, far = self._far_of(place)
-            samples, k1 = self._samples_of(place), float(self._constants.k1)
-            put_field(into, samples, near, far, k1, field)
+    number = 2**stretch.levels
+    order = rows[np.argsort(x[rows], kind="stable")]
+    x, y = x[order], y[order]
+    boxes = (x - stretch.west) / (stretch.length / number)
+    box = np.minimum(boxes.astype(np.int64), number - 1)
+    starts = np.searchsorted(box, np.arange(number + 1))
+    along = chebyshev.chebvander(2.0 * (boxes - box) - 1.0, NODES - 1) @ _nodes()[2]
+    shares = np.ascontiguousarray(along.T)
+    across = np.ascontiguousarray((y.T - stretch.middle) / stretch.half)
+    points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
+    into = PointRows(points, order, starts, shares, across)
+    for one, field in zip(prepared, fields, strict=True):
+        put_field(into, one.samples, one.near, one.far, k1, field)
 
 
 def _pays(points: int, stretch: Stretch) -> bool:
@@ -259,8 +255,7 @@ def _pays(points: int, stretch: Stretch) -> bool:
     return bool(reached * (nodes + points / 2**levels) < points)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Boxes:
+class _Boxes(NamedTuple):
     """The boxes of a stretch.
 
     west, east: between which x a sample is near each box, level after level.
@@ -273,25 +268,16 @@ class _Boxes:
 
 @functools.lru_cache(maxsize=1)
 def _boxes(stretch: Stretch) -> _Boxes:
-    bounds = np.array([stretch.west, stretch.east])
-    counts, places, finer = _across(
-        [stretch.length / 2**level / stretch.half for level in range(stretch.levels + 1)]
-    )
-    across = stretch.middle + stretch.half * places
+    lengths = [stretch.length / 2**level for level in range(stretch.levels + 1)]
+    counts, places, finer = _across([length / stretch.half for length in lengths])
+    bounds, across = np.array([stretch.west, stretch.east]), stretch.middle + stretch.half * places
+    begins = [bounds[0] + length * np.arange(2**level) for level, length in enumerate(lengths)]
+    placed = list(zip(begins, lengths, strict=True))
     return _Boxes(
-        Grid(bounds, *_nodes()[:2], counts, across, finer), *_near(bounds, stretch.levels)
+        Grid(bounds, *_nodes()[:2], counts, across, finer),
+        np.concatenate([begin - REACH * length for begin, length in placed]),
+        np.concatenate([begin + (1.0 + REACH) * length for begin, length in placed]),
     )
-
-
-def _near(bounds: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
-    """Between which x a sample is near each box, level after level."""
-    west, east = [], []
-    for level in range(levels + 1):
-        length = (bounds[1] - bounds[0]) / 2**level
-        begins = bounds[0] + length * np.arange(2**level)
-        west.append(begins - REACH * length)
-        east.append(begins + (1.0 + REACH) * length)
-    return np.concatenate(west), np.concatenate(east)
 
 
 @functools.cache
@@ -299,42 +285,34 @@ def _nodes() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Chebyshev points; values there to values at those of the left and the right half, (2, p, p);
     and to the coefficients of a Chebyshev series, (p, p).
     """
-    nodes: FloatArray = np.polynomial.chebyshev.chebpts1(NODES)
-    series = np.array(
-        np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, NODES - 1)), dtype=np.float64
-    )
-    halves: FloatArray = np.array(
-        [
-            np.polynomial.chebyshev.chebvander(0.5 * (nodes + side), NODES - 1) @ series
-            for side in (-1, 1)
-        ]
-    )
-    return nodes, halves, series
+    nodes, series = chebyshev.chebpts1(NODES), _to_series(chebyshev.chebpts1(NODES))
+    halves = [chebyshev.chebvander(0.5 * (nodes + side), NODES - 1) @ series for side in (-1, 1)]
+    return nodes, np.array(halves), series
+
+
+def _to_series(nodes: FloatArray) -> FloatArray:
+    """Values at n nodes to the coefficients of a Chebyshev series, (n, n)."""
+    inverse = np.linalg.inv(chebyshev.chebvander(nodes, len(nodes) - 1))
+    return np.array(inverse, dtype=np.float64)
 
 
 def _across(slender: Sequence[float]) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Nodes across for each level of boxes: how many, where on -1..1, and what makes values there
-    values at the nodes of the next level, or last a Chebyshev series; as `far_values` takes them.
+    """Nodes across for each level of boxes: how many, where on -1..1, and the matrices that make
+    values there values at the nodes of the next level, or last a Chebyshev series; as `far_values`
+    takes them.
 
     slender: length over half-width of the boxes of each level.
     """
     counts = _counts(slender)
     most = counts.max()
+    nodes = [chebyshev.chebpts1(count) for count in counts.tolist()]
     places, finer = np.zeros((len(counts), most)), np.zeros((len(counts) + 1, most, most))
-    for level, count in enumerate(counts):
-        places[level, :count] = np.polynomial.chebyshev.chebpts1(count)
-        if level > 0:
-            before = counts[level - 1]
-            series = np.linalg.inv(
-                np.polynomial.chebyshev.chebvander(places[level - 1, :before], before - 1)
-            )
-            finer[level, :before, :count] = (
-                np.polynomial.chebyshev.chebvander(places[level, :count], before - 1) @ series
-            ).T
-    last = counts[-1]
-    finer[-1, :last, :last] = np.linalg.inv(
-        np.polynomial.chebyshev.chebvander(places[-1, :last], last - 1)
-    ).T
+    for level, here in enumerate(nodes):
+        places[level, : len(here)] = here
+        series = _to_series(here)
+        if level + 1 < len(nodes):
+            series = chebyshev.chebvander(nodes[level + 1], len(here) - 1) @ series
+        finer[level + 1, : len(here), : len(series)] = series.T
     return counts, places, finer
 
 

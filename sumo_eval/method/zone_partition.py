@@ -163,7 +163,7 @@ class ZonePartition:
 
     def hazardous(self, points: ArrayLike) -> BoolArray:
         """Where y <= 0: the zones' form, for maps and for the weights of Eq. 16."""
-        return np.asarray(self.predicted(points) <= 0.0)
+        return self.predicted(points) <= 0.0
 
     def exactly_hazardous(self, points: ArrayLike) -> BoolArray:
         """Where max ITTC itself, in closed form or searched over time, reaches its threshold.
@@ -408,9 +408,7 @@ def squared_time_target(
     )
     squared = np.divide(1.0, inverse**2, out=np.full(inverse.shape, np.inf), where=inverse > 0.0)
     squared = np.where(np.isinf(inverse), -((u / settings.deceleration) ** 2), squared)
-    return np.asarray(
-        np.tanh((squared - settings.critical_inverse_ttc**-2) / settings.target_scale)
-    )
+    return np.tanh((squared - settings.critical_inverse_ttc**-2) / settings.target_scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -580,7 +578,7 @@ def _gap_at_conflict(approach: Approach, settings: ZoneSettings) -> FloatArray:
     ego = approach.ego_speed * waits + braked_distance(
         approach.ego_speed, settings.deceleration, begin - waits
     )
-    return np.asarray(approach.gap + distance(np.asarray(begin)) - ego)
+    return approach.gap + distance(np.asarray(begin)) - ego
 
 
 def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[FloatArray, FloatArray]:
@@ -640,7 +638,7 @@ def danger(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings)
 
     0.5 on the zone boundary, 1 where ideal braking hits hard, 0 where nothing comes near.
     """
-    return np.asarray((1.0 - exact_target(logical, points, settings)) / 2.0)
+    return (1.0 - exact_target(logical, points, settings)) / 2.0
 
 
 def exactly_hazardous(
@@ -649,9 +647,7 @@ def exactly_hazardous(
     """Eqs. 5-6: where max ITTC itself reaches its threshold, at points (n, k) of the box, (n,),
     without any partition.
     """
-    return np.asarray(
-        criticality(logical, points, settings).inverse >= settings.critical_inverse_ttc
-    )
+    return criticality(logical, points, settings).inverse >= settings.critical_inverse_ttc
 
 
 def _coordinates(

@@ -101,7 +101,7 @@ def _incidents_at(cases: CaseTable, reference: CaseTable) -> FloatArray:
     at, its = point_numbers([cases, reference])
     found = np.full(int(max(at.max(initial=0), its.max(initial=0))) + 1, np.nan)
     found[its] = np.where(reference.counted, _incident(reference).astype(np.float64), np.nan)
-    return np.asarray(found[at])
+    return found[at]
 
 
 def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:

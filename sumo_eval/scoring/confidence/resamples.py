@@ -224,7 +224,7 @@ class Balance:
 
         counts: (m, k), of the points at these places.
         """
-        return np.asarray((counts - 1.0) @ self.trend[places])
+        return (counts - 1.0) @ self.trend[places]
 
     def balanced(self, counts: FloatArray, places: IntArray, along: FloatArray) -> FloatArray:
         """The counts of these points, (m, k), balanced.
