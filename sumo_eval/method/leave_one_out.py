@@ -5,39 +5,9 @@ beside every D_i of an ADS.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import numpy as np
-
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, Pairing
+from sumo_eval.method.anthropomorphic import Pairing
 from sumo_eval.settings import AnthropomorphicSettings
-
-
-@dataclass(frozen=True, slots=True)
-class HumanBand:
-    """Scores of the drivers of one concrete scenario among themselves.
-
-    values: D_i of each driver against all other drivers, in the order of the drivers.
-    similarities: its third factor alone.
-    """
-
-    values: tuple[float, ...]
-    similarities: tuple[float, ...]
-
-    @property
-    def low(self) -> float:
-        """The least of the values."""
-        return min(self.values)
-
-    @property
-    def mean(self) -> float:
-        """The mean of the values."""
-        return float(np.mean(self.values))
-
-    @property
-    def high(self) -> float:
-        """The largest of the values."""
-        return max(self.values)
 
 
 def _spacing(settings: AnthropomorphicSettings) -> float:
@@ -54,13 +24,6 @@ def band_pairings(drivers: Sequence[int], settings: AnthropomorphicSettings) -> 
     """Each driver against all other drivers."""
     others = zip(drivers, _all_but_one(drivers), strict=True)
     return [Pairing(driver, rest, _spacing(settings)) for driver, rest in others]
-
-
-def band_of(indexes: Sequence[AnthropomorphicIndex]) -> HumanBand:
-    """The band of the indexes of `band_pairings`."""
-    return HumanBand(
-        tuple(index.value for index in indexes), tuple(index.similarity for index in indexes)
-    )
 
 
 def left_out_pairings(

@@ -11,7 +11,7 @@
   within 0..1.
 
 V replaces U in every equation: Ug_i, the ideal vehicle's, and U0_i, that of `no_reaction`, are V of
-their own contacts. Without a contact V is `without_contact`: 0, or 0.1 of Eq. 14. So C = sum(r
+their own contacts. Without a contact V is 0, or 0.1 of Eq. 14. So C = sum(r
 V_g/V)/sum(r), and A = 1 - sum w max(0, V - V_g) / sum w max(0, V_0 - V_g).
 """
 
@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, said, unknown
 from sumo_eval.method.checks import not_negative
-from sumo_eval.method.collision_avoidance import LEAST_LOSS, collision_loss, impact_severity
+from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.settings import CollisionSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import Collision, FloatArray, Side
@@ -146,7 +146,6 @@ class Severity:
 
     name: as in the settings.
     unit: of V.
-    without_contact: V where there is none.
     value: V of a collision.
     beyond: why a collision is outside the range that V is known for, in words; empty inside.
     checked: whether that is a user's function, whose answers are checked.
@@ -156,7 +155,6 @@ class Severity:
 
     name: str
     unit: str
-    without_contact: float
     value: Callable[[Collision], float]
     beyond: Callable[[Collision], str]
     checked: bool = False
@@ -223,12 +221,11 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
     """
     chosen = settings.severity
     if chosen == "severity":
-        return Severity(chosen, "m/s", 0.0, _impact_severity, _never)
+        return Severity(chosen, "m/s", _impact_severity, _never)
     if chosen == "eq14":
         return Severity(
             chosen,
             "loss",
-            LEAST_LOSS,
             lambda hit: float(collision_loss(_impact_severity(hit))),
             _never,
         )
@@ -244,7 +241,6 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
     severity = Severity(
         chosen,
         "loss",
-        0.0,
         lambda hit: function(contact_of(hit, settings)),
         _never,
         checked=True,
@@ -286,7 +282,6 @@ def _injury(chosen: str, settings: CollisionSettings) -> Severity:
     return Severity(
         chosen,
         "probability of MAIS3+ or death",
-        0.0,
         lambda hit: float(injury_risk(who, hit.relative_speed, age)),
         beyond,
     )

@@ -121,8 +121,6 @@ class ZonePartition:
     `logical.parameters`.
 
     training_points: (n, k), sorted.
-    training_inverse_ttc: Eq. 6, (n,), 1/s.
-    training_target: the GP's target y, (n,).
     surface: the GP, in the unit box.
     most_dangerous: one point a zone, name -> value, the largest zone first.
     zone_shares: share of the space that each zone takes.
@@ -138,8 +136,6 @@ class ZonePartition:
     logical: LogicalScenario
     settings: ZoneSettings
     training_points: FloatArray
-    training_inverse_ttc: FloatArray
-    training_target: FloatArray
     surface: Surface
     most_dangerous: tuple[dict[str, float], ...]
     zone_shares: tuple[float, ...]
@@ -300,8 +296,6 @@ def partition(
         logical=logical,
         settings=settings,
         training_points=learnt.training,
-        training_inverse_ttc=learnt.inverse,
-        training_target=learnt.target,
         surface=surface,
         most_dangerous=(),
         zone_shares=tuple(float(size) / int(feasible.sum()) for size in sizes[by_size]),
@@ -449,13 +443,11 @@ def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
 
 
 class _Learnt(NamedTuple):
-    """A surface and what it was learnt from: training points (n, k), max ITTC and target (n,); y on
-    the dense grid, and where that has the wrong sign.
+    """A surface and what it was learnt from: training points (n, k); y on the dense grid, and where
+    that has the wrong sign.
     """
 
     training: FloatArray
-    inverse: FloatArray
-    target: FloatArray
     surface: Surface
     y: FloatArray
     wrong: BoolArray
@@ -488,7 +480,7 @@ def _learn(
         if len(training) > own:
             added = len(training) - own
             notes += [f"{added} training points were added where the GP was on the wrong side."]
-        learnt.append(_Learnt(training, found.inverse, target, surface, y, wrong, tuple(notes)))
+        learnt.append(_Learnt(training, surface, y, wrong, tuple(notes)))
         if wrong.sum() <= ERROR_WORTH_A_NOTE * possible:
             break
         more = np.random.default_rng(SEED).permutation(np.flatnonzero(wrong))[:ADDED_AT_ONCE]

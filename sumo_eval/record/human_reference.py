@@ -30,7 +30,7 @@ from sumo_eval.method.anthropomorphic import (
     Pairing,
     indexes_by_group,
 )
-from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
+from sumo_eval.method.leave_one_out import band_pairings, left_out_pairings
 from sumo_eval.method.shared_fields import prepare
 from sumo_eval.record.kept_results import KeptResults, Kind, key_of
 from sumo_eval.record.kept_results import Part as KeptPart
@@ -95,16 +95,15 @@ class LeftOut:
 
 @dataclass(frozen=True, slots=True)
 class PointResult:
-    """Results at one point, by case."""
+    """Results at one point, by case; D_i of each driver against all other drivers."""
 
     indexes: Mapping[str, AnthropomorphicIndex]
     left_out: Mapping[str, LeftOut]
-    band: HumanBand | None
+    band: tuple[float, ...] | None
 
 
 _RECORDS = {
-    one.__name__: one
-    for one in (AnthropomorphicIndex, IndexNote, Ingredients, Likeness, LeftOut, HumanBand)
+    one.__name__: one for one in (AnthropomorphicIndex, IndexNote, Ingredients, Likeness, LeftOut)
 }
 
 
@@ -252,6 +251,6 @@ def _compute(
         yield ("index", case), index
     among = next(indexes)
     if job.band:
-        yield ("band", ""), band_of(among)
+        yield ("band", ""), tuple(index.value for index in among)
     for case, group in zip(job.left_out, indexes, strict=True):
         yield ("left_out", case), LeftOut.of(group, len(exchanges))

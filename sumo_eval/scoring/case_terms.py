@@ -39,8 +39,6 @@ COMPUTED = (
 )  # fmt: skip
 """Values that `scores_of` computes, by the names of `ScenarioResult`."""
 _SEVEREST = 100.0  # m/s: past every class of severity
-# cases whose terms are in memory at a time: memory that is touched for the first time costs
-SUMMED_AT_ONCE = 8_192
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,18 +162,8 @@ def scores_of(
 
 def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
     """Every score of `COMPUTED` of the cases themselves; None where it does not exist."""
-    n, exposed = len(terms.exposure), bool(terms.exposure.any())
-
-    def scores(rows: slice, counts: score_terms.Counts) -> dict[str, FloatArray]:
-        return scores_of(terms.part(rows), counts, method, counts, exposed=exposed)
-
-    parts = []
-    for first in range(0, max(n, 1), SUMMED_AT_ONCE):
-        rows, asked = slice(first, min(first + SUMMED_AT_ONCE, n)), score_terms.AskedTerms()
-        scores(rows, asked)
-        counts = score_terms.once(rows.stop - rows.start)
-        parts.append([counts @ one for one in asked.terms])
-    found = scores(slice(0, 0), score_terms.KnownSums(np.sum(parts, axis=0)))
+    counts = score_terms.once(len(terms.exposure))
+    found = scores_of(terms, counts, method, counts)
     return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in found.items()}
 
 

@@ -17,7 +17,6 @@ from sumo_eval.cases import EVALUATED, CaseTable, ThinReference, Zone
 from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import collision_weight
-from sumo_eval.method.leave_one_out import HumanBand
 from sumo_eval.method.manoeuvres import words
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.human_reference import LeftOut, PointJob, compute_points
@@ -177,14 +176,14 @@ class DriverComparison:
     references: those drivers, by point.
     indexes: D_i by case.
 
-    bands: what the drivers of a point score among themselves, each left out once, by point.
+    bands: D_i of each driver of a point against all other drivers, by point.
     left_out: what evenly chosen cases get without each driver, and present: who drove there, by
         case.
     """
 
     references: Mapping[int, PointReference]
     indexes: Mapping[str, AnthropomorphicIndex]
-    bands: Mapping[int, HumanBand]
+    bands: Mapping[int, Sequence[float]]
     left_out: Mapping[str, LeftOut]
     present: Mapping[str, Sequence[str]]
 
@@ -282,7 +281,8 @@ def beside_people(
             found["operation_tolerance"] = likeness.operation_tolerance
             found["mixture_similarity"] = likeness.similarity
     if band is not None:
-        found |= {f"human_{end}": getattr(band, end) for end in ("low", "mean", "high")}
+        found |= {"human_low": min(band), "human_high": max(band)}
+        found["human_mean"] = float(np.mean(band))
     return found
 
 

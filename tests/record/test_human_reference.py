@@ -84,8 +84,7 @@ def test_band_and_left_out_drivers_are_each_index_alone(job: Job, mode: str) -> 
         for one, fewer in zip(drivers, others, strict=True)
     ]
     assert found.band is not None
-    assert found.band.values == pytest.approx([index.value for index in among], rel=1e-9)
-    assert found.band.similarities == pytest.approx([index.similarity for index in among], rel=1e-9)
+    assert found.band == pytest.approx([index.value for index in among], rel=1e-9)
 
 
 def test_with_two_drivers_none_can_be_left_out(job: Job) -> None:
@@ -137,7 +136,7 @@ def test_other_settings_and_other_drives_are_not_taken_for_the_same(job: Job) ->
     assert computed(job) != computed(job, replace(SETTINGS, centre_deviation_floor=0.5))
     fewer = computed((facts, replace(whole, drivers=whole.drivers[1:])))
     assert fewer.band is not None
-    assert len(fewer.band.values) == len(whole.drivers) - 1
+    assert len(fewer.band) == len(whole.drivers) - 1
     assert fewer.left_out != computed(job).left_out
 
 

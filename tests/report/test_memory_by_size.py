@@ -11,7 +11,6 @@ import pytest
 from loaded import load
 
 from sumo_eval import cases as tables
-from sumo_eval.scoring import case_terms
 from sumo_eval.scoring.confidence import resamples
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
 
@@ -34,7 +33,6 @@ SIZES = load("tools/run_sizes.py")  # makes rows up and names what is made of th
 def small_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is held at any number of cases is made small, so that a few of them fill it already."""
     monkeypatch.setattr(tables, "records_of", lru_cache(2)(tables.records_of.__wrapped__))
-    monkeypatch.setattr(case_terms, "SUMMED_AT_ONCE", 256)
     monkeypatch.setattr(resamples, "AT_ONCE", 64_000)
     monkeypatch.setattr(resamples, "DRAWN_AT_ONCE", 2_000)
 
