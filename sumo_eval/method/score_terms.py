@@ -113,8 +113,10 @@ def collision_avoidance(
 
 
 exposure_mean = weighted_mean
-"""Eq. 13: D = sum(p_i D_i) / sum(p_i) in every sample, (m,); H and T likewise. nan where no case with
-exposure has one."""
+"""Eq. 13: D = sum(p_i D_i) / sum(p_i) in every sample, (m,); H and T likewise.
+
+nan where no case with exposure has one.
+"""
 
 
 @dataclass(frozen=True, slots=True)
