@@ -2,15 +2,19 @@
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
 from commands import sumo_eval as run
 from scipy.optimize import brentq
 
 import sumo_eval
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.extras.whatif.search import WhatIf
 from sumo_eval.report.explain import known_case
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import SimulationSettings
 
 LATE = '''
 class Brakes:
@@ -64,6 +68,25 @@ def test_brakes_and_delay_have_their_closed_forms_within_a_step(night):
     assert delay.before == pytest.approx(math.floor(longest / 0.05 + 1e-6) * 0.05, abs=0.051)
     assert delay.after == pytest.approx(delay.before + 0.05)
     assert not by_name["conditions.perception_delay"].flips  # it acts by the clock alone
+
+
+def test_law_a_longer_delay_saves_no_ads_that_brakes_later_by_it(night):
+    folder, case = night
+    hit = known_case(folder, case.replace("late", "too_late"))
+    (delay,) = WhatIf(folder).answers(hit, "actuation_delay")
+    assert not delay.flips
+
+
+def test_law_changing_nothing_changes_nothing(night):
+    folder, case = night
+    usual = catalogue.load("front_vehicle_low_speed").placed(known_case(folder, case).values)
+    settings = SimulationSettings()
+    now = (
+        ("conditions.perception_delay", settings.conditions.perception_delay),
+        ("vehicle.friction", settings.vehicle.friction),
+    )
+    late = f"{folder.parent / 'late.py'}:Brakes"
+    assert simulate(usual, late).same_motion(simulate(replace(usual, changes=now), late))
 
 
 def test_a_collision_gets_a_table_and_json(night):
