@@ -39,7 +39,7 @@ def test_must_be_says_what_of_which_object_must_be_what_and_what_it_got():
     )
 
 
-def test_a_text_is_quoted_so_that_it_cannot_be_taken_for_a_number():
+def test_a_text_is_quoted_so_that_it_is_not_read_as_a_number():
     assert str(must_be("`step`", "the simulation", "a number", "0.1")).endswith(
         "must be a number, got '0.1'."
     )
@@ -79,7 +79,7 @@ def test_an_unknown_name_is_answered_with_the_nearest_or_with_all(name, known, s
     assert str(unknown("ADS", name, known)) == sentence
 
 
-def test_a_list_of_known_names_ends_where_nobody_would_read_on():
+def test_a_list_of_known_names_ends_after_a_few():
     said = did_you_mean("nothere", [f"cut_in-{number:04d}-idm" for number in range(1000)])
     # A name takes 15 characters and 2 between: after 47 of them 47 * 17 - 2 = 797 of the 800 are
     # full.

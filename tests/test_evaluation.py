@@ -200,7 +200,7 @@ def test_no_ranking_mixes_rows_with_and_without_reference_car(
     assert "reference car" in "\n".join(closing_lines(part))
 
 
-def test_drives_that_are_no_reference_are_named(done: Evaluation, tmp_path: Path) -> None:
+def test_drives_that_cannot_be_a_reference_are_named(done: Evaluation, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(done.folder, folder)
     one = """SELECT "case" FROM facts WHERE role = 'human' AND scenario = 'front_vehicle_low_speed' LIMIT 1"""

@@ -95,7 +95,7 @@ def test_special_files_are_refused_unopened(what: str, kind: str, tmp_path: Path
 @pytest.mark.parametrize(
     "seeds", [range(60), pytest.param(range(60, 3_000), marks=pytest.mark.campaign)]
 )
-def test_any_special_file_behind_links_is_a_sentence(seeds: range, tmp_path: Path) -> None:
+def test_a_special_file_behind_links_is_refused(seeds: range, tmp_path: Path) -> None:
     """A fuzz of what stands in the place of a file that any reader is given."""
     for seed in seeds:
         draw, folder = random.Random(seed), tmp_path / str(seed)

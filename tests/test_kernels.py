@@ -199,7 +199,7 @@ def _grow(values, by):
 
 
 @pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
-def test_a_bound_loop_gives_the_bits_of_the_plain_call_and_other_arrays_are_bound_anew():
+def test_a_bound_loop_has_the_bits_of_the_plain_call():
     """Who calls bound code says of which arrays it is: those of another type or layout must get
     code of their own."""
     numbers = np.random.default_rng(5).normal(size=50)

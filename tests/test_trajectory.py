@@ -128,7 +128,7 @@ def test_length_duration_and_body():
         ),
     ],
 )
-def test_what_is_no_trajectory_is_refused_in_a_sentence(arguments, sentence):
+def test_what_is_not_a_trajectory_is_refused(arguments, sentence):
     with pytest.raises(InputError) as caught:
         Trajectory(*arguments)
     assert sentence in str(caught.value)

@@ -184,7 +184,7 @@ def test_what_an_adapter_cannot_drive_is_refused(locator, sentence):
         ("grpc:localhost:50051", "a class with `act(observation)` that asks the server drives it"),
     ],
 )
-def test_what_is_meant_by_a_locator_and_is_none_is_told_the_right_one(locator, sentence):
+def test_a_wrong_locator_names_the_right_one(locator, sentence):
     with pytest.raises(InputError) as refused:
         load_controller(locator)
     assert (

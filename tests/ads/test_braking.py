@@ -64,7 +64,7 @@ def test_law_a_switch_within_a_step_takes_off_in_the_end_what_a_late_one_does(st
 
 
 @pytest.mark.parametrize("step", STEPS)
-def test_law_a_mean_is_met_where_the_brakes_can(step):
+def test_law_a_mean_is_reached_where_the_brakes_can(step):
     for level, share, _ in draws(100):
         level *= 9.0
         most = 0.5 * RATE * step

@@ -148,7 +148,7 @@ def test_idm_brakes_as_hard_as_the_formula_asks_up_to_its_brakes():
     assert "acceleration" not in {clip.what for clip in recording.clips}
 
 
-def test_idm_holds_its_speed_on_a_free_road_and_goes_by_a_vehicle_in_the_other_lane():
+def test_idm_holds_its_speed_and_passes_the_other_lane():
     recording = simulate(case(actor("slow", 60.0, 5.0, y=3.5), speed=30.0), "idm")
     assert recording.end_reason == "road_end"
     assert recording.ego.speed == pytest.approx(30.0)

@@ -50,9 +50,7 @@ def test_a_lane_change_that_everybody_has_to_make_is_the_same_by_both_vehicle_mo
     ("ads", "along", "across"),
     [("idm", 0.5, 0.5), ("fsm", 0.2, 0.8), ("no_reaction", 1.2, 0.8), ("lane_changer", 1.7, 0.9)],
 )
-def test_on_a_bend_at_28_hundredths_of_g_the_models_are_apart_by_the_slip_that_no_steering_law_here_knows(
-    ads, along, across
-):
+def test_on_a_curve_at_0_28_g_the_models_differ_by_the_slip(ads, along, across):
     # R = 250 m, 26 m/s: the rear axle slips 0.275 g / (20.9 * 0.92 / rad) = 0.0143 rad
     concrete = catalogue.load("curve_following").concrete(ego_speed=26.0, lead_speed=20.0)
     one, other = (driven([concrete], ads, model)[0] for model in ("kinematic", "dynamic"))

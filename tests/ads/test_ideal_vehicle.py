@@ -61,20 +61,20 @@ def assert_nobody_is_gentler(name: str, count: int, ads: tuple[str, ...]) -> Non
 
 
 @pytest.mark.parametrize("name", SCRIPTED)
-def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle(name):
+def test_no_shipped_ads_is_gentler_than_the_ideal_vehicle(name):
     assert_nobody_is_gentler(name, 40, ("no_reaction", "careful_driver"))
     assert_nobody_is_gentler(name, 4, OTHERS)
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", sorted(catalogue.SCENARIOS))
-def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle_at_10000_points(name):
+def test_no_shipped_ads_is_gentler_at_10000_points(name):
     assert_nobody_is_gentler(
         name, max(40, round(10_000 * SHARE)), ("no_reaction", "careful_driver", *OTHERS)
     )
 
 
-def test_nobody_sees_a_child_through_parked_cars_nor_brakes_for_these():
+def test_no_ads_sees_a_child_through_parked_cars():
     child = catalogue.load("child_from_behind_parked_cars")
     case = child.concrete(ego_speed=13.9545, running_speed=2.74439, time_to_place=0.546293)
     ideal, careful = (
@@ -125,7 +125,7 @@ NARROW = [
 
 
 @pytest.mark.parametrize(("name", "point"), NARROW)
-def test_it_touches_nobody_where_bodies_come_within_centimetres(name, point):
+def test_it_touches_no_vehicle_where_bodies_pass_by_centimetres(name, point):
     assert (
         simulate(catalogue.load(name).concrete(**point), "ideal_braking", SETTINGS).collision
         is None
@@ -175,7 +175,7 @@ def test_it_steers_from_where_it_sees_on_and_as_quickly_as_a_driver():
 
 
 @pytest.mark.parametrize("headway", [1.5, 1.7])
-def test_a_lane_is_free_with_1_6_seconds_to_the_vehicle_ahead_in_it(headway):
+def test_a_lane_is_free_with_1_6_seconds_to_the_lead_in_it(headway):
     lead, hidden = (replace(one) for one in FAST.actors)
     nearer = replace(lead, start=replace(lead.start, x=FAST.ego.x + 4.3 + 37.0 * headway))
     assert (path_of(replace(FAST, actors=(nearer, hidden)))[1] > 0.0) == (headway > 1.6)
@@ -237,7 +237,7 @@ def test_the_ideal_vehicle_reacts_to_the_first_lateral_motion_and_not_to_the_ove
     )
 
 
-def test_it_passes_where_keeping_its_speed_touches_nobody():
+def test_it_passes_where_keeping_its_speed_is_free():
     # 15 m/s faster, 5 m behind: it is 5 + 8.6 m further ahead after 0.907 s, the overlap begins
     # after 1.6 / 1.6 = 1 s
     passed = catalogue.load("cut_in").concrete(
@@ -309,7 +309,7 @@ def test_the_step_in_which_the_case_ends_is_foreseen_to_its_end(gap, meets):
     assert foresee(case(lead), SimulationSettings(time_limit=10.02))[0].meets == meets
 
 
-def test_a_touch_of_corners_on_a_bend_is_foreseen_on_the_map():
+def test_a_touch_of_corners_on_a_curve_is_foreseen_on_the_map():
     # 0.02 m apart by the road's frame, 5 mm into each other on the map: the left curve turns the
     # corners together
     bend = catalogue.load("curve_cut_in")
@@ -321,7 +321,7 @@ def test_a_touch_of_corners_on_a_bend_is_foreseen_on_the_map():
     assert foresee(grazes, settings)[0].meets
 
 
-def test_only_the_ideal_vehicle_itself_is_told_the_scripts():
+def test_only_the_ideal_vehicle_itself_receives_the_scripts():
     class Mine(IdealBraking):
         pass
 
@@ -339,7 +339,7 @@ def test_the_safe_gap_by_hand():
 
 
 @pytest.mark.parametrize(("gap", "keeps"), [(6.4, False), (6.6, True)])
-def test_it_brakes_at_once_where_it_is_too_close_to_what_hides_whom_it_would_touch(gap, keeps):
+def test_it_brakes_at_once_where_it_is_too_close_to_what_hides(gap, keeps):
     # fronts at 50 + 2.25 m and the lead's rear `gap` further on; the obstacle shows after 0.2 s at
     # the earliest
     lead = Actor(

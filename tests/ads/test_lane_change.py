@@ -45,7 +45,7 @@ def test_the_smooth_step_is_that_of_the_scenarios():
     )
 
 
-def test_the_bend_is_the_derivative_of_the_rate():
+def test_the_curvature_is_the_derivative_of_the_rate():
     step = 1e-6
     inside = SHARES[(SHARES > 0.01) & (SHARES < 0.99)]
     slope = (
@@ -76,7 +76,7 @@ def test_the_shortest_duration_peaks_at_the_lateral_acceleration_asked_for():
     assert np.abs(lateral[3:-3]).max() == pytest.approx(2.0, rel=1e-3)
 
 
-def test_slope_and_bend_of_a_path_are_its_derivatives():
+def test_slope_and_curvature_of_a_path_are_its_derivatives():
     path = Path(start=0.0, offset=3.5, begin=100.0, length=80.0)
     step = 1e-4
     for x in np.linspace(101.0, 179.0, 14).tolist():

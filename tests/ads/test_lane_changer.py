@@ -89,7 +89,7 @@ def collisions(name: str, points: int) -> int:
     )
 
 
-def test_it_leaves_an_oncoming_vehicle_its_own_side_and_whoever_comes_from_behind_his_distance():
+def test_it_leaves_oncoming_and_following_vehicles_their_room():
     # Of these 30 points each `no_reaction` hits the oncoming vehicle in 7.
     assert collisions("oncoming_in_lane", 30) == 0
     assert collisions("lane_change_rear", 30) == 0

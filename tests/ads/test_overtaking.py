@@ -174,7 +174,7 @@ def test_the_gap_behind_is_that_of_un_r79():
 
 @pytest.mark.parametrize("habits", [WILLING, UNWILLING], ids=["willing", "unwilling"])
 @pytest.mark.parametrize("gap", [150.0, 60.0])
-def test_who_comes_towards_the_ego_is_neither_overtaken_nor_evaded_to_his_own_side(habits, gap):
+def test_oncoming_vehicles_are_neither_overtaken_nor_approached(habits, gap):
     oncoming, parked = ahead(gap, -15.0), ahead(gap, 0.0)
     evading, wanted = decide(oncoming, speed=30.0, habits=habits)
     assert not evading.changing
@@ -200,7 +200,7 @@ def test_on_the_leftmost_lane_it_follows():
     assert wanted < 0.0
 
 
-def test_nobody_changes_lane_at_a_crawl():
+def test_no_vehicle_changes_lane_at_a_crawl():
     me = mover("ego", 0.0, along=20.0)
     overtaking = Ego(WILLING, BRIEFING)
     overtaking.acceleration(me, [], 20.0, 0.3)

@@ -96,7 +96,7 @@ def test_the_lead_is_the_nearest_vehicle_in_the_strip_ahead():
     assert lead_in_path(me, (behind, beside)) == -1
 
 
-def test_those_ahead_come_one_after_the_other_the_nearest_first():
+def test_vehicles_ahead_come_in_order_the_nearest_first():
     me = mover("ego", 100.0)
     others = [
         mover("far", 180.0),
@@ -137,7 +137,7 @@ def test_a_nearer_vehicle_hides_what_it_covers(lead_y, share, seen):
         (100.0, 160.0, -0.5, True),  # in the ego's way
     ],
 )
-def test_who_is_beside_the_way_is_seen_along_the_line_to_him(eye, x, y, seen):
+def test_a_vehicle_off_the_way_is_seen_along_the_line_to_it(eye, x, y, seen):
     child = mover("child", x, y)._replace(half_width=0.1)
     assert is_in_sight(mover("ego", eye), (child, mover("parked", 156.0, -3.0)), 0, 0.5) is seen
 

@@ -147,7 +147,7 @@ def test_the_needed_deceleration_by_hand():
     assert needed_deceleration(9.0, 10.0, 10.0, 0.0, delay=1.0) == 0.0
 
 
-def test_motion_is_told_from_one_step_to_the_next():
+def test_motion_is_derived_from_one_step_to_the_next():
     sighting, me = fresh(SIGHTING), mover("me", 0.0)
     sight(sighting, mover("other", 50.0, y=3.5, along=20.0, across=-0.3), 0.1)
     first = seen_after(sighting, 0.0)
@@ -244,7 +244,7 @@ def test_a_steady_lead_at_two_seconds_headway_is_followed_at_constant_speed(driv
     assert recording.ego.speed == pytest.approx(20.0)
 
 
-def test_the_careful_driver_brakes_at_his_time_after_the_wandering_zone_is_left():
+def test_the_careful_driver_brakes_after_the_wandering_zone():
     other = Actor(
         "cut_in", Start(50.0 + 4.5 + 23.0, 3.5, 11.0), (constant_lateral(0.0, 1.0, -3.5),)
     )
@@ -256,7 +256,7 @@ def test_the_careful_driver_brakes_at_his_time_after_the_wandering_zone_is_left(
     assert ego.acceleration.min() == pytest.approx(-0.774 * 9.81, abs=1e-6)
 
 
-def test_who_stood_beside_the_lane_is_perceived_where_he_has_walked_as_far_as_wandering_explains():
+def test_a_standing_pedestrian_is_perceived_once_it_has_walked():
     # From 0.7 m beyond the middle of the lane on the right, at 1.4 m/s: 0.375 m after 0.27 s, and
     # the lane's middle is nothing to him. When he sets out he is 38 m ahead of 20 m/s: a TTC of 1.9
     # s, so nothing else is waited for.
@@ -277,7 +277,7 @@ def test_a_cut_in_far_ahead_is_left_alone_until_its_ttc_is_below_two_seconds():
     assert first == pytest.approx((60.0 - 20.0) / 10.0 + 0.75, abs=0.15)
 
 
-def test_a_vehicle_that_stays_in_its_lane_is_no_event():
+def test_a_vehicle_that_stays_in_its_lane_is_not_an_event():
     beside = Actor("beside", Start(50.0 + 4.5 + 20.0, 3.5 - 0.3, 10.0))
     for driver in ("careful_driver", "fsm", "reg157"):
         assert simulate(case(beside), driver).ego.speed == pytest.approx(20.0)

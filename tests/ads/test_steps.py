@@ -177,7 +177,7 @@ def far_flips(name: str, ads: str, count: int) -> list[tuple[str, float]]:
 
 @pytest.mark.parametrize("step", [0.1, 0.05, 0.005])
 @pytest.mark.parametrize("ads", ["idm", "lane_changer", "no_reaction"])
-def test_law_on_a_bend_nobody_leaves_the_line_before_there_is_a_reason(ads, step):
+def test_law_on_a_curve_none_leaves_the_line_without_reason(ads, step):
     # A wheel that is taken to be straight when the drive begins was turned anew: 4 mm to the left
     # at a step of 0.05 s.
     concrete = catalogue.load("curve_braking").concrete(
@@ -199,7 +199,7 @@ HUNG_ON_MILLIMETRES = [
 
 
 @pytest.mark.parametrize(("name", "point"), HUNG_ON_MILLIMETRES)
-def test_beside_a_lead_on_a_bend_lane_changer_ends_the_same_way_at_every_step(name, point):
+def test_lane_changer_on_a_curve_ends_the_same_at_every_step(name, point):
     logical = catalogue.load(name)
     concrete = logical.concrete(**dict(zip(logical.names, point, strict=True)))
     coarse, fine = (driven(concrete, "lane_changer", step) for step in (0.05, 0.01))

@@ -43,7 +43,7 @@ def test_h_tells_bad_driving_from_people(tool, table, who, least):
     assert tool.areas(table, "H")[who] >= least
 
 
-def test_who_drives_through_its_leader_is_less_human_than_everybody(table):
+def test_driving_through_the_lead_is_less_human_than_all_drivers(table):
     people = table.loc[table["who"] == "recorded person", "H"]
     through = table.loc[table["who"] == "drives through its leader", "H"]
     assert len(through) >= 40

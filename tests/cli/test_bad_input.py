@@ -74,7 +74,7 @@ def test_what_cannot_be_used_is_one_short_sentence_and_status_2(
 
 @pytest.mark.campaign
 @pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
-def test_a_full_device_behind_stdout_loses_no_finished_work_and_is_one_sentence(
+def test_a_full_device_behind_stdout_loses_no_finished_work(
     folder: Path,
 ) -> None:
     with FULL.open("w") as full:
@@ -99,7 +99,7 @@ def test_a_full_device_behind_stderr_does_not_end_a_run(folder: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="nothing is closed to root")
-def test_a_folder_that_may_not_be_written_is_a_sentence(folder: Path) -> None:
+def test_a_read_only_folder_is_refused(folder: Path) -> None:
     (folder / "closed").mkdir(mode=0o500)
     done = sumo_eval("run", folder / "good.toml", "--out", folder / "closed" / "o")
     assert done.returncode == 2

@@ -37,7 +37,7 @@ def test_a_bad_controller(tmp_path):
 
 
 @pytest.mark.parametrize("where", ["__init__", "act"])
-def test_an_interrupt_of_its_own_is_told_as_the_adss(tmp_path, where):
+def test_an_interrupt_by_the_ads_is_reported_as_its_own(tmp_path, where):
     (tmp_path / "mine.py").write_text(
         f"class Mine:\n    def {where}(self, seen=None):\n        raise KeyboardInterrupt\n    "
         "reset = print\n"
@@ -51,7 +51,7 @@ def test_an_interrupt_of_its_own_is_told_as_the_adss(tmp_path, where):
     )
 
 
-def test_an_exception_is_told_by_its_place_in_the_users_file_without_the_harness_lines(tmp_path):
+def test_an_exception_is_reported_by_its_place_in_the_users_file(tmp_path):
     (tmp_path / "mine.py").write_text(
         "class Brake:\n    def act(self, seen):\n        return self.brake()\n    def "
         "brake(self):\n"
@@ -121,7 +121,7 @@ def test_an_exception_of_many_lines_is_cut_to_a_few(tmp_path):
 
 
 @pytest.mark.parametrize("method", ["run_step", "compute_planner_trajectory", "predict"])
-def test_a_class_of_another_tool_is_told_of_act(tmp_path, method):
+def test_a_class_of_another_tool_gets_advice_on_act(tmp_path, method):
     (tmp_path / "mine.py").write_text(
         f"class Agent:\n    def {method}(self, data):\n        return 0.0\n"
     )
@@ -131,7 +131,7 @@ def test_a_class_of_another_tool_is_told_of_act(tmp_path, method):
     assert "put it in a class with `act(observation)` that calls it" in done.stderr
 
 
-def test_what_cannot_be_loaded_is_one_sentence(tmp_path):
+def test_what_cannot_be_loaded_is_refused(tmp_path):
     done = check("mine.py:acc", tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("sumo-eval: ADS `mine.py:acc`: there is no file")

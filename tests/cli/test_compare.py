@@ -91,7 +91,7 @@ def test_other_settings_are_refused_and_with_consent_shown(builds: Path, tmp_pat
     assert "exist in one run only" in done.stdout
 
 
-def test_a_pair_that_is_none_and_a_folder_that_is_no_run_get_a_sentence(builds: Path) -> None:
+def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds: Path) -> None:
     for arguments, sentence in (
         (("--pair", "mine"), "A pair must have the form BASE=NEW"),
         (("--pair", "mine=yours"), "Unknown ADS `yours`"),

@@ -58,9 +58,7 @@ def test_an_installed_package_brings_a_command_of_its_own(site: Path) -> None:
         ("weather = weather_tool:nothing", "must be a click command, got int."),
     ],
 )
-def test_what_is_no_command_is_one_sentence_and_status_2(
-    site: Path, entry: str, sentence: str
-) -> None:
+def test_what_is_not_a_command_gets_status_2(site: Path, entry: str, sentence: str) -> None:
     install(site, entry)
     done = CliRunner().invoke(cli.main, ["weather"])
     assert done.exit_code == 2

@@ -84,7 +84,7 @@ def test_the_help_of_humans_cuts_no_line_either() -> None:
     assert "\n  departure " in shown
 
 
-def test_a_line_wider_than_the_terminal_breaks_between_words_and_goes_on_indented() -> None:
+def test_a_line_wider_than_the_terminal_continues_indented() -> None:
     line = (
         "  2. an_ads_with_a_long_name  57.2 (39.9..66.0)  -8.0 to another_one: not told apart, "
         "the place is shared"

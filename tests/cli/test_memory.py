@@ -24,7 +24,7 @@ print(resident() - before)
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="a setting of the GNU C library")
-def test_arrays_that_were_let_go_of_between_things_that_stay_are_given_back():
+def test_released_arrays_are_given_back():
     """Two rounds of 20 arrays of 3.2 MB, with 6 MB of small things that stay from the last: 64 MB
     are in holes without the setting.
     """

@@ -213,7 +213,7 @@ def recorded(history: Path) -> int:
     return 0
 
 
-def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(
+def test_a_killed_night_continues_to_the_digest_of_a_whole_one(
     killed: Path, tmp_path: Path
 ) -> None:
     file, history, left = copied(killed, tmp_path)
@@ -244,7 +244,7 @@ def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(
     assert open_run(left).digest() == open_run(history / whole.folder).digest()
 
 
-def test_a_night_of_another_evaluation_does_not_go_on_and_stays(tmp_path: Path) -> None:
+def test_a_night_of_another_evaluation_is_not_continued(tmp_path: Path) -> None:
     file, history = evaluation(tmp_path, "3"), tmp_path / "history"
     run_night(file, history, GateSettings(resamples=100))
     with open_history(history, create=True) as lines:
@@ -295,7 +295,7 @@ def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
     assert len(nights(history)) == before + 1
 
 
-def test_a_full_disk_ends_in_a_sentence_and_leaves_earlier_nights_alone(
+def test_a_full_disk_leaves_earlier_nights_alone(
     week: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, _ = week
@@ -361,7 +361,7 @@ def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path: Path
     assert not (tmp_path / "history").exists()
 
 
-def test_older_runs_are_imported_as_nights_that_are_no_base(
+def test_older_runs_are_imported_as_nights_without_a_verdict(
     week: tuple[Path, list[str]], tmp_path: Path
 ) -> None:
     folder, _ = week
@@ -575,7 +575,7 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path: Path) -> N
     assert notes == ["Night a was stopped before its end; its folder could not be removed."]
 
 
-def test_a_noisy_ads_is_found_and_its_new_collision_driven_again(tmp_path: Path) -> None:
+def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path: Path) -> None:
     """At one of three points the ADS sleeps and shakes: no two drives are alike, and all five
     collide."""
     file, history = evaluation(tmp_path, "2"), tmp_path / "history"

@@ -59,14 +59,14 @@ def test_what_is_compiled_before_the_first_case_does_not_count_for_the_rest(
     ]
 
 
-def test_a_pack_that_ends_at_once_is_no_rate(
+def test_a_batch_that_ends_at_once_has_no_rate(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shown(monkeypatch, [(0.0, 0), *((11.0 + k / 1000, k) for k in range(1, 200))], 1000)
     assert capsys.readouterr().err.splitlines() == ["drives: 1 of 1000"]
 
 
-def test_a_search_that_may_settle_says_so(
+def test_a_search_that_may_settle_reports_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shown(monkeypatch, [(0.0, 0), (2.0, 8), (7.0, 28), (12.0, 48)], 500, at_most=True)

@@ -46,7 +46,7 @@ SCHEMES = [
 
 @pytest.mark.parametrize("words", [("check",), ("run", "--dry-run", "--ads")])
 @pytest.mark.parametrize("locator", [*SCHEMES, "sumo:a.py", "fmu:a.py", "onnx:a.py", "given:a.py"])
-def test_a_locator_with_a_scheme_is_no_file(locator: str, words: tuple[str, ...]) -> None:
+def test_a_locator_with_a_scheme_is_not_a_file(locator: str, words: tuple[str, ...]) -> None:
     told = CliRunner().invoke(main, [*words, f"{locator.replace('python', 'no-such')}"]).output
     assert "There is no file '" not in told
     assert "is a file; name one" not in told
@@ -86,7 +86,7 @@ def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(
     assert "zones" not in result.output
 
 
-def test_gates_that_were_not_judged_for_one_reason_are_one_line() -> None:
+def test_gates_not_evaluated_for_one_reason_are_one_line() -> None:
     reason = "there is no base to compare with"
     gates = [
         GateResult(quantity, ads, "s", None, f"{quantity}: {reason}", None, None)
@@ -118,7 +118,7 @@ def test_a_misspelt_scenario_is_refused_before_an_ads_is_asked(
     assert not Path("asked").exists()
 
 
-def test_a_bend_that_is_too_tight_for_the_steering_of_the_evaluation_is_refused_before_the_first_drive(
+def test_a_curve_too_tight_for_the_steering_is_refused_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A steering wheel that stops at 8 deg turns the wheels by 0.5 deg: 2.7 m / tan(0.5 deg) =
@@ -158,7 +158,7 @@ def test_a_cluster_that_cannot_be_is_refused_before_anything_is_compiled(
     assert not (tmp_path / "x").exists()
 
 
-def test_matplotlib_that_is_missing_is_told_before_the_run_is_opened(
+def test_missing_matplotlib_is_reported_before_the_run_is_opened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(style, "find_spec", lambda name: None)

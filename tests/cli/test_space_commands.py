@@ -71,7 +71,7 @@ def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path)
         (["cut_in", "--method", "sobol"], "`--count`"),
     ],
 )
-def test_sample_refuses_in_a_sentence(tmp_path, arguments, sentence):
+def test_sample_refuses(tmp_path, arguments, sentence):
     done = run("sample", *arguments, "--out", tmp_path / "out")
     assert done.exit_code == 2
     assert sentence in done.stderr

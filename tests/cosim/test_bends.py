@@ -91,7 +91,7 @@ def test_law_an_ego_that_keeps_its_lane_drives_the_circle_of_the_closed_form(rad
 
 
 @pytest.mark.parametrize("ads", ["idm", "lane_changer", "careful_driver", "fsm"])
-def test_law_on_a_bend_too_a_case_has_the_bits_it_has_alone(ads: str) -> None:
+def test_law_on_a_curve_too_a_case_has_the_bits_it_has_alone(ads: str) -> None:
     cases = [
         on(bend(radius), it)
         for radius in (250.0, -250.0)
@@ -103,7 +103,7 @@ def test_law_on_a_bend_too_a_case_has_the_bits_it_has_alone(ads: str) -> None:
         assert channels(found).tobytes() == channels(simulate(concrete, ads, SHORT)).tobytes()
 
 
-def test_over_a_spiral_into_a_bend_and_out_again_the_lane_is_kept() -> None:
+def test_over_a_spiral_into_a_curve_and_out_the_lane_is_kept() -> None:
     line = (Piece(60.0), Piece(60.0, 0.0, 1 / 200), arc(100.0, 200.0), Piece(60.0, 1 / 200, 0.0))
     concrete = on(
         replace(ROAD, name="spirals", run_out=900.0, line=line),
@@ -114,7 +114,7 @@ def test_over_a_spiral_into_a_bend_and_out_again_the_lane_is_kept() -> None:
     assert np.abs(found.ego.y).max() < 0.02
 
 
-def test_a_lane_changer_arrives_in_the_left_lane_of_a_bend() -> None:
+def test_a_lane_changer_arrives_in_the_left_lane_of_a_curve() -> None:
     slow = Actor("slow", Start(110.0, 0.0, 10.0))
     found = simulate(
         on(bend(500.0), case(slow)), "lane_changer", SimulationSettings(time_limit=20.0)
@@ -123,7 +123,7 @@ def test_a_lane_changer_arrives_in_the_left_lane_of_a_bend() -> None:
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.05)
 
 
-def test_a_rear_end_on_a_bend_is_judged_on_the_map() -> None:
+def test_a_rear_end_on_a_curve_is_evaluated_on_the_map() -> None:
     """On R = 100 m bodies 4.55 m apart are turned by 0.0455 rad, and the ego leans out by atan(1.35
     / 100) more."""
     found = simulate(
@@ -159,7 +159,7 @@ def test_an_ego_that_does_not_steer_leaves_the_road_where_the_tangent_does() -> 
     assert -1.75 - 0.15 < found.ego.y[-1] < -1.75
 
 
-def test_what_an_ads_sees_of_a_bend() -> None:
+def test_what_an_ads_sees_of_a_curve() -> None:
     seen = []
 
     class Looks:
@@ -184,7 +184,7 @@ def test_what_an_ads_sees_of_a_bend() -> None:
 
 
 @pytest.mark.parametrize("ads", ["sumo:IDM", "sumo:Krauss"])
-def test_a_model_of_sumos_follows_a_bend(ads: str) -> None:
+def test_a_model_of_sumos_follows_a_curve(ads: str) -> None:
     found = simulate(
         on(bend(250.0), case(lead(40.0, 15.0))), ads, SimulationSettings(time_limit=15.0)
     )
@@ -194,7 +194,7 @@ def test_a_model_of_sumos_follows_a_bend(ads: str) -> None:
     assert found.collision is None
 
 
-def test_a_shipped_rule_asked_step_by_step_through_traci_drives_the_bend() -> None:
+def test_a_shipped_rule_asked_through_traci_drives_the_curve() -> None:
     from sumo_eval.ads.car_following import Idm
 
     class Mine(Idm):

@@ -79,7 +79,7 @@ def test_an_offset_of_half_the_width_is_half_the_overlap(offset, overlap):
     assert struck_side(EGO, other) == "front"
 
 
-def test_the_overlap_is_a_share_of_the_egos_width_not_of_the_others():
+def test_the_overlap_is_a_share_of_the_egos_width():
     assert bumper_overlap(EGO, car(4.0, 0.0, width=0.9)) == pytest.approx(0.5)  # 0.9 / 1.8
     assert bumper_overlap(EGO, car(4.0, 0.0, width=2.5)) == 1.0
 
@@ -140,7 +140,7 @@ def test_both_moving_closes_with_the_difference():
     assert first_touch(EGO, moved(EGO, 1.5), car(4.9, 0.0), car(5.6, 0.0)) == pytest.approx(0.5)
 
 
-def test_a_gap_not_closed_within_the_step_is_no_contact():
+def test_a_gap_not_closed_within_the_step_is_not_a_contact():
     assert first_touch(EGO, moved(EGO, 1.0), car(5.51, 0.0), car(5.51, 0.0)) is None
     assert first_touch(EGO, moved(EGO, 1.0), car(5.49, 0.0), car(5.49, 0.0)) is not None
 
@@ -182,7 +182,7 @@ def test_bodies_that_overlap_already_touch_at_once():
     assert first_touch(EGO, moved(EGO, 1.0), car(4.0, 0.0), car(4.0, 0.0)) == 0.0
 
 
-def test_sliding_along_a_millimetre_apart_is_no_contact():
+def test_sliding_along_a_millimetre_apart_is_not_a_contact():
     beside = car(1.0, 1.801)
     assert first_touch(EGO, moved(EGO, 2.0), beside, moved(beside, -2.0)) is None
     assert (

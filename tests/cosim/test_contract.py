@@ -69,20 +69,20 @@ def test_a_speed_controller_keeps_the_contract():
         ),
     ],
 )
-def test_an_error_is_told_with_its_case(ads, sentence):
+def test_an_error_names_its_case(ads, sentence):
     (found,) = failures(ads)
     assert sentence in found.text
     assert "2 of 2 cases" in found.text
 
 
-def test_a_slow_step_is_told():
+def test_a_slow_step_is_reported():
     found = failures(lambda seen: clock.sleep(0.05) or 0.0, step_timeout=0.02)
     assert "must answer within 0.02 s" in found[0].text
     assert "step_timeout" in found[0].mend
     assert found[-1].text == "`run` would lose 2 of these 2 cases to step_timeout = 0.02 s"
 
 
-def test_what_a_run_would_lose_to_case_timeout_is_told_with_the_pace():
+def test_losses_to_case_timeout_are_reported_with_the_pace():
     """55 ms a step at 20 steps a second: 1.1 s of wall time a simulated second, so 2 s reach for
     less than 2 s."""
     short = SimulationSettings(time_limit=2.5)
@@ -131,7 +131,7 @@ class Faulty:
 
 
 @pytest.mark.parametrize("fault", range(5))
-def test_a_cause_is_told_once_with_its_count_and_the_users_line(fault):
+def test_a_cause_is_reported_once_with_count_and_line(fault):
     speeds = (10.0, 20.0, 30.0)
     cases = [case(speed=speed) for speed in speeds]
     found = [

@@ -197,12 +197,12 @@ def test_options_are_handed_to_the_constructor(folder):
     assert found.ego.acceleration[1] == pytest.approx(-2.625)  # -2.5 (1 + 0.05 s)
 
 
-def test_a_program_is_told_its_options(folder):
+def test_a_program_receives_its_options(folder):
     text = "exec:sh -c 'read x; echo \"$x\" >&2; echo no'?options.gain=2"
     assert '"options":{"gain":2}' in simulate(case(), text, HALF_SECOND).log
 
 
-def test_what_a_class_loads_once_is_loaded_once_in_a_process_and_its_time_is_told(folder):
+def test_what_a_class_loads_is_loaded_once_in_a_process(folder):
     loading()
     locator = "mine.py:Network?options.size=7"
     for _ in simulate_many(

@@ -81,7 +81,7 @@ class Keeps:
         return 0.0
 
 
-def test_packs_hold_vehicles_off_the_lanes_to_the_last_bit():
+def test_batches_hold_vehicles_off_the_lanes_to_the_last_bit():
     cases = [
         case(leaver(moves), speed=15.0 + place) for place, moves in enumerate(OFF_ROAD.values())
     ]
@@ -201,7 +201,7 @@ def test_a_jump_no_vehicle_can_do_ends_the_case_also_where_touching_others_is_on
     assert "SUMO gave vehicle `lead` the place (40" in found.error
 
 
-def test_a_place_that_is_no_number_is_sumos_error_and_not_a_sample():
+def test_a_place_that_is_not_a_number_is_sumos_error():
     for name in ("ego", "lead"):
         found = alone(
             lead(50.0, speed=20.0),
@@ -282,7 +282,7 @@ def test_a_speed_no_vehicle_can_have_ends_the_case_although_its_place_is_possibl
 @pytest.mark.parametrize(
     ("name", "controller"), [("lead", follow), ("lead", "sumo:IDM"), ("ego", "sumo:IDM")]
 )
-def test_an_angle_that_is_no_number_ends_the_case(name, controller):
+def test_an_angle_that_is_not_a_number_ends_the_case(name, controller):
     found = after_a_listener(lambda: turned_to_nan(name), controller)
     assert found.end_reason == "sim_error"
     assert (

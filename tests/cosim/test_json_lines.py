@@ -87,7 +87,7 @@ def test_the_protocol_line_by_line(tmp_path):
                              "left_edge", "right_edge", "curvature"}  # fmt: skip
 
 
-def test_the_scenario_is_told_when_it_is_revealed(tmp_path):
+def test_the_scenario_is_named_when_it_is_revealed(tmp_path):
     told = replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=True))
     found = shell('read brief; echo "$brief" >&2; echo no', settings=told)
     assert '"scenario":"test","values":{}' in found.log
@@ -166,7 +166,7 @@ def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
         ),
     ],
 )
-def test_what_is_no_answer_is_the_adss_error(text, sentence):
+def test_what_is_not_an_answer_is_the_adss_error(text, sentence):
     found = shell(text)
     assert found.end_reason == "ads_error"
     assert sentence in found.error

@@ -191,7 +191,7 @@ def test_trap_4_bare_libsumo_takes_min_gap_for_body(bare, options, collisions):
     assert len(libsumo.simulation.getCollisions()) == collisions
 
 
-def test_trap_4_bare_libsumo_teleports_whoever_collides(bare):
+def test_trap_4_bare_libsumo_teleports_colliding_vehicles(bare):
     bare(ONE_METRE_BEHIND)
     for name, speed in (("ego", 20.0), ("lead", 0.0)):
         libsumo.vehicle.setSpeedMode(name, 32)
@@ -201,7 +201,7 @@ def test_trap_4_bare_libsumo_teleports_whoever_collides(bare):
     assert libsumo.vehicle.getIDList() == ("lead",)
 
 
-def test_trap_4_in_our_sessions_min_gap_is_no_body_and_nobody_teleports():
+def test_trap_4_in_our_sessions_no_vehicle_teleports():
     with session(ONE_METRE_BEHIND, SimulationSettings(), {"minGap": "2.5"}) as traci:
         for name, speed in (("ego", 20.0), ("lead", 0.0)):
             traci.vehicle.setSpeedMode(name, 32)
@@ -224,7 +224,7 @@ def test_trap_5_bare_libsumo_accepts_a_second_start_silently(bare):
     assert "lead" in libsumo.vehicle.getIDList()  # the first simulation is gone without a word
 
 
-def test_trap_5_a_nested_session_is_refused_with_a_sentence_and_the_outer_one_lives():
+def test_trap_5_a_nested_session_is_refused_and_the_outer_lives():
     with session(case(), SimulationSettings()) as traci:
         refused = pytest.raises(
             SimulationError, match="already running in this process; libsumo holds one at a time"
@@ -354,7 +354,7 @@ def test_trap_7_scripted_lateral_motion_is_smooth_in_what_sumo_shows():
 # 8 ------------------------------------------------------------------------------------------------
 
 
-def test_trap_8_one_simulation_a_process_but_hundreds_one_after_the_other():
+def test_trap_8_one_simulation_a_process_but_hundreds_in_order():
     concrete = case()
     for _ in range(300):
         with session(concrete, SimulationSettings()) as traci:
@@ -490,7 +490,7 @@ def test_trap_nan_bare_libsumo_takes_set_speed_nan_for_do_as_you_like(bare):
     assert math.isfinite(libsumo.vehicle.getSpeed("ego"))
 
 
-def test_trap_nan_bare_libsumo_moves_a_vehicle_to_nowhere_without_a_word(bare):
+def test_trap_nan_bare_libsumo_moves_a_vehicle_silently(bare):
     bare(case())
     libsumo.vehicle.moveToXY("ego", "", -1, math.nan, 0.0, 90.0, 2)
     libsumo.simulationStep()
@@ -501,7 +501,7 @@ def test_trap_nan_bare_libsumo_moves_a_vehicle_to_nowhere_without_a_word(bare):
     "command",
     [Command(math.nan), Command(0.0, math.nan), Command(math.inf), Command(0.0, -math.inf)],
 )
-def test_trap_nan_a_command_that_is_no_number_is_refused(command):
+def test_trap_nan_a_command_that_is_not_a_number_is_refused(command):
     found = simulate(case(), lambda *_: command)
     assert found.end_reason == "ads_error"
     assert "must be a finite number" in found.error

@@ -58,7 +58,7 @@ def test_a_lead_and_its_neighbours_by_hand():
     assert (seen.left_edge, seen.right_edge) == (5.25, 1.75)
 
 
-def test_a_vehicle_that_leaves_the_strip_is_no_lead_once_its_body_is_out_of_it():
+def test_a_vehicle_out_of_the_strip_is_not_a_lead():
     assert look({"lead": car(84.5, 1.79)}).lead is not None
     assert look({"lead": car(84.5, 1.81)}).lead is None
 
@@ -108,7 +108,7 @@ def test_an_action_that_is_none_is_the_adss_error(action):
     assert "must be a Command, an acceleration or (acceleration, steering)" in found.error
 
 
-def test_a_policy_is_told_the_road_and_its_vehicle_but_not_the_scenario():
+def test_a_policy_receives_road_and_vehicle_not_the_scenario():
     told = []
 
     class Policy:
@@ -189,7 +189,7 @@ def test_every_seen_vehicle_says_what_it_is(conditions):
     assert (shown[0].signals()["lead_kind"], shown[0].signals()["left_ahead_kind"]) == (2.0, -1.0)
 
 
-def test_a_policy_over_arrays_is_told_the_kinds_as_numbers():
+def test_a_policy_over_arrays_receives_kinds_as_numbers():
     told = []
 
     class Policy:
@@ -225,7 +225,7 @@ def test_the_second_lead_is_the_next_one_ahead_in_the_strip():
     assert look({}).second_lead is None
 
 
-def test_the_road_has_its_lanes_as_lines_and_the_ads_is_told_its_task():
+def test_the_road_has_lane_lines_and_the_ads_receives_its_task():
     _, shown = seen_by(None, case(lead(50.0)))
     end = ROAD.length + ROAD.run_out
     assert [line.centre for line in shown[0].lane_borders] == [

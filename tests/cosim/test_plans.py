@@ -148,7 +148,7 @@ def test_alone_and_beside_others_a_plan_is_driven_to_the_same_bits():
         ),
     ],
 )
-def test_what_nobody_can_mean_costs_its_case_alone_and_beside_others(plan, sentence):
+def test_a_meaningless_value_fails_its_case_alone(plan, sentence):
     wrong = lambda seen: plan if seen.lead.gap < 101.0 else 0.0  # noqa: E731
     found = list(simulate_many([case(lead(100.0)), case(lead(300.0))], wrong, HALF_SECOND))
     assert (found[0].end_reason, found[0].error.startswith(sentence)) == ("ads_error", True), found[

@@ -61,7 +61,7 @@ def connect(server: PrivateServer) -> None:
             clock.sleep(0.005)
 
 
-def test_in_a_network_of_its_own_sumo_listens_where_nobody_is(tmp_path: Path) -> None:
+def test_in_a_network_of_its_own_sumo_listens_alone(tmp_path: Path) -> None:
     server, port = started(tmp_path, isolated=True)
     try:
         if not server.isolated:

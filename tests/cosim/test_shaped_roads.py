@@ -69,7 +69,7 @@ def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_
     assert (ads.edges[0], min(ads.edges) < 0.0 < ads.edges[-1] + 0.2) == (-1.75, True)
 
 
-def test_who_misses_an_exit_drives_on_and_the_case_says_so() -> None:
+def test_missing_an_exit_is_reported_by_the_case() -> None:
     found = simulate(case("exit"), Straight())
     assert (found.end_reason, clips(found) & {"goal_missed"}) == ("road_end", {"goal_missed"})
 
@@ -137,7 +137,7 @@ def bent(concrete: ConcreteScenario, radius: float) -> ConcreteScenario:
 
 
 @pytest.mark.parametrize("name", sorted(POINTS | CROSSED))
-def test_law_a_ramp_a_lane_drop_an_exit_and_a_crossing_on_a_very_wide_bend_are_those_on_a_straight_road(
+def test_law_shapes_on_a_wide_curve_are_those_on_a_straight_road(
     name: str,
 ) -> None:
     straight, wide = (simulate(it, "idm") for it in (case(name), bent(case(name), 1e9)))
@@ -150,7 +150,7 @@ def test_law_a_ramp_a_lane_drop_an_exit_and_a_crossing_on_a_very_wide_bend_are_t
 
 
 @pytest.mark.parametrize("radius", [250.0, -250.0])
-def test_on_a_bend_who_has_to_change_lanes_reaches_the_goal_on_the_way_in_the_frame(
+def test_on_a_curve_a_lane_change_reaches_the_goal_in_the_frame(
     radius: float,
 ) -> None:
     merges = simulate(bent(case("ramp_merge"), radius), "idm")
@@ -167,7 +167,7 @@ def test_on_a_bend_who_has_to_change_lanes_reaches_the_goal_on_the_way_in_the_fr
 
 
 @pytest.mark.parametrize("radius", [250.0, -250.0])
-def test_a_road_crosses_a_bend_on_the_straight_line_through_its_centre(radius: float) -> None:
+def test_a_road_crosses_a_curve_on_the_straight_line_through_its_centre(radius: float) -> None:
     """At x = 300 m of an arc from the beginning on, the bend's centre is (0, R) and everything at
     that x on one line through it. Who drives along the crossing at 10 m/s covers that of it on the
     map, SUMO shows him there (or the case would be a `sim_error`), and an ego that does nothing is
@@ -195,7 +195,7 @@ def test_a_road_crosses_a_bend_on_the_straight_line_through_its_centre(radius: f
     assert found.collision.relative_speed == pytest.approx(meets, abs=0.01)
 
 
-def test_the_network_of_a_bend_has_the_road_that_crosses_it() -> None:
+def test_the_network_of_a_curve_has_the_road_that_crosses_it() -> None:
     """Its lane ends 130 m to both sides of the line: 250 - 130 and 250 + 130 m from the centre (0,
     250) of the bend."""
     net = etree.fromstring(network_xml(bent(case("crossing_path"), 250.0).road).encode())

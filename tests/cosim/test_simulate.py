@@ -119,7 +119,7 @@ def test_it_ends_in_an_ads_timeout():
     assert found.controller_latency[1] >= 0.02
 
 
-def test_a_slow_reset_is_no_slow_step():
+def test_a_slow_reset_is_not_a_slow_step():
     class Slow:
         def reset(self, scenario, traci, ego):
             clock.sleep(0.5)
@@ -158,7 +158,7 @@ def test_of_two_bodies_hit_in_one_step_the_first_one_counts():
     assert (found.collision.other, found.collision.time) == ("nearer", pytest.approx(1.56))
 
 
-def test_a_simulation_of_somebody_else_in_the_process_is_a_sim_error_and_survives():
+def test_a_foreign_simulation_in_the_process_is_a_sim_error():
     from sumo_eval.cosim.sumo.session import session
 
     with session(case(), SimulationSettings()) as traci:
@@ -205,7 +205,7 @@ def test_an_object_without_reset_and_close_will_do():
     assert simulate(case(), Bare(), HALF_SECOND).end_reason == "time_limit"
 
 
-def test_a_class_is_made_anew_for_every_case():
+def test_a_class_is_made_again_for_every_case():
     made = []
 
     class Ads:
@@ -262,7 +262,7 @@ def test_a_file_and_name_relative_to_a_folder_with_its_neighbours(tmp_path, monk
         ("quits.py:Ads", "making one without arguments failed: SystemExit: 2"),
     ],
 )
-def test_what_cannot_be_a_controller_is_refused_in_a_sentence_before_anything_runs(
+def test_what_cannot_be_a_controller_is_refused_before_a_run(
     tmp_path, monkeypatch, locator, sentence
 ):
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -323,7 +323,7 @@ def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, monke
         (Command(1j), "`acceleration` of the ADS's Command must be a finite number"),
     ],
 )
-def test_an_answer_that_is_no_command_is_the_adss_error(answer, sentence):
+def test_an_answer_that_is_not_a_command_is_the_adss_error(answer, sentence):
     found = simulate(case(), lambda traci, ego, time: answer if time > 0.21 else Command(0.0))
     assert found.end_reason == "ads_error"
     assert sentence in found.error
@@ -493,7 +493,7 @@ def test_set_speed_100_accelerates_at_the_vehicles_limit():
     assert found.ego.acceleration[1:] == pytest.approx(4.0)
 
 
-def test_set_speed_within_the_limits_is_no_clip():
+def test_set_speed_within_the_limits_is_not_a_clip():
     found = simulate(
         case(),
         lambda traci, ego, time: traci.vehicle.setSpeed(ego, 20.0 - 2.0 * (time + 0.05)),
@@ -540,7 +540,7 @@ def test_motion_that_no_vehicle_can_do_is_the_adss_error(trick, sentence):
     assert found.ego.time[-1] == pytest.approx(0.3)
 
 
-def test_nobody_escapes_a_crash_by_jumping():
+def test_no_vehicle_escapes_a_crash_by_jumping():
     for target in ((95.0, 0.0), (58.0, 3.5)):
         jump = at(
             0.3,

@@ -38,7 +38,7 @@ def parse(text):
 # --- text -----------------------------------------------------------------------------------------
 
 
-def test_the_network_has_the_right_lane_on_y_0_and_the_others_to_its_left():
+def test_the_network_has_the_right_lane_on_y_0():
     lanes = parse(network_xml(ROAD)).findall("edge/lane")
     assert [lane.get("shape") for lane in lanes] == [
         "0.00,0.00 6000.00,0.00",
@@ -219,7 +219,7 @@ def test_the_shipped_files_are_found_inside_an_installed_package_first(tmp_path)
     assert shipped_files._find("networks", package) == package / "networks"
 
 
-def test_a_folder_of_that_name_beside_an_installed_package_is_not_taken_for_ours(tmp_path):
+def test_a_folder_of_the_packages_name_is_not_mistaken_for_it(tmp_path):
     # site-packages/networks of some other project: no pyproject.toml beside it
     (tmp_path / "networks").mkdir()
     with pytest.raises(

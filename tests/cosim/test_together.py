@@ -215,7 +215,7 @@ def test_a_policy_over_arrays_says_of_each_of_its_rows_whether_it_is_settled():
     )
 
 
-def test_recordings_come_in_the_order_of_the_cases_whatever_the_pack(monkeypatch):
+def test_recordings_have_the_order_of_the_cases_in_any_batch(monkeypatch):
     monkeypatch.setattr(simulating, "TOGETHER", 3)
     monkeypatch.setattr(simulating, "SORTED_AT_ONCE", 5)
     cases = points("cut_in", 131)
@@ -266,7 +266,7 @@ class Raises(Gives):
         return 0.0
 
 
-def test_a_policy_that_raises_costs_its_row_with_its_traceback(alone):
+def test_a_policy_that_raises_fails_its_row_with_its_traceback(alone):
     cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
     first, second = simulate_many(cases, [Raises(0.0, 15.0) for _ in cases], SHORT)
     assert (first.end_reason, second.end_reason) == ("time_limit", "ads_error")
@@ -489,7 +489,7 @@ SCRIPTS = {
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_what_the_other_vehicles_do_is_the_same_in_a_pack_whatever_their_script(name):
+def test_other_vehicles_move_the_same_in_a_batch(name):
     settings = SimulationSettings(time_limit=9.0)
     cases = [SCRIPTS[name]] * len(SWAYS)
     why: Counter[Alone] = Counter()
@@ -505,7 +505,7 @@ def test_controllers_that_are_too_few_for_the_cases_are_refused():
         list(simulate_many([SCRIPTS["standing"]] * 2, [SWAYS[0]]))
 
 
-def test_vehicles_of_different_roads_of_a_pack_do_not_see_each_other():
+def test_vehicles_of_different_roads_of_a_batch_are_apart():
     follower, leader = case(speed=20.0), case(speed=5.0, x=70.0)
     texts = (
         shared_network_xml([follower, leader]),

@@ -229,7 +229,7 @@ def test_the_egos_own_type_and_new_types_are_the_adss():
     assert (found.error, counts(found)) == (None, {"ignored_traci_call": 1})
 
 
-def test_whoever_goes_round_the_door_is_noticed_where_the_other_vehicle_then_is():
+def test_bypassing_the_door_is_noticed_at_the_other_vehicle():
     found = simulate(
         case(lead(50.0, speed=20.0)),
         once(lambda traci: libsumo.vehicle.setSpeed("lead", 1.0)),

@@ -214,7 +214,7 @@ def test_the_world_is_not_given_such_numbers_on_record_either(domain):
     assert "must be a finite number" in found.error
 
 
-def test_the_egos_type_and_a_copy_of_a_type_are_no_way_round():
+def test_the_type_of_the_ego_cannot_be_changed_by_a_copy():
     for name in ("ego", "like_the_lead"):
 
         def drive(traci, name=name):
@@ -286,7 +286,7 @@ KINDS = [f"{place} {type(value).__name__}" for place, value in enumerate(BAD)]
 
 @pytest.mark.parametrize("value", BAD, ids=KINDS)
 @pytest.mark.parametrize("field", ["acceleration", "steering"])
-def test_a_command_of_anything_but_finite_numbers_is_the_adss_error_in_one_sentence(value, field):
+def test_a_command_that_is_not_finite_is_the_adss_error(value, field):
     found = simulate(
         case(), once(lambda traci: Command(**{"acceleration": 0.0, field: value})), HALF_SECOND
     )
@@ -321,7 +321,7 @@ def test_a_command_that_cannot_be_read_is_the_adss_error(command):
     [10**400, (0.0, 10**400), [math.nan], "1", None, True, [], [1.0, 2.0, 3.0], {}, 1j],
     ids=range(10),
 )
-def test_an_action_of_anything_but_finite_numbers_is_the_adss_error_in_one_sentence(action):
+def test_an_action_that_is_not_finite_is_the_adss_error(action):
     found = simulate(case(), lambda observation: action, HALF_SECOND)
     assert found.end_reason == "ads_error"
     assert (

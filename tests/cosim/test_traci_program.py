@@ -127,7 +127,7 @@ def test_without_sumo_the_sentence_names_the_extra(monkeypatch):
         ),
     ],
 )
-def test_a_client_that_sets_what_is_no_number_is_noticed_where_sumo_shows_it(tmp_path, setter):
+def test_a_client_that_sets_a_wrong_number_is_noticed(tmp_path, setter):
     (tmp_path / "the_drive.py").write_text(
         "def drive(traci, ego):\n    if traci.simulation.getTime() > 0.2:\n"
         f"        traci.vehicle.{setter}(ego, float('nan'))\n"
@@ -200,7 +200,7 @@ def test_a_script_of_a_simulation_of_its_own_drives_as_it_is(tmp_path, monkeypat
     assert len(there.log.splitlines()) <= 2
 
 
-def test_a_program_that_forgets_its_order_is_told_so(tmp_path):
+def test_a_program_that_forgets_its_order_gets_a_message(tmp_path):
     """A client that speaks TraCI by itself, from Python without our `traci`."""
     text = """
 import os, socket, struct, time

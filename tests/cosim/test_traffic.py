@@ -89,7 +89,7 @@ def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck() -> None:
 
 
 @pytest.mark.parametrize("radius", [1e6, 250.0])
-def test_law_on_a_bend_vehicles_react_and_wait_as_on_a_straight_road(radius: float) -> None:
+def test_law_on_a_curve_vehicles_react_and_wait_as_on_a_straight_road(radius: float) -> None:
     content = {
         "name": "t",
         "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
@@ -121,7 +121,7 @@ def test_law_on_a_bend_vehicles_react_and_wait_as_on_a_straight_road(radius: flo
     assert found.actors["walker"].y.max() > -3.0
 
 
-def test_law_reacting_traffic_has_the_same_bits_alone_in_packs_and_in_any_order() -> None:
+def test_law_reacting_traffic_has_the_same_bits_in_any_batch() -> None:
     cases = [
         scene(rear(gap=10.0 + 3 * k), rear("EIDM", 5.0, 3.5, "beside", 20.0 + k), speed=20.0 + k)
         for k in range(6)

@@ -317,7 +317,7 @@ def test_law_moving_and_turning_the_world_moves_nothing_else(state, command, ste
 # --- beyond the kinematic model -------------------------------------------------------------------
 
 
-def test_a_bend_above_0_4_g_is_beyond_the_kinematic_model_and_says_so():
+def test_a_curve_above_0_4_g_is_beyond_the_kinematic_model():
     # 20 m/s on 1 / R: 400 / R = 0.4 g at R = 101.9 m; road wheel atan(2.7 / R), times 16
     for radius, beyond in ((105.0, False), (98.0, True)):
         wheel = 16.0 * math.atan(2.7 / radius)
@@ -366,7 +366,7 @@ def drive_dynamic(speed, wheel, duration, step=0.05, wanted=0.0):
     return [getattr(ego, name) for name in names], met
 
 
-def test_a_gentle_bend_of_the_dynamic_model_has_the_steady_yaw_rate_of_the_linear_one():
+def test_a_gentle_curve_has_the_yaw_rate_of_the_linear_model():
     # yaw rate = v delta / (L + K v^2), K = m (l_r / (C F_zr share ...)): equal stiffness over load:
     # K = 0, neutral
     wheel = 16.0 * math.radians(0.3)
@@ -375,7 +375,7 @@ def test_a_gentle_bend_of_the_dynamic_model_has_the_steady_yaw_rate_of_the_linea
     assert not clips
 
 
-def test_tyres_of_the_dynamic_model_let_go_at_the_friction_circle_and_the_step_matters_little():
+def test_tyres_of_the_dynamic_model_slip_at_the_friction_circle():
     wheel = 16.0 * math.radians(8.0)
     courses = []
     for steps in range(1, 41):

@@ -157,7 +157,7 @@ def test_the_programs_own_parser_reads_every_command_of_a_block(page: str) -> No
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_every_command_in_a_sentence_exists_with_its_options(page: str) -> None:
+def test_every_command_within_a_text_exists_with_its_options(page: str) -> None:
     for words in mentioned(page):
         if words[0].startswith("-"):
             continue
@@ -229,7 +229,7 @@ def test_shell_can_read_every_block_of_it() -> None:
             assert checked.returncode == 0, (block.place, checked.stderr)
 
 
-def test_what_blocks_call_besides_the_program_is_there() -> None:
+def test_other_programs_that_blocks_call_are_there() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
         "optional-dependencies"
     ]

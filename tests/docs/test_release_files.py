@@ -66,7 +66,7 @@ def test_the_image_and_the_pages_name_the_system_libraries_that_sumo_links() -> 
         assert packages in text(page), page
 
 
-def test_a_system_library_that_is_missing_is_one_sentence_with_the_command_that_installs_it(
+def test_a_missing_system_library_names_its_install_command(
     tmp_path: Path,
 ) -> None:
     """A libsumo that cannot be loaded, as in a container without a desktop's libraries."""

@@ -71,7 +71,7 @@ def test_an_approach_begins_where_the_gap_passes_three_and_a_half_seconds():
     assert change.middle == pytest.approx(0.506 * 4.0, abs=0.35)
 
 
-def test_one_who_slows_down_behind_the_leader_follows_it():
+def test_slowing_down_behind_the_lead_is_following():
     ego = track("ego", 0.0, lambda t: max(30.0 - 1.0 * max(t - 10.0, 0.0), 20.0))
     (event,) = events_of(ego, track("lead", 200.0, 20.0)).tables["approach"].itertuples()
     assert event.outcome == "follow"
@@ -80,11 +80,11 @@ def test_one_who_slows_down_behind_the_leader_follows_it():
     assert event.t + event.t_outcome == pytest.approx(19.6, abs=0.3)
 
 
-def test_no_approach_where_nobody_comes_near():
+def test_no_approach_where_no_vehicle_comes_near():
     assert events_of(track("ego", 0.0, 20.5), track("lead", 60.0, 20.0)).tables["approach"].empty
 
 
-def test_a_cut_out_reveals_the_next_vehicle_and_begins_where_the_leader_begins_to_move():
+def test_a_cut_out_begins_where_the_lead_begins_to_move():
     found = events_of(
         track("ego", 0.0, 25.0),
         track("lead", 45.0, 25.0, move=(5.0, 4.0, 3.5)),
@@ -123,7 +123,7 @@ def test_a_cut_in_counts_only_near_and_a_violent_one_is_a_ghost():
     assert wild.ghosts["cut_in"] == 1
 
 
-def test_a_braking_leader():
+def test_a_braking_lead():
     lead = track("lead", 40.0, lambda t: 25.0 - 2.0 * min(max(t - 5.0, 0.0), 3.0))
     (event,) = events_of(track("ego", 0.0, 24.0), lead).tables["lead_braking"].itertuples()
     assert event.lead_deceleration == pytest.approx(2.0, abs=0.05)

@@ -130,7 +130,7 @@ def test_commonroad_obstacles_are_straightened_with_the_lanes_of_the_map():
 
 
 @needs_recordings
-def test_openacc_gaps_to_the_vehicle_ahead_are_kept():
+def test_openacc_gaps_to_the_lead_are_kept():
     path = recording("samples", "openacc_zalazone_noACC_part40_head.csv")
     table = next(openacc.read(path)).table
     raw = pd.read_csv(path, skiprows=5)

@@ -142,7 +142,7 @@ def test_an_mcap_file_is_read(tmp_path):
         ("a.parquet", b"no table", "is not a Parquet table"),
     ],
 )  # fmt: skip
-def test_a_damaged_file_is_refused_in_a_sentence(tmp_path, name, content, words):
+def test_a_damaged_file_is_refused(tmp_path, name, content, words):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=words):
         import_recordings("osi", [tmp_path / name])

@@ -170,7 +170,7 @@ def test_skilled_drivers_do_not_crash_anywhere_in_the_safe_zone():
             assert (recording.collision, recording.error) == (None, None), concrete.label
 
 
-def test_those_inclined_to_overtake_do_and_the_others_follow():
+def test_drivers_inclined_to_overtake_do_the_rest_follow():
     concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=25.0, lead_speed=15.0)
     recordings = synthetic_reference(concrete, DRIVERS, seed=1)
     for driver, recording in zip(DRIVERS, recordings, strict=True):
@@ -212,7 +212,7 @@ def test_ordinary_approaches_are_as_gentle_and_as_varied_as_recorded():
     assert np.mean([count_operations(recording.ego) for recording in recordings]) < 3.0
 
 
-def test_alone_on_the_road_a_driver_wanders_about_his_own_line_and_uses_the_pedals_little():
+def test_a_driver_alone_wanders_about_its_own_line():
     wander, lines, operations = [], [], []
     for driver in draw_population(16, seed=5):
         recording = simulate(case(speed=20.0), SyntheticDriver(driver, case(speed=20.0), seed=5))
@@ -229,7 +229,7 @@ def test_alone_on_the_road_a_driver_wanders_about_his_own_line_and_uses_the_peda
     assert np.mean(operations) < 2.0
 
 
-def test_an_overtaker_does_not_wander_back_towards_what_he_passes():
+def test_an_overtaker_does_not_wander_back_to_what_it_passes():
     concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=0.0)
     for driver in (driver for driver in DRIVERS if driver.overtakes):
         recording = simulate(concrete, SyntheticDriver(driver, concrete, seed=1))
@@ -308,7 +308,7 @@ def test_driver_numbers_are_stable():
     assert draw_driver(0, seed=1).reaction_time == pytest.approx(0.8917902667644364, abs=1e-12)
 
 
-def test_a_braking_lead_is_expected_to_go_on_braking_until_it_stands():
+def test_a_braking_lead_is_expected_to_brake_until_it_stands():
     attention = Attention(replace(DRIVER, reaction_time=1.0))
     me = mover("ego", 0.0, along=20.0)
     speeds = [20.0 - 4.0 * STEP * step for step in range(61)]

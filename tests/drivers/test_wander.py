@@ -56,7 +56,7 @@ def test_the_noise_has_its_deviation_at_any_time_and_its_correlation():
     assert np.corrcoef(start, apart)[0, 1] == pytest.approx(0.0, abs=0.05)
 
 
-def test_rate_and_bend_of_the_noise_are_its_derivatives():
+def test_rate_and_curvature_of_the_noise_are_its_derivatives():
     noise = SmoothNoise(random_stream(5, "noise"), 0.25, 2.2)
     step = 1e-4
     for time in (0.0, 3.7, 41.0):

@@ -143,7 +143,7 @@ def test_a_history_of_nights_is_drawn(done: Evaluation, tmp_path: Path) -> None:
         ("opinion", {"ads": "idm"}, "takes no `ads`, got 'idm'"),
     ],
 )
-def test_what_is_not_there_is_a_sentence(
+def test_what_is_missing_is_named(
     done: Evaluation, figure: str, more: dict[str, str], words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
@@ -171,7 +171,7 @@ def test_the_list_of_figures_is_the_documented_one() -> None:
 
 
 @pytest.mark.campaign
-def test_on_a_bend_field_and_ways_are_drawn_on_the_map(tmp_path: Path) -> None:
+def test_on_a_curve_field_and_ways_are_drawn_on_the_map(tmp_path: Path) -> None:
     """Along an arc of R = 250 m to the left the ego ends about s^2 / 2R to the left of where it
     began: metres."""
     evaluation = {

@@ -219,7 +219,7 @@ def test_a_model_of_whole_numbers_is_refused(tmp_path: Path) -> None:
         find_controller("onnx:policy.onnx", tmp_path)
 
 
-def test_an_answer_that_is_no_number_ends_the_case_with_a_sentence(tmp_path: Path) -> None:
+def test_an_answer_that_is_not_a_number_ends_the_case(tmp_path: Path) -> None:
     path = write_model(tmp_path, [(np.array([[np.nan]]), np.array([0.0]))],
                        Interface((Feature("ego.speed"),), (Action("acceleration"),)))  # fmt: skip
     recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
@@ -227,14 +227,14 @@ def test_an_answer_that_is_no_number_ends_the_case_with_a_sentence(tmp_path: Pat
     assert "must be a finite number, got nan" in (recording.error or "")
 
 
-def test_too_many_outputs_end_the_case_with_a_sentence(tmp_path: Path) -> None:
+def test_too_many_outputs_end_the_case(tmp_path: Path) -> None:
     path = write_model(tmp_path, [(np.ones((3, 2)), np.zeros(2))], ACC)
     recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
     assert recording.end_reason == "ads_error"
     assert "must have the shape (32, 1)" in (recording.error or "")
 
 
-def test_arrays_show_the_world_as_it_is_and_conditions_say_so(tmp_path: Path) -> None:
+def test_arrays_show_the_world_as_it_is_and_conditions_report_it(tmp_path: Path) -> None:
     conditions = ConditionSettings(position_noise=1.0)
     recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{linear(tmp_path)}",
                          SimulationSettings(time_limit=2.0, conditions=conditions))  # fmt: skip

@@ -425,7 +425,7 @@ def test_drivers_who_did_not_get_there_have_no_centre() -> None:
     assert far.ingredients.centre_similarity == pytest.approx(np.mean(terms), rel=1e-9)
 
 
-def test_where_one_driver_alone_got_there_the_others_hold_their_last_position() -> None:
+def test_drivers_that_ended_earlier_hold_their_last_position() -> None:
     # Two stop at 20 m at y = 0, one passes at 1.5 m: mean length 33.3 m. Everywhere mean 0.5,
     # deviation 0.866.
     drivers = [stopping(20.0), stopping(20.0), drive(y=1.5)]
@@ -716,7 +716,7 @@ def test_without_steering_a_lateral_manoeuvre_is_one_operation(
     assert count_operations(without_steering(y, seed)) == expected
 
 
-def test_one_sample_without_steering_is_no_manoeuvre() -> None:
+def test_one_sample_without_steering_is_not_a_manoeuvre() -> None:
     assert count_operations(Trajectory([0.0], [0.0], [0.0])) == 0
 
 
@@ -734,7 +734,7 @@ def test_more_operations_than_the_humans_lower_the_score_and_fewer_do_not_raise_
         assert index.value == factor * index.similarity
 
 
-def test_operations_where_the_humans_make_none_leave_nothing_and_say_so() -> None:
+def test_operations_where_drivers_make_none_give_0_and_a_note() -> None:
     index = anthropomorphic_index(drive(acceleration=1.0), [drive(), drive()], ROAD)
     assert (index.value, index.operation_factor) == (0.0, 0.0)
     assert IndexNote("drivers_without_operation", 1, 1) in index.notes
@@ -781,7 +781,7 @@ def test_the_likeness_has_the_similarity_of_mixture_mode_in_either_mode() -> Non
     assert gaussian.likeness.value == mixture.similarity  # f_L and f_n+ are 1
 
 
-def test_an_index_is_the_same_to_the_last_bit_whoever_else_is_judged() -> None:
+def test_an_index_has_the_same_bits_whatever_else_is_evaluated() -> None:
     drivers, ads = humans(5, 2), [drive(12.0, 0.4), drive(14.0, -0.2), stopping(40.0)]
     others = tuple(range(3, 3 + len(drivers)))
     groups = [[Pairing(place, others, 0.5, likeness=True)] for place in range(3)]
@@ -835,7 +835,7 @@ def test_an_ordinary_case_has_no_notes() -> None:
         ),
     ],
 )
-def test_a_reading_that_steps_in_says_so(
+def test_a_reading_that_applies_is_noted(
     ads: Trajectory, drivers: list[Trajectory], note: IndexNote
 ) -> None:
     assert note in anthropomorphic_index(ads, drivers, ROAD).notes
@@ -912,7 +912,7 @@ def test_the_weighted_index_refuses(values: list[float], exposure: list[float], 
 
 
 @pytest.mark.parametrize("drivers", [[], [drive()]])
-def test_fewer_than_two_drivers_are_no_reference(drivers: list[Trajectory]) -> None:
+def test_fewer_than_two_drivers_are_not_a_reference(drivers: list[Trajectory]) -> None:
     with pytest.raises(InputError, match=f"at least 2, got {len(drivers)}"):
         anthropomorphic_index(drive(), drivers, ROAD)
 

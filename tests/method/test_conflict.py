@@ -89,7 +89,7 @@ def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_w
         )
 
 
-def test_who_would_meet_nobody_is_in_no_conflict_however_hard_it_is_to_brake() -> None:
+def test_without_a_meeting_there_is_no_conflict() -> None:
     concrete = scene(20.0, {"speed": 5.0, "heading": 90.0, "x": 75.0, "y": -20.0})
     assert critical(concrete)[0] == 0.0
 

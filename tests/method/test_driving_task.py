@@ -129,7 +129,7 @@ def test_behind_a_missed_lane_change_nothing_counts() -> None:
 
 
 @given(st.floats(2.0, 30.0), st.floats(0.0, 10.0), st.floats(3.0, 20.0))
-def test_later_at_every_place_and_cut_off_earlier_are_no_better(
+def test_later_or_cut_off_earlier_is_not_better(
     speed: float, faster: float, seconds: float
 ) -> None:
     reference = drive(20.0, 10.0)

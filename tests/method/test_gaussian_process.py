@@ -79,7 +79,7 @@ def test_the_search_ends_where_scikit_learns_does():
     assert theta == pytest.approx(other.fit(POINTS, TARGET).kernel_.theta, abs=1e-4)
 
 
-def test_a_search_that_stops_early_says_so():
+def test_a_search_that_stops_early_reports_it():
     def jagged(theta):
         return float(np.sum(theta**2)), np.ones(len(theta))  # a gradient that leads nowhere
 

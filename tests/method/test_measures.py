@@ -251,7 +251,7 @@ def test_the_order_of_the_actors_does_not_matter():
     )
 
 
-def test_a_contact_from_behind_is_no_gap_ahead():
+def test_a_contact_from_behind_has_no_gap_ahead():
     ego, chaser = constant(0.0, 10.0), constant(-30.0, 16.0)
     hit = replace(front_contact(4.0, 10.0, 16.0, other="chaser"), side="rear")
     found = measures(ego, {"chaser": chaser}, hit)
@@ -289,7 +289,7 @@ def straight(
     )  # fmt: skip
 
 
-def test_the_pet_of_a_crossing_by_hand_whoever_comes_first() -> None:
+def test_the_pet_of_a_crossing_by_hand_in_either_order() -> None:
     # The ego drives along y = 0 from x = 0 at 10 m/s, the other upwards along x = 53.15 m at 10
     # m/s: the area is
     # x 52.25..54.05 m, y -0.9..0.9 m. The ego is in it from (52.25 - 2.25) / 10 = 5 s to (54.05 +

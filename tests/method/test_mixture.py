@@ -90,7 +90,7 @@ def test_the_ads_is_compared_with_those_who_did_as_it_did_times_how_usual_that_i
     assert (chosen((0,), manoeuvres).usual, chosen((0, 1), manoeuvres).usual) == (2 / 6, 1.0)
 
 
-def test_a_manoeuvre_that_no_driver_made_scores_zero_and_says_so():
+def test_a_manoeuvre_that_no_driver_made_scores_zero_and_reports_it():
     found = anthropomorphic_index(drive(), OVERTAKERS, ROAD, MIXTURE)
     assert found.value == 0.0
     assert IndexNote("manoeuvre_made_by_nobody", manoeuvre=(0,)) in found.notes
@@ -118,7 +118,7 @@ def test_the_deviation_is_completed_by_the_pooled_one_by_hand():
 
 
 @pytest.mark.parametrize("settings", [GAUSSIAN, MIXTURE])
-def test_the_band_is_each_driver_against_the_others(settings):
+def test_the_band_compares_each_driver_with_the_rest(settings):
     people = [*OVERTAKERS[:3], *FOLLOWERS]
     band = human_band(people, ROAD, replace(settings, band_slice_spacing=2.0))
     for place, driver in enumerate(people):
@@ -178,7 +178,7 @@ def _cars(speed: float, lead_speed: float):
 
 
 @needs_recordings
-def test_real_drivers_are_told_from_cars_that_drive_through_brake_hard_or_crawl():
+def test_real_drivers_are_distinguished_from_extreme_cars():
     """On 350 m of road, with whole recordings: they show who was about to overtake.
 
     The figures are in docs/explanation/drivers.md.

@@ -80,7 +80,7 @@ def test_noise_of_a_tracker_does_not_make_a_calm_drive_extreme():
     )
 
 
-def test_stopping_is_no_jerk_and_a_short_drive_has_no_derivatives():
+def test_stopping_is_not_a_jerk_a_short_drive_has_no_derivatives():
     time = np.arange(0.0, 12.0, 0.1)
     stops = drive(np.maximum(10.0 - 1.5 * time, 0.0))
     assert extremes_of(stops, {})["max_jerk"] < 0.5
@@ -129,7 +129,7 @@ def test_what_fields_cannot_see_has_no_plausibility():
     assert plausibility(close, MOTORWAY_PEOPLE) < 0.15
 
 
-def test_a_contact_is_no_gap_at_all():
+def test_a_contact_has_no_gap():
     ego, lead = drive(np.full(21, 30.0)), drive(np.full(21, 20.0), x=25.5)
     hit = Collision(
         2.0, "lead", (30.0, 0.0), (20.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0)

@@ -24,7 +24,7 @@ def test_the_defaults_are_halves_and_full_marks_are_100():
     assert combined_score(0.5, 1.0).total == 75.0
 
 
-def test_without_c_its_term_counts_0_and_says_so():
+def test_without_c_its_term_counts_0_and_reports_it():
     score = combined_score(None, 0.5)
     assert (score.total, score.c, score.c_points, score.d_points) == (25.0, None, 0.0, 25.0)
 
@@ -34,7 +34,7 @@ def test_without_c_and_d_there_is_no_s_and_never_0_points():
     assert combined_score(0.0, None).total == 0.0
 
 
-def test_without_d_its_term_counts_0_and_says_so():
+def test_without_d_its_term_counts_0_and_reports_it():
     score = combined_score(0.9, None)
     assert (score.total, score.d, score.d_points) == (45.0, None, 0.0)
     assert combined_score(0.9, 0.0).d == 0.0

@@ -37,7 +37,7 @@ def test_c_by_hand_and_without_a_collision_and_without_an_evaluated_case():
     np.testing.assert_allclose(c, [0.125, 0.2, 1.0, nan])
 
 
-def test_c_of_collisions_whose_ideal_vehicle_is_not_known_is_no_number():
+def test_c_is_undefined_where_the_ideal_vehicle_is_unknown():
     ratio = terms.ideal_ratio([10.0, nan], [nan, nan])
     c = terms.collision_avoidance(ratio, [1.0, nan], [True, False], [True, True], terms.once(2))
     assert np.isnan(c).all()
@@ -108,7 +108,7 @@ def test_a_is_below_0_for_who_is_worse_than_doing_nothing_and_s_plus_takes_0():
     assert terms.ordering_score([1.0], grade, [0.5], ScoreSettings()) == [0.0]
 
 
-def test_a_leaves_out_points_where_somebody_could_not_be_evaluated():
+def test_a_leaves_out_points_with_an_unevaluated_vehicle():
     ads, ideal, nobody = [5.0, nan, 9.0, 9.0], [0.0, 0.0, nan, 0.0], [10.0, 10.0, 10.0, nan]
     assert terms.avoided_share(ads, ideal, nobody, np.ones(4), terms.once(4)) == [0.5]
     assert np.isnan(

@@ -162,7 +162,7 @@ def test_a_contact_is_seen_from_the_ego():
     )
 
 
-def test_a_function_of_ones_own_stands_in_the_place_of_u(folder):
+def test_an_own_function_replaces_u(folder):
     chosen = severity_of(CollisionSettings(severity="mine.py:by_closing_speed"), folder)
     assert chosen.of(EXAMPLE, "a case") == 20.0 / 40.0
     assert chosen.unit == "loss"

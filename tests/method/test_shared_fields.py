@@ -196,7 +196,7 @@ def test_points_off_the_stretch_are_within_the_bound(
     )
 
 
-def test_what_was_asked_before_and_of_whom_changes_no_bit(
+def test_earlier_questions_change_no_bit(
     driven: tuple[list[Trajectory], np.ndarray],
 ) -> None:
     drives, points = driven

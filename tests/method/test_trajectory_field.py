@@ -179,7 +179,7 @@ def test_many_trajectories_at_once_are_each_alone_to_the_last_bit() -> None:
         np.testing.assert_array_equal(row, trajectory_field(points, drive, k1=1.0, k2=0.02))
 
 
-def test_same_input_same_bytes_and_a_point_does_not_feel_the_others() -> None:
+def test_same_input_same_bytes_whatever_other_points_there_are() -> None:
     drive = winding(3)
     points = around(drive, 700)
     field = trajectory_field(points, drive)

@@ -89,7 +89,7 @@ def test_the_partition_of_a_cut_in_finds_the_interval_and_a_most_dangerous_point
     assert any("coarser than the scenario's own" in note for note in zones.notes)
 
 
-def test_a_braking_lead_is_judged_by_the_search_and_learnt():
+def test_a_braking_lead_is_evaluated_by_the_search_and_learnt():
     zones = partition(load("front_vehicle_braking"), QUICK)
     # At 9.81 m/s2 the lead stands after 20.4 m; the ego needs 20 + 40 m and has 10 m more. At 1.81
     # it has 110 + 50 m.
@@ -124,7 +124,7 @@ def test_low_speed_has_no_hazardous_zone_at_all():
     )
 
 
-def test_a_scenario_that_declares_no_zones_says_so_and_nothing_of_a_gp():
+def test_a_scenario_without_zones_reports_it_and_no_gp():
     """Its space has more points than a GP takes, and all of them agree: neither is a reason
     there."""
     logical = load("side_vehicle")
@@ -268,7 +268,7 @@ def test_the_target_runs_smoothly_through_contact():
 # --- zones ----------------------------------------------------------------------------------------
 
 
-def test_two_zones_are_told_apart_and_ordered_by_size(hill):
+def test_two_zones_are_distinguished_and_ordered_by_size(hill):
     assert hill.zones == 2
     assert hill.zone_shares[0] > hill.zone_shares[1]
     assert hill.hazardous([[30, 40], [80, 70], [55, 95]]).tolist() == [True, True, False]
@@ -279,7 +279,7 @@ def test_two_zones_are_told_apart_and_ordered_by_size(hill):
     ]
 
 
-def test_law_a_region_that_the_gp_alone_calls_hazardous_is_no_zone():
+def test_law_a_region_hazardous_for_the_gp_alone_is_not_a_zone():
     # Hazardous is x <= 12 alone. From 60 to 80 the gap is 0.02 m more than the critical one, with a
     # slope on both sides, which the GP rounds to a hazardous hollow. With its worst point on its
     # own edge, it once gave points near it weights of 10^9.
@@ -438,7 +438,7 @@ def test_hazard_between_training_points_that_are_all_safe_is_noted():
     assert any("% of the space in the wrong zone" in note for note in zones.notes)
 
 
-def test_a_large_grid_of_own_steps_is_thinned_and_says_so():
+def test_a_large_grid_of_own_steps_is_thinned_and_reported():
     fine = space(
         [(name, 0.0, 10.0, 1.0) for name in "abcd"], lambda values: 30 + sum(values.values())
     )

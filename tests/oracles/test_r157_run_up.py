@@ -50,7 +50,7 @@ def test_they_agree_on_a_sample(model):
 
 
 @pytest.mark.parametrize("speeds", [("30", "20"), ("60", "50"), ("100", "90")])
-def test_fsm_lets_go_once_it_is_no_faster_than_who_comes_over(speeds):
+def test_fsm_releases_once_it_is_slower_than_the_cut_in(speeds):
     """From 10 km/h faster and 2 m behind: it brakes until it is no faster, 0.6 m too far forward,
     and they touch.
 

@@ -58,14 +58,14 @@ def test_intervals_of_one_in_a_million_hold_it():
     assert held >= 35  # of 95 %, less three deviations of a count of 40
 
 
-def test_a_density_of_what_is_met_integrates_to_one_and_is_nothing_where_nothing_can_be():
+def test_a_density_of_encounters_integrates_to_one():
     met = how_met(logical())
     points = met.base(4000, np.random.default_rng(1))
     assert np.mean(met.density(points) / met.base_density(points)) == pytest.approx(1.0, abs=1e-6)
     assert met.density(np.array([[99.0, 15.0, 2.5]]))[0] == 0.0
 
 
-def test_without_a_collision_the_upper_limit_is_that_of_the_drives_drawn_as_points_are_met():
+def test_without_a_collision_the_limit_is_that_of_drawn_drives():
     # 3.0 / (0.2 * 300): (1 - P)^60 = 5 % at P = 0.0487, and -ln(0.05) / 60 = 0.0499 is just above
     # it.
     none = estimated(np.empty(0), np.empty(0), 300, 1.0, 0, 500)
@@ -73,7 +73,7 @@ def test_without_a_collision_the_upper_limit_is_that_of_the_drives_drawn_as_poin
     assert none.interval == pytest.approx((0.0, 2.9957 / (DEFENSIVE * 300)), rel=1e-4)
 
 
-def test_a_sum_is_told_no_more_narrowly_than_the_scenario_that_makes_most_of_it():
+def test_a_sum_is_as_wide_as_its_largest_scenario():
     def part(name, weights):
         ones, loss = np.ones(len(weights), dtype=bool), np.full(len(weights), 0.5)
         told = estimated(weights, loss, 100, 1.0, len(weights), 100)
@@ -141,7 +141,7 @@ def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
     assert "as given" in page
 
 
-def test_a_scenario_of_which_nobody_says_how_often_it_is_met_is_refused_in_a_sentence(tmp_path):
+def test_a_scenario_without_a_frequency_is_refused(tmp_path):
     file = tmp_path / "campaign.toml"
     file.write_text(FILE.replace("per_km = 0.2\n", ""))
     result = CliRunner().invoke(main, ["campaign", str(file), "--out", str(tmp_path / "out")])
@@ -152,7 +152,7 @@ def test_a_scenario_of_which_nobody_says_how_often_it_is_met_is_refused_in_a_sen
     )
 
 
-def test_drives_that_could_not_be_evaluated_are_told_by_why():
+def test_drives_that_could_not_be_evaluated_are_listed_by_reason():
     assert lost_words({"sim_error": 2, "ads_error": 1}) == (
         "3 drives could not be evaluated (ads_error 1, sim_error 2) and count as without a "
         "collision."

@@ -166,7 +166,7 @@ def test_many_files_are_called_by_the_first_and_the_last():
     assert called(hours) == "120 files, 000.csv to 119.csv"
 
 
-def test_a_table_without_motor_vehicles_is_refused_in_a_sentence(tmp_path):
+def test_a_table_without_motor_vehicles_is_refused(tmp_path):
     path = tmp_path / "people.csv"
     rows = [f"r,a,{t / 10:.1f},{t / 10:.1f},0,0.5,0.5,pedestrian" for t in range(30)]
     path.write_text("recording,vehicle,t,x,y,length,width,class\n" + "\n".join(rows) + "\n")
@@ -283,7 +283,7 @@ def test_a_narrow_joint_density_varies_as_much_as_its_events_any_other_more_and_
     assert np.all(np.abs(shares - whole) <= 5.0 * np.sqrt(whole / len(drawn)) + 1e-3)
 
 
-def test_events_that_lie_on_a_line_are_refused_in_a_sentence():
+def test_events_that_lie_on_a_line_are_refused():
     from sumo_eval.errors import InputError
 
     rows = tuple((float(i), 2.0 * i) for i in range(20))
@@ -326,7 +326,7 @@ def test_what_is_kept_of_a_recording_is_a_small_part_of_it():
 
 
 @pytest.mark.parametrize(("across", "left_out"), [(0.0, {}), (1.0, {LEAD_MOVES: 1})])
-def test_a_leader_that_changes_lane_while_it_brakes_counts_and_has_no_parameters(across, left_out):
+def test_a_lead_that_changes_lane_while_it_brakes_counts(across, left_out):
     found = find_encounters([braking_leader(across)]).classes["braking"]
     assert found.events == 1
     assert dict(found.left_out) == left_out
@@ -345,7 +345,7 @@ def test_events_that_are_all_alike_give_no_file_and_still_say_how_many_are_neede
     assert not list(tmp_path.iterdir())
 
 
-def test_nobody_in_a_learnt_scenario_is_faster_than_roads_allow():
+def test_no_learnt_vehicle_is_faster_than_roads_allow():
     ranges = {"ego_speed": (20.0, 56.0), "closing_speed": (-15.0, 10.0), "headway": (0.5, 4.0)}
     content = content_of(
         "t", "braking", ranges, {"deceleration": 1.0, "duration": 4.0}, 3.5, "made up"

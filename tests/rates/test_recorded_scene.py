@@ -80,7 +80,7 @@ def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(
     assert ROAD_AS_WRITTEN in told.output
 
 
-def test_where_no_model_is_named_nobody_reacts_and_one_point_is_left(tmp_path: Path) -> None:
+def test_without_a_model_no_vehicle_reacts_and_one_point_is_left(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     write_scene(recorded(), path, "ego", end=120.0)
     logical = read_scenario(path)
@@ -90,7 +90,7 @@ def test_where_no_model_is_named_nobody_reacts_and_one_point_is_left(tmp_path: P
     assert not any(clip.what == "handed_over" for clip in found.clips)
 
 
-def test_where_nobody_departs_everybody_drives_as_recorded(scene: Path) -> None:
+def test_without_a_departure_all_drive_as_recorded(scene: Path) -> None:
     logical = read_scenario(scene)
     # the recorded ego kept its speed, too
     found = simulate(logical.concrete(react_beyond=2.0), "no_reaction")
@@ -110,7 +110,7 @@ def brakes(observation: object) -> float:
     return -3.0 if observation.time >= 12.0 else 0.0  # type: ignore[attr-defined]
 
 
-def test_others_react_from_the_departure_on_and_else_drive_into_whoever_brakes(scene: Path) -> None:
+def test_others_react_from_the_departure_on_else_they_collide(scene: Path) -> None:
     logical = read_scenario(scene)
     reacting, blind = (
         simulate(logical.concrete(react_beyond=beyond), brakes) for beyond in (2.0, NEVER)
@@ -158,7 +158,7 @@ def test_law_a_way_that_straight_speeds_drive_gives_them_back_wherever_it_begins
     assert speeds == pytest.approx(truth, abs=1e-3)
 
 
-def test_law_nobody_drives_backwards_even_where_the_tracker_jumps_back() -> None:
+def test_law_no_vehicle_drives_backwards_where_the_tracker_jumps() -> None:
     time = np.arange(0.0, 4.01, 0.1)
     assert fit_speeds(time, np.zeros(len(time)))[1] == pytest.approx(0.0, abs=1e-9)
     way = np.where(time < 2.0, 5.0 * time, 10.0 - 3.0 * (time - 2.0))
@@ -203,7 +203,7 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point() -> 
         ({"ego": "ego", "model": "IDM", "beyond": 0.0}, "must be above 0 m"),
     ],
 )
-def test_a_scene_that_cannot_be_is_refused_in_a_sentence(
+def test_a_scene_that_cannot_be_is_refused(
     tmp_path: Path, given: dict[str, object], words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
@@ -253,7 +253,7 @@ def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_reco
         scenario_from(content, "t", Path())
 
 
-def test_law_others_are_handed_over_on_a_bend_as_on_a_straight_road(scene: Path) -> None:
+def test_law_others_are_handed_over_on_a_curve_as_on_a_straight_road(scene: Path) -> None:
     """The recorded ego brakes with 3 m/s2 from 12 s on, the ADS does not: 2 m apart after sqrt(4 /
     3) = 1.155 s."""
     content = tomllib.loads(scene.read_text())

@@ -79,9 +79,7 @@ def test_rounds_go_where_cases_differ_and_scores_are_weighted_by_what_points_sta
 
 
 @pytest.mark.campaign
-def test_a_run_with_one_worker_that_is_stopped_in_its_second_round_goes_on_to_the_same_bytes(
-    run, tmp_path
-):
+def test_a_run_stopped_in_its_second_round_has_the_same_bytes(run, tmp_path):
     stops = iter([False] * 4 + [True] * 50)
     settings = resolve(EVALUATION, tmp_path / "run", resume=False, workers=1).settings
     settings = replace(settings, run=replace(settings.run, cases_per_child=8, cases_per_pack=8))

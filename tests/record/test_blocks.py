@@ -100,7 +100,7 @@ def test_verify_finds_it_when_the_answers_of_a_block_change(tmp_path: Path) -> N
     assert verify(tmp_path / "run", 0.1)[1]
 
 
-def test_a_run_that_is_stopped_goes_on_in_the_same_blocks(whole: Path, tmp_path: Path) -> None:
+def test_a_stopped_run_continues_in_the_same_blocks(whole: Path, tmp_path: Path) -> None:
     asked = iter([False])
     with pytest.raises(StoppedError):
         record_facts(evaluation(), tmp_path / "two", stopping=lambda: next(asked, True))
@@ -152,7 +152,7 @@ def test_an_exception_in_a_call_belongs_to_all_cases_of_the_block(tmp_path: Path
         assert not outcome.log.startswith(ALONE)
 
 
-def test_a_block_that_is_lost_is_driven_case_by_case_and_the_log_says_so(tmp_path: Path) -> None:
+def test_a_lost_block_is_driven_case_by_case_and_logged(tmp_path: Path) -> None:
     for outcome in driven("Exits", [0, 1, 2, 3]):
         assert outcome.status == "collision"
         assert outcome.log.startswith(

@@ -176,7 +176,7 @@ SLOW_TO_BEGIN = MY_ADS.replace(
 
 
 @pytest.mark.campaign
-def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence_and_the_run_goes_on_with_another(
+def test_a_run_whose_scheduler_is_killed_continues_with_another(
     tmp_path: Path,
 ) -> None:
     path, far = write_evaluation(tmp_path, SLOW_TO_BEGIN, levels=5), tmp_path / "far"
@@ -230,7 +230,7 @@ def recorded(folder: Path) -> int:
         return 0
 
 
-def test_without_a_scheduler_there_is_a_sentence(tmp_path: Path) -> None:
+def test_without_a_scheduler_there_is_a_message(tmp_path: Path) -> None:
     setup = Setup(SimulationSettings(), RunSettings(engine="dask"), HERE)
     with pytest.raises(InputError, match="needs the address of a scheduler"):
         next(run_cases([], setup))

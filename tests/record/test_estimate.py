@@ -50,7 +50,7 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch: pytest.MonkeyP
     assert len({cases[0].driver for cases in timed}) == 12
 
 
-def test_kinds_that_time_ran_out_for_take_what_the_others_took(
+def test_kinds_without_a_time_take_that_of_measured_ones(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(costs, "_TIMED_FOR", -1.0)

@@ -105,7 +105,7 @@ def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "exposure.json"])
-def test_an_edited_file_beside_the_facts_is_one_sentence_wherever_it_is_read(
+def test_an_edited_file_of_a_run_is_reported_wherever_it_is_read(
     run: Path, tmp_path: Path, name: str
 ) -> None:
     copy = tmp_path / "copy"

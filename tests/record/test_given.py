@@ -100,7 +100,7 @@ def test_a_class_a_function_and_an_object_in_the_dict_itself(tmp_path):
     assert [label.get_text() for label in axes[0].get_yticklabels()] == ["class", "file", "it"]
 
 
-def test_what_cannot_be_sent_is_a_sentence_and_leaves_no_run(tmp_path):
+def test_what_cannot_be_sent_is_refused_and_leaves_no_run(tmp_path):
     lock = threading.Lock()
 
     def holds(seen):

@@ -74,7 +74,7 @@ def test_the_module_of_this_test_drives_every_ads() -> None:
 
 
 @pytest.mark.parametrize("name", ADSS)
-def test_every_such_exception_is_a_row_with_a_sentence_and_its_place(
+def test_every_such_exception_is_a_row_with_message_and_place(
     run: tuple[str, Path], name: str
 ) -> None:
     _, folder = run
@@ -126,7 +126,7 @@ def test_the_names_that_a_spreadsheet_would_run_are_quoted(run: tuple[str, Path]
     assert ",=1+2" not in text
 
 
-def test_the_terminal_names_the_first_of_each_kind_with_its_place_and_counts_the_others(
+def test_the_terminal_names_the_first_of_each_kind_and_counts(
     run: tuple[str, Path],
 ) -> None:
     said, _ = run

@@ -131,7 +131,7 @@ def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(
     assert len({(index.value, index.similarity, index.likeness) for index in found}) == 1
 
 
-def test_other_settings_and_other_drives_are_not_taken_for_the_same(job: Job) -> None:
+def test_other_settings_and_drives_are_not_mistaken_for_the_same(job: Job) -> None:
     facts, whole = job
     assert computed(job) != computed(job, replace(SETTINGS, centre_deviation_floor=0.5))
     fewer = computed((facts, replace(whole, drivers=whole.drivers[1:])))
@@ -144,9 +144,7 @@ def test_other_settings_and_other_drives_are_not_taken_for_the_same(job: Job) ->
     "damage",
     [b"no database at all, but long enough to be one" * 40, b"SQLite format 3\0" + 200 * b"x"],
 )
-def test_a_damaged_file_of_results_is_a_sentence_and_costs_only_the_time_to_compute_them(
-    job: Job, damage: bytes
-) -> None:
+def test_a_damaged_file_of_results_is_computed_again(job: Job, damage: bytes) -> None:
     first = computed(job)
     kept = job[0].parent / KEPT
     kept.write_bytes(damage)
@@ -183,7 +181,7 @@ def test_a_file_of_another_version_is_computed_again(job: Job) -> None:
     assert computed(job) == first
 
 
-def test_a_folder_that_nobody_may_write_costs_the_saving_and_no_score(tmp_path: Path) -> None:
+def test_a_read_only_folder_loses_the_saving_and_no_score(tmp_path: Path) -> None:
     kept = KeptResults(tmp_path / "gone")  # no file can be made there
     try:
         assert kept.get("band", b"key") is None

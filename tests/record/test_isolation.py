@@ -107,7 +107,7 @@ def outcomes() -> list[Outcome]:
 
 
 @pytest.mark.parametrize("accident", OF_EACH_KIND)
-def test_an_accident_costs_its_own_row_which_says_so(
+def test_an_accident_fails_its_own_row_which_reports_it(
     outcomes: list[Outcome], accident: str
 ) -> None:
     (outcome,) = [outcome for outcome in outcomes if outcome.case.driver == accident]
@@ -177,7 +177,7 @@ def test_two_adss_that_import_a_helper_of_one_name_drive_with_their_own(tmp_path
         assert bytes_of(cases[::-1], tmp_path, workers) == alone
 
 
-def test_helper_of_an_earlier_ads_of_this_process_is_no_childs(tmp_path: Path) -> None:
+def test_a_child_does_not_get_the_helper_of_an_earlier_ads(tmp_path: Path) -> None:
     (tmp_path / "first").mkdir()
     earlier, *_ = two_planners(tmp_path / "first")
     alone = RunSettings(engine="serial")
@@ -230,7 +230,7 @@ def test_a_frame_is_read_byte_by_byte_as_it_was_written() -> None:
         (lambda data: frame(None, 5), "another case"),
     ],
 )
-def test_anything_else_is_no_frame(change: Callable[[bytes], bytes], says: str) -> None:
+def test_anything_else_is_not_a_frame(change: Callable[[bytes], bytes], says: str) -> None:
     with pytest.raises(FrameError, match=says):
         FrameReader(4).feed(change(frame([1], 4)))
 

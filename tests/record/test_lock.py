@@ -22,7 +22,7 @@ with held(Path(sys.argv[1]), "process of the test", "The folder", str):
 """
 
 
-def test_whoever_comes_second_is_told_who_holds_it_and_wipes_out_nothing(tmp_path: Path) -> None:
+def test_the_second_writer_sees_the_first_and_deletes_nothing(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     with held(path, "the first", "The folder", str):
         for _ in range(2):

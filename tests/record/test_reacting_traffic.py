@@ -55,7 +55,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> sumo_eval.Evaluation:
     return chased(tmp_path_factory.mktemp("chased"), 1)
 
 
-def test_a_collision_from_behind_is_the_others_and_counted_apart_unless_a_setting_says_otherwise(
+def test_a_collision_from_behind_is_counted_apart_by_default(
     done: sumo_eval.Evaluation,
 ) -> None:
     (score,) = done.scores
@@ -71,7 +71,7 @@ def test_a_collision_from_behind_is_the_others_and_counted_apart_unless_a_settin
     assert (again.struck_from_behind, again.collisions) == (0, len(struck))
 
 
-def test_where_no_drivers_know_the_scene_d_and_h_say_so_and_nothing_is_missing(
+def test_where_no_drivers_know_the_scene_d_and_h_report_it(
     done: sumo_eval.Evaluation,
 ) -> None:
     (score,) = done.scores

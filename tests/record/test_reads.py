@@ -146,7 +146,7 @@ def test_touched_and_written_files_change_nothing(whole: Path, tmp_path: Path) -
     assert stale(folder) == ()
 
 
-def test_edited_planner_is_driven_again_and_said(whole: Path, tmp_path: Path) -> None:
+def test_an_edited_planner_is_rerun_and_reported(whole: Path, tmp_path: Path) -> None:
     folder = copy_of(whole, tmp_path)
     (folder / "source" / "lazy" / "planner.py").write_text(ROLLS)
     run = sumo_eval_cli(
@@ -174,11 +174,11 @@ def test_list_that_cases_share_stands_once(whole: Path) -> None:
 @pytest.mark.parametrize(
     "path", ["\ud800", "a\0b", "/dev/zero", "/proc/self/mem", "../" * 3_000, ""]
 )
-def test_name_that_is_no_file_is_not_the_same(tmp_path: Path, path: str) -> None:
+def test_a_name_without_a_file_is_not_the_same(tmp_path: Path, path: str) -> None:
     assert reads.changed([("mine", path, "a hash")], tmp_path) == {"mine": [path]}
 
 
-def test_damaged_list_is_driven_again(whole: Path, tmp_path: Path) -> None:
+def test_a_damaged_list_is_rerun(whole: Path, tmp_path: Path) -> None:
     folder = copy_of(whole, tmp_path)
     with sqlite3.connect(folder / "run" / "facts.sqlite") as facts:
         facts.execute("UPDATE files_read SET hash = 'x'")
@@ -282,7 +282,7 @@ def test_kept_bytecode_hides_no_source(tmp_path: Path, kept_in: str) -> None:
     assert [*tmp_path.rglob("planner.*.pyc")]
 
 
-def test_program_depends_on_modules_beside_it(tmp_path: Path) -> None:
+def test_a_program_depends_on_modules_of_its_folder(tmp_path: Path) -> None:
     client = tmp_path / "client.py"
     client.write_text("from helpers import planner\nimport json, nowhere\n")
     (tmp_path / "helpers").mkdir()

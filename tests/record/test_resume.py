@@ -62,7 +62,7 @@ def started(run: Path, path: Path, *options: str, at_rows: int = 1) -> subproces
     return process
 
 
-def test_a_killed_run_goes_on_to_the_same_content(whole: Path, tmp_path: Path) -> None:
+def test_a_killed_run_continues_to_the_same_content(whole: Path, tmp_path: Path) -> None:
     path = write_evaluation(tmp_path)
     process = started(tmp_path / "run", path, at_rows=4)
     process.kill()
@@ -140,7 +140,7 @@ def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole: Path) -> Non
     assert digest(whole) == before
 
 
-def test_a_second_writer_is_refused_with_a_sentence(tmp_path: Path) -> None:
+def test_a_second_writer_is_refused(tmp_path: Path) -> None:
     path = write_evaluation(tmp_path)
     with only_writer(tmp_path / "run", resume=False):
         second = sumo_eval_cli("run", path, "--out", tmp_path / "run", "--resume")
@@ -150,9 +150,7 @@ def test_a_second_writer_is_refused_with_a_sentence(tmp_path: Path) -> None:
         pass
 
 
-def test_ctrl_c_once_ends_the_running_cases_and_says_how_to_go_on(
-    whole: Path, tmp_path: Path
-) -> None:
+def test_ctrl_c_once_ends_the_cases_and_says_how_to_resume(whole: Path, tmp_path: Path) -> None:
     path = write_evaluation(tmp_path)
     process = started(tmp_path / "run", path, at_rows=2)
     process.send_signal(signal.SIGINT)
@@ -211,9 +209,7 @@ def alive(pids: set[int]) -> set[int]:
 
 
 @pytest.mark.campaign
-def test_a_run_whose_disk_fills_up_stops_with_a_sentence_and_goes_on_later(
-    whole: Path, tmp_path: Path
-) -> None:
+def test_a_run_whose_disk_fills_up_stops_and_continues_later(whole: Path, tmp_path: Path) -> None:
     path = write_evaluation(tmp_path)
 
     def small_files() -> None:
@@ -231,9 +227,7 @@ def test_a_run_whose_disk_fills_up_stops_with_a_sentence_and_goes_on_later(
 
 
 @pytest.mark.campaign
-def test_a_folder_whose_making_was_cut_short_is_made_anew_and_a_foreign_one_never(
-    whole: Path, tmp_path: Path
-) -> None:
+def test_a_folder_that_was_half_made_is_made_again(whole: Path, tmp_path: Path) -> None:
     path = write_evaluation(tmp_path)
     (tmp_path / "run" / "networks").mkdir(parents=True)
     (tmp_path / "run" / "evaluation.toml.half").write_text("nam")
@@ -359,7 +353,7 @@ def test_the_hash_seed_of_the_interpreter_changes_nothing(whole: Path, tmp_path:
     assert digest(tmp_path / "run") == digest(whole)
 
 
-def test_a_caller_can_stop_a_run_and_go_on(whole: Path, tmp_path: Path) -> None:
+def test_a_caller_can_stop_a_run_and_continue(whole: Path, tmp_path: Path) -> None:
     path = write_evaluation(tmp_path)
     seen: list[int] = []
 
@@ -432,15 +426,13 @@ def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(
     assert rows(tmp_path / "run") < rows(whole), "not after an hour of driving"
 
 
-def test_driving_goes_on_where_only_the_process_beside_it_was_lost(
-    whole: Path, tmp_path: Path
-) -> None:
+def test_driving_continues_when_another_process_was_lost(whole: Path, tmp_path: Path) -> None:
     run = Resolved.of(read_evaluation(write_evaluation(tmp_path)), tmp_path)
     record_facts(run, tmp_path / "run", meanwhile=LostElsewhere(os.getpid()))
     assert digest(tmp_path / "run") == digest(whole)
 
 
-def test_zones_that_cannot_be_found_are_told_by_runs_whole_and_in_part_and_by_a_check(
+def test_missing_zones_are_reported_by_runs_and_by_a_check(
     tmp_path: Path,
 ) -> None:
     """The point lies where the constraint allows it, and of the even grid by which zones are found

@@ -1,4 +1,4 @@
-"""Work beside other work."""
+"""Work alongside other work."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from sumo_eval.record.spread import beside
+from sumo_eval.record.spread import alongside
 
 
 class Writing:
@@ -23,20 +23,20 @@ class Writing:
         self.path.write_text("done")
 
 
-def test_what_is_done_beside_is_done_at_the_end(tmp_path: Path) -> None:
-    with beside(Writing(tmp_path / "file")):
+def test_what_is_done_alongside_is_done_at_the_end(tmp_path: Path) -> None:
+    with alongside(Writing(tmp_path / "file")):
         pass
     assert (tmp_path / "file").read_text() == "done"
 
 
 def _interrupted(work: Writing, began: Path) -> None:
-    with beside(work):
+    with alongside(work):
         while not began.exists() or not began.read_text():
             time.sleep(0.01)
         raise KeyboardInterrupt
 
 
-def test_what_ends_early_ends_what_is_done_beside(tmp_path: Path) -> None:
+def test_what_ends_early_ends_what_is_done_alongside(tmp_path: Path) -> None:
     began = tmp_path / "file.pid"
     with pytest.raises(KeyboardInterrupt):
         _interrupted(Writing(tmp_path / "file", after=60.0), began)

@@ -134,7 +134,7 @@ def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(
         assert list(store.facts("ads", "front_vehicle_low_speed")) == []
 
 
-def test_a_file_that_is_no_facts_file_is_refused_with_a_sentence(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_facts_file_is_refused(tmp_path: Path) -> None:
     with (
         pytest.raises(InputError, match="is not a run folder"),
         open_store(tmp_path / "facts.sqlite"),
@@ -197,7 +197,7 @@ def filled(path: Path, order: list[int], log: str = "") -> str:
         return store.digest()
 
 
-def test_the_digest_hangs_on_the_facts_alone_not_on_order_times_or_printed_text(
+def test_the_digest_depends_on_the_facts_alone(
     tmp_path: Path,
 ) -> None:
     forth = filled(tmp_path / "a", [1, 2, 3])
@@ -220,7 +220,7 @@ def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(tmp_path
         assert store.trajectories(fact.case) == {}
 
 
-def test_a_full_disk_is_a_sentence_and_what_was_recorded_stays(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_what_was_recorded_stays(tmp_path: Path) -> None:
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end")))
         store._connection.execute("PRAGMA max_page_count = 12")
@@ -263,7 +263,7 @@ def reads(path: Path) -> str:
         "WHERE \"case\" LIKE '%-0002-%'",
     ],
 )
-def test_an_edited_row_is_a_sentence_that_names_its_case(tmp_path: Path, change: str) -> None:
+def test_an_edited_row_is_reported_with_its_case(tmp_path: Path, change: str) -> None:
     filled(tmp_path / "facts.sqlite", [1, 2, 3])
     assert reads(tmp_path / "facts.sqlite") == ""
     edit(tmp_path / "facts.sqlite", change)
@@ -289,7 +289,7 @@ def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(tmp_path: P
     assert reads(path) == ""
 
 
-def test_every_flipped_bit_is_a_sentence_or_changes_nothing(tmp_path: Path) -> None:
+def test_every_flipped_bit_is_reported_or_changes_nothing(tmp_path: Path) -> None:
     """Of 300 bits all over a file: each is either refused, or the file says the same to the last
     bit."""
     path = tmp_path / "facts.sqlite"
@@ -315,7 +315,7 @@ def test_every_flipped_bit_is_a_sentence_or_changes_nothing(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.1, 0.5, 0.9, 0.999])
-def test_a_file_that_was_cut_off_is_a_sentence(tmp_path: Path, share: float) -> None:
+def test_a_file_that_was_cut_off_is_refused(tmp_path: Path, share: float) -> None:
     path = tmp_path / "facts.sqlite"
     filled(path, list(range(12)))
     data = path.read_bytes()
@@ -333,7 +333,7 @@ def test_a_file_of_an_older_format_is_refused_with_what_to_do(tmp_path: Path) ->
     assert "run its evaluation again into a new folder" in said
 
 
-def test_a_locked_file_is_a_sentence(tmp_path: Path) -> None:
+def test_a_locked_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "facts.sqlite"
     filled(path, [1])
     other = sqlite3.connect(path)
@@ -342,7 +342,7 @@ def test_a_locked_file_is_a_sentence(tmp_path: Path) -> None:
     other.close()
 
 
-def test_a_folder_in_place_of_the_file_is_a_sentence(tmp_path: Path) -> None:
+def test_a_folder_in_place_of_the_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "facts.sqlite").mkdir()
     assert "is not a run folder" in reads(tmp_path / "facts.sqlite")
     with (

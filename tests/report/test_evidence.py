@@ -123,7 +123,7 @@ def test_claims_say_what_the_facts_bear_out(run: Path, tmp_path: Path) -> None:
     assert places == sorted(places)
 
 
-def test_nothing_is_claimed_of_harm_that_nobody_could_do(run: Path) -> None:
+def test_nothing_is_claimed_of_harm_that_no_vehicle_could_do(run: Path) -> None:
     """Where a car that does nothing touches nobody A is 1 by definition, with 1 to 1 as its
     interval."""
     whole = score(run)
@@ -147,7 +147,7 @@ def test_the_report_carries_the_qualification_that_the_run_names(run: Path) -> N
     assert content["holds"]
 
 
-def test_a_run_that_goes_on_needs_its_qualification_no_more(run: Path, tmp_path: Path) -> None:
+def test_a_continued_run_needs_no_qualification(run: Path, tmp_path: Path) -> None:
     shutil.copytree(run, tmp_path / "run")
     moved = run.parent / "qualification.json"
     kept = moved.read_bytes()
@@ -194,7 +194,7 @@ def test_a_qualification_that_does_not_hold_is_said_to(
         ('{"checks": [], "created": "", "versions": {}, "machine": {}}', "holds no checks"),
     ],
 )  # fmt: skip
-def test_what_is_no_qualification_is_refused_before_anything_is_driven(
+def test_a_wrong_qualification_is_refused_before_any_drive(
     tmp_path: Path, text: str | None, sentence: str
 ) -> None:
     if text is not None:

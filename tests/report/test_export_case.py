@@ -180,7 +180,7 @@ def test_the_files_are_there_and_called_like_the_case(run, tmp_path):
     )
 
 
-def test_a_name_that_is_no_file_name_becomes_one_and_stays_in_its_folder(run, tmp_path):
+def test_a_name_that_is_not_a_file_name_becomes_one(run, tmp_path):
     exported = export_case(run, "slow_truck-0000-beside it/--x", tmp_path)
     assert {path.parent for path in exported.paths} == {tmp_path}
     assert "slow_truck-0000-beside_it__-x.toml" in {path.name for path in exported.paths}
@@ -501,7 +501,7 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
         (["cut_in-0001-draws", "--format", "csv"], "`--format` is for the tables of a whole run"),
     ],
 )
-def test_the_command_refuses_in_a_sentence(run, tmp_path, arguments, sentence):
+def test_the_command_refuses(run, tmp_path, arguments, sentence):
     result = CliRunner().invoke(
         main, ["export", str(run), *arguments, "--out", str(tmp_path / "out")]
     )

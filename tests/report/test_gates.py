@@ -117,7 +117,7 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation: Evaluat
         assert result.passed is passes, limit
 
 
-def test_a_change_that_is_not_certain_is_excused_only_where_the_limit_says_so(
+def test_an_uncertain_change_is_excused_only_by_its_limit(
     evaluation: Evaluation,
 ) -> None:
     case = next(
@@ -144,7 +144,7 @@ def test_an_index_that_is_not_computed_any_more_fails(evaluation: Evaluation) ->
     assert "not computed any more" in result.sentence
 
 
-def test_without_a_base_only_limits_on_values_are_judged(evaluation: Evaluation) -> None:
+def test_without_a_base_only_limits_on_values_are_evaluated(evaluation: Evaluation) -> None:
     settings = GateSettings(
         limit=(LimitSettings("new_collisions", at_most=0.0), LimitSettings("S", at_least=100.0))
     )
@@ -270,7 +270,7 @@ def test_worse_by_has_a_tolerance_of_its_own(
     assert judged(still, with_scores(still, d=0.5 - by), rounded)[0].passed is passes
 
 
-def test_a_column_is_judged_case_by_case(evaluation: Evaluation) -> None:
+def test_a_column_is_evaluated_case_by_case(evaluation: Evaluation) -> None:
     """Gaps of 5 m, one of them 3 m now: 2 m worse, 40 % worse, below 4 m; a case without a value is
     not judged."""
     base = replace(evaluation, cases=tuple(replace(case, min_gap=5.0) for case in evaluation.cases))

@@ -132,7 +132,7 @@ def test_sign_test_tells_the_safest_apart(evaluation: Evaluation, hits: int, wor
     )
 
 
-def test_the_best_is_told_apart_or_not(evaluation: Evaluation) -> None:
+def test_the_best_is_distinguished_or_not(evaluation: Evaluation) -> None:
     first, second = builders.CALM, builders.HOSTILE
     for apart, words in ((True, "Told apart from"), (False, "Not told apart from")):
         ads = (

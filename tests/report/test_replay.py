@@ -252,7 +252,7 @@ def test_without_sumo_gui_a_sentence_says_how_to_get_it(
 
 
 @needs_node
-def test_the_page_puts_a_bend_where_the_road_has_it() -> None:
+def test_the_page_puts_a_curve_where_the_road_has_it() -> None:
     line = (
         Piece(40.0),
         Piece(60.0, 0.0, 1 / 200),

@@ -283,7 +283,7 @@ def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation: Evalu
     assert set(view.fixed) == {0, 1}
 
 
-def test_a_map_shows_the_two_parameters_that_somebody_chose(evaluation: Evaluation) -> None:
+def test_a_map_shows_the_two_chosen_parameters(evaluation: Evaluation) -> None:
     rows = [
         [float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)
     ]
@@ -315,7 +315,7 @@ def test_a_map_with_slices_opens_where_most_collisions_are(evaluation: Evaluatio
 
 
 @pytest.mark.parametrize("name", ["front_vehicle_cut_out", "curve_braking", "oncoming_in_lane"])
-def test_law_a_map_is_told_the_room_of_each_constraint_and_the_least_says_what_is_possible(
+def test_law_the_least_room_of_constraints_is_what_is_possible(
     name: str,
 ) -> None:
     logical = catalogue.load(name)
@@ -353,7 +353,7 @@ def test_the_same_evaluation_gives_the_same_bytes(
     assert write_report(evaluation, partitions).read_text(encoding="utf-8") == page
 
 
-def test_a_run_without_facts_is_one_sentence(
+def test_a_run_without_facts_is_refused(
     evaluation: Evaluation, partitions: dict[str, ZonePartition], tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match="is not a run folder"):
@@ -401,7 +401,7 @@ def test_many_values_of_the_first_parameter_share_panels(evaluation: Evaluation)
     assert "nearest" in view.note
 
 
-def test_four_parameters_are_a_slice_and_the_report_says_so(evaluation: Evaluation) -> None:
+def test_the_report_names_the_slice_of_four_parameters(evaluation: Evaluation) -> None:
     rows = [[7.0, x, 3.0, y, z] for x in (0.0, 5.0) for y in (0.0, 5.0) for z in (0.0, 0.0, 5.0)]
     view = choose_view(space(5), points(evaluation, rows))
     assert (view.x, view.y, view.panel) == (1, 3, None)
@@ -417,7 +417,7 @@ def test_when_hardly_a_case_is_on_the_slice_all_are_projected(evaluation: Evalua
     assert "all cases are drawn" in view.note
 
 
-def test_a_large_evaluation_embeds_the_most_telling_points_and_says_so(
+def test_a_large_evaluation_reports_that_it_embeds_some_points(
     evaluation: Evaluation,
     partitions: dict[str, ZonePartition],
     page: str,

@@ -62,7 +62,7 @@ def test_a_parameter_that_is_called_like_a_column_keeps_its_values(
     assert (row["parameter_zone"], row["zone"]) == (3.5, evaluation.cases[0].zone)
 
 
-def test_a_folder_that_cannot_be_is_one_sentence(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_is_refused(evaluation: Evaluation, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         cases_csv(evaluation, tmp_path / "file" / "cases.csv")

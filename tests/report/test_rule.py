@@ -186,7 +186,7 @@ def test_a_noisy_ads_needs_five_drives_to_lose_a_case(evaluation: Evaluation) ->
         assert any(f"{case.case} ({bad})" in gate.sentence for gate in results) is not fails
 
 
-def test_a_noisy_ads_is_judged_by_chance_alone(evaluation: Evaluation) -> None:
+def test_a_noisy_ads_is_evaluated_by_chance_alone(evaluation: Evaluation) -> None:
     """One case 0.6 m nearer fails for an ADS that repeats; by chance it is 1 of 1, P = 0.5."""
     base = calm(evaluation, min_gap=0.92, min_ttc=9.0)
     one = some(base, 1, lambda case: replace(case, min_gap=0.32))
@@ -198,7 +198,7 @@ def test_a_noisy_ads_is_judged_by_chance_alone(evaluation: Evaluation) -> None:
     assert not judged(base, every, floor)
 
 
-def test_too_few_cases_are_no_good_news(evaluation: Evaluation) -> None:
+def test_too_few_cases_are_not_good_news(evaluation: Evaluation) -> None:
     base = calm(evaluation, min_gap=5.0, min_ttc=9.0)
     results = judge(base, compare(base, base, SETTINGS), SETTINGS)
     (gap,) = [one for one in results if one.ads == builders.CALM and one.quantity == "min_gap"]

@@ -28,7 +28,7 @@ def test_a_page_that_holds_all_cases_leaves_none_out(evaluation: Evaluation) -> 
     assert all(one.places is None for one in shown_cases(evaluation).values())
 
 
-def test_half_of_the_cases_that_are_shown_tell_most_and_the_others_lie_evenly(
+def test_half_of_the_shown_cases_tell_most_half_lie_evenly(
     evaluation: Evaluation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))

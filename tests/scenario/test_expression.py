@@ -100,7 +100,7 @@ def test_a_misspelt_name_or_function_is_answered_with_the_nearest():
         Expression("sqr(a)")
 
 
-def test_a_number_is_no_condition_and_the_other_way_round():
+def test_a_number_is_not_a_condition_nor_the_reverse():
     with pytest.raises(InputError, match="a number, not a comparison"):
         number("a < 3", "a test")
     with pytest.raises(InputError, match="a condition such as"):
@@ -108,7 +108,7 @@ def test_a_number_is_no_condition_and_the_other_way_round():
     assert float(number(3, "a test").value({})) == 3.0
 
 
-def test_what_is_not_defined_is_not_finite_and_warns_nobody():
+def test_what_is_not_defined_is_not_finite_and_gives_no_warning():
     assert not np.isfinite(Expression("1 / a").value({"a": 0.0}))
 
 
@@ -129,7 +129,7 @@ def test_a_number_that_no_float_can_hold_is_refused(text: str) -> None:
 @pytest.mark.parametrize(
     "text", ["\ud800", "x\x00", "-" * 900 + "x", "(" * 400 + "x" + ")" * 400, "1" * 5_000, "f'{x}'"]
 )
-def test_odd_text_is_one_sentence_that_can_be_shown(text: str) -> None:
+def test_odd_text_gives_a_message_that_can_be_shown(text: str) -> None:
     with pytest.raises(InputError) as caught:
         Expression(text)
     str(caught.value).encode("utf-8")

@@ -58,7 +58,7 @@ def test_an_installed_package_reads_a_format_of_its_own(site: Path) -> None:
     assert [score.scenario for score in done.scores] == ["slow_lead"]
 
 
-def test_a_format_that_cannot_be_loaded_is_one_sentence(site: Path) -> None:
+def test_a_format_that_cannot_be_loaded_is_refused(site: Path) -> None:
     install(site, "lead = lead_format:read")
     with pytest.raises(
         InputError,

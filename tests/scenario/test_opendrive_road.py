@@ -50,7 +50,7 @@ def written(tmp_path: Path, **parts: object) -> Path:
     [("left_radius_250m", 250.0), ("right_radius_250m", -250.0), ("left_radius_1000m", 1000.0),
      ("right_radius_1000m", -1000.0)],
 )  # fmt: skip
-def test_the_bends_of_the_alks_catalogue(name: str, radius: float) -> None:
+def test_the_curves_of_the_alks_catalogue(name: str, radius: float) -> None:
     """Driving lanes begin 2.75 m to the right; the third one's centre is 2.75 + 2.5 * 3.5 = 11.5 m
     from the line."""
     read = read_opendrive(ALKS / f"alks_road_{name}.xodr")
@@ -311,7 +311,7 @@ def chain(tmp_path: Path, a: float = 3.5) -> Path:
     return path
 
 
-def test_the_roads_of_a_turn_at_a_junction_are_driven_one_behind_the_other(tmp_path: Path) -> None:
+def test_the_roads_of_a_turn_are_driven_in_order(tmp_path: Path) -> None:
     """The first is driven against its direction; the lane's centre is 1.75 m right of the arc: R =
     21.75 m."""
     read = read_opendrive(chain(tmp_path), ["in", "turn", "out"])

@@ -160,7 +160,7 @@ def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path
     assert slope[5:-5] == pytest.approx(accelerations[5:-5], abs=1e-4)
 
 
-def test_moves_at_times_are_scripts_that_a_bend_can_have(tmp_path: Path) -> None:
+def test_moves_at_times_are_scripts_that_a_curve_can_have(tmp_path: Path) -> None:
     """1.25 m in pi sqrt(1.25 / 0.6) = 4.53 s from 2 s on, and 1 s after its end a brake."""
     ended = (
         '<StoryboardElementStateCondition storyboardElementType="action" '
@@ -253,7 +253,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("sentence", BAD)
-def test_what_cannot_be_played_is_refused_in_one_sentence(tmp_path: Path, sentence: str) -> None:
+def test_what_cannot_be_played_is_refused(tmp_path: Path, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence) as error:
         read_file(written(tmp_path, **BAD[sentence]))
     assert "\n" not in str(error.value)
@@ -266,7 +266,7 @@ def test_what_cannot_be_played_is_refused_in_one_sentence(tmp_path: Path, senten
         ('dLane="1" ds="-19"', r"on the road, its centre at x = 3 to [\d.]+ m \(the ego's .+\)"),
     ],
 )
-def test_points_at_which_nobody_can_be_do_not_play(tmp_path: Path, where: str, must: str) -> None:
+def test_impossible_points_do_not_play(tmp_path: Path, where: str, must: str) -> None:
     """The other's body, 6 m long: 2 m ahead of the ego's centre inside it; with its centre 2.5 m
     behind the road's beginning half a metre over it. UN R157 has such points: a truck of 18.75 m
     stands 15 m before what it hides.
@@ -323,7 +323,7 @@ def test_a_variation_that_leads_back_to_itself_is_refused(tmp_path: Path) -> Non
         read_file(one)
 
 
-def test_a_move_with_a_condition_plays_on_a_road_that_bends(tmp_path: Path) -> None:
+def test_a_move_with_a_condition_plays_on_a_curved_road(tmp_path: Path) -> None:
     """A left bend of 500 m: the cut-in waits until the gap is below 30 m there as on a straight
     road."""
     path = written(tmp_path, events=CUT_IN)
@@ -340,7 +340,7 @@ def test_a_move_with_a_condition_plays_on_a_road_that_bends(tmp_path: Path) -> N
     assert other.acts[0].offset == pytest.approx(straight.acts[0].offset)
 
 
-def test_speeds_and_gaps_beside_the_line_of_a_road_that_bends_are_over_the_ground(
+def test_speeds_and_gaps_on_a_curved_road_are_over_the_ground(
     tmp_path: Path,
 ) -> None:
     """A left bend of 500 m: who drives 15 m/s in the left lane, 0.25 m on, is 501.75 - 3.75 m from
@@ -444,7 +444,7 @@ def test_the_road_of_an_ego_that_turns_is_its_way_and_who_comes_across_drives_st
     assert abs(np.diff(seen[:, 2])).max() < 0.2  # its heading in the frame turns without a jump
 
 
-def test_people_who_know_leads_alone_are_not_asked_where_somebody_comes_across(
+def test_drivers_that_know_only_leads_are_not_used_for_crossings(
     tmp_path: Path,
 ) -> None:
     """A car that changes lane ahead is what the synthetic drivers know; one that comes across the
@@ -460,7 +460,7 @@ def test_people_who_know_leads_alone_are_not_asked_where_somebody_comes_across(
     assert content["people"] == "none"
 
 
-def test_an_ego_that_turns_behind_who_comes_across_touches_nobody(tmp_path: Path) -> None:
+def test_an_ego_that_turns_behind_the_crossing_vehicle_passes(tmp_path: Path) -> None:
     """Through SUMO: an ego that does nothing reaches the bend after (120 - 20) / 5 = 20 s, when the
     other, from 198.5 m with 5 m/s, is at 98.5 m, beside the straight. The ego's axle keeps to the
     radius of 10 m, its centre 1.35 m ahead, within the 0.2 m that its wheel, which turns at a
@@ -483,7 +483,7 @@ def test_an_ego_that_turns_behind_who_comes_across_touches_nobody(tmp_path: Path
     np.testing.assert_allclose(np.hypot(x - 120.0, y - 10.0), math.hypot(10.0, 1.35), atol=0.2)
 
 
-def test_a_trajectory_crosses_a_road_that_bends_straight_on_the_map(tmp_path: Path) -> None:
+def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path: Path) -> None:
     """A left bend of 500 m, a body that goes from the left lane, 3.5 m to the left, to the right
     one 10 m before: on the map its places lie on the chord between both ends, 1.5 m ahead of where
     its axle is.
@@ -526,7 +526,7 @@ def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path
         find(str(written_again(written(tmp_path, step=linear.replace('"0"', '"2"')))))
 
 
-def test_who_is_judged_can_be_named(tmp_path: Path) -> None:
+def test_the_ego_can_be_named(tmp_path: Path) -> None:
     path = written(tmp_path, events=CUT_IN)
     was = find(str(path)).concrete(only=0.0)
     hero = tmp_path / "hero.xosc"

@@ -100,7 +100,7 @@ def test_zones_are_searched_in_few_parameters_only() -> None:
 
 
 @needs_catalogues
-def test_who_is_on_no_lane_moves_alike_however_often_sumo_hears_of_him(
+def test_a_vehicle_off_the_lanes_moves_the_same_set_twice(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A pedestrian crosses a bend of 250 m: SUMO hears of him in one step of ten, or, as where an

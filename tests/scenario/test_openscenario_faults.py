@@ -213,7 +213,7 @@ def test_a_road_with_one_thing_wrong_is_refused_with_its_element(
     assert re.search(sentence, found), found
 
 
-def test_who_moves_across_twice_is_told_from_the_lane_in_which_it_then_is(tmp_path: Path) -> None:
+def test_two_lateral_moves_each_start_from_their_lane(tmp_path: Path) -> None:
     """From lane 1 one lane to the right and one to the left again, each relative to itself: 0 m and
     then as it began, 0.25 m beside its lane's middle at the start.
     """
@@ -353,7 +353,7 @@ def test_an_entry_that_leads_to_itself_is_refused(tmp_path: Path) -> None:
     assert "<CatalogReference>: entry `round` of catalog `ways` refers to itself" in said(path)
 
 
-def test_what_is_no_scenario_is_said(tmp_path: Path) -> None:
+def test_what_is_not_a_scenario_is_named(tmp_path: Path) -> None:
     path = written(tmp_path)
     assert "cars.xosc, line 1, <OpenSCENARIO>: it must hold a <Storyboard>" in said(
         tmp_path / "catalogs" / "cars.xosc"
@@ -377,11 +377,11 @@ def test_a_road_of_a_scenario_file_declares_no_entities_either(tmp_path: Path) -
         read_opendrive(tmp_path / "road.xodr")
 
 
-def test_a_catalogue_that_nobody_knows_is_told_by_its_neighbour() -> None:
+def test_an_unknown_catalogue_names_the_nearest() -> None:
     assert "got ncap_2027. Did you mean `ncap_2026`?" in said(Path("ncap_2027"))
 
 
-def test_a_mark_before_the_text_of_a_scenario_file_is_no_part_of_it(tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_not_part_of_a_scenario_file(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(
         scenario_files()["ncap_ccrs"].read_text(encoding="utf-8"), encoding="utf-8-sig"
     )

@@ -274,7 +274,7 @@ def test_stochastic_distributions_have_their_moments_and_their_limits(files):
         ),
     ],
 )
-def test_what_cannot_be_used_is_refused_in_a_sentence(files, change, sentence):
+def test_what_cannot_be_used_is_refused(files, change, sentence):
     name, old, new = change
     text = (files / name).read_text()
     if sentence is None:  # unchanged, it works: every refusal below comes from its change

@@ -183,9 +183,7 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over() -> None:
             "has `recorded` places"),
     ],
 )  # fmt: skip
-def test_every_mistake_is_a_sentence_that_names_the_nearest_word(
-    change: dict[str, Any], sentence: str
-) -> None:
+def test_every_mistake_names_the_nearest_word(change: dict[str, Any], sentence: str) -> None:
     move = {"do": "brake", "deceleration": 5.0, **change}
     with pytest.raises(InputError) as caught:
         check_points(
@@ -266,9 +264,7 @@ def test_where_no_zone_can_be_defined_everything_is_safe() -> None:
         ("gap(ego, lead) < -1000", True),  # nobody knows
     ],
 )
-def test_a_condition_that_can_never_hold_is_refused_before_anybody_drives(
-    when: str, held: bool
-) -> None:
+def test_a_condition_that_never_holds_is_refused_before_a_drive(when: str, held: bool) -> None:
     logical = scene(
         {"do": "keep_speed", "name": "keep"}, {"do": "brake", "deceleration": 5.0, "when": when}
     )

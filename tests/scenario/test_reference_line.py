@@ -102,7 +102,7 @@ def test_a_piece_of_no_length_or_no_curvature_is_refused(piece: tuple[float, flo
         Piece(*piece)
 
 
-def test_lanes_in_sumo_have_a_vertex_at_every_metre_of_bend_and_one_length() -> None:
+def test_lanes_in_sumo_have_a_vertex_at_every_metre_of_curve() -> None:
     road = Road("chain", 500.0, 3, 3.5, 100.0, line=CHAIN)
     lanes = list(etree.fromstring(network_xml(road).encode()).iter("lane"))
     assert [lane.get("length") for lane in lanes] == ["600.00"] * 3
@@ -166,7 +166,7 @@ def test_a_file_draws_a_road_piece_by_piece() -> None:
     assert read(name="hill", line=[{"length": 90.0, "radius": "radius"}]).name == "hill_left_300m"
 
 
-def test_a_line_that_never_bends_is_a_straight_road() -> None:
+def test_a_line_without_curves_is_a_straight_road() -> None:
     assert read(line=[{"length": 100.0}, {"length": 50.0, "radius": "bend"}]) == read()
 
 
@@ -195,9 +195,7 @@ def test_a_line_that_never_bends_is_a_straight_road() -> None:
         ([{"length": -1.0}], "length"),
     ],
 )
-def test_a_road_that_nobody_can_drive_along_is_refused_in_one_sentence(
-    line: list[Any], sentence: str
-) -> None:
+def test_a_road_that_cannot_be_driven_is_refused(line: list[Any], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         read(line=line)
 

@@ -69,7 +69,7 @@ def test_the_seven_points_of_d_stay_on_the_road_where_a_lane_has_ended() -> None
     assert points[1, :4, 1] == pytest.approx([1.75, 1.75 + 0.25 / 3, 1.75 + 0.5 / 3, 2.0])
 
 
-def test_sections_are_edges_and_a_ramp_is_one_of_its_own_beside_them() -> None:
+def test_sections_and_ramps_are_edges() -> None:
     road = read().road
     net = etree.fromstring(network_xml(road).encode())
     lanes = {str(lane.get("id")): str(lane.get("shape")) for lane in net.iter("lane")}
@@ -90,7 +90,7 @@ def test_sections_are_edges_and_a_ramp_is_one_of_its_own_beside_them() -> None:
     assert vehicle_edges(road, 3.5) == ("road0", "road1", "road2")
 
 
-def test_lanes_that_open_and_end_follow_a_bend_and_meet_where_their_sections_do() -> None:
+def test_lanes_that_open_and_end_follow_a_curve() -> None:
     road = read(
         road={
             "lanes": 3,
@@ -207,7 +207,7 @@ GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
         ({"vehicle": [{"name": "other", "speed": 20.0, "x": 600.0}]}, "must be on a lane"),
     ],
 )  # fmt: skip
-def test_a_shape_that_cannot_be_is_one_sentence(changes: dict[str, Any], sentence: str) -> None:
+def test_a_shape_that_cannot_be_is_refused(changes: dict[str, Any], sentence: str) -> None:
     from sumo_eval.scenario.file import check_points
 
     with pytest.raises(InputError) as caught:

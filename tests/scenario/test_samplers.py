@@ -158,7 +158,7 @@ def test_64_sobol_points_put_one_into_each_of_8_by_8_cells():
     assert len({(int(a * 8 - 1e-7), int(b * 8 - 1e-7)) for a, b in points}) == 64
 
 
-def test_a_count_that_is_no_power_of_2_is_said():
+def test_a_count_that_is_not_a_power_of_2_is_reported():
     assert "powers of 2" in draw(CUT_IN, "sobol", 100).notes[0]
     assert draw(CUT_IN, "sobol", 128).notes == ()
 
@@ -251,7 +251,7 @@ def test_points_from_a_csv_in_any_order_of_columns(tmp_path):
         ("gap,ego_speed,obstacle_speed,exposure\n60,20,5,-1\n", "`exposure` of the points"),
     ],
 )
-def test_a_csv_that_cannot_be_used_is_refused_in_a_sentence(tmp_path, text, sentence):
+def test_a_csv_that_cannot_be_used_is_refused(tmp_path, text, sentence):
     with pytest.raises(InputError) as caught:
         from_file(tmp_path, text)
     assert sentence in str(caught.value)
@@ -312,7 +312,7 @@ def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_pat
         ("soboll", {"count": 5}, "Did you mean `sobol`?"),
     ],
 )
-def test_a_request_that_makes_no_points_is_refused_in_a_sentence(method, keys, sentence):
+def test_a_request_that_makes_no_points_is_refused(method, keys, sentence):
     with pytest.raises(InputError) as caught:
         sample(CUT_OUT, method, request=Request(**keys))
     assert sentence in str(caught.value)
@@ -342,9 +342,7 @@ def test_constraints_that_exclude_everything_leave_no_point():
         ("ego_speed,lead_speed\n20\n", "must be a number"),
     ],
 )
-def test_a_list_of_points_with_odd_rows_is_refused_in_a_sentence(
-    tmp_path: Path, text: str, words: str
-) -> None:
+def test_a_list_of_points_with_odd_rows_is_refused(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "points.csv").write_text(text)
     with pytest.raises(InputError, match=words):
         from_csv(

@@ -53,7 +53,7 @@ def test_levels_are_evenly_spaced_and_include_both_ends():
     assert np.unique(points[:, 2])[[0, -1]].tolist() == [20.0, 120.0]
 
 
-def test_levels_and_steps_by_name_leave_the_others_their_own_steps():
+def test_levels_and_steps_by_name_leave_other_axes_as_they_are():
     points = grid(CUT_OUT, levels={"ego_speed": 2}, steps={"gap": 50.0})
     assert np.unique(points[:, 0]).tolist() == [10.0, 30.0]
     assert np.unique(points[:, 1]).tolist() == [0.0, 5.0, 10.0, 15.0, 20.0]
@@ -105,7 +105,7 @@ def test_a_step_that_does_not_divide_the_range_is_said():
     assert np.unique(chosen.refused[:, 2]).tolist() == [20.0, 50.0, 80.0, 110.0]
 
 
-def test_a_step_longer_than_the_range_leaves_one_point_and_says_so():
+def test_a_step_longer_than_the_range_leaves_one_point():
     chosen = sample(space((2.0, 3.0, 5.0)))
     assert chosen.points.tolist() == [[2.0]]
     assert "the last point is 2." in chosen.notes[0]
@@ -159,7 +159,7 @@ def test_points_keep_the_grids_order():
         ({"levels": 10**12}, "must have at most 1,000,000 points"),
     ],
 )
-def test_what_makes_no_grid_is_refused_in_a_sentence(arguments, sentence):
+def test_what_makes_no_grid_is_refused(arguments, sentence):
     with pytest.raises(InputError) as caught:
         sample(CUT_OUT, **arguments)
     assert sentence in str(caught.value)

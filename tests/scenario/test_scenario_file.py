@@ -221,7 +221,7 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
             "Parameter `truck_speed` of sample `own`"),
     ],
 )  # fmt: skip
-def test_every_mistake_is_a_sentence(file, old, new, sentence):
+def test_every_mistake_has_a_message(file, old, new, sentence):
     assert old in EXAMPLE
     file.write_text(EXAMPLE.replace(old, new, 1))
     with pytest.raises(InputError) as caught:
@@ -253,7 +253,7 @@ def test_an_option_is_a_number_that_expressions_know_and_another_scenario_where_
         catalogue.find("slow_truck.toml?reacton=1", file.parent)
 
 
-def test_options_without_a_table_of_their_own_are_named_one_after_the_other(file):
+def test_options_without_an_own_table_are_named_in_order(file):
     options = "".join(
         f'[[option]]\nname = "{name}"\nunit = "s"\ndefault = 1.0\n' for name in ("first", "second")
     )
@@ -317,7 +317,7 @@ def test_all_mistakes_of_a_kind_are_named_at_once(file):
     assert "`ego.spede`" in str(caught.value)
 
 
-def test_what_may_be_a_table_or_a_word_is_refused_in_one_sentence(tmp_path):
+def test_a_wrong_table_or_word_is_refused_with_one_message(tmp_path):
     (tmp_path / "s.toml").write_text(
         'name = "s"\nparameter = []\nego = { speed = 20.0 }\nzone = "nobody"\n'
     )
@@ -409,7 +409,7 @@ def test_points_of_a_table_come_in_the_unit_of_its_head(tmp_path, header, low):
             sample(logical, "file", request=wanted)
 
 
-def test_a_vehicle_that_left_is_told_in_row_and_report(tmp_path, monkeypatch):
+def test_a_vehicle_that_left_stands_in_row_and_report(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("short.toml").write_text(SHORT.replace("SPEED", "4.0"))
     evaluation = {"name": "left", "scenario": [{"use": "short.toml"}], "drivers": {"count": 2}}

@@ -252,7 +252,7 @@ def test_the_zones_of_a_cut_in_see_closing_speed_and_the_gap_left() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nobody_declared_an_exposure_for_a_shipped_scenario(name: str) -> None:
+def test_no_shipped_scenario_declares_an_exposure(name: str) -> None:
     from sumo_eval.drivers.recorded.exposure import exposure_of
     from sumo_eval.settings import DriverSettings, ExposureSettings
 
@@ -308,7 +308,7 @@ def test_the_check_of_a_shipped_file_counts_its_points(name: str) -> None:
         ),
     ],
 )
-def test_a_wrong_option_is_a_sentence(use: str, sentence: str) -> None:
+def test_a_wrong_option_is_refused(use: str, sentence: str) -> None:
     with pytest.raises(InputError) as caught:
         catalogue.find(use)
     assert sentence in str(caught.value)

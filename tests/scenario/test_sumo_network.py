@@ -97,7 +97,7 @@ def test_a_case_on_a_turned_network_is_the_same_case(network):
     assert simulate(there, "lane_changer").error is None
 
 
-def test_a_scenario_file_names_the_network_beside_it(tmp_path, network):
+def test_a_scenario_file_names_a_network_of_its_folder(tmp_path, network):
     text = scenario_files()["front_vehicle_low_speed"].read_text()
     before, _, rest = text.partition("[road]")
     (tmp_path / "mine.toml").write_text(
@@ -159,7 +159,7 @@ NO_CARS = ['allow="pedestrian"', 'allow="bicycle pedestrian"', 'disallow="all"',
 
 
 @pytest.mark.parametrize("permissions", NO_CARS)
-def test_a_lane_without_cars_is_no_lane_of_the_road(tmp_path, permissions):
+def test_a_lane_without_cars_is_not_a_lane_of_the_road(tmp_path, permissions):
     road = read_road(
         edge_of(tmp_path / "own.net.xml", (permissions, 2.0), CAR, ("", 3.2), (permissions, 1.5)),
         ["m"],
@@ -210,7 +210,7 @@ def test_any_permissions_of_lanes_make_a_road_or_a_sentence(tmp_path, seed):
 @pytest.mark.parametrize(
     "index", ["nan", "1e308", "-1", "", "9" * 5_000], ids=lambda index: index[:9]
 )
-def test_lane_index_that_is_no_small_number_is_refused(tmp_path, index):
+def test_a_lane_index_must_be_a_small_number(tmp_path, index):
     path = edge_of(tmp_path / "own.net.xml", CAR, CAR)
     path.write_text(path.read_text().replace('index="1"', f'index="{index}"'))
     with pytest.raises(
@@ -219,7 +219,7 @@ def test_lane_index_that_is_no_small_number_is_refused(tmp_path, index):
         read_road(path, ["m"], 280.0)
 
 
-def test_lanes_of_different_widths_are_told_one_by_one(tmp_path):
+def test_lanes_of_different_widths_are_listed(tmp_path):
     path = edge_of(tmp_path / "own.net.xml", ('allow="pedestrian"', 2.0), ("", 3.2), ("", 3.5))
     with pytest.raises(InputError, match=r"must have one width, got m_1 3\.2 m, m_2 3\.5 m"):
         read_road(path, ["m"], 280.0)
@@ -293,7 +293,7 @@ def bent(tmp_path_factory):
     return turned(tmp_path_factory.mktemp("bent") / "hill.net.xml", road=BENT)
 
 
-def test_law_a_network_that_bends_is_the_road_along_its_lanes(bent):
+def test_law_a_curved_network_is_the_road_along_its_lanes(bent):
     road = read_road(bent, ["road0", "road1", "road2"], 900.0)
     assert (road.lanes, road.lane_width, road.network) == (3, 3.5, None)
     assert road.length + road.run_out == pytest.approx(1000.0, abs=0.1)
@@ -338,7 +338,7 @@ def test_junction_without_right_of_way_is_refused(tmp_path):
     assert read_road(path, ["road0", "road1"], 500.0).lanes == 3
 
 
-def test_edges_that_bend_are_driven_in_their_order(bent):
+def test_curved_edges_are_driven_in_their_order(bent):
     for edges, sentence in (
         (
             ["road0", "road2"],
@@ -373,7 +373,7 @@ def test_traffic_reacts_on_a_straight_network_too(network, tmp_path):
     assert chased.actors["rear"].speed.min() < 25.0
 
 
-def test_traffic_reacts_on_a_network_that_bends(bent, tmp_path):
+def test_traffic_reacts_on_a_curved_network(bent, tmp_path):
     (tmp_path / "hill.toml").write_text(
         'name = "hill"\nzone = "none"\n'
         'parameter = [{ name = "v", unit = "m/s", low = 20.0, high = 30.0, step = 5.0 }]\n'
@@ -396,7 +396,7 @@ def test_a_network_that_changed_after_reading_is_refused(network):
         laid_along_x(road.network)
 
 
-def test_a_file_that_is_no_network_is_refused(tmp_path):
+def test_a_file_that_is_not_a_network_is_refused(tmp_path):
     (tmp_path / "x.net.xml").write_text("<routes/>")
     with pytest.raises(InputError, match="must be `net`"):
         read_road(tmp_path / "x.net.xml", ["road"], 600.0)

@@ -123,7 +123,7 @@ def test_scores_do_not_depend_on_how_many_points_are_in_memory(
     assert same(sumo_eval.score(copy), done)
 
 
-def test_scoring_that_was_stopped_goes_on_where_it_was(
+def test_stopped_scoring_continues_where_it_was(
     done: Evaluation, copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (copy / KEPT).unlink()
@@ -150,14 +150,14 @@ def test_scoring_that_was_stopped_goes_on_where_it_was(
     assert 0 < before < sum(computed) <= max(score.safe_cases for score in done.scores)
 
 
-def test_a_damaged_row_is_a_sentence(copy: Path) -> None:
+def test_a_damaged_row_is_reported(copy: Path) -> None:
     with closing(sqlite3.connect(copy / KEPT)) as connection, connection:
         connection.execute("UPDATE parts SET data = zeroblob(length(data)) WHERE kind = 'rows'")
     with pytest.raises(InputError, match=r"not as it was written.*may be deleted"):
         list(sumo_eval.score(copy).cases)
 
 
-def test_facts_that_changed_without_a_trace_are_found_by_whoever_reads_the_case(
+def test_facts_that_changed_without_a_trace_are_found_on_reading(
     done: Evaluation, copy: Path
 ) -> None:
     facts, case = copy / FACTS, done.cases[0].case
@@ -186,7 +186,7 @@ def test_a_report_that_is_there_is_not_made_again_and_an_edited_one_is(copy: Pat
     assert path.read_text(encoding="utf-8") == first[1]
 
 
-def test_a_run_whose_trajectories_were_let_go_has_the_scores_that_it_had(
+def test_a_run_without_its_trajectories_keeps_its_scores(
     done: Evaluation, copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scored = sumo_eval.score(copy)
@@ -297,7 +297,7 @@ def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done: Ev
     assert list((done.folder / "exported").glob("*.xosc"))
 
 
-def test_what_was_let_go_is_in_no_digest_and_equal_rules_give_equal_digests(
+def test_released_trajectories_are_in_no_digest(
     done: Evaluation, copy: Path, tmp_path: Path
 ) -> None:
     other = Path(shutil.copytree(done.folder, tmp_path / "other", copy_function=shutil.copy2))

@@ -139,7 +139,7 @@ tolerance = { ego_speed = 2.5, lead_speed = 2.5 }
 """
 
 
-def test_a_scenario_file_names_its_own_event_and_nobody_is_said_to_be_nobody(runs):
+def test_a_scenario_file_names_its_own_event(runs):
     folder = runs["fill"][0].parent
     (folder / "slow.toml").write_text(NOBODY)
     text = EVALUATION.replace("TOO_THIN", "fill").replace("front_vehicle_low_speed", "SPACE.toml")
@@ -164,7 +164,7 @@ def test_a_scenario_file_names_its_own_event_and_nobody_is_said_to_be_nobody(run
     assert "WARN" not in result.output
 
 
-def test_an_event_s_column_that_does_not_exist_is_refused_in_a_sentence(runs):
+def test_an_event_s_column_that_does_not_exist_is_refused(runs):
     folder = runs["fill"][0].parent
     (folder / "odd.toml").write_text(
         NOBODY.replace('"slow"', '"odd"') + 'columns = { lead_speed = "leed_speed" }\n'
@@ -192,7 +192,7 @@ def test_the_band_of_the_drivers_and_the_manoeuvre_stand_beside_every_index(runs
         assert 0.0 <= float(row["manoeuvre_share"]) <= 1.0
 
 
-def test_the_exposure_is_kept_with_the_run_and_unsupported_cases_say_so(runs):
+def test_the_exposure_is_kept_and_unsupported_cases_report_it(runs):
     out, _, rows = runs["fill"]
     kept = json.loads((out / "scores.json").read_text())["exposure"]["front_vehicle_low_speed"]
     assert kept["events"] == 12
@@ -266,7 +266,7 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
     assert (result.exit_code, "`score` in row 2 of" in result.output) == (2, True)
 
 
-def test_a_table_of_the_runs_own_people_needs_twenty_of_them_and_the_scores_say_who_judged(runs):
+def test_a_table_of_the_runs_own_drivers_needs_twenty(runs):
     out, _, _ = runs["fill"]
     for one in score(out, ["method.plausibility.table=recorded"]).scores:
         (note,) = [

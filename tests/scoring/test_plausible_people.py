@@ -55,7 +55,7 @@ def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(
     assert found.people.share("min_thw", 0.5) == 0.0
 
 
-def test_too_few_recorded_drivers_are_no_table_and_the_note_counts_them(tmp_path: Path) -> None:
+def test_too_few_recorded_drivers_give_no_table_and_a_note(tmp_path: Path) -> None:
     found = people(tmp_path / "facts.sqlite", LEAST_PEOPLE - 1, RECORDED_TABLE)
     assert found.people is MOTORWAY_PEOPLE
     assert tuple(map(score_note, found.notes)) == (

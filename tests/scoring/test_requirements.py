@@ -68,7 +68,7 @@ def test_a_requirement_by_hand(text: str, holds: bool) -> None:
     assert one.holds(series, {"limit": 2.5, "collided": 0.0, "reached_end": 0.0}) is holds
 
 
-def test_nobody_ahead_is_infinitely_far() -> None:
+def test_without_a_lead_the_gap_is_infinite() -> None:
     one = requirement(
         "r", "min(gap) > 1000 and min(ttc) > 1000 and min(thw) > 1000", "", "a test", []
     )

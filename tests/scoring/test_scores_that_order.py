@@ -52,7 +52,7 @@ def facts_of(run: Path, ads: str) -> list[str | None]:
         ]
 
 
-def test_an_ads_that_has_not_changed_keeps_every_digit_whoever_is_evaluated_beside_it(
+def test_an_unchanged_ads_keeps_every_digit_in_any_company(
     both: Evaluation, alone: Evaluation
 ) -> None:
     assert facts_of(both.folder, "idm") == facts_of(alone.folder, "idm")
@@ -196,7 +196,7 @@ def test_the_zone_of_every_case_is_the_criterions_own(both: Evaluation) -> None:
         assert (case.zone == "hazardous") == bool(worst >= 0.7)
 
 
-def test_nothing_evaluated_is_no_score() -> None:
+def test_nothing_evaluated_gives_no_score() -> None:
     nothing: ScenarioResult = combined(LOST, LOST_SAFE)
     assert (nothing.c, nothing.d, nothing.s) == (None, None, None)
     assert (nothing.avoided_share, nothing.human_likeness, nothing.s_plus) == (None, None, None)

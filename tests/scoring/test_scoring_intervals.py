@@ -164,7 +164,7 @@ def test_one_more_incident_never_raises_s_plus() -> None:
         assert after < before
 
 
-def test_a_drive_of_nobody_reacting_that_is_missing_widens_a() -> None:
+def test_a_missing_drive_without_reaction_widens_a() -> None:
     result = combined(KNOWN, replace(KNOWN, case="other", severity=2.0, no_reaction_severity=None))
     assert result.avoided_share == 0.5
     low, high = result.avoided_share_interval or (9.0, -9.0)

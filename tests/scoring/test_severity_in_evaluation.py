@@ -58,7 +58,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
     return evaluation
 
 
-def test_a_severity_of_ones_own_stands_in_the_place_of_u_in_every_score(found: Evaluation) -> None:
+def test_an_own_severity_replaces_u_in_every_score(found: Evaluation) -> None:
     hits = [case for case in found.cases if case.collided]
     assert len(hits) >= 3
     for case in hits:  # 3,000 kg against 1,500 kg: two thirds
@@ -120,7 +120,7 @@ def test_another_severity_needs_no_simulation_and_says_where_its_range_ends(
     assert by_class.scores[0].c == as_before.scores[0].c
 
 
-def test_an_answer_that_is_no_loss_names_the_case_and_loses_nothing(found: Evaluation) -> None:
+def test_a_wrong_loss_names_the_case_and_loses_nothing(found: Evaluation) -> None:
     with pytest.raises(
         InputError, match=r"`own.py:example_only` must return .* got nan for front_vehicle_cut_out"
     ):

@@ -95,7 +95,7 @@ def test_a_wrong_value_is_refused_with_its_path(
     assert sentence in refusal(tmp_path, SMALLEST.replace(before, after))
 
 
-def test_a_missing_file_and_a_binary_one_are_refused_with_a_sentence(tmp_path: Path) -> None:
+def test_a_missing_file_and_a_binary_one_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="There is no evaluation file"):
         read_evaluation(tmp_path / "none.toml")
     (tmp_path / "evaluation.toml").write_text(SMALLEST)
@@ -144,12 +144,12 @@ def test_a_change_reaches_the_setting_it_names_and_no_other() -> None:
         ("method.score.a.b=3", "Unknown setting"),
     ],
 )
-def test_a_wrong_change_is_refused_with_a_sentence(change: str, sentence: str) -> None:
+def test_a_wrong_change_is_refused(change: str, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence.replace(".", r"\.").replace("?", r"\?")):
         with_changes(read_evaluation(PAPER_EVALUATION), [change])
 
 
-def test_a_mistake_is_told_with_its_line_and_a_value_of_no_kind_in_one_sentence(
+def test_a_mistake_is_reported_with_its_line(
     tmp_path: Path,
 ) -> None:
     text = (
@@ -172,7 +172,7 @@ def test_a_mistake_is_told_with_its_line_and_a_value_of_no_kind_in_one_sentence(
     ]
 
 
-def test_a_folder_in_place_of_the_file_is_a_sentence_that_says_what_to_do(tmp_path: Path) -> None:
+def test_a_folder_in_place_of_the_file_gets_advice(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="it is a folder") as caught:
         read_evaluation(tmp_path)
     assert "Did you mean" not in str(caught.value)

@@ -104,7 +104,7 @@ def test_about_knows_unit_symbol_and_equation():
                                              "'squared_time', 'label'"),
     ],
 )  # fmt: skip
-def test_a_value_outside_its_bounds_is_refused_in_a_sentence(cls, values, sentence):
+def test_a_value_outside_its_bounds_is_refused(cls, values, sentence):
     with pytest.raises(InputError) as caught:
         cls(**values)
     assert sentence in str(caught.value)

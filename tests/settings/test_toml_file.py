@@ -42,7 +42,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_cannot_be_used_is_one_sentence(name: str) -> None:
+def test_what_cannot_be_used_is_refused(name: str) -> None:
     text, words = WRONG[name]
     with pytest.raises(InputError) as caught:
         toml_from(text, "The file")
@@ -61,7 +61,7 @@ def test_ordinary_content_is_read_as_it_is() -> None:
 
 
 @given(st.text(max_size=60))
-def test_any_text_is_read_or_refused_in_a_sentence(text: str) -> None:
+def test_any_text_is_read_or_refused_with_a_message(text: str) -> None:
     for content in (text, f"x = {text}", f'x = "{text}"', f"[{text}]"):
         try:
             toml_from(content, "The file")
@@ -69,7 +69,7 @@ def test_any_text_is_read_or_refused_in_a_sentence(text: str) -> None:
             str(error).encode("utf-8")
 
 
-def test_what_is_no_file_is_a_sentence(tmp_path: Path) -> None:
+def test_what_is_not_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "latin").write_bytes(b'name = "\xe9"')
     (tmp_path / "folder").mkdir()
     (tmp_path / "closed").write_text("x = 1")

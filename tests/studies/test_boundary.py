@@ -75,7 +75,7 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     assert "http" not in paths[2].read_text().split("<script", 1)[0].replace("http-equiv", "")
 
 
-def test_an_ads_that_never_answers_is_no_boundary():
+def test_an_ads_that_never_answers_has_no_boundary():
     with pytest.raises(InputError, match="None of 16 cases"):
         find_boundary(
             slice_of(CUT_OUT, {"ego_speed": 30.0}), "broken.py:drive", broken(), budget=16
@@ -102,7 +102,7 @@ def broken():
         (["cut_in", "idm", "--tolerance", "2"], "a share of the space"),
     ],
 )
-def test_the_command_refuses_in_a_sentence(tmp_path, arguments, sentence):
+def test_the_command_refuses(tmp_path, arguments, sentence):
     result = CliRunner().invoke(main, ["boundary", *arguments, "--out", str(tmp_path / "out")])
     assert result.exit_code == 2
     assert sentence in result.stderr

@@ -50,6 +50,6 @@ def test_what_the_page_sends_is_understood() -> None:
     '{"telling": {"frames": -1, "dropped": 0, "stepped": 0, "latency": [], "resolution": 1, '
     '"renderer": ""}}',
 ])  # fmt: skip
-def test_what_no_page_of_ours_sends_is_refused_with_a_sentence(text: object) -> None:
+def test_what_our_pages_never_send_is_refused(text: object) -> None:
     with pytest.raises(MessageError, match=r"^[A-Z].*\.$"):
         read(text)

@@ -256,7 +256,7 @@ def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(
     assert (quality.end, quality.event) == ("road_end", 0.0)
 
 
-def test_quitting_is_an_end_of_its_own_and_a_broken_message_ends_the_drive_with_a_sentence(
+def test_quitting_and_a_broken_message_end_the_drive(
     tmp_path: Path,
 ) -> None:
     for name, says in (("quit", '{"quit": true}'), ("wrong", '{"input": [NaN]}')):

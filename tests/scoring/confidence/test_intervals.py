@@ -186,7 +186,7 @@ def test_an_even_sample_of_a_smooth_score_has_a_narrower_interval_than_one_by_ch
     assert half(even.limits["d"]) < 0.15 * half(intervals(judged()).limits["d"])
 
 
-def test_a_trend_along_a_parameter_is_no_error_of_an_even_sample():
+def test_a_trend_along_a_parameter_is_not_an_error_of_a_sample():
     unit = np.column_stack([(np.arange(64) + 0.5) / 64, np.arange(64) * 0.618034 % 1.0])
     groups = strata(unit, "sobol")
     one = judged(64, index=unit[:, 1], likeness=unit[:, 1])
@@ -334,7 +334,7 @@ def test_the_drivers_errors_of_a_mean_are_those_of_a_stratified_sample():
 @pytest.mark.parametrize(
     ("seed", "share"), [(0, 0.64), (1, 0.64), (2, 0.64), (0, 0.5), (3, 0.05), (4, 0.96)]
 )
-def test_whoever_was_rounded_up_leaves_once_and_one_of_the_others_counts_twice(seed, share):
+def test_a_case_rounded_up_leaves_once_and_another_counts_twice(seed, share):
     settings = DriverSettings(count=10, population=PopulationSettings(overtake_share=share))
     names = [f"driver_{index:02d}" for index in range(10)]
     overtakes = np.array(
@@ -364,7 +364,7 @@ def test_nothing_is_exchanged_among_recorded_people():
 # --- one ADS's own --------------------------------------------------------------------------------
 
 
-def test_no_digit_depends_on_who_else_is_judged_or_in_what_order():
+def test_no_digit_depends_on_company_or_order():
     hit = np.arange(60) == 7
     one = judged(drivers=drivers(0.05))
     other = judged(ads="other", severity=10.0 * hit, collided=hit, ratio=np.where(hit, 0.0, np.nan))
