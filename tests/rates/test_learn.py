@@ -338,7 +338,7 @@ def test_a_lead_that_changes_lane_while_it_brakes_counts(across, left_out):
 def test_events_that_are_all_alike_give_no_file_and_still_say_how_many_are_needed(tmp_path):
     found = find_encounters([braking_leader(0.0)])
     one = found.classes["braking"]
-    alike = replace(one, rows=one.rows * 3, who=one.who * 3)
+    alike = replace(one, rows=one.rows * 3, sources=one.sources * 3)
     met = measure(alike, found, tmp_path, "made up")
     assert met.logical is None
     assert met.needed == 5 * 5  # five events for each of five parameters

@@ -17,7 +17,7 @@ import tomli_w
 
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.errors import InputError
-from sumo_eval.extras.rates.encounters import CLASSES, Encounters, Found, Moved, find_encounters
+from sumo_eval.extras.rates.encounters import CLASSES, Encounters, Motion, Survey, find_encounters
 from sumo_eval.extras.rates.intervals import (
     end_interval,
     kolmogorov,
@@ -88,7 +88,7 @@ class Learnt:
 class Lesson:
     """Everything that was learnt from recordings."""
 
-    found: Found
+    found: Survey
     learnt: Mapping[str, Learnt]
     source: str
 
@@ -150,7 +150,7 @@ class Measured:
     rate_together: tuple[float, float] = (0.0, math.inf)
 
 
-def measure(encounters: Encounters, found: Found, folder: Path, source: str) -> Measured:
+def measure(encounters: Encounters, found: Survey, folder: Path, source: str) -> Measured:
     """Rate, ranges and correlations of a class, with their intervals, and its scenario file without
     a distribution; no file where there are too few events for one.
     """
@@ -211,7 +211,7 @@ def measure(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     )
 
 
-def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> Learnt:
+def _learnt(encounters: Encounters, found: Survey, folder: Path, source: str) -> Learnt:
     met = measure(encounters, found, folder, source)
     if met.logical is None:
         return Learnt(encounters, met)
@@ -221,7 +221,7 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     if len(places) > MOST_FITTED:
         even = np.linspace(0, len(places) - 1, MOST_FITTED).round().astype(np.intp)
         places, rows = places[even], rows[even]
-    who = [encounters.who[place] for place in places]
+    who = [encounters.sources[place] for place in places]
     models = choose_model(rows, free, (low, high), fold_of(who))
     best = models[0]
     kind, factor = _named(best.model)
@@ -255,7 +255,7 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     return Learnt(encounters, met, logical, joint, models, replay, len(met.rows) - len(rows))
 
 
-def _source(source: str, found: Found) -> str:
+def _source(source: str, found: Survey) -> str:
     return (
         f"{source}: {len(found.recordings)} recordings, {found.kilometres:.1f} vehicle-km in "
         f"{found.hours:.2f} h"
@@ -353,7 +353,7 @@ def marginal_shares(joint: Joint, points: FloatArray) -> FloatArray:
 
 
 def replay_errors(
-    logical: LogicalScenario, class_: str, rows: FloatArray, motions: Sequence[Moved]
+    logical: LogicalScenario, class_: str, rows: FloatArray, motions: Sequence[Motion]
 ) -> FloatArray:
     """Root mean square distance, m, between the other's motion as the file says it and as it was:
     along the road, across it and together, (n, 3).

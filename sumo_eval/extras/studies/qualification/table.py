@@ -1,4 +1,4 @@
-"""The table of known answers: what is asked of the tool, and what it must find."""
+"""The table of known answers: function, arguments, value, source; `qualified` runs it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,6 @@ Answer = float | str
 LENGTH, EGO_X = 4.5, 50.0  # m, of every body and of the ego's start
 ROAD = Road("qualification_road", 1500.0, 2, 3.5, 1000.0)
 EU_ROAD = Road("eu_2022_1426_2x3.5m", 2000.0, 2, 3.5, 200.0)
-G = 9.81  # m/s2
 # m/s2, s: brakes of the ideal vehicle and of the default vehicle model
 STRENGTH, BUILD_UP = 9.0, 0.15
 SHORT = SimulationSettings(time_limit=0.5)
@@ -57,7 +56,9 @@ R157 = SimulationSettings(
 
 
 class Check(NamedTuple):
-    """kind: the group it belongs to.
+    """One known answer.
+
+    kind: the group it belongs to.
     name: at most 40 characters.
     find: finds the answer through the tool, of these arguments.
     source: of the expected answer.
@@ -77,12 +78,15 @@ class Check(NamedTuple):
 def all_checks() -> Iterator[Check]:
     """Every check that ships."""
     kinds = {
-        "closed forms through "
-        "SUMO": closed_forms, "equations": equations, "UN R157, consensus rows": consensus,
-        "UN R79, distance S": un_r79, "(EU) 2022/1426, table": eu_2022_1426,
+        "closed forms through SUMO": closed_forms,
+        "equations": equations,
+        "UN R157, consensus rows": consensus,
+        "UN R79, distance S": un_r79,
+        "(EU) 2022/1426, table": eu_2022_1426,
         "step halving": halving,
-        "determinism": determinism, "libsumo traps": traps,
-    }  # fmt: skip
+        "determinism": determinism,
+        "libsumo traps": traps,
+    }
     return (Check(kind, *row) for kind, rows in kinds.items() for row in rows())
 
 
@@ -110,19 +114,15 @@ def behind(speed: float, other: float, gap: float, braking: float = 0.0) -> Conc
     return ConcreteScenario("qualification", {}, 1.0, ROAD, Start(EGO_X, 0.0, speed), (lead,))
 
 
-def impact(
-    concrete: ConcreteScenario, ads: ControllerLike, settings: SimulationSettings | None = None
-) -> float:
-    """Relative speed at contact, 0 without one, m/s."""
-    collision = drive(concrete, ads, settings).collision
+def impact(*drives: Any) -> float:
+    """Relative speed at contact of a `drive` of these arguments, 0 without one, m/s."""
+    collision = drive(*drives).collision
     return 0.0 if collision is None else collision.relative_speed
 
 
-def least_gap(
-    concrete: ConcreteScenario, ads: ControllerLike, settings: SimulationSettings | None = None
-) -> float:
+def least_gap(*drives: Any) -> float:
     """Smallest distance along the road from the ego's front to the other's rear, m."""
-    recording = drive(concrete, ads, settings)
+    recording = drive(*drives)
     return float((recording.actors["other"].x - recording.ego.x).min()) - LENGTH
 
 
@@ -143,93 +143,62 @@ DELAYED = (
 from this code."""
 
 
-class _Delayed:
+class LateBraking:
     """Rolls for `delay` s, then asks for all that the brakes have."""
 
     def __init__(self, delay: float) -> None:
         self.delay = delay
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
+        """Command of a step."""
         return Command(-100.0 if time >= self.delay - 1e-9 else 0.0)
 
 
-def _delayed(closing: float, delay: float, plateau: float, rise: float, gap: float) -> float:
+def _late(closing: float, delay: float, plateau: float, rise: float, gap: float) -> float:
     vehicle = VehicleSettings(
         length=LENGTH, max_deceleration=plateau, brake_build_up=rise, friction=2.0
     )
-    return impact(
-        behind(closing, 0.0, gap),
-        _Delayed(delay),
-        SimulationSettings(time_limit=60.0, vehicle=vehicle),
-    )
+    settings = SimulationSettings(time_limit=60.0, vehicle=vehicle)
+    return impact(behind(closing, 0.0, gap), LateBraking(delay), settings)
 
 
 def closed_forms() -> Rows:
     """Ideal braking, delayed braking, and behind a lead that brakes."""
     brakes = {"deceleration": STRENGTH, "build_up": BUILD_UP}
+    source = "ramp and plateau: `ideal_impact_speed`"
     for speed, other, share in ((20.0, 0.0, 0.6), (30.0, 10.0, 0.8), (30.0, 0.0, 0.9)):
         gap = round(share * float(required_gap(speed - other, **brakes)), 2)
-        yield (
-            f"ideal braking {speed:g} to {other:g} m/s in {gap:g} m",
-            impact,
-            (behind(speed, other, gap), "ideal_braking"),
-            float(ideal_impact_speed(speed, other, gap, **brakes)),
-            "ramp and plateau: `ideal_impact_speed`",
-            0.1,
-            "m/s",
-        )
-    needed = behind(25.0, 0.0, float(required_gap(25.0, **brakes)) + 0.1)
-    yield (
-        "ideal braking, 0.1 m more than it needs",
-        impact,
-        (needed, "ideal_braking"),
-        0.0,
-        "`required_gap`",
-        0.0,
-        "m/s",
-    )
-    for closing, delay, plateau, rise, gap, expected in DELAYED:
-        yield (
-            f"delay {delay:g} s, rise {rise:.2g} s, from {closing:g} m/s",
-            _delayed,
-            (closing, delay, plateau, rise, gap),
-            expected,
-            "closed form, as a number",
-            0.1,
-            "m/s",
-        )
+        name = f"ideal braking {speed:g} to {other:g} m/s in {gap:g} m"
+        expected = float(ideal_impact_speed(speed, other, gap, **brakes))
+        braking = behind(speed, other, gap), "ideal_braking"
+        yield name, impact, braking, expected, source, 0.1, "m/s"
+    needed = behind(25.0, 0.0, float(required_gap(25.0, **brakes)) + 0.1), "ideal_braking"
+    name = "ideal braking, 0.1 m more than it needs"
+    yield name, impact, needed, 0.0, "`required_gap`", 0.0, "m/s"
+    for *values, expected in DELAYED:
+        name = "delay {1:g} s, rise {3:.2g} s, from {0:g} m/s".format(*values)
+        yield name, _late, tuple(values), expected, "closed form, as a number", 0.1, "m/s"
     # both at v, the lead at once with a: the gap d is used up after sqrt(2 d / a), sqrt(2 d a) m/s
     # apart
-    yield (
-        "no reaction behind a braking lead",
-        impact,
-        (behind(25.0, 25.0, 10.0, 5.0), "no_reaction"),
-        math.sqrt(100.0),
-        "sqrt(2 d a), d = 10 m, a = 5 m/s2",
-        0.1,
-        "m/s",
-    )
+    name, source = "no reaction behind a braking lead", "sqrt(2 d a), d = 10 m, a = 5 m/s2"
+    rolling = behind(25.0, 25.0, 10.0, 5.0), "no_reaction"
+    yield name, impact, rolling, math.sqrt(100.0), source, 0.1, "m/s"
     # as hard as the lead, only built up over T: the ego comes to stand v T / 2 - a T^2 / 24 further
     # on
-    left = 20.0 - 25.0 * BUILD_UP / 2.0 + STRENGTH * BUILD_UP**2 / 24.0
+    name = "as hard as the lead: gap that is left"
     stops = SimulationSettings(time_limit=25.0 / STRENGTH + 2.0)
-    yield (
-        "as hard as the lead: gap that is left",
-        least_gap,
-        (behind(25.0, 25.0, 20.0, STRENGTH), "ideal_braking", stops),
-        left,
-        "d - v T / 2 + a T^2 / 24, d = 20 m, v = 25 m/s",
-        0.05,
-        "m",
-    )
+    drives = behind(25.0, 25.0, 20.0, STRENGTH), "ideal_braking", stops
+    expected = 20.0 - 25.0 * BUILD_UP / 2.0 + STRENGTH * BUILD_UP**2 / 24.0
+    source = "d - v T / 2 + a T^2 / 24, d = 20 m, v = 25 m/s"
+    yield name, least_gap, drives, expected, source, 0.05, "m"
 
 
 # --- equations ------------------------------------------------------------------------------------
 
 
-def _field(x: float, y: float) -> float:
+def _field(*place: float) -> float:
     sample = Trajectory([0.0], [0.0], [0.0], heading=[0.0], speed=[20.0])
-    return float(trajectory_field([(x, y)], sample)[0])
+    return float(trajectory_field([place], sample)[0])
 
 
 def _identical() -> float:
@@ -238,81 +207,57 @@ def _identical() -> float:
     return float(anthropomorphic_index(swings, [swings, swings], ROAD).value)
 
 
+def _number(function: Callable[..., Any], *arguments: Any) -> float:
+    return float(function(*arguments))
+
+
 def equations() -> Rows:
     """Eqs. 5-6, 9-12, 14, 15, 17 and 18."""
     for speed, lead, gap in ((25.0, 15.0, 14.0), (20.0, 0.0, 60.0)):
+        name = f"max ITTC, {speed:g} to {lead:g} m/s, {gap:g} m"
         largest = math.sqrt(5.0 / (2.0 * (gap - (speed - lead) ** 2 / 10.0)))
-        yield (
-            f"max ITTC, {speed:g} to {lead:g} m/s, {gap:g} m",
-            lambda *it: float(max_inverse_ttc(*it)),
-            (speed, lead, gap),
-            largest,
-            "Eqs. 5-6: sqrt(a / (2 d - u^2 / a))",
-            1e-9,
-            "1/s",
-        )
-    yield (
-        "field 4 m ahead at 20 m/s",
-        _field,
-        (4.0, 0.0),
-        math.exp(0.1) / 2.0,
-        "Eq. 10: exp(0.005 * 20) / 4^0.5",
-        1e-12,
-    )
+        source = "Eqs. 5-6: sqrt(a / (2 d - u^2 / a))"
+        yield name, _number, (max_inverse_ttc, speed, lead, gap), largest, source, 1e-9, "1/s"
+    source = "Eq. 10: exp(0.005 * 20) / 4^0.5"
+    yield "field 4 m ahead at 20 m/s", _field, (4.0, 0.0), math.exp(0.1) / 2.0, source, 1e-12
     yield "field 9 m beside", _field, (0.0, 9.0), 1.0 / 3.0, "Eq. 10: 9^-0.5", 1e-12
-    yield (
-        "D of identical drives",
-        _identical,
-        (),
-        1.0,
-        "Eqs. 11-12: whoever drives as people do has 1",
-        1e-12,
-    )
+    source = "Eqs. 11-12: an ADS that drives as people do has 1"
+    yield "D of identical drives", _identical, (), 1.0, source, 1e-12
     for severity, loss in ((0.0, 0.1), (8.0, 0.4), (8.001, 0.7), (15.0, 0.7), (15.001, 1.0)):
-        yield (
-            f"collision loss of {severity:g} m/s",
-            lambda u: float(collision_loss(u)),
-            (severity,),
-            loss,
-            "Eq. 14, at its limits",
-        )
-    yield (
-        "severity of an offset collision",
-        lambda *it: float(impact_severity(*it)),
-        ((12.0, 0.0), (9.0, 4.0), 0.5),
-        10.0,
-        "Eq. 15: |(3, -4)| / 0.5",
-        1e-12,
-        "m/s",
-    )
-    yield (
-        "C of two collisions",
-        collision_avoidance_index,
-        ([10.0, 16.0], [5.0, 4.0], [1.0, 3.0]),
-        0.3125,
-        "Eq. 17: (1 * 5/10 + 3 * 4/16) / 4",
-        1e-12,
-    )
-    yield "C without a collision", collision_avoidance_index, ([], [], []), 1.0, "Eq. 17"
-    yield (
-        "S of C = 0.8 and D = 0.6",
-        lambda *it: combined_score(*it).total or math.nan,
-        (0.8, 0.6),
-        70.0,
-        "Eq. 18: 50 * 0.8 + 50 * 0.6",
-        1e-12,
-    )
+        name = f"collision loss of {severity:g} m/s"
+        yield name, _number, (collision_loss, severity), loss, "Eq. 14, at its limits"
+    name, source = "severity of an offset collision", "Eq. 15: |(3, -4)| / 0.5"
+    arguments = impact_severity, (12.0, 0.0), (9.0, 4.0), 0.5
+    yield name, _number, arguments, 10.0, source, 1e-12, "m/s"
+    index, source = collision_avoidance_index, "Eq. 17: (1 * 5/10 + 3 * 4/16) / 4"
+    collisions = [10.0, 16.0], [5.0, 4.0], [1.0, 3.0]
+    yield "C of two collisions", index, collisions, 0.3125, source, 1e-12
+    yield "C without a collision", index, ([], [], []), 1.0, "Eq. 17"
+    name, source = "S of C = 0.8 and D = 0.6", "Eq. 18: 50 * 0.8 + 50 * 0.6"
+    yield name, lambda *it: combined_score(*it).total or math.nan, (0.8, 0.6), 70.0, source, 1e-12
 
 
 # --- regulations ----------------------------------------------------------------------------------
 
-CUT_INS = ((40, 10, 1.2, 18, 26), (60, 30, 1.2, 18, 26), (100, 70, 1.6, 18, 22))
-"""Ego's and other's speed, km/h; lateral speed, m/s; gap, m, with contact and without."""
-CUT_OUTS = ((70, 1.0, 5, 20), (90, 1.5, 20, 30), (130, 1.5, 50, 75))
-"""Speed of both, km/h; lateral speed of the lead, m/s; gap from it to what stands, m, with contact
-and without."""
-BRAKING = ((30, 0.9, 0.4), (60, 0.9, 0.5), (120, 0.8, 0.6))
-"""Speed of both, km/h; braking of the lead 1 s ahead, g, with contact and without."""
+CONSENSUS = (
+    (
+        "cut_in", "cut-in {} to {} km/h, {} m/s, {} m",
+        {"ego_speed": 3.6, "cut_in_speed": 3.6, "lateral_speed": 1.0, "gap": 1.0},
+        ((40, 10, 1.2, 18, 26), (60, 30, 1.2, 18, 26), (100, 70, 1.6, 18, 22)),
+    ),
+    (
+        "r157_cut_out", "cut-out {} km/h, {} m/s, {} m",
+        {"ego_speed": 3.6, "lateral_speed": 1.0, "obstacle_gap": 1.0},
+        ((70, 1.0, 5, 20), (90, 1.5, 20, 30), (130, 1.5, 50, 75)),
+    ),
+    (
+        "front_vehicle_braking", "lead brakes {} km/h, {} s, {} g",
+        {"ego_speed": 3.6, "headway": 1.0, "lead_deceleration": 1.0 / 9.81},
+        ((30, 1, 0.9, 0.4), (60, 1, 0.9, 0.5), (120, 1, 0.8, 0.6)),
+    ),
+)  # fmt: skip
+"""Scenario; name of a check; parameters with what their values are divided by; rows of values, the
+last parameter's with contact and without."""
 DISTANCES = ((130, 100, 42.7), (130, 80, 59.9), (120, 100, 35.1), (100, 80, 29.6))
 """Speeds behind and of the ego, km/h, and S, m."""
 TABLE = (
@@ -323,99 +268,58 @@ TABLE = (
 
 
 def _outcome(name: str, values: dict[str, float]) -> str:
-    found = drive(catalogue.load(name).concrete(**values), "careful_driver", R157)
-    return "avoided" if found.collision is None else "contact"
+    recording = drive(catalogue.load(name).concrete(**values), "careful_driver", R157)
+    return "avoided" if recording.collision is None else "contact"
 
 
 def consensus() -> Rows:
     """Neighbouring rows on both sides of the limit, in which independent readings of the careful
     driver agree.
     """
-    rows: list[tuple[str, str, dict[str, float], tuple[float, float], str, float]] = []
-    for ego, other, lateral, *gaps in CUT_INS:
-        values = {"ego_speed": ego / 3.6, "cut_in_speed": other / 3.6, "lateral_speed": lateral}
-        name = f"cut-in {ego} to {other} km/h, {lateral} m/s, {{:g}} m"
-        rows.append((name, "cut_in", values, (gaps[0], gaps[1]), "gap", 1.0))
-    for ego, lateral, *gaps in CUT_OUTS:
-        values = {"ego_speed": ego / 3.6, "lateral_speed": lateral}
-        name = f"cut-out {ego} km/h, {lateral} m/s, {{:g}} m"
-        rows.append((name, "r157_cut_out", values, (gaps[0], gaps[1]), "obstacle_gap", 1.0))
-    for ego, *brakings in BRAKING:
-        values = {"ego_speed": ego / 3.6, "headway": 1.0}
-        name = f"lead brakes {ego} km/h, 1 s, {{:g}} g"
-        rows.append(
-            (
-                name,
-                "front_vehicle_braking",
-                values,
-                (brakings[0], brakings[1]),
-                "lead_deceleration",
-                G,
-            )
-        )
-    for name, scenario, values, both, varied, unit in rows:
-        for value, expected in zip(both, ("contact", "avoided"), strict=True):
-            arguments = scenario, {**values, varied: unit * value}
-            yield (
-                name.format(value),
-                _outcome,
-                arguments,
-                expected,
-                "independent readings of Annex 3 agree",
-            )
+    for scenario, name, parameters, rows in CONSENSUS:
+        for *fixed, contact, avoided in rows:
+            for value, expected in ((contact, "contact"), (avoided, "avoided")):
+                point = (*fixed, value)
+                pairs = zip(parameters.items(), point, strict=True)
+                values = {key: number / unit for (key, unit), number in pairs}
+                source = "independent readings of Annex 3 agree"
+                yield name.format(*point), _outcome, (scenario, values), expected, source
 
 
 def _margin(ego: float, faster: float) -> float:
     """S as the shipped scenario has it: its zone begins where the gap is S."""
     margin = catalogue.load("lane_change_rear").margin
     assert margin is not None
-    return 100.0 - float(
-        margin(
-            {"ego_speed": np.array([ego]), "faster": np.array([faster]), "gap": np.array([100.0])}
-        )[0]
-    )
+    point = {"ego_speed": ego, "faster": faster, "gap": 100.0}
+    return 100.0 - float(margin({name: np.array([value]) for name, value in point.items()})[0])
 
 
-def _left(ego: float, faster: float, gap: float) -> float:
-    """Time gap, s, that is left of `gap` m when whoever is behind has braked 3 m/s2 from 0.4 s
-    on.
-    """
+def _rest(ego: float, faster: float, gap: float) -> float:
+    """Time gap, s, that remains of `gap` m when the vehicle behind has braked 3 m/s2 from 0.4 s on."""
+    brakes = {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego,
+        "acceleration": 3.0}  # fmt: skip
     content: dict[str, Any] = {
         "name": "un_r79", "zone": "none", "ego": {"speed": ego, "x": 150.0},
         "end": {"x": 600.0, "time": 8.0},
         "parameter": [{"name": "gap", "unit": "m", "low": 10.0, "high": 90.0, "step": 10.0}],
-        "vehicle": [{"name": "rear", "speed": ego + faster, "gap_behind": "gap", "manoeuvre": [
-            {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego,
-                "acceleration": 3.0}]}],
+        "vehicle": [{"name": "rear", "speed": ego + faster, "gap_behind": "gap",
+            "manoeuvre": [brakes]}],
     }  # fmt: skip
-    found = drive(scenario_from(content, "un_r79", Path()).concrete(gap=gap), "no_reaction")
-    return float(found.ego.x[-1] - found.actors["rear"].x[-1] - LENGTH) / ego
+    concrete = scenario_from(content, "un_r79", Path()).concrete(gap=gap)
+    recording = drive(concrete, "no_reaction")
+    return float(recording.ego.x[-1] - recording.actors["rear"].x[-1] - LENGTH) / ego
 
 
 def un_r79() -> Rows:
-    """S of the regulation, and that who is behind by S is left with 1 s."""
+    """S of the regulation, and that a vehicle behind by S is left with 1 s."""
     for place, (rear, own, distance) in enumerate(DISTANCES):
         ego, faster = own / 3.6, (rear - own) / 3.6
-        yield (
-            f"S, {rear} behind {own} km/h",
-            _margin,
-            (ego, faster),
-            distance,
-            "dv 0.4 s + dv^2 / (2 * 3 m/s2) + v * 1 s",
-            0.06,
-            "m",
-        )
+        name, source = f"S, {rear} behind {own} km/h", "dv 0.4 s + dv^2 / (2 * 3 m/s2) + v * 1 s"
+        yield name, _margin, (ego, faster), distance, source, 0.06, "m"
         if place < 2:
             s = faster * 0.4 + faster * faster / 6.0 + ego
-            yield (
-                f"left of S, {rear} behind {own} km/h",
-                _left,
-                (ego, faster, s),
-                1.0,
-                "1 s is left of a gap of S",
-                1e-6,
-                "s",
-            )
+            name, source = f"left of S, {rear} behind {own} km/h", "1 s is left of a gap of S"
+            yield name, _rest, (ego, faster, s), 1.0, source, 1e-6, "s"
 
 
 def _cut_in(closing: float, ttc: float) -> ConcreteScenario:
@@ -434,25 +338,21 @@ def eu_2022_1426() -> Rows:
     """0.05 s above each value of the table the demanded vehicle avoids with the margin that its
     braking gives.
     """
+    source = "Annex III: avoided, 0.1 m + a tau^2 / 24 left"
     for granted, values in TABLE:
+        # 0.1 m that it keeps, and a tau^2 / 24 that braking built up over tau saves
+        margin = 0.1 + granted.braking * granted.build_up**2 / 24.0
+        model = granted.ads.removeprefix("eu_2022_")
         for kph, ttc in zip(range(10, 70, 10), values, strict=True):
-            # 0.1 m that it keeps, and a tau^2 / 24 that braking built up over tau saves
-            margin = 0.1 + granted.braking * granted.build_up**2 / 24.0
-            yield (
-                f"{granted.ads.removeprefix('eu_2022_')} {kph} km/h, TTC {ttc:.2f} + 0.05 s",
-                least_gap,
-                (_cut_in(kph / 3.6, ttc + 0.05), granted.ads),
-                margin,
-                "Annex III: avoided, 0.1 m + a tau^2 / 24 left",
-                0.01,
-                "m",
-            )
+            name = f"{model} {kph} km/h, TTC {ttc:.2f} + 0.05 s"
+            arguments = _cut_in(kph / 3.6, ttc + 0.05), granted.ads
+            yield name, least_gap, arguments, margin, source, 0.01, "m"
 
 
 # --- what must not matter -------------------------------------------------------------------------
 
 
-def _moves(
+def _change(
     find: Callable[..., float], concrete: ConcreteScenario, ads: str, step: float, limit: float
 ) -> float:
     """Change of a measure when the step is halved."""
@@ -464,30 +364,19 @@ def _moves(
 
 
 def halving() -> Rows:
-    """How far digits move from one step to half of it."""
-    limit = SimulationSettings().time_limit
+    """Change of digits from one step to half of it."""
+    source, limit = "does not depend on the step", SimulationSettings().time_limit
+    stops, follows = behind(30.0, 0.0, 45.0), behind(25.0, 15.0, 40.0)
     for step in (0.1, 0.05):
-        yield (
-            f"impact speed, {step:g} to {step / 2.0:g} s",
-            _moves,
-            (impact, behind(30.0, 0.0, 45.0), "ideal_braking", step, limit),
-            0.0,
-            "does not depend on the step",
-            0.02,
-            "m/s",
-        )
-    yield (
-        "gap of careful_driver, 0.05 to 0.025 s",
-        _moves,
-        (least_gap, behind(25.0, 15.0, 40.0), "careful_driver", 0.05, 15.0),
-        0.0,
-        "does not depend on the step",
-        0.05,
-        "m",
-    )
+        name = f"impact speed, {step:g} to {step / 2.0:g} s"
+        arguments = impact, stops, "ideal_braking", step, limit
+        yield name, _change, arguments, 0.0, source, 0.02, "m/s"
+    name = "gap of careful_driver, 0.05 to 0.025 s"
+    arguments = least_gap, follows, "careful_driver", 0.05, 15.0
+    yield name, _change, arguments, 0.0, source, 0.05, "m"
 
 
-def _digest(workers: int, pack: int) -> str:
+def _digest(workers: int, batch: int) -> str:
     """A hash of all facts and trajectories of sixteen cases, its first 12 digits."""
     settings = SimulationSettings(step=0.1)
     low = catalogue.load("front_vehicle_low_speed")
@@ -497,112 +386,67 @@ def _digest(workers: int, pack: int) -> str:
         for ads, (number, concrete) in product(("careful_driver", "no_reaction"), enumerate(points))
     ]
     with TemporaryDirectory() as folder:
-        setup = Setup(settings, RunSettings(workers=workers, cases_per_pack=pack), Path(folder))
+        setup = Setup(settings, RunSettings(workers=workers, cases_per_pack=batch), Path(folder))
         with open_store(Path(folder) / "facts.sqlite", create=True) as store:
             for outcomes in run_batches(cases, setup):
                 store.add(*outcomes)
             return store.digest()[:12]
 
 
-def _same(workers: int, pack: int) -> str:
+def _same(workers: int, batch: int) -> str:
     """Both hashes where they differ."""
-    reference, found = _digest(1, 512), _digest(workers, pack)
-    return "the same" if found == reference else f"{found}, not {reference}"
+    reference, digest = _digest(1, 512), _digest(workers, batch)
+    return "the same" if digest == reference else f"{digest}, not {reference}"
 
 
 def determinism() -> Rows:
     """Facts and trajectories are the same to the last bit."""
-    for workers, pack in ((2, 512), (1, 1)):
-        yield (
-            f"{workers} worker(s), packs of {pack}",
-            _same,
-            (workers, pack),
-            "the same",
-            "hash of 1 worker, packs of 512",
-        )
+    for workers, batch in ((2, 512), (1, 1)):
+        name = f"{workers} worker(s), batches of {batch}"
+        yield name, _same, (workers, batch), "the same", "hash of 1 worker, batches of 512"
 
 
 # --- traps of libsumo -----------------------------------------------------------------------------
 
 
-def _tricky(traci: Any, ego: str, time: float) -> None:
+def _stop(traci: Any, ego: str, time: float) -> None:
     """Asks SUMO for what no car can do."""
     traci.vehicle.setSpeedMode(ego, 0)
     traci.vehicle.setSpeed(ego, 0.0)
 
 
-def _start() -> float:
-    """Where a vehicle stands at t = 0 that starts 1 m behind a slower one, less where it was to
-    stand, m.
-    """
-    return float(drive(behind(20.0, 10.0, 1.0), rolls, SHORT).ego.x[0]) - EGO_X
+def _sample(channel: str, place: int, concrete: ConcreteScenario, ads: ControllerLike) -> float:
+    """One sample of the ego."""
+    return float(getattr(drive(concrete, ads, SHORT).ego, channel)[place])
 
 
-def _across() -> str:
-    """Bodies of 1.8 m whose middles are 1.5 m apart, each in its own lane."""
-    other = Actor("other", Start(EGO_X + 1.0, 2.4, 20.0))
-    concrete = ConcreteScenario("qualification", {}, 1.0, ROAD, Start(EGO_X, 0.9, 20.0), (other,))
-    return drive(concrete, rolls, SHORT).end_reason
-
-
-def _stops() -> float:
-    return float(drive(behind(20.0, 20.0, 100.0), _tricky, SHORT).ego.speed[-1])
-
-
-def _not_a_number() -> str:
-    return simulate(behind(20.0, 20.0, 100.0), lambda *_: Command(math.nan), SHORT).end_reason
+def _end(concrete: ConcreteScenario, ads: ControllerLike) -> str:
+    return simulate(concrete, ads, SHORT).end_reason
 
 
 def _second() -> float:
-    """Largest difference between a drive and the same after another simulation in the process,
-    m.
-    """
-    first = drive(behind(20.0, 15.0, 30.0), rolls, SHORT).ego.x
-    drive(behind(30.0, 5.0, 9.0), rolls, SHORT)
-    return float(abs(drive(behind(20.0, 15.0, 30.0), rolls, SHORT).ego.x - first).max())
+    """Largest difference between a drive and the same after another simulation in the process, m."""
+    first, _, again = (
+        drive(behind(*start), rolls, SHORT).ego.x
+        for start in ((20.0, 15.0, 30.0), (30.0, 5.0, 9.0), (20.0, 15.0, 30.0))
+    )
+    return float(abs(again - first).max())
 
 
 def traps() -> Rows:
-    """What bare libsumo does is in each source."""
-    yield (
-        "a start 1 m behind is not delayed",
-        _start,
-        (),
-        0.0,
-        "libsumo inserts it seconds later",
-        1e-9,
-        "m",
-    )
-    yield (
-        "bodies touch across a lane line",
-        _across,
-        (),
-        "contact",
-        "getCollisions does not see them",
-    )
+    """Answers where bare libsumo, as each source states, does something else."""
+    name, source = "a start 1 m behind is not delayed", "libsumo inserts it seconds later"
+    yield name, _sample, ("x", 0, behind(20.0, 10.0, 1.0), rolls), EGO_X, source, 1e-9, "m"
+    name, source = "bodies touch across a lane line", "getCollisions does not see them"
+    # bodies of 1.8 m whose middles are 1.5 m apart, each in its own lane
+    other = Actor("other", Start(EGO_X + 1.0, 2.4, 20.0))
+    across = ConcreteScenario("qualification", {}, 1.0, ROAD, Start(EGO_X, 0.9, 20.0), (other,))
+    yield name, _end, (across, rolls), "contact", source
     # 9 m/s2 for 0.5 s from 20 m/s
-    yield (
-        "speed mode 0 stops nobody at once",
-        _stops,
-        (),
-        15.5,
-        "libsumo brakes with 400 m/s2",
-        1e-6,
-        "m/s",
-    )
-    yield (
-        "a command that is no number",
-        _not_a_number,
-        (),
-        "ads_error",
-        "libsumo takes nan in silence",
-    )
-    yield (
-        "a simulation leaves nothing behind",
-        _second,
-        (),
-        0.0,
-        "one process, one after the other",
-        0.0,
-        "m",
-    )
+    name, source = "speed mode 0 stops nothing at once", "libsumo brakes with 400 m/s2"
+    free = behind(20.0, 20.0, 100.0)
+    yield name, _sample, ("speed", -1, free, _stop), 15.5, source, 1e-6, "m/s"
+    name, source = "a command that is not a number", "libsumo takes nan silently"
+    yield name, _end, (free, lambda *_: Command(math.nan)), "ads_error", source
+    name, source = "a simulation leaves nothing behind", "one process, two drives in order"
+    yield name, _second, (), 0.0, source, 0.0, "m"
