@@ -45,7 +45,7 @@ def _plain(path: Path) -> Path:
 @needs_recordings
 def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_left_one():
     (file,) = recording("samples", "highd_layout").glob("*_tracks.csv")
-    found = {part.table["recording"].iloc[0]: part.table for part in highd.read(file)}
+    found = dict(list(highd.read(file)[0].groupby("recording")))
     raw = pd.read_csv(recording("samples", "highd_layout", "01_tracks.csv"))
     # frame 10, x -5.227, y 24.902, width 4.44, height 1.892; drives to the right
     first = raw[raw["id"] == 1].iloc[0]
@@ -72,7 +72,7 @@ def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_lef
 @needs_recordings
 def test_ngsim_feet_front_centre_and_lanes_from_the_left():
     path = recording("samples", "ngsim_layout_i80_pairs.csv")
-    table, raw = next(ngsim.read(path)).table, pd.read_csv(path)
+    table, raw = ngsim.read(path)[0], pd.read_csv(path)
     # Local_X 6.627 ft, Local_Y 77.133 ft, v_length 16.798 ft, lane 1
     first = raw[raw["Vehicle_ID"] == 101].iloc[0]
     row = table[table["vehicle"] == "101"].iloc[0]
@@ -104,8 +104,8 @@ def test_ngsim_original_layout_and_a_vehicle_id_that_is_used_again(tmp_path):
 
 @needs_recordings
 def test_sumo_front_bumper_clockwise_from_north_and_both_layouts_alike():
-    xml = next(sumo_fcd.read(recording("samples", "sumo_1.28_fcd_all_attributes.xml"))).table
-    csv = next(sumo_fcd.read(recording("samples", "sumo_1.28_fcd.csv"))).table
+    xml = sumo_fcd.read(recording("samples", "sumo_1.28_fcd_all_attributes.xml"))[0]
+    csv = sumo_fcd.read(recording("samples", "sumo_1.28_fcd.csv"))[0]
     row = xml[(xml["vehicle"] == "lead") & (xml["t"] == 0.0)].iloc[0]
     # x 130.00, y -5.62, angle 90 deg (east); a truck is 7.1 m long.
     assert row["heading"] == pytest.approx(0.0)
@@ -117,11 +117,11 @@ def test_sumo_front_bumper_clockwise_from_north_and_both_layouts_alike():
 @needs_recordings
 def test_commonroad_obstacles_are_straightened_with_the_lanes_of_the_map():
     path = recording("samples", "commonroad_USA_US101-11_1_T-1.xml")
-    raw = next(commonroad.read(path))
-    assert raw.planar
-    assert raw.table["vehicle"].nunique() == 32
+    raw, _ = commonroad.read(path)
+    assert "lane" not in raw
+    assert raw["vehicle"].nunique() == 32
     # map and traffic of this file are up to a metre apart, not a lane
-    assert raw.table["offset"].abs().median() < 1.0
+    assert raw["offset"].abs().median() < 1.0
     table = import_recordings("commonroad", [path]).table
     assert table["vehicle"].nunique() >= 26
     ahead = table.groupby("vehicle")["x"].agg(lambda x: x.iloc[-1] - x.iloc[0])
@@ -132,7 +132,7 @@ def test_commonroad_obstacles_are_straightened_with_the_lanes_of_the_map():
 @needs_recordings
 def test_openacc_gaps_to_the_lead_are_kept():
     path = recording("samples", "openacc_zalazone_noACC_part40_head.csv")
-    table = next(openacc.read(path)).table
+    table = openacc.read(path)[0]
     raw = pd.read_csv(path, skiprows=5)
     chain = table[table["recording"].str.endswith("-1")]
     third, fourth = (
@@ -196,7 +196,7 @@ def _levelx(folder: Path) -> Path:
 
 def test_levelx_a_curved_road_becomes_a_straight_one(tmp_path):
     path = _levelx(tmp_path)
-    assert next(levelx.read(path)).planar
+    assert "lane" not in levelx.read(path)[0]
     table = import_recordings("exid", [path]).table
     assert table["recording"].nunique() == 1
     assert sorted(table["lane"].unique()) == [0, 1]
@@ -322,7 +322,7 @@ SETS = (
 def test_commonroads_sets_and_binary_files_are_refused_in_words(tmp_path, name, inside, sentence):
     (tmp_path / name).write_text(SETS.format(STATE + inside))
     with pytest.raises(InputError, match=sentence):
-        list(commonroad.read(tmp_path / name))
+        commonroad.read(tmp_path / name)
 
 
 def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):
@@ -340,9 +340,9 @@ def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):
         f"<dynamicObstacle id='4'><type>car</type>{STATE}</dynamicObstacle>"
         f"<staticObstacle id='5'><type>parkedVehicle</type>{STATE}</staticObstacle></commonRoad>"
     )
-    (found,) = commonroad.read(tmp_path / "a.xml")
-    assert set(found.table["vehicle"]) == {"1"}
-    assert set(found.notes) == {
+    table, notes = commonroad.read(tmp_path / "a.xml")
+    assert set(table["vehicle"]) == {"1"}
+    assert set(notes) == {
         "a.xml: 1 obstacles are left out, which stand.",
         "a.xml: 1 obstacles are left out, whose body is not a rectangle.",
         "a.xml: 1 obstacles are left out, which have a set-based prediction and no trajectory.",

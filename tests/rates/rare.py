@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from sumo_eval.extras.rates.importance import Estimate, RareEvents, how_met
+from sumo_eval.extras.rates.importance import CollisionEstimate, RareEvents, how_met
 from sumo_eval.scenario.file import scenario_from
 
 SPREAD = {"ego_speed": (25.0, 1.5), "lead_speed": (15.0, 1.5), "headway": (2.5, 0.25)}
@@ -43,7 +43,7 @@ def collides(points: np.ndarray, probability: float) -> np.ndarray:
     return ((points - means) / deviations) @ TOWARDS > -ndtri(probability)
 
 
-def estimate(probability: float, budget: int, seed: int) -> Estimate:
+def estimate(probability: float, budget: int, seed: int) -> CollisionEstimate:
     search = RareEvents(how_met(logical()), budget, seed)
     while len((batch := search.ask()).points):
         hit = collides(batch.points, probability)

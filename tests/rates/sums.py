@@ -10,7 +10,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy.special import ndtri
 
-from sumo_eval.extras.rates.campaign import MILLION, AdsRate, Space, part_of, summed
+from sumo_eval.extras.rates.campaign import MILLION, AdsRate, EncounterSpace, part_of, summed
 from sumo_eval.extras.rates.importance import DEFENSIVE, Met, estimated
 from sumo_eval.scenario.joint import Joint
 
@@ -62,7 +62,7 @@ def rate_of(known: Known, drives: int, seed: int) -> AdsRate:
             rows = tuple(map(tuple, stream.standard_normal((events or 0, 2)).tolist()))
             joint = Joint("kde", ("a", "b"), rows, (-REACH,) * 2, (REACH,) * 2)
             met = Met(SimpleNamespace(name=str(number)), joint, 1.0, 1.0)
-        space = Space(
+        space = EncounterSpace(
             str(number), SimpleNamespace(name=f"{seed} {number}"), met,
             per_km if events is None else events / kilometres, events,
             None if events is None else kilometres, "",

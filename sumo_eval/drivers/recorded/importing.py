@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import pandas as pd
 
@@ -20,20 +18,17 @@ from sumo_eval.drivers.recorded.importers import (
     osi,
     sumo_fcd,
 )
-from sumo_eval.drivers.recorded.importers.found import ImportedSamples, files_in
+from sumo_eval.drivers.recorded.importers.files import files_in
+from sumo_eval.drivers.recorded.importers.tables import Samples
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, read_csv
 from sumo_eval.drivers.recorded.straighten import straighten
 from sumo_eval.errors import InputError, unknown
 
-Reader = tuple[Callable[[Path], Iterator[ImportedSamples]], Sequence[str]]
-_LEVELX: Final[Reader] = levelx.read, ("*_tracks.csv",)
+_LEVELX = levelx.read, ("*_tracks.csv",)
 
-READERS: Final[dict[str, Reader]] = {
+READERS: dict[str, tuple[Callable[[Path], Samples], Sequence[str]]] = {
     "highd": (highd.read, ("*_tracks.csv",)),
-    "ind": _LEVELX,
-    "exid": _LEVELX,
-    "round": _LEVELX,
-    "unid": _LEVELX,
+    **dict.fromkeys(("ind", "exid", "round", "unid"), _LEVELX),
     "ngsim": (ngsim.read, ("*.[ct][sx][vt]",)),
     "commonroad": (commonroad.read, ("*.xml",)),
     "sumo_fcd": (sumo_fcd.read, ("*.[xc][ms][lv]",)),
@@ -42,11 +37,11 @@ READERS: Final[dict[str, Reader]] = {
     "osi": (osi.read, [f"*{ending}" for ending in osi.ENDINGS]),
     "map": (map_table.read, ("*.csv*",)),
 }
-"""Formats that other people write, by the name they have on the command line: reader of a file,
-files of a folder."""
+"""Foreign formats, by the name they have on the command line: reader of a file, files of a
+folder."""
 
-OWN: Final = "csv"  # the canonical table itself
-FORMATS: Final = (*READERS, OWN)
+OWN = "csv"  # the canonical table itself
+FORMATS = (*READERS, OWN)
 
 
 def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
@@ -65,8 +60,10 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
 
 
 def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
-    """The recordings in files or folders of one format, one file after the other: who wants them
-    one at a time holds no other. The first mistake that is come to is an InputError.
+    """The recordings in files or folders of one format, one file at a time, so that only one has to
+    be held.
+
+    Raises InputError at the first mistake.
     """
     if form not in FORMATS:
         raise unknown("format of recordings", form, FORMATS)
@@ -77,17 +74,16 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
             if path.is_dir():
                 raise InputError(
                     f"{path} is a folder. Of the format `{OWN}`, name every table that `sumo-eval "
-                    "humans import` "
-                    f"wrote; other formats are {', '.join(READERS)}."
+                    f"humans import` wrote; other formats are {', '.join(READERS)}."
                 )
         return (read_csv(path) for path in paths)
     read, patterns = READERS[form]
     files = (file for path in paths for file in files_in(path, *patterns))
-    return (_canonical(found) for file in files for found in read(file))
+    return (_canonical(*read(file)) for file in files)
 
 
-def _canonical(found: ImportedSamples) -> Recordings:
-    if found.planar:
-        table, notes = straighten(found.table)
-        found = replace(found, table=table, notes=(*found.notes, *notes))
-    return canonical(found.table, found.notes)
+def _canonical(table: pd.DataFrame, notes: list[str]) -> Recordings:
+    if "lane" in table:
+        return canonical(table, notes)
+    straight, more = straighten(table)
+    return canonical(straight, (*notes, *more))

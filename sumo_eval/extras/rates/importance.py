@@ -1,22 +1,24 @@
-"""The probability of a collision in one scenario, from few drives: points drawn where collisions
-are likely and met, each weighted by how much more often it was drawn than it is met.
+"""Probability of a collision in one scenario, from few drives, by importance sampling.
 
-First, drives explore: where points are met and ideal braking comes near its limits, then where what
-was driven so far says that the edge of the collisions is. Then others are drawn that count. A drive
-that counts comes with `DEFENSIVE` from what is met on the road, else from a mixture of Gaussians
-laid over the points that probably collide, weighted by how often they are met. The estimate is
-unbiased whatever the exploration found: each round's mixture is fixed before its points are drawn.
-What it misses, it misses in the interval alone: a collision where nobody looked has a large weight,
-and widens it.
+Points are drawn where collisions are likely and encountered; each is weighted by its exposure over
+the density that it was drawn with.
+
+First, drives explore: where exposed points are and ideal braking comes near its limits, then where
+the drives so far put the edge of the collisions. Then drives are drawn that count: `DEFENSIVE` of
+them by exposure, the rest from a mixture of Gaussians laid over the points that probably collide,
+weighted by exposure. The estimate is unbiased whatever the exploration saw: each round's mixture is
+fixed before its points are drawn. A collision outside the explored region has a large weight, and
+widens the interval.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Any, Final
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import stdtrit
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.straddle import BoundarySearch
@@ -29,62 +31,72 @@ from sumo_eval.settings import ZoneSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-DEFENSIVE: Final = 0.2  # share of the drives that count which are drawn as points are met
-EXPLORED: Final = 0.4  # share of a budget that explores, at most
-FIRST: Final = 24  # drives of the first exploring round, and 8 more a parameter
-ROUND: Final = 0.2  # share of the budget that a further round has
-POOL: Final = 4096  # points of each kind that a round weighs
-ASKED: Final = 1024  # of these whose danger is computed
-# how far beyond the points that are met the pool reaches, in their own deviations
-STRETCHED: Final = 2.5
-LIKELY: Final = 0.3  # probability of a collision from which a point belongs to the mixture
-SURE: Final = 0.8  # probability from which it belongs to the second mixture
-CENTRES: Final = 256  # Gaussians in the mixture
-POLISHED: Final = 3  # times that the mixture is fitted to draws from itself
-NORMALISED: Final = 65_536  # draws by which the share of possible points is found
-LEVEL: Final = 0.95
+DEFENSIVE = 0.2  # share of the drives that count which are drawn by exposure
+EXPLORED = 0.4  # share of a budget that explores, at most
+FIRST = 24  # drives of the first exploring round, and 8 more a parameter
+ROUND = 0.2  # share of the budget that a further round has
+POOL = 4096  # points of each kind that a round weighs
+ASKED = 1024  # of these whose danger is computed
+# how far beyond the exposed points the pool reaches, in their own deviations
+STRETCHED = 2.5
+LIKELY = 0.3  # probability of a collision from which a point belongs to the mixture
+SURE = 0.8  # probability from which it belongs to the second mixture
+CENTRES = 256  # Gaussians in the mixture
+POLISHED = 3  # times that the mixture is fitted to draws from itself
+NORMALISED = 65_536  # draws by which the share of possible points is measured
+LEVEL = 0.95
+
+Limits = tuple[float, float, float]
+"""A value and its 95 % limits."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Met:
+class Met(NamedTuple):
     """Exposure of a scenario's points, as a density that integrates to 1 over the possible ones.
 
-    base: draws points as often as parameters are met, constraints aside; base_density: their
-        density.
-
+    base: draws points by exposure, constraints aside; base_density: their density.
     scale: the exposure's integral.
+    heaviest: largest density over base_density.
     """
 
     logical: LogicalScenario
     joint: Joint | None
-    scale: float
-    heaviest: float
+    scale: float = 1.0
+    heaviest: float = 1.0
 
     def base(self, count: int, stream: np.random.Generator) -> FloatArray:
         """Points (count, k), possible or not."""
         if self.joint is not None:
             return self.joint.draw(count, stream)
-        return _independent(self.logical, stream.uniform(size=(count, len(self.logical.names))))
+        shares = stream.uniform(size=(count, len(self.logical.names)))
+        columns = [
+            item.low + share * (item.high - item.low)
+            if item.distribution is None
+            else item.distribution.quantile(share, item.low, item.high)
+            for share, item in zip(shares.T, self.logical.parameters, strict=True)
+        ]
+        return np.column_stack(columns)
 
     def base_density(self, points: FloatArray) -> FloatArray:
         """The density (n,) of `base` at points (n, k)."""
         if self.joint is not None:
             return self.joint.density(points) / self.joint.mass()
-        return _independent_density(self.logical, points)
+        density = self.logical.in_box(points).astype(np.float64)
+        for column, item in zip(points.T, self.logical.parameters, strict=True):
+            if item.distribution is None:
+                density /= item.high - item.low
+            else:
+                density *= item.distribution.density(column, item.low, item.high)
+        return density
 
     def density(self, points: FloatArray) -> FloatArray:
         """p (n,) at points (n, k): 0 outside the box and where a constraint forbids them."""
-        found = np.zeros(len(points))
+        density = np.zeros(len(points))
         inside = self.logical.in_box(points)
         if inside.any():
             inside[inside] = self.logical.feasible(points[inside])
         if inside.any():
-            rows = points[inside]
-            found[inside] = (
-                np.broadcast_to(self.logical.exposure(self.logical.columns(rows)), len(rows))
-                / self.scale
-            )
-        return found
+            density[inside] = self.logical.exposure(self.logical.columns(points[inside]))
+        return density / self.scale
 
 
 def how_met(logical: LogicalScenario) -> Met:
@@ -92,41 +104,20 @@ def how_met(logical: LogicalScenario) -> Met:
     listed = [item.name for item in logical.parameters if item.values]
     if listed:
         raise InputError(
-            f"`{listed[0]}` of scenario `{logical.name}` has listed values only: a campaign draws "
-            "from ranges."
+            f"Scenario `{logical.name}` must have ranges, from which a campaign draws, got listed "
+            f"values of `{listed[0]}`."
         )
     joint = logical.exposure.joint if isinstance(logical.exposure, ExposureDensity) else None
-    plain = Met(logical, joint, 1.0, 1.0)
+    plain = Met(logical, joint)
     drawn = plain.base(NORMALISED, random_stream(0, "normalised", logical.name))
     ratio = plain.density(drawn) / np.maximum(plain.base_density(drawn), 1e-300)
     scale = float(ratio.mean())
     if not (math.isfinite(scale) and scale > 0.0):
-        raise InputError(f"No point of scenario `{logical.name}` that is met is possible.")
-    return Met(logical, joint, scale, float(ratio.max()) / scale)
+        raise InputError(f"Scenario `{logical.name}` must have possible points, got none.")
+    return plain._replace(scale=scale, heaviest=float(ratio.max()) / scale)
 
 
-def _independent(logical: LogicalScenario, shares: FloatArray) -> FloatArray:
-    columns = [
-        item.low + shares[:, j] * (item.high - item.low)
-        if item.distribution is None
-        else item.distribution.quantile(shares[:, j], item.low, item.high)
-        for j, item in enumerate(logical.parameters)
-    ]
-    return np.column_stack(columns)
-
-
-def _independent_density(logical: LogicalScenario, points: FloatArray) -> FloatArray:
-    found = logical.in_box(points).astype(np.float64)
-    for j, item in enumerate(logical.parameters):
-        if item.distribution is None:
-            found /= item.high - item.low
-        else:
-            found *= item.distribution.density(points[:, j], item.low, item.high)
-    return found
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Mixture:
+class Mixture(NamedTuple):
     """Gaussians of one covariance in the unit box. centres (m, k), root (k, k) of the
     covariance.
     """
@@ -136,11 +127,8 @@ class Mixture:
 
     def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
         """Points (count, k) of the unit box's coordinates."""
-        chosen = stream.integers(len(self.centres), size=count)
-        return (
-            self.centres[chosen]
-            + stream.standard_normal((count, self.centres.shape[1])) @ self.root.T
-        )
+        chosen = self.centres[stream.integers(len(self.centres), size=count)]
+        return chosen + stream.standard_normal(chosen.shape) @ self.root.T
 
     def density(self, unit: FloatArray) -> FloatArray:
         """Density (n,) there."""
@@ -153,42 +141,37 @@ class Mixture:
         return np.asarray(np.exp(-0.5 * np.maximum(squared, 0.0)).mean(axis=1) * norm)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Batch:
-    """Points to drive. points (n, k); weights (n,) p/q;
+class Draw(NamedTuple):
+    """Points to drive. points (n, k); weights (n,) p/q.
 
-    counts: drawn for the estimate, of which `drawn` in all, the impossible ones included; else for
-        exploring alone.
+    drawn: points for the estimate, the impossible ones included; 0: for exploring alone.
     """
 
     points: FloatArray
     weights: FloatArray
-    counts: bool
     drawn: int
 
 
-@dataclass(slots=True)
+Pool = tuple[FloatArray, FloatArray, FloatArray]
+"""Possible points (m, k) near and far from the exposed ones, p there, and the density that they
+were drawn with."""
+
+
 class RareEvents:
     """The search: ask for points, tell what happened there, estimate. Same seed and outcomes, same
     questions.
 
     drives: how many were asked for.
     drawn: points for the estimate, the impossible ones included.
+    counted, weights, loss: (n,), of each drive.
     """
 
-    met: Met
-    budget: int
-    seed: int = 1
-    loss: FloatArray = field(init=False, default_factory=lambda: np.empty(0))
-    weights: FloatArray = field(init=False, default_factory=lambda: np.empty(0))
-    counted: BoolArray = field(init=False, default_factory=lambda: np.empty(0, dtype=np.bool_))
-    drawn: int = field(init=False, default=0)
-    drives: int = field(init=False, default=0)
-    _search: BoundarySearch = field(init=False)
-    _batches: int = field(init=False, default=0)
-
-    def __post_init__(self) -> None:
-        self._search = BoundarySearch(self.met.logical, self.seed)
+    def __init__(self, met: Met, budget: int, seed: int = 1) -> None:
+        self.met, self.budget, self.seed = met, budget, seed
+        self.loss, self.weights = np.empty(0), np.empty(0)
+        self.counted: BoolArray = np.empty(0, dtype=np.bool_)
+        self.drawn = self.drives = self._rounds = 0
+        self._search = BoundarySearch(met.logical, seed)
 
     @property
     def points(self) -> FloatArray:
@@ -205,50 +188,46 @@ class RareEvents:
         """Whether the next round explores."""
         return self.drives < EXPLORED * self.budget
 
-    def ask(self) -> Batch:
+    def ask(self) -> Draw:
         """The next points to drive; none once the budget is spent."""
-        stream = random_stream(self.seed, "importance", self.met.logical.name, self._batches)
-        self._batches += 1
-        left = self.budget - self.drives
+        stream = random_stream(self.seed, "importance", self.met.logical.name, self._rounds)
+        self._rounds += 1
+        size = max(8, int(ROUND * self.budget))
         if self.drives == 0:
-            size = min(
-                left, FIRST + 8 * len(self.met.logical.names), max(1, int(EXPLORED * self.budget))
-            )
-        else:
-            size = min(left, max(8, int(ROUND * self.budget)))
+            first = FIRST + 8 * len(self.met.logical.names)
+            size = min(first, max(1, int(EXPLORED * self.budget)))
+        size = min(size, self.budget - self.drives)
         if size <= 0:
-            return Batch(np.empty((0, self.points.shape[1])), np.empty(0), True, 0)
-        batch = self._explore(size, stream) if self.exploring else self._count(size, stream)
-        self.drives += len(batch.points)
-        return batch
+            return Draw(self.points[:0], np.empty(0), 0)
+        draw = self._explore(size, stream) if self.exploring else self._count(size, stream)
+        self.drives += len(draw.points)
+        return draw
 
-    def tell(self, batch: Batch, collided: BoolArray, loss: FloatArray) -> None:
-        """Outcomes at a batch's points: collisions (n,) and losses (n,), 0 without."""
-        self.loss = np.concatenate([self.loss, loss])
-        self.weights = np.concatenate([self.weights, batch.weights])
-        self.counted = np.concatenate([self.counted, np.full(len(collided), batch.counts)])
-        self.drawn += batch.drawn if batch.counts else 0
-        self._search.tell(batch.points, collided)
+    def tell(self, draw: Draw, collided: BoolArray, loss: FloatArray) -> None:
+        """Outcomes at drawn points: collisions (n,) and losses (n,), 0 without."""
+        self.loss = np.append(self.loss, loss)
+        self.weights = np.append(self.weights, draw.weights)
+        self.counted = np.append(self.counted, np.full(len(collided), draw.drawn > 0))
+        self.drawn += draw.drawn
+        self._search.tell(draw.points, collided)
 
     # -- exploring
 
-    def _explore(self, size: int, stream: np.random.Generator) -> Batch:
-        points, density, pool_density = self._pool(stream)
+    def _explore(self, size: int, stream: np.random.Generator) -> Draw:
+        points, density, drawn_with = self._pool(stream)
         level = density / density.max()
         if self._knows_both:
             chance = self._search.probability(points)
-            edge = np.sqrt(level) * chance * (1.0 - chance) / pool_density
-            core = level * (chance > 0.5) / pool_density
+            edge = np.sqrt(level) * chance * (1.0 - chance) / drawn_with
+            core = level * (chance > 0.5) / drawn_with
             half = size // 2
-            rows = np.concatenate(
-                [_pick(points, edge, size - half, stream), _pick(points, core, half, stream)]
-            )
+            near = _pick(points, edge, size - half, stream)
+            rows = np.concatenate([near, _pick(points, core, half, stream)])
         else:
-            met_at_all = level**0.25 / pool_density
-            chosen = _pick(points, met_at_all, ASKED, stream)
+            chosen = _pick(points, level**0.25 / drawn_with, ASKED, stream)
             rows = _pick(chosen, 0.05 + self._danger(chosen), size, stream)
         rows = np.unique(rows, axis=0)
-        return Batch(rows, np.zeros(len(rows)), False, 0)
+        return Draw(rows, np.zeros(len(rows)), 0)
 
     @property
     def _knows_both(self) -> bool:
@@ -257,10 +236,7 @@ class RareEvents:
     def _danger(self, points: FloatArray) -> FloatArray:
         return danger(self.met.logical, points, ZoneSettings())
 
-    def _pool(self, stream: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Possible points (m, k) near and far from the exposed ones, p there, and the density they
-        were drawn with.
-        """
+    def _pool(self, stream: np.random.Generator) -> Pool:
         logical = self.met.logical
         base = self.met.base(POOL, stream)
         middle = np.median(base, axis=0)
@@ -276,57 +252,44 @@ class RareEvents:
 
     # -- drives that count
 
-    def _count(self, size: int, stream: np.random.Generator) -> Batch:
+    def _count(self, size: int, stream: np.random.Generator) -> Draw:
         logical, mixtures = self.met.logical, self._mixtures(stream)
         rows = self.met.base(size, stream)
         defensive = DEFENSIVE if mixtures else 1.0
-        whose = stream.uniform(size=size)
+        share = stream.uniform(size=size)
         volume = float(np.prod(logical.high - logical.low))
         for number, mixture in enumerate(mixtures):
-            chosen = (whose >= defensive) & ((np.arange(size) % len(mixtures)) == number)
+            chosen = (share >= defensive) & ((np.arange(size) % len(mixtures)) == number)
             rows = np.where(chosen[:, None], logical.from_unit(mixture.draw(size, stream)), rows)
         density = self.met.density(rows)
-        possible = density > 0.0
-        rows, density = rows[possible], density[possible]
+        rows, density = rows[density > 0.0], density[density > 0.0]
         proposal = defensive * self.met.base_density(rows)
         for number, mixture in enumerate(mixtures):
-            share = len(range(number, size, len(mixtures))) / size
-            proposal = (
-                proposal
-                + (1.0 - defensive) * share * mixture.density(logical.to_unit(rows)) / volume
-            )
-        return Batch(rows, density / proposal, True, size)
+            part = (1.0 - defensive) * (len(range(number, size, len(mixtures))) / size)
+            proposal = proposal + part * mixture.density(logical.to_unit(rows)) / volume
+        return Draw(rows, density / proposal, size)
 
     def _mixtures(self, stream: np.random.Generator) -> list[Mixture]:
         """Gaussians over points that may collide, and over those that almost surely do; over
         dangerous ones as long as no drive collided. None where there are none.
 
-        Where nothing is known the classifier says 0.5; the second mixture keeps such places from
-        taking all drives.
+        The classifier's probability is 0.5 far from all drives; the second mixture keeps such
+        places from taking all drives.
         """
-        points, density, drawn_with = self._pool(stream)
-        pool = points, density, drawn_with
-        if not self.collided.any():
-            few = tuple(item[:: max(1, len(points) // ASKED)] for item in pool)
-            found = [
-                _fitted(
-                    self.met.logical.to_unit(few[0]),
-                    few[1] * self._danger(few[0]) ** 2 / few[2],
-                    stream,
-                )
-            ]
-        elif not self._knows_both:
-            found = [_fitted(self.met.logical.to_unit(points), density / drawn_with, stream)]
+        pool = self._pool(stream)
+        if self._knows_both:
+            mixtures = [self._polished(pool, least, stream) for least in (LIKELY, SURE)]
         else:
-            found = [self._polished(pool, least, stream) for least in (LIKELY, SURE)]
-        return [mixture for mixture in found if mixture is not None]
+            points, density, drawn_with = pool
+            if not self.collided.any():
+                every = max(1, len(points) // ASKED)
+                points, density, drawn_with = (item[::every] for item in pool)
+                density = density * self._danger(points) ** 2
+            unit = self.met.logical.to_unit(points)
+            mixtures = [_fitted(unit, density / drawn_with, stream)]
+        return [mixture for mixture in mixtures if mixture is not None]
 
-    def _polished(
-        self,
-        pool: tuple[FloatArray, FloatArray, FloatArray],
-        least: float,
-        stream: np.random.Generator,
-    ) -> Mixture | None:
+    def _polished(self, pool: Pool, least: float, stream: np.random.Generator) -> Mixture | None:
         """Gaussians over points that collide with at least this probability, refitted to draws
         of its own.
         """
@@ -334,11 +297,12 @@ class RareEvents:
         points, density, drawn_with = pool
         weight = density * (self._search.probability(points) > least) / drawn_with
         mixture = _fitted(logical.to_unit(points), weight, stream)
-        if mixture is None:  # nothing in the pool will do: where drives collided, then
-            there = self.points[self.collided]
-            mixture = _fitted(logical.to_unit(there), np.sqrt(self.met.density(there)), stream)
-        for _ in range(POLISHED if mixture is not None else 0):
-            assert mixture is not None
+        if mixture is None:  # no such point in the pool: around the drives that collided, then
+            hits = self.points[self.collided]
+            mixture = _fitted(logical.to_unit(hits), np.sqrt(self.met.density(hits)), stream)
+        for _ in range(POLISHED):
+            if mixture is None:
+                break
             unit = mixture.draw(POOL, stream)
             rows = logical.from_unit(unit)
             density = self.met.density(rows)
@@ -350,9 +314,7 @@ class RareEvents:
             mixture = _fitted(unit[possible], weight, stream) or mixture
         return mixture
 
-    # -- what came of it
-
-    def estimate(self) -> Estimate:
+    def estimate(self) -> CollisionEstimate:
         """The estimate from the counted drives."""
         hits = self.counted & self.collided
         return estimated(
@@ -372,13 +334,11 @@ def _pick(
     any.
     """
     possible = np.flatnonzero(weight > 0.0)
-    count = min(count, len(possible))
-    if not count:
+    if not len(possible):
         return points[:0]
-    chosen = stream.choice(
-        possible, size=count, replace=False, p=weight[possible] / weight[possible].sum()
-    )
-    return np.asarray(points[chosen])
+    share = weight[possible] / weight[possible].sum()
+    count = min(count, len(possible))
+    return np.asarray(points[stream.choice(possible, size=count, replace=False, p=share)])
 
 
 def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -> Mixture | None:
@@ -388,7 +348,7 @@ def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -
     share = weight / weight.sum()
     k = unit.shape[1]
     effective = 1.0 / float((share**2).sum())
-    if effective < k + 2:  # all hangs on a few points: the few heaviest ones, alike
+    if effective < k + 2:  # all depends on a few points: the few heaviest ones, alike
         share = np.zeros(len(share))
         share[np.argsort(weight)[-min(4 * (k + 2), int((weight > 0).sum())) :]] = 1.0
         share /= share.sum()
@@ -402,22 +362,19 @@ def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -
     return Mixture(unit[np.minimum(picks, len(unit) - 1)], width * np.linalg.cholesky(covariance))
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
+class CollisionEstimate(NamedTuple):
     """A probability of collision, and the expected loss L of Eq. 14, of an encounter, each with its
     95 % limits.
 
-    deviation: standard error over the value.
-    upper_limit: 95 % of the probability whatever the collisions may look like, by the points drawn
-        as they are met alone; the interval's upper end where no drive that counted collided.
+    deviation: standard error of the probability over its value.
+    upper_limit: 95 % of the probability wherever the collisions may be, by the points drawn by
+        exposure alone; the upper limits where no drive that counted collided.
     drives: all of them;
     hits: collisions among the `drawn` points that counted.
     """
 
-    probability: float
-    interval: tuple[float, float]
-    loss: float
-    loss_interval: tuple[float, float]
+    probability: Limits
+    loss: Limits
     deviation: float
     upper_limit: float
     drives: int
@@ -428,49 +385,36 @@ class Estimate:
 
 def estimated(
     weights: FloatArray, loss: FloatArray, drawn: int, heaviest: float, collisions: int, drives: int
-) -> Estimate:
+) -> CollisionEstimate:
     """weights, loss: p/q and L (h,) of the hits among `drawn` points.
-    heaviest: the largest p over the density of points drawn as they are met.
+    heaviest: the largest p over the density of points drawn by exposure.
     """
     limit = 1.0 if not drawn else min(1.0, -math.log(1.0 - LEVEL) * heaviest / (DEFENSIVE * drawn))
-    if not len(weights):
-        return Estimate(
-            0.0, (0.0, limit), 0.0, (0.0, limit), math.inf, limit, drives, drawn, 0, collisions
-        )
-    value, low, high, deviation = _mean(weights, drawn)
-    mean_loss, loss_low, loss_high, _ = _mean(weights * loss, drawn)
-    return Estimate(
-        probability=min(value, 1.0),
-        interval=(low, min(high, 1.0)),
-        loss=min(mean_loss, 1.0),
-        loss_interval=(loss_low, min(loss_high, 1.0)),
-        deviation=deviation,
-        upper_limit=limit,
-        drives=drives,
-        drawn=drawn,
-        hits=len(weights),
-        collisions=collisions,
-    )
+    probability = expected = 0.0, 0.0, limit
+    deviation = math.inf
+    if len(weights):
+        probability, deviation = _mean(weights, drawn)
+        expected, _ = _mean(weights * loss, drawn)
+    counts = drives, drawn, len(weights), collisions
+    return CollisionEstimate(probability, expected, deviation, limit, *counts)
 
 
-def _mean(terms: FloatArray, drawn: int) -> tuple[float, float, float, float]:
+def _mean(terms: FloatArray, drawn: int) -> tuple[Limits, float]:
     """Mean of `drawn` terms, all but these 0, its limits by a log-normal distribution with
-    Student's quantile, and its relative error.
+    Student's quantile, none above 1, and its relative error.
     """
-    from scipy.special import stdtrit
-
     mean = float(terms.sum()) / drawn
     variance = max(float((terms**2).sum()) / drawn - mean**2, 0.0) / max(drawn - 1, 1)
     relative = math.sqrt(variance) / mean if mean > 0.0 else math.inf
-    reach = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0)) * math.sqrt(
-        math.log1p(relative**2)
-    )
-    return mean, mean * math.exp(-reach), mean * math.exp(min(reach, 50.0)), relative
+    student = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0))
+    reach = student * math.sqrt(math.log1p(relative**2))
+    high = mean * math.exp(min(reach, 50.0))
+    return (min(mean, 1.0), mean * math.exp(-reach), min(high, 1.0)), relative
 
 
 def degrees_of_freedom(terms: FloatArray) -> float:
-    """How much a mean of terms (h,) knows of its own error: as many as count effectively, less one;
-    at least one.
+    """Degrees of freedom of the error of a mean of terms (h,): as many as count effectively, less
+    one; at least one.
     """
     squares = float((terms**2).sum())
     return max(float(terms.sum() ** 2) / squares - 1.0, 1.0) if squares > 0.0 else 1.0
@@ -480,19 +424,14 @@ def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:
     """Joint distributions over resampled events, each with how many events it has over how many
     there are.
 
-    Each event counts as often as a Poisson draw of mean 1 says: what another stretch of road would
-    have shown.
+    Each event counts as often as a Poisson draw of mean 1: what another stretch of road would have
+    shown.
     """
-    from dataclasses import replace
-
     if met.joint is None:
         return []
     stream = random_stream(seed, "events", met.logical.name)
-    n = len(met.joint.events)
-    found: list[tuple[Any, float]] = []
-    for _ in range(count):
-        weights = stream.poisson(1.0, n).astype(np.float64)
-        found.append(
-            (replace(met.joint, weights=tuple((weights + 1e-9).tolist())), float(weights.sum()) / n)
-        )
-    return found
+    weights = stream.poisson(1.0, (count, len(met.joint.events))).astype(np.float64)
+    return [
+        (replace(met.joint, weights=tuple((row + 1e-9).tolist())), float(row.mean()))
+        for row in weights
+    ]

@@ -6,14 +6,12 @@ The class is the most probable of six. The motorway is curved, so the samples ar
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import ImportedSamples
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.drivers.recorded.importers.tables import Samples, checked_numbers, read_table
 from sumo_eval.errors import InputError
 
 _CLASSES = ("pedestrian", "bicycle", "motorbike", "car", "van", "truck")
@@ -25,11 +23,10 @@ _NUMBERS = (
 )  # fmt: skip
 
 
-def read(path: Path) -> Iterator[ImportedSamples]:
+def read(path: Path) -> Samples:
     """The recordings of a file."""
-    rows = read_table(
-        path, ("timestamp", *_NUMBERS), usecols=lambda name: name == "timestamp" or name in _NUMBERS
-    )
+    columns = ("timestamp", *_NUMBERS)
+    rows = read_table(path, columns, usecols=lambda name: name in columns)
     checked_numbers(rows, _NUMBERS, path)
     time = pd.to_datetime(rows["timestamp"], utc=True, errors="coerce", format="ISO8601")
     if time.isna().any():
@@ -39,10 +36,8 @@ def read(path: Path) -> Iterator[ImportedSamples]:
             f"{rows['timestamp'].iloc[bad]!r}."
         )
     likely = np.argmax(rows[[f"classifications_{name}" for name in _CLASSES]].to_numpy(), axis=1)
-    kinds = np.array(_CLASSES)[
-        [np.bincount(likely[index]).argmax() for index in rows.groupby("id").indices.values()]
-    ]
-    kind = dict(zip(rows.groupby("id").indices, kinds, strict=True))
+    groups = rows.groupby("id").indices.items()
+    kind = {name: _CLASSES[np.bincount(likely[index]).argmax()] for name, index in groups}
     vx, vy = rows["velocity_easting"], rows["velocity_northing"]
     ax, ay = rows["acceleration_easting"], rows["acceleration_northing"]
     speed = np.hypot(vx, vy)
@@ -62,4 +57,4 @@ def read(path: Path) -> Iterator[ImportedSamples]:
         }
     )
     sizes = table.groupby("vehicle")[["length", "width"]].transform("median")
-    yield ImportedSamples(table.assign(length=sizes["length"], width=sizes["width"]), planar=True)
+    return table.assign(length=sizes["length"], width=sizes["width"]), []

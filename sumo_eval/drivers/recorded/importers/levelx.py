@@ -7,53 +7,49 @@ may be curved, so the samples are straightened along the paths that vehicles dri
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import ImportedSamples
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require
-
-_TRACKS = (
-    "trackId",
-    "frame",
-    "xCenter",
-    "yCenter",
-    "heading",
-    "width",
-    "length",
-    "xVelocity",
-    "yVelocity",
+from sumo_eval.drivers.recorded.importers.tables import (
+    Samples,
+    checked_numbers,
+    read_table,
+    require,
 )
 
+_TRACKS = (
+    "trackId", "frame", "xCenter", "yCenter", "heading", "width", "length", "xVelocity",
+    "yVelocity",
+)  # fmt: skip
 
-def read(path: Path) -> Iterator[ImportedSamples]:
-    """The recordings of a file."""
-    require(
-        path.name.endswith("_tracks.csv"),
-        path,
-        "must be called NN_tracks.csv, beside its NN_tracksMeta.csv",
-    )
+
+def read_tables(path: Path, *columns: Sequence[str]) -> list[pd.DataFrame]:
+    """The tables of a recording of levelX: tracks, vehicles and the recording itself, with at least
+    these columns each.
+    """
     stem = path.name.removesuffix("_tracks.csv")
-    tracks = read_table(path, _TRACKS)
-    checked_numbers(
-        tracks, [*_TRACKS, *(["lonAcceleration"] if "lonAcceleration" in tracks else [])], path
-    )
-    meta_path, about_path = (
-        path.with_name(f"{stem}_tracksMeta.csv"),
-        path.with_name(f"{stem}_recordingMeta.csv"),
-    )
-    meta = read_table(meta_path, ("trackId", "class"))
-    about = read_table(about_path, ("frameRate",))
-    checked_numbers(about, ("frameRate",), about_path)
+    require(stem != path.name, path, "must be called NN_tracks.csv, beside its NN_tracksMeta.csv")
+    names = "tracks", "tracksMeta", "recordingMeta"
+    paths = [path.with_name(f"{stem}_{name}.csv") for name in names]
+    tables = [read_table(*item) for item in zip(paths, columns, strict=True)]
+    numbers = {"lonAcceleration", *columns[0]} & {*tables[0]}
+    checked_numbers(tables[0], sorted(numbers), path)
+    checked_numbers(tables[2], ("frameRate",), paths[2])
+    return tables
+
+
+def read(path: Path) -> Samples:
+    """The recordings of a file."""
+    tracks, meta, about = read_tables(path, _TRACKS, ("trackId", "class"), ("frameRate",))
     kind = tracks["trackId"].map(meta.set_index("trackId")["class"])
-    require(not kind.isna().any(), path, f"must hold vehicles of {meta_path.name} only")
+    require(not kind.isna().any(), path, "must hold vehicles of its _tracksMeta.csv only")
     bodies = tracks["length"] > 0.0  # pedestrians and bicycles have no box
     table = pd.DataFrame(
         {
-            "recording": stem,
+            "recording": path.name.removesuffix("_tracks.csv"),
             "vehicle": tracks["trackId"].astype(np.int64).astype(str),
             "t": tracks["frame"] / about["frameRate"].iloc[0],
             "x": tracks["xCenter"],
@@ -67,13 +63,6 @@ def read(path: Path) -> Iterator[ImportedSamples]:
     )
     if "lonAcceleration" in tracks:
         table["acceleration"] = tracks["lonAcceleration"]
-    left_out = int(tracks.loc[~bodies, "trackId"].nunique())
-    notes = (
-        (
-            f"{left_out} road users without a box (on foot, on bicycles) in {path.name} are left "
-            "out.",
-        )
-        if left_out
-        else ()
-    )
-    yield ImportedSamples(table[bodies], planar=True, notes=notes)
+    without = int(tracks.loc[~bodies, "trackId"].nunique())
+    note = f"{without} road users without a box (on foot, on bicycles) in {path.name} are left out."
+    return table[bodies], [note] if without else []

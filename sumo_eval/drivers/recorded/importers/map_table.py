@@ -1,5 +1,5 @@
-"""Any table of positions on a map: a CSV file with a row a vehicle and instant, in SI units,
-centres, y to the left.
+"""Table of positions on a map: a CSV file with a row a vehicle and instant, in SI units, centres, y
+to the left.
 
 Needed: `vehicle`, `t`, `x`, `y`. Known: `recording`, `heading` (rad, counter-clockwise from x) or
     `heading_deg`, `speed`, `acceleration`, `length`, `width`, `class`, `driver`. What is missing
@@ -8,28 +8,31 @@ Needed: `vehicle`, `t`, `x`, `y`. Known: `recording`, `heading` (rad, counter-cl
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import ImportedSamples
-from sumo_eval.drivers.recorded.importers.tables import add_motion, checked_numbers, read_table
+from sumo_eval.drivers.recorded.importers.tables import (
+    Samples,
+    add_motion,
+    checked_numbers,
+    read_table,
+)
 
 LENGTH, WIDTH = 4.5, 1.8  # m, of a car, where the table has no bodies
 _KNOWN = ("heading", "heading_deg", "speed", "acceleration", "length", "width")
+COLUMNS = ("recording", "vehicle", "t", "x", "y", *_KNOWN, "class", "driver")
 
 
-def read(path: Path) -> Iterator[ImportedSamples]:
+def read(path: Path) -> Samples:
     """The recordings of a file."""
     rows = read_table(path, ("vehicle", "t", "x", "y"))
     checked_numbers(rows, ["t", "x", "y", *(name for name in _KNOWN if name in rows)], path)
     notes = []
-    rows["recording"] = (
-        rows["recording"].astype(str) if "recording" in rows else path.name.split(".")[0]
-    )
-    rows["vehicle"] = rows["vehicle"].astype(str)
+    if "recording" not in rows:
+        rows["recording"] = path.name.split(".")[0]
+    for name in ("recording", "vehicle"):
+        rows[name] = rows[name].astype(str)
     for name, size in (("length", LENGTH), ("width", WIDTH)):
         if name not in rows:
             rows[name] = size
@@ -43,17 +46,4 @@ def read(path: Path) -> Iterator[ImportedSamples]:
     rows = rows[~rows.duplicated(["recording", "vehicle", "t"])].reset_index(drop=True)
     if missing := add_motion(rows, ("heading", "speed"), str(path)):
         notes.append(f"{path.name} has no {' and no '.join(missing)}: from the motion.")
-    columns = [
-        "recording",
-        "vehicle",
-        "t",
-        "x",
-        "y",
-        "heading",
-        "speed",
-        "length",
-        "width",
-        "class",
-    ]
-    known = [name for name in ("acceleration", "driver") if name in rows]
-    yield ImportedSamples(pd.DataFrame(rows[[*columns, *known]]), planar=True, notes=tuple(notes))
+    return rows[[name for name in COLUMNS if name in rows]], notes

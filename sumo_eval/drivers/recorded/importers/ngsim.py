@@ -9,14 +9,17 @@ differences, so accelerations are derived again from smoothed positions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import ImportedSamples
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require_columns
+from sumo_eval.drivers.recorded.importers.tables import (
+    Samples,
+    checked_numbers,
+    read_table,
+    require_columns,
+)
 from sumo_eval.input_file import input_file
 
 FOOT = 0.3048  # m
@@ -27,46 +30,24 @@ _ORIGINAL = (
     "v_Width", "v_Class", "v_Vel", "v_Acc", "Lane_ID", "Preceding", "Following", "Space_Headway",
     "Time_Headway",
 )  # fmt: skip
-_NEEDED = (
-    "Vehicle_ID",
-    "Frame_ID",
-    "Global_Time",
-    "Local_X",
-    "Local_Y",
-    "v_length",
-    "v_Width",
-    "v_Class",
-    "v_Vel",
-    "Lane_ID",
-)
+_NEEDED = (*_ORIGINAL[:2], *_ORIGINAL[3:6], *_ORIGINAL[8:12], "Lane_ID")
 _CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
 
 
-def read(path: Path) -> Iterator[ImportedSamples]:
+def read(path: Path) -> Samples:
     """The recordings of a file."""
-    has_heading = _begins_with_letters(path)
+    with input_file(path, "file").open("rb") as file:
+        first = file.readline().lstrip()
+    has_heading = first[:1].isalpha() or first[:1] in (b'"', b"\xef")
     if has_heading:
-        rows = read_table(path, ())
-        rows = rows.rename(
-            columns={
-                name: known
-                for name in rows
-                for known in _NEEDED
-                if str(name).lower() == known.lower()
-            }
-        )
+        known = {name.lower(): name for name in _NEEDED}
+        rows = read_table(path, ()).rename(columns=lambda name: known.get(name.lower(), name))
         require_columns(rows, _NEEDED, path)
     else:
         rows = read_table(path, (), sep=r"\s+", header=None, names=list(_ORIGINAL))
     checked_numbers(rows, _NEEDED, path, first_row=2 if has_heading else 1)
-    place = (
-        rows["Location"].astype(str)
-        if "Location" in rows
-        else pd.Series(path.stem, index=rows.index)
-    )
-    rows = rows.assign(place=place).sort_values(
-        ["place", "Vehicle_ID", "Global_Time"], kind="stable"
-    )
+    rows["place"] = rows["Location"].astype(str) if "Location" in rows else path.stem
+    rows = rows.sort_values(["place", "Vehicle_ID", "Global_Time"], kind="stable")
     # Another vehicle under the same id: its clock jumps, or its body is another one.
     same = (rows["Vehicle_ID"].diff() == 0) & (rows["place"] == rows["place"].shift())
     again = same & ((rows["Global_Time"].diff() > 1000.0) | (rows["v_length"].diff().abs() > 0.05))
@@ -99,10 +80,4 @@ def read(path: Path) -> Iterator[ImportedSamples]:
         notes.append(
             f"{reused} times {path.name} uses a vehicle id again; each use is a vehicle of its own."
         )
-    yield ImportedSamples(table, notes=tuple(notes))
-
-
-def _begins_with_letters(path: Path) -> bool:
-    with input_file(path, "file").open("rb") as file:
-        first = file.readline().lstrip()
-    return first[:1].isalpha() or first[:1] in (b'"', b"\xef")
+    return table, notes

@@ -10,14 +10,18 @@ track and are not read: y = 0. Only runs whose `ACC` is 0 are human drives.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import ImportedSamples
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require
+from sumo_eval.drivers.recorded.importers.tables import (
+    Samples,
+    checked_numbers,
+    read_table,
+    require,
+)
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 
@@ -25,22 +29,15 @@ LENGTH, WIDTH = 4.5, 1.8  # m; the files name the cars but not their sizes
 _HEAD_ROWS = 5
 
 
-def read(path: Path) -> Iterator[ImportedSamples]:
+def read(path: Path) -> Samples:
     """The recordings of a file."""
     try:
         with input_file(path, "file").open(newline="", encoding="utf-8") as file:
-            head = {
-                row[0]: row[1:]
-                for row, _ in zip(csv.reader(file), range(_HEAD_ROWS), strict=False)
-                if row
-            }
+            head = {row[0]: row[1:] for row in islice(csv.reader(file), _HEAD_ROWS) if row}
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path} cannot be read: {error}.") from error
-    require(
-        "Vehicle_order" in head and "ACC" in head,
-        path,
-        "must begin with the five rows of OpenACC's head",
-    )
+    known = {"Vehicle_order", "ACC"} <= head.keys()
+    require(known, path, "must begin with the five rows of OpenACC's head")
     names = [name for name in head["Vehicle_order"] if name]
     rows = read_table(path, ("Time",), skiprows=_HEAD_ROWS)
     checked_numbers(rows, ("Time",), path, first_row=_HEAD_ROWS + 2)
@@ -48,48 +45,37 @@ def read(path: Path) -> Iterator[ImportedSamples]:
         int(str(name).removeprefix("Speed")) for name in rows if str(name).startswith("Speed")
     )
     require(bool(places), path, "must have columns Speed1, Speed2, ..., got none")
+    channels = rows.apply(pd.to_numeric, errors="coerce")
+    unknown = pd.Series(np.nan, index=rows.index)
     parts: list[pd.DataFrame] = []
-    chains = 0
-    ahead: pd.Series | None = None
-    previous = None
+    chains, behind = 0, unknown
     for place in places:
-        speed = pd.to_numeric(rows[f"Speed{place}"], errors="coerce")
-        gap = (
-            pd.to_numeric(rows[f"IVS{previous}"], errors="coerce")
-            if f"IVS{previous}" in rows
-            else None
-        )
-        adjacent = (
-            previous is not None and place == previous + 1 and gap is not None and ahead is not None
-        )
-        driven = pd.Series(
-            np.concatenate(([0.0], np.cumsum(_steps(speed, rows["Time"])))), index=rows.index
-        )
-        if adjacent and gap is not None and ahead is not None and (ahead - gap).notna().any():
-            x = ahead - gap - LENGTH
-        else:
+        speed = channels[f"Speed{place}"]
+        x = behind - LENGTH
+        if place - 1 not in places or x.isna().all():
             chains += 1
-            x = driven.where(speed.notna())
-        usable = speed.notna() & x.notna()
+            values = speed.ffill().fillna(0.0).to_numpy()
+            steps = (values[1:] + values[:-1]) / 2 * np.diff(rows["Time"].to_numpy())
+            driven = np.concatenate(([0.0], np.cumsum(steps)))
+            x = pd.Series(driven, index=rows.index).where(speed.notna())
         name = names[place - 1] if place - 1 < len(names) else f"vehicle_{place}"
-        parts.append(
-            pd.DataFrame(
-                {
-                    "recording": f"{path.stem}-{chains}",
-                    "vehicle": f"{place}-{name}",
-                    "t": rows["Time"] - rows["Time"].iloc[0],
-                    "x": x,
-                    "y": 0.0,
-                    "heading": 0.0,
-                    "speed": speed,
-                    "length": LENGTH,
-                    "width": WIDTH,
-                    "class": "car",
-                    "lane": 0,
-                }
-            )[usable]
+        table = pd.DataFrame(
+            {
+                "recording": f"{path.stem}-{chains}",
+                "vehicle": f"{place}-{name}",
+                "t": rows["Time"] - rows["Time"].iloc[0],
+                "x": x,
+                "y": 0.0,
+                "heading": 0.0,
+                "speed": speed,
+                "length": LENGTH,
+                "width": WIDTH,
+                "class": "car",
+                "lane": 0,
+            }
         )
-        previous, ahead = place, x
+        parts.append(table[speed.notna() & x.notna()])
+        behind = x - channels.get(f"IVS{place}", unknown)
     notes = [
         f"{path.name} has no vehicle sizes and no lateral positions: {LENGTH:g} m x {WIDTH:g} m "
         "and y = 0 are assumed.",
@@ -101,11 +87,4 @@ def read(path: Path) -> Iterator[ImportedSamples]:
         notes.append(
             f"{path.name} was driven with ACC engaged in {engaged} cars: these are not people."
         )
-    yield ImportedSamples(pd.concat(parts, ignore_index=True), notes=tuple(notes))
-
-
-def _steps(speed: pd.Series, time: pd.Series) -> np.ndarray:
-    """Distance driven between samples, m."""
-    values = speed.ffill().fillna(0.0).to_numpy()
-    steps: np.ndarray = (values[1:] + values[:-1]) / 2 * np.diff(time.to_numpy())
-    return steps
+    return pd.concat(parts, ignore_index=True), notes

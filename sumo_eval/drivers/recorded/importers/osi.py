@@ -16,46 +16,34 @@ import math
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.found import ImportedSamples
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers
+from sumo_eval.drivers.recorded.importers.tables import Samples, checked_numbers, require_columns
 from sumo_eval.errors import InputError, needs_extra
 from sumo_eval.input_file import input_file
 
-ENDINGS: Final = (".osi", ".osi.gz", ".osi.xz", ".mcap", ".parquet")
+ENDINGS = (".osi", ".osi.gz", ".osi.xz", ".mcap", ".parquet")
 VEHICLE, PEDESTRIAN = 2, 3  # MovingObject.Type
-CLASSES: Final = {
+CLASSES = {
     2: "car", 3: "car", 4: "car", 5: "car", 6: "van", 7: "truck", 8: "trailer", 9: "trailer",
     10: "motorcycle",
     11: "bicycle", 12: "bus", 16: "truck",
 }  # fmt: skip
 """Classes by VehicleClassification.Type; of all others `other`."""
-_SENSOR_VIEW: Final = "SensorView"
-_TOWED: Final = (8, 9)  # VehicleClassification.Type of what another vehicle pulls
+_SENSOR_VIEW = "SensorView"
+_TOWED = (8, 9)  # VehicleClassification.Type of what another vehicle pulls
 _VARINT, _BYTES = 0, 2  # wire types
 _FIXED64, _FIXED32 = 1, 5
-_TRACE_LIMIT: Final = 1 << 28  # bytes of a message; a longer one is no message
+_TRACE_LIMIT = 1 << 28  # bytes of a message; a longer one is no message
 
 Row = tuple[float, int, float, float, float, float, float, float, int, int]
-_COLUMNS: Final = (
-    "t",
-    "vehicle",
-    "x",
-    "y",
-    "length",
-    "width",
-    "heading",
-    "speed",
-    "type",
-    "subtype",
-)
+_COLUMNS = "t", "vehicle", "x", "y", "length", "width", "heading", "speed", "type", "subtype"
 
 
-def read(path: Path) -> Iterator[ImportedSamples]:
+def read(path: Path) -> Samples:
     """The recordings of a file."""
     if not path.name.endswith(ENDINGS):
         raise InputError(f"{path} must end in {', '.join(ENDINGS)}.")
@@ -83,21 +71,14 @@ def read(path: Path) -> Iterator[ImportedSamples]:
         raise InputError(
             f"{path} must hold vehicles or pedestrians with a body, got none: {notes[-1]}"
         )
-    rows = rows.sort_values(["vehicle", "t"], kind="stable", ignore_index=True)
-    rows = rows[~rows.duplicated(["vehicle", "t"])].reset_index(drop=True)
-    walks = rows["vehicle"].map(kinds["type"]) == PEDESTRIAN
-    classes = rows["vehicle"].map(kinds["subtype"]).map(CLASSES).fillna("other")
-    table = pd.DataFrame(
-        {
-            "recording": path.name.partition(".")[0],
-            "vehicle": rows["vehicle"].astype(str),
-            **{name: rows[name].to_numpy() for name in ("t", "x", "y", "heading", "speed")},
-            "length": rows["vehicle"].map(bodies["length"]).to_numpy(),
-            "width": rows["vehicle"].map(bodies["width"]).to_numpy(),
-            "class": classes.where(~walks, "pedestrian").to_numpy(),
-        }
-    )
-    yield ImportedSamples(table, planar=True, notes=tuple(notes))
+    rows = rows.sort_values(["vehicle", "t"], kind="stable")
+    rows = rows[~rows.duplicated(["vehicle", "t"])]
+    classes = kinds["subtype"].map(CLASSES).fillna("other")
+    bodies["class"] = classes.where(kinds["type"] != PEDESTRIAN, "pedestrian")
+    rows = rows[["t", "vehicle", "x", "y", "heading", "speed"]].join(bodies, on="vehicle")
+    rows["recording"] = path.name.partition(".")[0]
+    table = rows.astype({"vehicle": str})
+    return table, notes
 
 
 # --- files of messages ----------------------------------------------------------------------------
@@ -175,18 +156,8 @@ def _moving_object(time: float, message: bytes) -> Row:
     *_, yaw = _numbers(base.get(3, b""))
     vx, vy, _ = _numbers(base.get(4, b""))
     name, subtype = (int(dict(_fields(fields.get(number, b""))).get(1, 0)) for number in (1, 6))
-    return (
-        time,
-        name,
-        x,
-        y,
-        length,
-        width,
-        yaw,
-        math.sqrt(vx * vx + vy * vy),
-        int(fields.get(3, 0)),
-        subtype,
-    )
+    speed = math.sqrt(vx * vx + vy * vy)
+    return time, name, x, y, length, width, yaw, speed, int(fields.get(3, 0)), subtype
 
 
 def _numbers(message: bytes) -> list[float]:
@@ -237,27 +208,13 @@ def _omega_prime(path: Path) -> pd.DataFrame:
         duckdb: Any = importlib.import_module("duckdb")
     except ImportError:
         raise needs_extra(f"{path} is a Parquet table, which", "parquet") from None
-    wanted = (
-        "total_nanos",
-        "idx",
-        "x",
-        "y",
-        "length",
-        "width",
-        "yaw",
-        "vel_x",
-        "vel_y",
-        "type",
-        "subtype",
-    )
+    wanted = ("total_nanos", "idx", *_COLUMNS[2:6], *_COLUMNS[8:], "yaw", "vel_x", "vel_y")
     try:
         with duckdb.connect() as database:
             rows: pd.DataFrame = database.read_parquet(str(path)).df()
     except duckdb.Error as error:
         raise InputError(f"{path} is not a Parquet table: {str(error).splitlines()[0]}.") from error
-    missing = [name for name in wanted if name not in rows]
-    if missing:
-        raise InputError(f"{path} must be a table of omega-prime; it has no column `{missing[0]}`.")
+    require_columns(rows, wanted, path)
     rows = rows[list(wanted)].rename(columns={"idx": "vehicle", "yaw": "heading"})
     rows["t"] = rows["total_nanos"] * 1e-9
     rows["speed"] = np.hypot(rows["vel_x"], rows["vel_y"])

@@ -6,7 +6,6 @@ Traps: x, y is the centre of the FRONT bumper; angles are degrees clockwise from
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +13,8 @@ import numpy as np
 import pandas as pd
 from lxml import etree
 
-from sumo_eval.drivers.recorded.importers.found import ImportedSamples
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.drivers.recorded.importers.files import reading_xml
+from sumo_eval.drivers.recorded.importers.tables import Samples, checked_numbers, read_table
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 
@@ -30,14 +29,11 @@ BODIES = {
 _NEEDED = ("x", "y", "angle", "speed")
 
 
-def read(path: Path) -> Iterator[ImportedSamples]:
+def read(path: Path) -> Samples:
     """The recordings of a file."""
     rows = _from_xml(path) if path.suffix == ".xml" else _from_csv(path)
-    known = (
-        rows["type"].astype(str).str.lower()
-        if "type" in rows
-        else pd.Series("car", index=rows.index)
-    )
+    kinds = rows["type"] if "type" in rows else pd.Series("car", index=rows.index)
+    known = kinds.astype(str).str.lower()
     bodies = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in known])
     heading = np.radians(90.0 - rows["angle"])
     table = pd.DataFrame(
@@ -62,7 +58,7 @@ def read(path: Path) -> Iterator[ImportedSamples]:
         f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x "
         f"{WIDTH:g} m for a car)."
     )
-    yield ImportedSamples(table, planar=True, notes=(note,))
+    return table, [note]
 
 
 def _from_csv(path: Path) -> pd.DataFrame:
@@ -70,53 +66,38 @@ def _from_csv(path: Path) -> pd.DataFrame:
         path, ("timestep_time", "vehicle_id", *(f"vehicle_{name}" for name in _NEEDED)), sep=";"
     )
     rows = rows[rows["vehicle_id"].notna()]  # a step without vehicles is a row without one
-    rows = rows.rename(columns={"timestep_time": "time"}).rename(
-        columns=lambda name: name.removeprefix("vehicle_")
-    )
-    checked_numbers(
-        rows, [name for name in ("time", *_NEEDED, "acceleration") if name in rows], path
-    )
+    rows.columns = rows.columns.str.removeprefix("timestep_").str.removeprefix("vehicle_")
+    checked_numbers(rows, _numbers(rows), path)
     return rows
+
+
+def _numbers(rows: pd.DataFrame) -> list[str]:
+    return [name for name in ("time", *_NEEDED, "acceleration") if name in rows]
 
 
 def _from_xml(path: Path) -> pd.DataFrame:
     rows: list[dict[str, Any]] = []
-    try:
+    with reading_xml(path):
         for _, step in etree.iterparse(
             str(input_file(path, "file")),
-            tag=("timestep", "fcd-export"),
+            tag="timestep",
             resolve_entities=False,
             no_network=True,
         ):
-            if step.tag == "timestep":
-                for vehicle in step.iterchildren("vehicle"):
-                    rows.append(
-                        {**vehicle.attrib, "time": step.get("time"), "row": vehicle.sourceline}
-                    )
-                step.clear()
-            elif not rows:
-                break
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
-    except etree.XMLSyntaxError as error:
-        raise InputError(f"{path} is not well-formed XML: {str(error.msg).rstrip('.')}.") from error
+            for vehicle in step.iterchildren("vehicle"):
+                row = {"time": step.get("time"), "row": vehicle.sourceline}
+                rows.append({**vehicle.attrib, **row})
+            step.clear()
+    for row in rows:
+        for name in ("id", *_NEEDED):
+            if name not in row:
+                raise InputError(
+                    f"The vehicle in row {row['row']} of {path} must have `{name}`, got none."
+                )
     if not rows:
         raise InputError(
             f"{path} must be SUMO's FCD output with at least one vehicle (<fcd-export>), got none."
         )
     table = pd.DataFrame(rows)
-    for name in ("id", "time", *_NEEDED):
-        missing = table.index[table[name].isna()] if name in table else table.index
-        if len(missing):
-            raise InputError(
-                f"The vehicle in row {table['row'].iloc[missing[0]]} of {path} must have "
-                f"`{name}`, got none."
-            )
-    for name in [name for name in ("time", *_NEEDED, "acceleration") if name in table]:
-        numbers = pd.to_numeric(table[name], errors="coerce")
-        if numbers.isna().any():
-            worst = int(np.flatnonzero(numbers.isna())[0])
-            row, got = table["row"].iloc[worst], table[name].iloc[worst]
-            raise InputError(f"`{name}` in row {row} of {path} must be a number, got {got!r}.")
-        table[name] = numbers.to_numpy(dtype=np.float64)
+    checked_numbers(table, _numbers(table), path, rows=table["row"].tolist())
     return table

@@ -1,4 +1,4 @@
-"""Read a foreign table; every fault is named with file and row."""
+"""Foreign tables; every fault is named with file and row."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ from sumo_eval.trajectory import Trajectory
 # skip integers
 LARGEST = 2.0**53
 
+Samples = tuple[pd.DataFrame, list[str]]
+"""Of a source at its own rate, and whole sentences on assumptions."""
+
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
     """A CSV file with at least the `required` columns; `options` go to pandas.
@@ -25,10 +28,10 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
     """
     try:
         table: pd.DataFrame = pd.read_csv(input_file(path, "file"), low_memory=False, **options)
-    except (OSError, UnicodeDecodeError, EOFError) as error:
-        raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
     except InputError:
         raise
+    except (OSError, UnicodeDecodeError, EOFError) as error:
+        raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
         raise InputError(
             f"{path} is not such a table: {str(error).strip().rstrip('.')}."
@@ -44,39 +47,36 @@ def require_columns(table: pd.DataFrame, required: Sequence[str], path: Path) ->
     missing = [name for name in required if name not in table]
     if missing:
         known = [str(column) for column in table.columns]
-        listed = ", ".join(f"`{name}`" for name in missing)
-        hint = (
-            did_you_mean(missing[0], known)
-            if len(missing) == 1
-            else f" Known: {', '.join(known)[:MOST_KNOWN]}."
-        )
-        what = f"a column `{missing[0]}`" if len(missing) == 1 else f"the columns {listed}"
-        raise InputError(f"{path} must have {what}.{hint}")
+        columns = "the columns " + ", ".join(f"`{name}`" for name in missing)
+        hint = f" Known: {', '.join(known)[:MOST_KNOWN]}."
+        if len(missing) == 1:
+            columns, hint = f"a column `{missing[0]}`", did_you_mean(missing[0], known)
+        raise InputError(f"{path} must have {columns}.{hint}")
 
 
 def checked_numbers(
-    table: pd.DataFrame, columns: Sequence[str], path: Path, *, first_row: int = 2
+    table: pd.DataFrame,
+    columns: Sequence[str],
+    path: Path,
+    *,
+    first_row: int = 2,
+    rows: Sequence[int] | None = None,
 ) -> None:
     """Make `columns` finite numbers in place.
 
-    `first_row`: the line of the file in which the first row stands.
+    first_row: line of the file in which the first row stands; rows: of each, where they are not
+        in order.
     """
     for name in columns:
         numbers = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
-        bad = np.flatnonzero(~np.isfinite(numbers))
+        bad = np.flatnonzero(~(np.abs(numbers) <= LARGEST))
         if bad.size:
-            got = table[name].iloc[bad[0]]
-            what = "nothing" if pd.isna(got) else repr(str(got))
-            raise InputError(
-                f"`{name}` in row {first_row + int(bad[0])} of {path} must be a number, got {what}."
-            )
-        large = np.flatnonzero(np.abs(numbers) > LARGEST)
-        if large.size:
-            where, got = first_row + int(large[0]), numbers[large[0]]
-            raise InputError(
-                f"`{name}` in row {where} of {path} must be at most {LARGEST:g} in size, got "
-                f"{got:g}."
-            )
+            place, number, got = int(bad[0]), numbers[bad[0]], table[name].iloc[bad[0]]
+            wrong = "a number, got " + ("nothing" if pd.isna(got) else repr(str(got)))
+            if np.isfinite(number):
+                wrong = f"at most {LARGEST:g} in size, got {number:g}"
+            row = first_row + place if rows is None else rows[place]
+            raise InputError(f"`{name}` in row {row} of {path} must be {wrong}.")
         table[name] = numbers
 
 
@@ -100,6 +100,6 @@ def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[st
 
 
 def require(condition: bool, path: Path, sentence: str) -> None:
-    """Refuse a file; the sentence states what must be."""
+    """Refuse a file unless the condition holds, which the sentence states."""
     if not condition:
         raise InputError(f"{path} {sentence}.")
