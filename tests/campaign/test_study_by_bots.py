@@ -18,7 +18,7 @@ from browser import CHROMIUM, Page
 
 import sumo_eval
 from sumo_eval.extras.figures.drawn import draw
-from sumo_eval.extras.wheel.again import again
+from sumo_eval.extras.wheel.tape import again
 
 BOT = Path(__file__).parents[1] / "wheel" / "bot.js"
 RUN = """

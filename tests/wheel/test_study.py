@@ -22,7 +22,7 @@ from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
 from sumo_eval.extras.wheel.messages import MOST_A_SECOND
 from sumo_eval.extras.wheel.outcome import collect
 from sumo_eval.extras.wheel.page import page
-from sumo_eval.extras.wheel.plan import Plan, read_study
+from sumo_eval.extras.wheel.plan import StudyPlan, read_study
 from sumo_eval.extras.wheel.study import participants, study
 from sumo_eval.extras.wheel.window import Window
 from sumo_eval.report.people import study_sentences
@@ -129,7 +129,7 @@ async def participant(
     return titles
 
 
-def take_part(plan: Plan, code: str, **more: Any) -> list[str]:
+def take_part(plan: StudyPlan, code: str, **more: Any) -> list[str]:
     async def body() -> list[str]:
         async with Window(page("Drive"), countdown=0.0, paced=False) as window:
             team = asyncio.create_task(study(window, plan, lambda line: None))
@@ -148,7 +148,7 @@ def take_part(plan: Plan, code: str, **more: Any) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def plan(tmp_path_factory: pytest.TempPathFactory) -> StudyPlan:
     folder = tmp_path_factory.mktemp("study")
     (folder / "base.toml").write_text(RUN)
     (folder / "study.toml").write_text(STUDY)
@@ -163,7 +163,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 @pytest.mark.campaign
 def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(
-    plan: Plan, tmp_path: Path
+    plan: StudyPlan, tmp_path: Path
 ) -> None:
     """Three people, two cases: one by one to the end, one who comes back after a crash, one who
     ends a drive."""
@@ -187,7 +187,7 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(
     found = collect(plan)
     assert (found.people, found.with_drives, found.drives, found.ratings) == (3, 3, 5, 6)
     assert sorted((it.participant, it.why) for it in found.left) == [
-        ("P02", "the drive broke off, and was driven again"), ("P03", "ended before its end"),
+        ("P02", "the drive broke off, and was rerun"), ("P03", "ended before its end"),
     ]  # fmt: skip
     assert len(rows_of(plan.folder / "drives" / "cases.csv")) == 5
     quality = rows_of(plan.folder / "quality.csv")
@@ -214,7 +214,7 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(
     assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.left]
 
 
-def test_a_study_file_with_a_mistake_gets_a_sentence(plan: Plan) -> None:
+def test_a_study_file_with_a_mistake_gets_a_sentence(plan: StudyPlan) -> None:
     path = plan.run.parent / "wrong.toml"
     for text, words in (
         (STUDY.replace("consent", "consnt"), "Did you mean `consent`"),

@@ -23,11 +23,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 from sumo_eval.cosim.doors.observation import Observation  # noqa: E402
 from sumo_eval.cosim.simulation import simulate  # noqa: E402
 from sumo_eval.cosim.vehicle_model import Command  # noqa: E402
-from sumo_eval.extras.wheel.again import again  # noqa: E402
-from sumo_eval.extras.wheel.hands import LET_GO, Given, Hands  # noqa: E402
+from sumo_eval.extras.wheel.hands import RELEASED, Given, Hands  # noqa: E402
 from sumo_eval.extras.wheel.page import drive_view, page  # noqa: E402
 from sumo_eval.extras.wheel.quality import Quality, QualitySettings  # noqa: E402
-from sumo_eval.extras.wheel.tape import LeftTheWheelError, digest, read_tape, with_quit  # noqa: E402
+from sumo_eval.extras.wheel.tape import LeftTheWheelError, again, digest, read_tape, with_quit  # noqa: E402
 from sumo_eval.extras.wheel.trip import concrete_of, one_drive, settings_at  # noqa: E402
 from sumo_eval.extras.wheel.window import FLOODED, TAKEN, UNKNOWN, WRONG, Window  # noqa: E402
 from sumo_eval.scenario import catalogue  # noqa: E402
@@ -347,7 +346,7 @@ async def test_who_sends_too_much_is_shut_out() -> None:
 @pytest.mark.parametrize(
     ("text", "code", "words"),
     [
-        ("x" * 9000, 1009, "What came from the window is larger than 8192 bytes."),
+        ("x" * 9000, 1009, "A message of the window is larger than 8192 bytes."),
         (json.dumps({"ä" * 400: 1}, ensure_ascii=False), WRONG, "A message must be one of"),
         (
             f'{{"input": [0, 0, "stick", 0, 1{"0" * 4000}, 0, 0]}}',
@@ -383,7 +382,7 @@ async def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path
         assert await steps(peer, stop_at=10, closes=False) == 10
         assert await closing(await known(window), '{"quit": true}') == TAKEN
         assert await closing(await opened(window), json.dumps({"token": "x"})) == UNKNOWN
-        await peer.send(json.dumps({"input": [11, 10, *LET_GO]}))
+        await peer.send(json.dumps({"input": [11, 10, *RELEASED]}))
         await steps(peer, stop_at=10**6, until=drive)
         recording, quality = await drive
         assert (recording.end_reason, quality.pauses) == ("road_end", 0)

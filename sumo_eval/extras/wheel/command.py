@@ -1,12 +1,11 @@
-"""At the wheel: `drive` opens the browser for one drive or a whole study, and drives tapes
-again.
-"""
+"""`drive` opens the browser for one drive or a whole study, and repeats tapes."""
 
 from __future__ import annotations
 
 import asyncio
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -35,7 +34,7 @@ from sumo_eval.cli.sentences import open_in_browser, say, tell
     show_default=True,
     help="Of 127.0.0.1; 0: any.",
 )
-@flag("--collect", help="Of a study: write its folder anew from what was recorded; no browser.")
+@flag("--collect", help="Of a study: rewrite its folder from the recordings; no browser.")
 @flag("--no-browser", help="Print the address and open nothing.")
 def drive(
     what: str,
@@ -50,25 +49,26 @@ def drive(
     `drive`).
 
     A study writes the folder that `[drivers] cases` takes, ratings for `humans opinion`, and an
-    evaluation that takes the people in place of the drivers. A TAPE, the record of a drive, is
-    driven again and compared with what came of it, byte by byte: exit status 1 where they differ.
+    evaluation that replaces the drivers with its participants. A TAPE, the record of a drive, is
+    repeated and compared with its result, byte by byte: exit status 1 where they differ.
     """
     from sumo_eval.scenario.catalogue import find, is_file
     from sumo_eval.settings.toml_file import read_toml
 
+    file = Path(what)
     if what.endswith(".jsonl"):
-        from sumo_eval.extras.wheel.again import again
+        from sumo_eval.extras.wheel.tape import again
 
-        found = again(Path(what))
-        tell(found.sentence)
-        sys.exit(GATE_FAILED if found.same is False else DONE)
+        repetition = again(file)
+        tell(repetition.sentence)
+        sys.exit(GATE_FAILED if repetition.same is False else DONE)
     from sumo_eval.extras.wheel.trip import concrete_of, opened, settings_at, trips
 
-    is_study = what.endswith(".toml") and "consent" in read_toml(Path(what), "file")
+    is_study = what.endswith(".toml") and "consent" in read_toml(file, "file")
     if collect:
         if not is_study:
             raise click.UsageError("`--collect` is for a study file, one with a `consent`.")
-        _collect(Path(what))
+        _collect(file)
         return
 
     from sumo_eval.record.loops import PLAYED, WORLD, ready
@@ -76,7 +76,7 @@ def drive(
     with Progress() as progress:
         ready((WORLD, PLAYED), progress)  # in a thread of the window's, Ctrl-C would wait for it
 
-    def told(address: str) -> None:
+    def show(address: str) -> None:
         tell(f"Drive here, on this machine only: {address}")
         if not no_browser:
             open_in_browser(address)
@@ -85,35 +85,33 @@ def drive(
         from sumo_eval.extras.wheel.plan import read_study
         from sumo_eval.extras.wheel.study import study
 
-        plan = read_study(Path(what))
+        plan = read_study(file)
         settings_at(plan.settings.rate)
         try:
-            asyncio.run(opened("Drive", port, lambda window: study(window, plan, click.echo), told))
+            asyncio.run(opened("Drive", port, lambda window: study(window, plan, click.echo), show))
         finally:
-            _collect(Path(what))
+            _collect(file)
         return
     logical = find(what, Path.cwd())
     concrete, settings = concrete_of(logical, named_values(values, "--set")), settings_at(rate)
-    where = (Path.cwd() / what).resolve() if is_file(what) else what
-    asyncio.run(
-        opened(
-            f"Drive {logical.name}",
-            port,
-            lambda window: trips(window, logical, concrete, settings, out, str(where)),
-            told,
-        )
-    )
+    use = str(file.resolve()) if is_file(what) else what
+    title = f"Drive {logical.name}"
+
+    def work(window: Any) -> Any:
+        return trips(window, logical, concrete, settings, out, use)
+
+    asyncio.run(opened(title, port, work, show))
 
 
 def _collect(path: Path) -> None:
-    """Write what a study has come to, and say it."""
+    """Write the results of a study."""
     from sumo_eval.extras.wheel.outcome import collect
     from sumo_eval.extras.wheel.plan import read_study
 
-    found = collect(read_study(path))
-    say(found.sentences())
-    say(map(str, found.files))
+    result = collect(read_study(path))
+    say(result.sentences())
+    say(map(str, result.files))
     tell(
-        f"Score with these people: sumo-eval run {found.files[-1]} --out RUN; "
-        f"sumo-eval humans opinion RUN {found.files[1]}"
+        f"Score with these people: sumo-eval run {result.files[-1]} --out RUN; "
+        f"sumo-eval humans opinion RUN {result.files[1]}"
     )

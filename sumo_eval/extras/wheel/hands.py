@@ -2,22 +2,22 @@
 the server.
 
 A key cannot be pressed halfway. While one is held the steering wheel turns towards a limit that the
-speed sets, the angle that gives a stated acceleration across the road, and goes back as soon as it
-is let go. Measured with a scripted driver (preview 1.2 s, reaction 0.25 s) at 10..40 m/s: lane
+speed sets, the angle that gives a stated acceleration across the road, and returns as soon as it is
+released. Measured with a scripted driver (preview 1.2 s, reaction 0.25 s) at 10..40 m/s: lane
 changes of 3.5 m overshoot by 0.3 m, lanes are kept to 0.2 m.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.settings import VehicleSettings
 
 LEFT, RIGHT, DRIVE = 1, 2, 4
 BRAKE, HARD, EVADE = 8, 16, 32
-KEYS: Final = {
+KEYS = {
     "left": LEFT,
     "right": RIGHT,
     "drive": DRIVE,
@@ -25,21 +25,21 @@ KEYS: Final = {
     "hard": HARD,
     "evade": EVADE,
 }
-"""What a key does: name -> its bit in the message of the page."""
+"""Function of a key: name -> its bit in the message of the page."""
 
 
 # The steering law: accelerations in m/s2, times in s.
-LATERAL: Final = 3.0  # acceleration across the road that a held key steers for
-EVASIVE: Final = 6.0  # with the key for evasion, and of a stick at its end
-TURN_TIME: Final = 0.3  # from straight to that limit
-RETURN_TIME: Final = 0.15  # and back
-FASTEST: Final = 12.0  # rad/s of the steering wheel
-WIDEST: Final = math.radians(450.0)  # rad of the steering wheel
+LATERAL = 3.0  # acceleration across the road that a held key steers for
+EVASIVE = 6.0  # with the key for evasion, and of a stick at its end
+TURN_TIME = 0.3  # from straight to that limit
+RETURN_TIME = 0.15  # and back
+FASTEST = 12.0  # rad/s of the steering wheel
+WIDEST = math.radians(450.0)  # rad of the steering wheel
 DRIVES, BRAKES, BRAKES_HARD = 2.5, 4.0, 9.0
 
 
 class Given(NamedTuple):
-    """What the driver's hands and feet do at one instant.
+    """Input of the driver's hands and feet at one instant.
 
     kind: `keys`, `wheel` or `stick`.
     keys: bits of `KEYS`.
@@ -54,7 +54,7 @@ class Given(NamedTuple):
     brake: float = 0.0
 
 
-LET_GO: Final = Given()
+RELEASED = Given()
 
 
 def angle_of(lateral: float, speed: float, vehicle: VehicleSettings) -> float:
@@ -88,8 +88,7 @@ class Hands:
         if given.kind == "wheel":
             self.angle = min(max(given.steer, -WIDEST), WIDEST)
         else:
-            wanted = given.steer * angle_of(EVASIVE, speed, vehicle)
-            self._turn_to(wanted, FASTEST)
+            self._turn_to(given.steer * angle_of(EVASIVE, speed, vehicle), FASTEST)
         return Command(
             given.throttle * vehicle.max_acceleration - given.brake * vehicle.max_deceleration,
             self.angle,

@@ -1,11 +1,9 @@
-"""What a browser may say: each message bounded, of a known kind, its numbers finite; else a
-sentence.
-"""
+"""Messages of a browser: each bounded, of a known kind, its numbers finite; else an error message."""
 
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
@@ -14,9 +12,9 @@ from sumo_eval.extras.wheel.hands import KEYS, Given
 from sumo_eval.extras.wheel.seat import Input
 from sumo_eval.text import clean
 
-LARGEST: Final = 8192  # bytes of a message: the answers of a form with a remark
-MOST_A_SECOND: Final = 400
-REMARK: Final = 1000  # characters of a text that a person types
+LARGEST = 8192  # bytes of a message: the answers of a form with a remark
+MOST_A_SECOND = 400
+REMARK = 1000  # characters of a text that a person types
 
 Count = Annotated[int, Field(strict=True, ge=0, le=1 << 40)]
 Frames = Annotated[int, Field(strict=True, ge=0, le=100_000)]
@@ -68,15 +66,15 @@ class Message(TypedDict, total=False):
     telling: Telling
 
 
-_MESSAGE: Final = TypeAdapter(Message)
+_MESSAGE = TypeAdapter(Message)
 
 
 class MessageError(Exception):
-    """A message that no page of ours sends; its text is a sentence."""
+    """A message that our page does not send; its text is the error message."""
 
 
 def read(text: object) -> dict[str, Any]:
-    """A message as a dict of what it says, with exactly one of the keys of `Message`."""
+    """The content of a message, with exactly one of the keys of `Message`."""
     if not isinstance(text, str):
         raise MessageError("A message must be text.")
     try:

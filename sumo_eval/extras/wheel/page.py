@@ -1,10 +1,10 @@
-"""What the browser is shown: the one page, and the views that the server sends into it."""
+"""The one page of the browser, and the views that the server sends into it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib.resources import files
-from typing import Any, Final
+from typing import Any
 
 import jinja2
 from markupsafe import Markup
@@ -17,8 +17,8 @@ from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Collision, Trajectory
 
-VIEW: Final = 600.0  # m of road that are drawn before its beginning and behind its end
-_TEMPLATES: Final = files("sumo_eval.extras.wheel") / "templates"
+VIEW = 600.0  # m of road that are drawn before its beginning and behind its end
+_TEMPLATES = files("sumo_eval.extras.wheel") / "templates"
 
 
 def _own(name: str) -> Markup:
@@ -47,8 +47,8 @@ def drawn_road(road: Road) -> dict[str, Any]:
 def drive_view(
     concrete: ConcreteScenario, settings: SimulationSettings, title: str, lines: tuple[str, ...]
 ) -> dict[str, Any]:
-    """The view in which a concrete scenario is driven: the road, and everybody's body; where they
-    are comes with every step.
+    """The view in which a concrete scenario is driven: the road, and the bodies; positions come with
+    every step.
     """
     vehicle = concrete.ego_vehicle(settings.vehicle)
     return {
@@ -69,9 +69,9 @@ def replay(
     vehicles: Mapping[str, Trajectory],
     collision: Collision | None,
 ) -> dict[str, Any]:
-    """What the page's player shows of a drive.
+    """A drive for the page's player.
 
-    name: what it is called there.
+    name: of the drive there.
     vehicles: by name, the ego's `ego`.
     """
     hit = contact(collision, vehicles.get(EGO))

@@ -1,13 +1,10 @@
-"""What a study asks for, from STUDY.toml, and what it comes to: which cases, in which order, which
-replays.
-"""
+"""Settings of a study, from STUDY.toml, and its plan: cases, their order, replays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from annotated_types import Ge, Le, MinLen
 
@@ -59,14 +56,14 @@ class QuestionSettings(Checked):
 class StudySettings(Checked):
     """A study: participants drive concrete scenarios of a run and rate how its ADSs drive there."""
 
-    name: Annotated[str, MinLen(1), About("name of the study, shown to nobody but the team")]
+    name: Annotated[str, MinLen(1), About("name of the study, shown to the team only")]
     run: Annotated[str, MinLen(1), About("folder of the run, relative to this file")]
-    consent: Annotated[str, MinLen(1), About("what a participant agrees to, the team's own text")]
+    consent: Annotated[str, MinLen(1), About("text that a participant agrees to, by the team")]
     seed: Annotated[
         int, Ge(0), About("source of randomness: the order of replays, which cases are shown")
     ] = 1
     out: Annotated[
-        str, About("folder of the study, relative to this file; empty: beside it, under its name")
+        str, About("folder of the study, relative to this file; empty: next to it, under its name")
     ] = ""
     cases: Annotated[
         tuple[str, ...],
@@ -84,12 +81,11 @@ class StudySettings(Checked):
     quality: QualitySettings = field(default_factory=QualitySettings)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StudyCase:
+class StudyCase(NamedTuple):
     """A concrete scenario of a study.
 
     key: `SCENARIO-POINT`.
-    use: what its scenario is found by.
+    use: locator of its scenario.
     ads: the recorded drives of the ADSs in it, by name.
     """
 
@@ -99,12 +95,11 @@ class StudyCase:
     ads: dict[str, Fact]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Plan:
+class StudyPlan(NamedTuple):
     """A study that can begin.
 
     cases: in the order of the run.
-    ads: whose drives are rated.
+    ads: names of those whose drives are rated.
     """
 
     settings: StudySettings
@@ -112,11 +107,6 @@ class Plan:
     folder: Path
     cases: tuple[StudyCase, ...]
     ads: tuple[str, ...]
-
-    @property
-    def scenarios(self) -> tuple[str, ...]:
-        """The logical scenarios of the cases."""
-        return tuple(dict.fromkeys(case.concrete.scenario for case in self.cases))
 
     def order(self, number: int) -> list[StudyCase]:
         """The cases in the order in which participant `number` (0, 1, ...) drives them."""
@@ -126,76 +116,64 @@ class Plan:
     def ratings(self, code: str) -> list[tuple[StudyCase, str]]:
         """The replays that a participant rates, in a random order of their own: case and ADS."""
         draw = random_stream(self.settings.seed, "replays", code)
-        shown = []
-        for scenario in self.scenarios:
-            here = [case for case in self.cases if case.concrete.scenario == scenario]
+        replays = []
+        for scenario in dict.fromkeys(case.concrete.scenario for case in self.cases):
             for ads in self.ads:
-                able = [case for case in here if ads in case.ads]
+                able = [case for case in self.cases
+                    if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
                 chosen = draw.permutation(len(able))[: self.settings.replays]
-                shown += [(able[place], ads) for place in sorted(chosen.tolist())]
-        return [shown[place] for place in draw.permutation(len(shown))]
+                replays += [(able[place], ads) for place in sorted(chosen.tolist())]
+        return [replays[place] for place in draw.permutation(len(replays))]
 
 
 def balanced_orders(n: int) -> list[list[int]]:
-    """Orders of n things in which each stands equally often in each place and follows each other
+    """Orders of n items in which each stands equally often in each place and follows each other
     equally often.
 
     Williams's design (Aust. J. Sci. Res. A 2, 149 (1949)): n rows for an even n, 2 n for an odd
     one.
     """
-    first = [0]
-    for step in range(1, n):
-        first.append(step // 2 + 1 if step % 2 else n - step // 2)
+    first = [step // 2 + 1 if step % 2 else -(step // 2) for step in range(n)]
     rows = [[(place + shift) % n for place in first] for shift in range(n)]
-    return rows if n % 2 == 0 else rows + [list(reversed(row)) for row in rows]
+    return rows if n % 2 == 0 else rows + [row[::-1] for row in rows]
 
 
-def read_study(path: Path) -> Plan:
+def read_study(path: Path) -> StudyPlan:
     """The plan of a study file.
 
-    Raises InputError with a sentence for each mistake.
+    Raises InputError for each mistake.
     """
     settings = read_checked(path, StudySettings, "study file")
     run = (path.parent / settings.run).resolve()
     resolved = resolved_run(run)
     uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     with open_store(run / FACTS) as store:
-        driven = {(fact.scenario, fact.point) for fact in store.facts("human")}
+        safe_points = {(fact.scenario, fact.point) for fact in store.facts("human")}
         facts = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
-    known = list(dict.fromkeys(fact.driver for fact in facts))
-    for name in settings.ads:
-        if name not in known:
-            raise unknown("ADS of the run", name, known)
+    names = list(dict.fromkeys(fact.driver for fact in facts))
     points: dict[str, list[Fact]] = {}
     for fact in facts:
         points.setdefault(f"{fact.scenario}-{fact.point:04d}", []).append(fact)
-    safe = [key for key, here in points.items() if (here[0].scenario, here[0].point) in driven]
-    keys = settings.cases or _spread(safe, settings.count)
-    for key in keys:
-        if key not in points:
-            raise unknown("case of the run", key, points)
+    safe = [key for key, (one, *_) in points.items() if (one.scenario, one.point) in safe_points]
+    count = min(settings.count, len(safe))
+    # evenly over the list: some of every scenario
+    keys = settings.cases or [safe[place * len(safe) // count] for place in range(count)]
+    for kind, wanted, known in (("ADS", settings.ads, names), ("case", keys, points)):
+        for name in wanted:
+            if name not in known:
+                raise unknown(f"{kind} of the run", name, known)
     if len(set(keys)) < len(keys):
         raise must_be("`cases`", f"study `{settings.name}`", "distinct", ", ".join(keys))
     if not keys:
         raise InputError(
-            f"The run {run} has no safe point with drivers, so a study of it has nothing to drive."
+            f"The run {run} must have a safe point with drivers for a study, got none."
         )
     cases = []
     for key in keys:
-        one = points[key][0]
-        use, logical = uses[one.scenario]
-        file, drives = resolved.source / use, {fact.driver: fact for fact in points[key]}
-        cases.append(
-            StudyCase(
-                key, str(file) if file.is_file() else use, logical.concrete(**one.values), drives
-            )
-        )
+        use, logical = uses[points[key][0].scenario]
+        file = resolved.source / use
+        concrete = logical.concrete(**points[key][0].values)
+        drives = {fact.driver: fact for fact in points[key]}
+        cases.append(StudyCase(key, str(file) if file.is_file() else use, concrete, drives))
     folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).resolve()
-    return Plan(settings, run, folder, tuple(cases), settings.ads or tuple(known))
-
-
-def _spread(keys: Sequence[str], count: int) -> list[str]:
-    """As many as wanted, evenly over the list: of every scenario some."""
-    if len(keys) <= count:
-        return list(keys)
-    return [keys[place * len(keys) // count] for place in range(count)]
+    return StudyPlan(settings, run, folder, tuple(cases), settings.ads or tuple(names))

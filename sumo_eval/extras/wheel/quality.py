@@ -1,14 +1,13 @@
-"""How good a drive by a person is as a measurement: dropped pictures, pauses, road left, when they
-first reacted.
+"""Quality of a person's drive as a measurement: dropped pictures, pauses, road left, first reaction.
 
-What is measured is about the drive as a recording, not about driving well: a drive is left out by a
-stated rule, and the rule, the value and its bound go on record with it.
+It is about the drive as a recording, not about driving well: a drive is left out by a stated rule,
+and the rule, the value and its bound are recorded with it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from sumo_eval.settings import VehicleSettings
 from sumo_eval.settings.checked import About, Checked, NotNegative
 from sumo_eval.trajectory import Recording
 
-# m/s2 of braking beyond what the pedals gave before the event from which a person has reacted
+# m/s2 of braking beyond that of the pedals before the event, from which a person has reacted
 BRAKES = 0.5
 STEERS = 0.35  # m/s2 of acceleration across the road
 SEEN = ROW.index("seen")
@@ -49,18 +48,18 @@ class QualitySettings(Checked):
     contact: Annotated[bool, About("a drive with a contact counts as skilled driving")] = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Quality:
     """One drive.
 
-    dropped: share of pictures that came late, None where the page told of none.
+    dropped: share of pictures that came late, None where the page sent no figures.
     latency_ms: 95th percentile from input to picture.
     stalls, pauses: how often the loop, or the person, held.
     reaction: s from the first event to the first answer, None without either.
-    unanswered: the longest that the drive went on without an answer of the window, s.
-    stepped_down: how often the page drew more cheaply by itself while the drive went on (plainly,
-        with fewer pixels, from above).
-    drawn: how the road was drawn, in words. The last three are None on a tape that does not tell.
+    unanswered: the longest that the drive continued without an answer of the window, s.
+    stepped_down: how often the page drew more cheaply by itself during the drive (plainly, with
+        fewer pixels, from above).
+    drawn: how the road was drawn, in words. The last three are None on a tape without them.
     """
 
     end: str
@@ -75,46 +74,46 @@ class Quality:
     stepped_down: int | None = None
     drawn: str | None = None
 
-    def plain(self) -> dict[str, Any]:
-        """As plain values."""
-        return asdict(self)
-
     def sentences(self) -> list[str]:
         """In words, for the participant."""
-        said = []
+        words = []
         if self.reaction is not None:
-            said.append(f"You answered the first event after {self.reaction:.2f} s.")
+            words.append(f"You answered the first event after {self.reaction:.2f} s.")
         if self.latency_ms is not None:
-            said.append(f"From input to picture: 95 % within {self.latency_ms:.0f} ms.")
+            words.append(f"From input to picture: 95 % within {self.latency_ms:.0f} ms.")
         if self.dropped:
-            said.append(f"{100.0 * self.dropped:.0f} % of the pictures came late.")
+            words.append(f"{100.0 * self.dropped:.0f} % of the pictures came late.")
         if self.stepped_down:
-            said.append(
+            words.append(
                 "The road was drawn more cheaply from some moment on, because pictures came too "
                 "late."
             )
         if self.pauses:
             often = "once" if self.pauses == 1 else f"{self.pauses} times"
-            said.append(f"The drive was held {often}, for {self.paused:.1f} s.")
-        return said
+            words.append(f"The drive was held {often}, for {self.paused:.1f} s.")
+        return words
 
     def against(self, rule: QualitySettings) -> tuple[str, ...]:
         """Why a drive does not count, a sentence for each bound that it breaks; none: it counts."""
         why = []
-        for name, words in (("dropped", "share of late pictures"),
+        for name, words in (
+            ("dropped", "share of late pictures"),
             ("latency_ms", "input to picture, 95 %, ms"),
-                            ("stalls", "halts of the loop"), ("pauses", "pauses"),
-                            ("unanswered", "no answer of the window, s"),
-                            ("stepped_down", "times that the road was drawn more cheaply in "
-                                             "mid-drive")):  # fmt: skip
+            ("stalls", "halts of the loop"),
+            ("pauses", "pauses"),
+            ("unanswered", "no answer of the window, s"),
+            ("stepped_down", "times that the road was drawn more cheaply in mid-drive"),
+        ):
             value, bound = getattr(self, name), getattr(rule, name)
             if value is not None and value > bound:
                 why.append(f"{words} {value:.3g}, at most {bound:g}")
-        for name, end, words in (("off_road", "off_road", "left the road"),
-            ("quit", "quit", "ended before its end"),
-                                 ("contact", "contact", "touched another vehicle")):  # fmt: skip
-            if self.end == end and not getattr(rule, name):
-                why.append(words)
+        ends = {
+            "off_road": "left the road",
+            "quit": "ended before its end",
+            "contact": "touched another vehicle",
+        }
+        if self.end in ends and not getattr(rule, self.end):
+            why.append(ends[self.end])
         if self.end in ("sim_error", "ads_error", "ads_timeout"):
             why.append("a fault of the simulation")
         return tuple(why)
@@ -123,33 +122,28 @@ class Quality:
 def quality_of(
     recording: Recording, tape: Tape, concrete: ConcreteScenario, time: Mapping[str, Any]
 ) -> Quality:
-    """The quality of a drive, from what was recorded and what was measured of it in time
-    (`window.timing`).
-    """
-    frames, pauses = time.get("frames") or 0, [it for it in tape.notes if it["note"] == "pause"]
+    """The quality of a drive, from its recording and its figures in time (`window.timing`)."""
+    pauses = [it["seconds"] for it in tape.notes if it["note"] == "pause"]
     event, settings = first_event(concrete), settings_of(tape.head)
     vehicle = concrete.ego_vehicle(settings.vehicle)
+    behind = max((k - row[SEEN] for k, row in enumerate(tape.rows)), default=0)
     return Quality(
         end=recording.end_reason,
-        dropped=time["dropped"] / frames if frames else None,
+        dropped=time["dropped"] / time["frames"] if time.get("frames") else None,
         latency_ms=time.get("input_to_picture_p95_ms"),
         stalls=sum(it["note"] == "stall" for it in tape.notes),
         pauses=len(pauses),
-        paused=float(sum(it["seconds"] for it in pauses)),
+        paused=float(sum(pauses)),
         event=event,
         reaction=None if event is None else reaction(recording, event, vehicle),
-        unanswered=round(
-            max((k - row[SEEN] for k, row in enumerate(tape.rows)), default=0) * settings.step, 4
-        ),
+        unanswered=round(behind * settings.step, 4),
         stepped_down=time.get("stepped_down"),
         drawn=time.get("renderer"),
     )
 
 
 def first_event(concrete: ConcreteScenario) -> float | None:
-    """When the first of the others changes what it does, s; None where nobody does at a stated
-    time.
-    """
+    """When the first actor changes its motion, s; None where none does at a stated time."""
     begins = [act.begin for it in concrete.actors for act in it.acts if act.timed]
     return min((begin for begin in begins if np.isfinite(begin)), default=None)
 
@@ -160,7 +154,7 @@ def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> fl
 
     Braking: 0.5 m/s2 below the acceleration at the event. Steering: 0.35 m/s2 across beyond that at
         the event, of the path that the steering wheel asks for, v^2 tan(angle / steering ratio) /
-        wheelbase; so a bend of the road alone, on which nobody moves the wheel, is no answer.
+        wheelbase; so a curve of the road alone, without a move of the wheel, does not count.
     """
     ego = recording.ego
     if len(ego) < 3:
@@ -168,10 +162,8 @@ def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> fl
     across = (
         ego.speed**2 * np.tan(ego.steering_wheel_angle / vehicle.steering_ratio) / vehicle.wheelbase
     )
-    before = int(np.searchsorted(ego.time, event + 1e-9, side="right")) - 1
-    at = max(before, 0)
-    after = ego.time > event + 1e-9
-    braked = after & (ego.acceleration < min(float(ego.acceleration[at]), 0.0) - BRAKES)
-    steered = after & (np.abs(across - across[at]) > STEERS)
-    found = np.flatnonzero(braked | steered)
-    return round(float(ego.time[found[0]] - event), 4) if found.size else None
+    at = max(int(np.searchsorted(ego.time, event + 1e-9, side="right")) - 1, 0)
+    braked = ego.acceleration < min(float(ego.acceleration[at]), 0.0) - BRAKES
+    steered = np.abs(across - across[at]) > STEERS
+    answers = np.flatnonzero((ego.time > event + 1e-9) & (braked | steered))
+    return round(float(ego.time[answers[0]] - event), 4) if answers.size else None

@@ -1,44 +1,41 @@
-"""The driver's seat: a controller that keeps real time, shows the person every state, and takes
-what hands and feet do.
+"""The driver's seat: a controller that keeps real time, shows the driver every state, and takes
+the input of hands and feet.
 
 The harness's own loop asks it as it asks any ADS. It answers when the step is due by the clock, so
-a step lasts as long as it does outside; a step that is late changes how the drive feels, never what
-comes of it: that is decided by the commands alone, and they are on the tape.
+a step lasts as long as it does outside; a step that is late changes how the drive feels, never its
+result: that depends on the commands alone, which are on the tape.
 """
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.extras.wheel.hands import LET_GO, Given, Hands
+from sumo_eval.extras.wheel.hands import RELEASED, Given, Hands
 from sumo_eval.extras.wheel.tape import LeftTheWheelError, Player, Writer, with_quit
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
 
-STALL: Final = 0.1  # s that a step may be late before the clock is set anew: time must not jump
-GLANCE: Final = 0.005  # s between two looks whether a drive that is held may go on
+STALL = 0.1  # s that a step may be late before the clock is reset: time must not jump
+GLANCE = 0.005  # s between two looks whether a drive that is held may continue
 # s without a step, or without an answer of the window, from which a drive is held
-ASLEEP: Final = 2.0
-PATIENCE: Final = 900.0  # s for which a drive waits for somebody who has gone away
+ASLEEP = 2.0
+PATIENCE = 900.0  # s for which a drive waits for a driver who has gone away
 
 
 class Input(NamedTuple):
-    """The page's last message: its number, the state that was seen when it was made, and what hands
-    and feet do.
+    """The page's last message: its number, the state that was seen when it was made, and the input
+    of hands and feet.
     """
 
-    number: int
-    seen: int
-    given: Given
-
-
-NOTHING: Final = Input(0, -1, LET_GO)
+    number: int = 0
+    seen: int = -1
+    given: Given = RELEASED
 
 
 def awake() -> float:
@@ -54,11 +51,20 @@ class Desk:
     """
 
     def __init__(self) -> None:
-        self.newest = NOTHING
-        self.holds = "start"  # why the drive waits; empty: it goes on
-        self.held = ""  # why it was held since the seat last looked, also where it goes on already
+        self.newest = Input()
+        self.holds = "start"  # why the drive waits; empty: it continues
+        self.held = ""  # why it was held since the seat last looked, also where it continues
         self.leaves = ""  # why the drive is to end; empty: it is not
-        self.due = 0.0  # by the clock, when a drive that was held goes on
+        self.due = 0.0  # by the clock, when a drive that was held continues
+
+    def leave(self, why: str) -> None:
+        """End the drive; the first reason counts."""
+        self.leaves = self.leaves or why
+
+    def hold(self, why: str) -> None:
+        """Hold the drive, all keys and pedals released; the first reason counts."""
+        self.holds = self.holds or why
+        self.newest = self.newest._replace(given=RELEASED)
 
 
 class Seat:
@@ -67,20 +73,18 @@ class Seat:
     show: takes every state, from another thread;
     held: why the seat itself holds the drive, `asleep` (the machine stood still) or `silent` (the
         window does not answer).
-    paced: by the clock; else each step waits until somebody has answered the state that it begins
-        with.
+    paced: by the clock; else each step waits for an answer to the state that it begins with.
     """
 
     def __init__(
         self, desk: Desk, hands: Hands, step: float, writer: Writer,
-        show: Callable[[list[Any]], None],
-        held: Callable[[str], None], *, paced: bool = True,
+        show: Callable[[list[Any]], None], held: Callable[[str], None], *, paced: bool = True,
     ) -> None:  # fmt: skip
         self._desk, self._hands, self._step = desk, hands, step
         self._writer, self._show = writer, show
         self._held, self._paced = held, paced
         self._tick, self._start = 0, 0.0
-        # step and time (`awake`) at which the drive last went on; of the last step
+        # step and time (`awake`) at which the drive last continued; of the last step
         self._since, self._awake = 0, 0.0
         self.left = ""
         self.late: list[float] = []
@@ -88,16 +92,16 @@ class Seat:
         self.behind: list[int] = []
 
     def act(self, seen: Observation) -> Command:
-        """Show the state, wait until the step is due, and take what is newest then."""
-        it = self._desk.newest
-        self._show(state_of(self._tick, it.number, self._hands.angle, seen))
-        late = self._wait()
+        """Show the state, wait until the step is due, and take the newest input then."""
+        answered = self._desk.newest.number
+        self._show(state_of(self._tick, answered, self._hands.angle, seen))
+        late = self._wait() if self._paced else self._wait_for_answer()
         if self._desk.leaves:
             self.left = self._desk.leaves
             raise LeftTheWheelError(self.left)
         it = self._desk.newest
         command = self._hands.command(it.given, seen.ego.speed)
-        self._writer.row(
+        self._writer.line(
             (command.acceleration, command.steering, it.seen, *it.given, round(late, 6))
         )
         self.late.append(late)
@@ -105,26 +109,24 @@ class Seat:
         self._tick += 1
         return command
 
+    def _wait_for_answer(self) -> float:
+        desk, begun = self._desk, clock.perf_counter()
+        while (self._waits() or desk.newest.seen < self._tick) and not desk.leaves:
+            if self._waits():
+                self._hold()
+                begun = clock.perf_counter()
+            self._lose_patience(begun)
+            clock.sleep(0.0005)
+        return 0.0
+
     def _wait(self) -> float:
         """Until the step is due; how late it is then, s."""
         desk = self._desk
-        if not self._paced:
-            begun = clock.perf_counter()
-            while (self._waits() or desk.newest.seen < self._tick) and not desk.leaves:
-                if self._waits():
-                    self._hold()
-                    begun = clock.perf_counter()
-                if clock.perf_counter() - begun > PATIENCE:
-                    desk.leaves = f"Nobody answered for {PATIENCE:g} s."
-                clock.sleep(0.0005)
-            return 0.0
         while True:
             if self._waits():
                 self._hold()
             due = self._start + self._tick * self._step
-            now = clock.perf_counter()
-            if now < due:
-                clock.sleep(due - now)
+            clock.sleep(max(due - clock.perf_counter(), 0.0))
             if awake() - self._awake > ASLEEP:
                 self._fall("asleep")
             elif (self._tick - max(desk.newest.seen, self._since)) * self._step > ASLEEP:
@@ -145,13 +147,13 @@ class Seat:
         desk = self._desk
         return bool(desk.holds or desk.held) or not self._awake or clock.perf_counter() < desk.due
 
+    def _lose_patience(self, begun: float) -> None:
+        if clock.perf_counter() - begun > PATIENCE:
+            self._desk.leave(f"No answer came for {PATIENCE:g} s.")
+
     def _fall(self, why: str) -> None:
-        """Hold the drive, because nobody can be at the wheel: whoever is back says when it goes
-        on.
-        """
-        desk = self._desk
-        desk.newest = desk.newest._replace(given=LET_GO)
-        desk.holds = desk.holds or why
+        """Hold the drive, because the driver cannot control the ego; they continue it."""
+        self._desk.hold(why)
         self._held(why)
 
     def _hold(self) -> None:
@@ -160,31 +162,28 @@ class Seat:
         why = desk.held or desk.holds or ("key" if self._tick else "start")
         self._awake = awake()
         while (desk.holds or clock.perf_counter() < desk.due) and not desk.leaves:
-            if clock.perf_counter() - begun > PATIENCE:
-                desk.leaves = f"Nobody came back for {PATIENCE:g} s."
+            self._lose_patience(begun)
             clock.sleep(GLANCE)
             if awake() - self._awake > ASLEEP and not desk.holds:  # in the countdown
                 self._fall("asleep")
             self._awake = awake()
         desk.held = ""
+        now = clock.perf_counter()
         if why != "start":
-            self._writer.note(
-                self._tick, "pause", why=why, seconds=round(clock.perf_counter() - begun, 3)
-            )
-        self._start = clock.perf_counter() - self._tick * self._step
-        self._since = self._tick
+            self._writer.note(self._tick, "pause", why=why, seconds=round(now - begun, 3))
+        self._start, self._since = now - self._tick * self._step, self._tick
 
 
 def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[Any]:
-    """A state as the page is sent it: step, time, the input that it holds, the ego, and the others
+    """A state as the page receives it: step, time, the input that it holds, the ego, and the actors
     by number.
     """
-    me = seen.ego
-    others = sorted(seen.vehicles, key=lambda it: it.number)
+    ego = seen.ego
+    actors = sorted(seen.vehicles, key=lambda it: it.number)
     return [
         tick, round(seen.time, 6), answered,
-        [me.x, me.y, me.heading, me.speed, me.acceleration, angle],
-        [[it.number, it.x, it.y, it.heading, it.speed, it.acceleration] for it in others],
+        [ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, angle],
+        [[it.number, it.x, it.y, it.heading, it.speed, it.acceleration] for it in actors],
     ]  # fmt: skip
 
 
@@ -192,7 +191,7 @@ def drive_person(
     concrete: ConcreteScenario, settings: SimulationSettings, desk: Desk, writer: Writer,
     show: Callable[[list[Any]], None], held: Callable[[str], None], *, paced: bool = True,
 ) -> tuple[Recording, Seat]:  # fmt: skip
-    """Let a person drive a concrete scenario; the recording has what any ADS's has."""
+    """Let a person drive a concrete scenario; the recording has all that any ADS's has."""
     hands = Hands(concrete.ego_vehicle(settings.vehicle), settings.step)
     seat = Seat(desk, hands, settings.step, writer, show, held, paced=paced)
     recording = simulate(concrete, seat, settings)
@@ -200,5 +199,5 @@ def drive_person(
 
 
 def warm_up(concrete: ConcreteScenario, settings: SimulationSettings) -> None:
-    """Load, and where needed compile, what a drive needs, so that its first step is not late."""
+    """Load, and where needed compile, all that a drive needs, so that its first step is not late."""
     simulate(concrete, Player([(0.0, 1e-6)] * 2), settings)

@@ -1,10 +1,8 @@
-"""The tape of a drive: the command of every step, as it was given.
+"""The tape of a drive: the command of every step; repeating them gives the same bytes.
 
-Whoever drives it again gets the same bytes.
-
-A tape is a text file, a JSON value a line: a head, a row for each step, notes in between, and what
-came of it. A line is written when its step is driven, so a machine that goes down loses a step and
-no drive.
+A tape is a text file, a JSON value a line: a head, a row for each step, notes in between, and the
+result. A line is written when its step is driven, so a machine that goes down loses a step and no
+drive.
 """
 
 from __future__ import annotations
@@ -14,16 +12,18 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from contextlib import suppress
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NamedTuple
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, InputError, must_be, said
 from sumo_eval.input_file import read_input_text
+from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import CHANNELS, Recording
@@ -31,21 +31,20 @@ from sumo_eval.trajectory import CHANNELS, Recording
 FORMAT = 1
 OWN_WISH = "quit"  # why a drive was left, where the driver wished it
 ROW = ("acceleration", "steering", "seen", "kind", "keys", "steer", "throttle", "brake", "late")
-"""Of a step: the command, m/s2 and rad; the state that the driver had seen; what hands and feet
-did; lateness, s."""
+"""Of a step: the command, m/s2 and rad; the state that the driver had seen; input of hands and
+feet; lateness, s."""
 
 
 class LeftTheWheelError(ControllerError):
-    """Whoever drives has ended the drive: by their own wish, or because nobody is there any
-    more.
-    """
+    """The driver has ended the drive, by their own wish or by being away."""
 
 
-@dataclass(frozen=True, slots=True)
-class Tape:
-    """head: what was driven and with what.
+class Tape(NamedTuple):
+    """Content of a tape.
+
+    head: scenario, values, settings and versions of the drive.
     rows: of `ROW`, a step each.
-    notes: pauses and what else happened, by step.
+    notes: pauses and other incidents, by step.
     came_of_it: end reason, digest and qualities; None where the machine went down before the end.
     """
 
@@ -61,32 +60,23 @@ class Writer:
     def __init__(self, path: Path, head: Mapping[str, Any]) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file: TextIO = path.open("x", encoding="utf-8")
+            self._file = path.open("x", encoding="utf-8")
         except OSError as error:
             raise InputError(f"The drive cannot be kept in {path}: {said(error)}.") from error
-        self.path = path
-        self._line({"format": FORMAT, **head})
+        self.line({"format": FORMAT, **head})
 
-    def row(self, row: tuple[Any, ...]) -> None:
-        """A step."""
-        self._line(row)
+    def line(self, value: Any) -> None:
+        """Write a step, or another value."""
+        self._file.write(json.dumps(value, separators=(",", ":"), allow_nan=False) + "\n")
+        self._file.flush()
 
     def note(self, step: int, what: str, **more: Any) -> None:
-        """Something that happened before a step."""
-        self._line({"note": what, "step": step, **more})
-
-    def end(self, came_of_it: Mapping[str, Any]) -> None:
-        """The drive is over."""
-        self._line({"end": dict(came_of_it)})
-        self.close()
+        """Write an incident before a step."""
+        self.line({"note": what, "step": step, **more})
 
     def close(self) -> None:
         """Close the tape: no command follows."""
         self._file.close()
-
-    def _line(self, value: Any) -> None:
-        self._file.write(json.dumps(value, separators=(",", ":"), allow_nan=False) + "\n")
-        self._file.flush()
 
 
 def json_lines(path: Path, what: str) -> list[Any]:
@@ -94,44 +84,39 @@ def json_lines(path: Path, what: str) -> list[Any]:
 
     what: names the file in sentences.
     """
-    lines = read_input_text(path, what).split("\n")
+    *lines, last = read_input_text(path, what).split("\n")
     values = []
     for number, line in enumerate(lines, 1):
         try:
             values.append(json.loads(line))
         except ValueError as error:
-            # the empty one behind the last line break, or one that was cut off
-            if number == len(lines):
-                break
             raise InputError(f"Line {number} of {path} cannot be read: {said(error)}.") from error
+    # a complete last line lacks its line break only
+    with suppress(ValueError):
+        values.append(json.loads(last))
     return values
 
 
 def read_tape(path: Path) -> Tape:
     """A tape.
 
-    Raises InputError naming file and line; a last line that was cut off in its middle is no fault.
+    Raises InputError naming file and line; a last line that was cut off in its middle is ignored.
     """
-    values = json_lines(path, "tape")
-    if not values or not isinstance(values[0], dict) or values[0].get("format") != FORMAT:
-        raise InputError(f"{path} is no tape of a drive of format {FORMAT}.")
+    head, *values = json_lines(path, "tape") or [None]
+    if not isinstance(head, dict) or head.get("format") != FORMAT:
+        raise InputError(f"{path} must be a tape of a drive of format {FORMAT}.")
     rows, notes, end = [], [], None
-    for number, value in enumerate(values[1:], 2):
-        if (
-            isinstance(value, list)
-            and len(value) == len(ROW)
-            and all(_finite(it) for it in value[:2])
-        ):
+    for number, value in enumerate(values, 2):
+        if isinstance(value, list) and len(value) == len(ROW) and all(map(_finite, value[:2])):
             rows.append(tuple(value))
         elif isinstance(value, dict) and "note" in value:
             notes.append(value)
         elif isinstance(value, dict) and isinstance(value.get("end"), dict):
             end = value["end"]
         else:
-            raise must_be(
-                f"Line {number}", str(path), "a step, a note or the end of a drive", value
-            )
-    return Tape(values[0], tuple(rows), tuple(notes), end)
+            what = "a step, a note or the end of a drive"
+            raise must_be(f"Line {number}", str(path), what, value)
+    return Tape(head, tuple(rows), tuple(notes), end)
 
 
 def _finite(value: Any) -> bool:
@@ -139,28 +124,22 @@ def _finite(value: Any) -> bool:
 
 
 def settings_of(head: Mapping[str, Any]) -> SimulationSettings:
-    """The settings that a drive was simulated with, from the head of its tape."""
+    """The settings of a drive, from the head of its tape."""
     try:
         given = dict(head["simulation"])
         return SimulationSettings(**{**given, "vehicle": VehicleSettings(**given["vehicle"])})
     except (KeyError, TypeError, InputError) as error:
-        raise InputError(
-            f"The tape's head names no simulation that can be driven: {said(error)}."
-        ) from error
+        raise InputError(f"The tape's head must name a simulation: {said(error)}.") from error
 
 
 def head_of(
     concrete: ConcreteScenario, settings: SimulationSettings, **more: Any
 ) -> dict[str, Any]:
-    """The head of a tape that begins now: enough to drive it again."""
+    """The head of a tape that begins now: all that a repetition needs."""
     plain = (
-        "step",
-        "record_interval",
-        "time_limit",
-        "standstill_speed",
-        "standstill_time",
+        "step", "record_interval", "time_limit", "standstill_speed", "standstill_time",
         "lane_change_duration",
-    )
+    )  # fmt: skip
     return {
         "scenario": concrete.scenario,
         "values": dict(concrete.values),
@@ -176,7 +155,7 @@ def head_of(
 
 
 class Player:
-    """Commands, (acceleration, steering) a step, in place of a driver.
+    """Commands, (acceleration, steering) a step, instead of a driver.
 
     left: they ended before the drive did.
     """
@@ -187,11 +166,10 @@ class Player:
 
     def act(self, seen: object) -> Command:
         """The next command; behind the last the drive is left, as it was."""
-        row = next(self._commands, None)
-        if row is None:
-            self.left = OWN_WISH
-            raise LeftTheWheelError("The tape is over")
-        return Command(*row)
+        for row in self._commands:
+            return Command(*row)
+        self.left = OWN_WISH
+        raise LeftTheWheelError("The tape is over")
 
 
 def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
@@ -202,24 +180,58 @@ def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
 
 
 def with_quit(recording: Recording, left: str) -> Recording:
-    """The recording of a drive that was left has the end reason `quit`, which no ADS under test can
-    give itself; the error says why, where it was not the driver's own wish.
+    """The recording of a drive that was left: its end reason is `quit`, which no ADS under test can
+    return; the error states why, unless it was the driver's own wish.
 
     left: why; empty: the drive came to its end.
     """
     if not left:
         return recording
-    return replace(
-        recording, end_reason="quit", error=None if left == OWN_WISH else left, error_place=""
-    )
+    error = None if left == OWN_WISH else left
+    return replace(recording, end_reason="quit", error=error, error_place="")
 
 
 def digest(recording: Recording) -> str:
     """SHA-256 of every vehicle's every sample, of the contact and of how the drive ended."""
-    found = hashlib.sha256()
+    sha = hashlib.sha256()
     for name, it in sorted({"ego": recording.ego, **recording.actors}.items()):
-        found.update(f"{name} {it.length!r} {it.width!r} {len(it)}".encode())
+        sha.update(f"{name} {it.length!r} {it.width!r} {len(it)}".encode())
         for channel in CHANNELS:
-            found.update(getattr(it, channel).tobytes())
-    found.update(f"{recording.collision!r} {recording.end_reason}".encode())
-    return found.hexdigest()
+            sha.update(getattr(it, channel).tobytes())
+    sha.update(f"{recording.collision!r} {recording.end_reason}".encode())
+    return sha.hexdigest()
+
+
+class Repetition(NamedTuple):
+    """A tape's drive, repeated.
+
+    same: whether it gives the same bytes; None where the tape broke off before its result.
+    """
+
+    same: bool | None
+    recording: Recording
+    sentence: str
+
+
+def again(path: Path) -> Repetition:
+    """Repeat the drive of a tape.
+
+    Raises InputError where it, or its scenario, cannot be used.
+    """
+    tape = read_tape(path)
+    try:
+        use, values = tape.head["use"], tape.head["values"].items()
+        point = {str(name): float(value) for name, value in values}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"The head of {path} must name a concrete scenario: {said(error)}."
+        ) from error
+    recording = drive_again(tape, find(str(use), path.parent).concrete(**point))
+    same, steps = None, f"{len(tape.rows)} steps of {tape.head['simulation']['step']:g} s"
+    words = "broke off: no bytes to compare with"
+    if tape.came_of_it is not None:
+        same = digest(recording) == tape.came_of_it.get("digest")
+        words = "comes to the same bytes"
+        if not same:
+            words = f"comes to OTHER bytes; versions then: {tape.head.get('versions')}"
+    return Repetition(same, recording, f"The tape of {steps} ({recording.end_reason}) {words}.")

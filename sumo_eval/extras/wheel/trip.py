@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.extras.wheel.page import drive_view, page, replay, sheet
 from sumo_eval.extras.wheel.quality import Quality, quality_of
 from sumo_eval.extras.wheel.tape import Writer, digest, head_of, read_tape
 from sumo_eval.extras.wheel.window import Window
+from sumo_eval.record.store import EGO
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
 
-RATES: Final = (20, 50, 100)  # Hz
-PORT: Final = 8765  # always the same, so that the browser remembers a wheel's calibration
-TASK: Final = "Drive as you would drive your own car. The road ahead ends by itself."
-ENDS: Final = {
+RATES = (20, 50, 100)  # Hz
+PORT = 8765  # always the same, so that the browser remembers a wheel's calibration
+TASK = "Drive as you would drive your own car. The road ahead ends by itself."
+ENDS = {
     "contact": "You touched another vehicle.", "standstill": "You stood still.",
     "road_end": "You have reached the end of the road.", "off_road": "You have left the road.",
     "time_limit": "The time is over.", "quit": "The drive was ended before its end.",
@@ -35,7 +37,7 @@ def settings_at(rate: int) -> SimulationSettings:
     """
     if rate not in RATES:
         raise must_be("The rate", "a drive", f"one of {', '.join(map(str, RATES))} Hz", rate)
-    return replace(SimulationSettings(), step=1.0 / rate)
+    return SimulationSettings(step=1.0 / rate)
 
 
 def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> ConcreteScenario:
@@ -50,78 +52,80 @@ def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> Concre
 
 
 def new_tape(folder: Path, name: str) -> Path:
-    """Where the next drive of a name is kept: a file that is not there yet."""
-    number = 1
-    while (path := folder / f"{name}-{number:03d}.jsonl").exists():
-        number += 1
-    return path
+    """File of the next drive of a name: one that does not exist yet."""
+    paths = (folder / f"{name}-{number:03d}.jsonl" for number in itertools.count(1))
+    return next(path for path in paths if not path.exists())
 
 
 async def one_drive(
-    window: Window, concrete: ConcreteScenario, settings: SimulationSettings, path: Path,
+    window: Window,
+    concrete: ConcreteScenario,
+    settings: SimulationSettings,
+    path: Path,
     view: Mapping[str, Any],
     **more: Any,
-) -> tuple[Recording, Quality]:  # fmt: skip
-    """Let the person drive, and keep the tape with what came of it."""
+) -> tuple[Recording, Quality]:
+    """Let the person drive, and keep the tape with its result.
+
+    more: for the head of the tape.
+    """
     settings = concrete.simulation(settings)
     writer = Writer(path, head_of(concrete, settings, **more))
     try:
         recording, time = await window.drive(concrete, settings, writer, dict(view))
-    except BaseException:
-        writer.close()  # the tape has broken off
-        raise
-    quality = quality_of(recording, read_tape(path), concrete, time)
-    writer.end(
-        {"reason": recording.end_reason, "error": recording.error or time["left"] or None,
-            "digest": digest(recording),
-         "time": time, "quality": quality.plain()}
-    )  # fmt: skip
+        quality = quality_of(recording, read_tape(path), concrete, time)
+        end = {
+            "reason": recording.end_reason, "error": recording.error or time["left"] or None,
+            "digest": digest(recording), "time": time, "quality": asdict(quality),
+        }  # fmt: skip
+        writer.line({"end": end})
+    finally:
+        writer.close()
     return recording, quality
 
 
 async def trips(
-    window: Window, logical: LogicalScenario, concrete: ConcreteScenario,
-    settings: SimulationSettings, out: Path,
+    window: Window,
+    logical: LogicalScenario,
+    concrete: ConcreteScenario,
+    settings: SimulationSettings,
+    out: Path,
     use: str,
-) -> None:  # fmt: skip
-    """Drive, see what came of it, drive again, until the person has had enough.
+) -> None:
+    """Drive, see the result, drive again, until the person wishes to end.
 
-    use: what the scenario is found by.
+    use: locator of the scenario.
     """
     view = drive_view(concrete, settings, logical.name, (logical.about, TASK, concrete.label))
-    while True:
+    answer = {"button": "again"}
+    while answer.get("button") == "again":
         path = new_tape(out, logical.name)
         recording, quality = await one_drive(window, concrete, settings, path, view, use=use)
-        lines = [
-            ENDS.get(recording.end_reason, recording.end_reason),
-            recording.error or "",
-            *quality.sentences(),
-        ]
+        reason = recording.end_reason
+        lines = [ENDS.get(reason, reason), recording.error or "", *quality.sentences()]
+        vehicles = {EGO: recording.ego, **recording.actors}
         answer = await window.ask(
             sheet("Your drive", "\n".join(filter(None, lines)), f"It is kept in {path}.",
-                  replay=replay(concrete, "you", {"ego": recording.ego, **recording.actors},
-                      recording.collision),
+                  replay=replay(concrete, "you", vehicles, recording.collision),
                   buttons=[["again", "Drive again"], ["end", "That is all"]])
         )  # fmt: skip
-        if answer.get("button") != "again":
-            await window.show({**sheet("Thank you", "You can close this window."), "show": "over"})
-            return
+    await window.show({**sheet("Thank you", "You can close this window."), "show": "over"})
 
 
 async def opened(
-    title: str, port: int, work: Callable[[Window], Any], told: Callable[[str], None]
+    title: str, port: int, work: Callable[[Window], Any], watch: Callable[[str], None]
 ) -> None:
-    """A window for as long as `work` is at it.
+    """A window for as long as `work` uses it.
 
-    told: is given the address.
+    watch: receives the address.
     """
     try:
         window = Window(page(title), port=port)
     except InputError:
         if port != PORT:
             raise
-        window = Window(page(title))  # the usual port is somebody else's: any other does
+        window = Window(page(title))  # another program has the usual port: any other does
     async with window:
-        told(window.address)
+        watch(window.address)
         await work(window)
         await asyncio.sleep(0.3)  # the last view is still under way

@@ -1,9 +1,9 @@
 """The server that the browser talks to: on loopback only, one page, one WebSocket, one person.
 
-Nothing is read from disk for the browser. Who may talk: whoever has the token, which travels in the
-fragment of the address and so stands in no log; from a page of this very server (exact `Host` and
-`Origin`). Every message is bounded (`messages`), and so is their rate. A window that is closed,
-hidden or asleep holds the drive; who comes back with the token goes on where the drive stood.
+The browser receives nothing from disk. A peer needs the token, which travels in the fragment of the
+address and so stands in no log, and a page of this very server (exact `Host` and `Origin`). Every
+message is bounded (`messages`), and so is their rate. A window that is closed, hidden or asleep
+holds the drive; one that returns with the token continues where the drive stood.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ import json
 import secrets
 import socket
 import time as clock
+from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from http import HTTPStatus
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,28 +34,27 @@ if TYPE_CHECKING:
     from websockets.asyncio.server import Server, ServerConnection
     from websockets.http11 import Request, Response
 
-LOOPBACK: Final = "127.0.0.1"
-# s within which who connects must say what he wants (browsers also connect ahead), and his token
-SILENT: Final = 2.0
-COUNTDOWN: Final = 3.0  # s
+LOOPBACK = "127.0.0.1"
+# s within which a peer must state its wish (browsers also connect ahead), and send its token
+SILENT = 2.0
+COUNTDOWN = 3.0  # s
 # codes that close a window
 WRONG, UNKNOWN = 4400, 4401
 TAKEN, FLOODED = 4409, 4429
-BROKEN: Final = {
-    1002: "is no message of a WebSocket",
-    1007: "is no text",
+BROKEN = {
+    1002: "is not a message of a WebSocket",
+    1007: "is not text",
     1009: f"is larger than {LARGEST} bytes",
 }
-"""Why websockets itself shuts a window: its code, and what came."""
-MOST_ANSWERS: Final = 8  # that wait; the page gives one to a view
-MOST_TOLD: Final = 10_000  # of one drive; the page tells once a second
+"""Why websockets itself shuts a window: its code, and the message that came."""
+MOST_ANSWERS = 8  # that wait; the page gives one to a view
+MOST_TELLINGS = 10_000  # of one drive; the page sends one a second
 
 
 class Window:
     """One person's browser.
 
     page: its HTML, with `{nonce}` where that of the policy belongs.
-
     countdown: s from `ready` to the first step.
     paced: False lets each step wait for an answer to its state.
     """
@@ -65,23 +66,22 @@ class Window:
         self.token = secrets.token_urlsafe(24)
         self._listening = _listen(port)
         self.port: int = self._listening.getsockname()[1]
+        self._hosts = f"{LOOPBACK}:{self.port}", f"localhost:{self.port}"
         self._server: Server | None = None
         self._peer: ServerConnection | None = None
         self._view: dict[str, Any] | None = None
         self._answers: asyncio.Queue[dict[str, Any]] = asyncio.Queue(MOST_ANSWERS)
         self._desk: Desk | None = None
-        # the newest state; one that was not sent in time is of no use to anybody
-        self._box: list[Any] | None = None
-        self._latest: list[Any] | None = None
-        # the seat holds the drive for this reason, which the page has not been told yet
-        self._why = ""
+        self._latest: list[Any] | None = None  # state of the drive
+        # messages by key that were not sent yet; a newer state replaces one that came too late
+        self._box: dict[str, Any] = {}
         self._posted = asyncio.Event()
         self._telling: list[dict[str, Any]] = []
-        self.faults: list[str] = []  # messages that no page of ours sends, as sentences
+        self.faults: list[str] = []  # messages that our page does not send, as sentences
 
     @property
     def address(self) -> str:
-        """Where the browser goes."""
+        """Address for the browser."""
         return f"http://{LOOPBACK}:{self.port}/#{self.token}"
 
     async def __aenter__(self) -> Window:
@@ -101,8 +101,7 @@ class Window:
         """End the drive that is under way, if there is one: its tape is closed like that of any
         other.
         """
-        if self._desk is not None:
-            self._desk.leaves = self._desk.leaves or "The program was stopped."
+        self._leave("The program was stopped.")
 
     async def __aexit__(self, *_: object) -> None:
         self.stop()
@@ -111,57 +110,33 @@ class Window:
         with suppress(TimeoutError):
             await asyncio.wait_for(self._server.wait_closed(), 5.0)
 
-    def _hosts(self) -> tuple[str, str]:
-        return f"{LOOPBACK}:{self.port}", f"localhost:{self.port}"
-
-    # -- what is asked over HTTP -------------------------------------------------------------------
+    # -- requests over HTTP ------------------------------------------------------------------------
 
     def _answer(self, peer: ServerConnection, request: Request) -> Response | None:
-        from websockets.datastructures import Headers
-        from websockets.http11 import Response
-
-        def say(
-            status: HTTPStatus, body: str, kind: str = "text/plain; charset=utf-8", policy: str = ""
-        ) -> Response:
-            content = body.encode()
-            headers = Headers()
-            for name, value in {
-                "Content-Type": kind, "Content-Length": str(len(content)), "Connection": "close",
-                "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff",
-                "Referrer-Policy": "no-referrer",
-                "Cross-Origin-Opener-Policy": "same-origin",
-                "Cross-Origin-Resource-Policy": "same-origin",
-                "Content-Security-Policy": policy or "default-src 'none'; frame-ancestors 'none'",
-            }.items():  # fmt: skip
-                headers[name] = value
-            return Response(status.value, status.phrase, headers, content)
-
+        """None: the WebSocket."""
         host = request.headers.get_all("Host")
-        if host not in [[own] for own in self._hosts()]:
-            return say(
-                HTTPStatus.MISDIRECTED_REQUEST, "This server answers to its own address only.\n"
-            )
-        # earlier versions of websockets refuse the others themselves
+        if host not in [[own] for own in self._hosts]:
+            text = "This server answers to its own address only.\n"
+            return _response(HTTPStatus.MISDIRECTED_REQUEST, text)
+        # earlier versions of websockets refuse other methods themselves
         if getattr(request, "method", "GET") != "GET":
-            return say(HTTPStatus.METHOD_NOT_ALLOWED, "This server is asked by GET.\n")
+            return _response(HTTPStatus.METHOD_NOT_ALLOWED, "This server answers GET only.\n")
         if request.path == "/wheel":
             if request.headers.get_all("Origin") == [f"http://{host[0]}"]:
-                return None  # the WebSocket
-            return say(HTTPStatus.FORBIDDEN, "This server talks to its own page only.\n")
+                return None
+            return _response(HTTPStatus.FORBIDDEN, "This server talks to its own page only.\n")
         if request.path != "/":
-            return say(HTTPStatus.NOT_FOUND, "There is one page here, /.\n")
+            return _response(HTTPStatus.NOT_FOUND, "There is one page here, /.\n")
         nonce = secrets.token_urlsafe(16)
-        sockets = " ".join(f"ws://{host}" for host in self._hosts())
+        sockets = " ".join(f"ws://{host}" for host in self._hosts)
         policy = (
-            f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src "
-            "data:; "
-            f"connect-src {sockets}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+            f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; "
+            f"img-src data:; connect-src {sockets}; base-uri 'none'; form-action 'none'; "
+            "frame-ancestors 'none'"
         )
-        return say(
-            HTTPStatus.OK, self._page.replace("{nonce}", nonce), "text/html; charset=utf-8", policy
-        )
+        return _response(HTTPStatus.OK, self._page.replace("{nonce}", nonce), "html", policy)
 
-    # -- what is said over the WebSocket -----------------------------------------------------------
+    # -- messages over the WebSocket ---------------------------------------------------------------
 
     async def _talk(self, peer: ServerConnection) -> None:
         from websockets.exceptions import ConnectionClosed
@@ -183,19 +158,17 @@ class Window:
                 self._hold("closed")
         except ConnectionClosed as closed:
             if closed.sent is not None and closed.sent.code in BROKEN:
-                self._fault(f"What came from the window {BROKEN[closed.sent.code]}.")
+                self._fault(f"A message of the window {BROKEN[closed.sent.code]}.")
 
     async def _known(self, peer: ServerConnection) -> bool:
-        """Whether a window shows the token; who does not is shut out."""
+        """Whether a window shows the token; others are closed."""
         try:
-            said_ = read(await asyncio.wait_for(peer.recv(), SILENT))
+            message = read(await asyncio.wait_for(peer.recv(), SILENT))
         except (TimeoutError, MessageError):
             await peer.close(WRONG, "The first message must be the token.")
             return False
-        token = said_.get("token")
-        if token is None or not hmac.compare_digest(
-            token.encode(errors="replace"), self.token.encode()
-        ):
+        token = message.get("token", "").encode(errors="replace")
+        if not hmac.compare_digest(token, self.token.encode()):
             await peer.close(UNKNOWN, "Unknown token: open the address that the terminal shows.")
             return False
         return True
@@ -222,60 +195,53 @@ class Window:
     def _fault(self, sentence: str) -> None:
         """The message is from a foreign page: it ends the drive."""
         self.faults.append(sentence)
-        if self._desk is not None:
-            self._desk.leaves = self._desk.leaves or sentence
+        self._leave(sentence)
 
-    def _take(self, message: dict[str, Any]) -> None:
-        desk = self._desk
-        if "input" in message:
-            if desk is not None:
-                desk.newest = message["input"]
-        elif "answers" in message:
-            if self._answers.full():
-                raise MessageError(
-                    f"More than {MOST_ANSWERS} answers came that nobody had asked for."
-                )
-            self._answers.put_nowait(message["answers"])
-        elif "telling" in message:
-            if len(self._telling) >= MOST_TOLD:
-                raise MessageError(
-                    f"A window may tell of itself at most {MOST_TOLD} times in a drive."
-                )
-            self._telling.append(message["telling"])
-        elif desk is not None:
-            if "ready" in message:
-                desk.due = clock.perf_counter() + self._countdown
-                desk.holds = ""
-            elif "pause" in message:
-                self._hold(message["pause"])
-            elif "quit" in message:
-                desk.leaves = desk.leaves or OWN_WISH
+    def _leave(self, why: str) -> None:
+        if self._desk is not None:
+            self._desk.leave(why)
 
     def _hold(self, why: str) -> None:
-        desk = self._desk
-        if desk is not None:
-            desk.held = desk.holds = desk.holds or why
-            # nobody's foot is on a pedal
-            desk.newest = desk.newest._replace(given=type(desk.newest.given)())
+        if self._desk is not None:
+            self._desk.hold(why)
+            self._desk.held = self._desk.holds
+
+    def _take(self, message: dict[str, Any]) -> None:
+        ((kind, value),) = message.items()
+        if kind == "answers":
+            if self._answers.full():
+                raise MessageError(f"More than {MOST_ANSWERS} answers came without a question.")
+            self._answers.put_nowait(value)
+        elif kind == "telling":
+            if len(self._telling) >= MOST_TELLINGS:
+                raise MessageError(
+                    f"A window may send its figures at most {MOST_TELLINGS} times in a drive."
+                )
+            self._telling.append(value)
+        elif kind == "pause":
+            self._hold(value)
+        elif kind == "quit":
+            self._leave(OWN_WISH)
+        elif self._desk is not None and kind == "input":
+            self._desk.newest = value
+        elif self._desk is not None and kind == "ready":
+            self._desk.due = clock.perf_counter() + self._countdown
+            self._desk.holds = ""
 
     async def _post(self, peer: ServerConnection) -> None:
-        """Send the newest state whenever there is one, and why the seat holds the drive where it
-        does.
-        """
+        """Send the newest messages whenever there are any."""
         from websockets.exceptions import ConnectionClosed
 
         with suppress(ConnectionClosed):
             while True:
                 await self._posted.wait()
                 self._posted.clear()
-                (state, self._box), (why, self._why) = (self._box, None), (self._why, "")
-                if state is not None:
-                    await peer.send(json.dumps({"state": state}, separators=(",", ":")))
-                if why:
-                    await peer.send(json.dumps({"held": why}))
+                box, self._box = self._box, {}
+                for key in sorted(box, reverse=True):  # a state, then why the seat holds the drive
+                    await peer.send(json.dumps({key: box[key]}, separators=(",", ":")))
 
     async def _reload(self) -> None:
-        """Show whatever was to be seen last."""
+        """Show again what the browser had last."""
         from websockets.exceptions import ConnectionClosed
 
         if self._peer is not None and self._view is not None:
@@ -284,17 +250,17 @@ class Window:
                 if self._desk is not None and self._latest is not None:
                     await self._peer.send(json.dumps({"state": self._latest}))
 
-    # -- what the server's own work asks of it -----------------------------------------------------
+    # -- requests of the server's own work ---------------------------------------------------------
 
     async def show(self, view: dict[str, Any]) -> None:
-        """Show a view: {"show": kind, ...}; a window that comes back sees it again."""
+        """Show a view: {"show": kind, ...}; a window that returns sees it again."""
         self._view = view
         await self._reload()
 
     async def ask(self, view: dict[str, Any]) -> dict[str, Any]:
         """Show a view and wait for its answers."""
         while not self._answers.empty():
-            self._answers.get_nowait()  # of a view that is no more
+            self._answers.get_nowait()  # of an earlier view
         await self.show(view)
         return await self._answers.get()
 
@@ -305,79 +271,93 @@ class Window:
         writer: Writer,
         view: dict[str, Any],
     ) -> tuple[Recording, dict[str, Any]]:
-        """Let the person drive; the recording, and what was measured of the drive in time
-        (`timing`).
-        """
+        """Let the person drive; the recording, and the drive's figures in time (`timing`)."""
         await self.show({"show": "wait"})
         await asyncio.to_thread(warm_up, concrete, settings)
         loop = asyncio.get_running_loop()
         desk = self._desk = Desk()
-        self._telling, self._latest, self._why = [], None, ""
+        self._telling, self._latest, self._box = [], None, {}
+
+        def post(key: str, value: Any) -> None:
+            self._box[key] = value
+            loop.call_soon_threadsafe(self._posted.set)
 
         def publish(state: list[Any]) -> None:
-            self._box = self._latest = state
-            loop.call_soon_threadsafe(self._posted.set)
-
-        def held(why: str) -> None:
-            self._why = why
-            loop.call_soon_threadsafe(self._posted.set)
+            self._latest = state
+            post("state", state)
 
         await self.show({**view, "show": "drive", "countdown": self._countdown})
-        try:
-            drive = asyncio.ensure_future(
-                asyncio.to_thread(
-                    drive_person, concrete, settings, desk, writer, publish, held, paced=self._paced
-                )
+        drive = asyncio.ensure_future(
+            asyncio.to_thread(
+                drive_person, concrete, settings, desk, writer, publish,
+                partial(post, "held"), paced=self._paced,
             )
-            try:
-                recording, seat = await asyncio.shield(drive)
-            # by Ctrl-C: the loop runs in a thread of its own, and ends first
-            except asyncio.CancelledError:
-                self.stop()
-                await drive
-                raise
+        )  # fmt: skip
+        try:
+            recording, seat = await asyncio.shield(drive)
+        # by Ctrl-C: the loop runs in a thread of its own, and ends first
+        except asyncio.CancelledError:
+            self.stop()
+            await drive
+            raise
         finally:
             self._desk = None
         return recording, timing(seat.late, seat.behind, self._telling) | {"left": seat.left}
 
 
-def timing(late: list[float], behind: list[int], told: list[dict[str, Any]]) -> dict[str, Any]:
-    """What is known of a drive in time: lateness of steps (ms), input to picture (ms), frames,
-    dropped ones, how often the page drew more cheaply by itself.
+def _response(status: HTTPStatus, text: str, kind: str = "plain", policy: str = "") -> Response:
+    from websockets.datastructures import Headers
+    from websockets.http11 import Response
+
+    content = text.encode()
+    headers = Headers()
+    for name, value in {
+        "Content-Type": f"text/{kind}; charset=utf-8", "Content-Length": str(len(content)),
+        "Connection": "close", "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff",
+        "Referrer-Policy": "no-referrer", "Cross-Origin-Opener-Policy": "same-origin",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "Content-Security-Policy": policy or "default-src 'none'; frame-ancestors 'none'",
+    }.items():  # fmt: skip
+        headers[name] = value
+    return Response(status.value, status.phrase, headers, content)
+
+
+def timing(late: list[float], behind: list[int], tellings: list[dict[str, Any]]) -> dict[str, Any]:
+    """Figures of a drive in time: lateness of steps (ms), input to picture (ms), frames, dropped
+    ones, how often the page drew more cheaply by itself.
     """
-    latency = [value for it in told for value in it["latency"]]
-    frames, dropped = sum(it["frames"] for it in told), sum(it["dropped"] for it in told)
+    latency = [value for it in tellings for value in it["latency"]]
+    late_ms = [round(1000.0 * value, 3) for value in late]
+    last = tellings[-1] if tellings else None
     return {
         "steps": len(late),
-        "late_p50_ms": _ms(_part(late, 0.5)), "late_p95_ms": _ms(_part(late, 0.95)),
-        "late_max_ms": _ms(max(late, default=None)),
+        "late_p50_ms": _part(late_ms, 0.5), "late_p95_ms": _part(late_ms, 0.95),
+        "late_max_ms": max(late_ms, default=None),
         "input_to_picture_p50_ms": _part(latency, 0.5),
         "input_to_picture_p95_ms": _part(latency, 0.95),
-        "inputs_timed": len(latency), "frames": frames, "dropped": dropped,
-        "stepped_down": sum(it["stepped"] for it in told) if told else None,
-        "behind_p95_steps": _part([*map(float, behind)], 0.95),
-        "resolution": told[-1]["resolution"] if told else None,
-        "renderer": ", then ".join(dict.fromkeys(it["renderer"] for it in told)) or None,
+        "inputs_timed": len(latency),
+        "frames": sum(it["frames"] for it in tellings),
+        "dropped": sum(it["dropped"] for it in tellings),
+        "stepped_down": last and sum(it["stepped"] for it in tellings),
+        "behind_p95_steps": _part(behind, 0.95),
+        "resolution": last and last["resolution"],
+        "renderer": ", then ".join(dict.fromkeys(it["renderer"] for it in tellings)) or None,
     }  # fmt: skip
 
 
-def _part(values: list[float], share: float) -> float | None:
+def _part(values: Sequence[float], share: float) -> float | None:
     return round(float(np.quantile(values, share)), 4) if values else None
-
-
-def _ms(seconds: float | None) -> float | None:
-    return None if seconds is None else round(1000.0 * seconds, 3)
 
 
 def _listen(port: int) -> socket.socket:
     """A socket on loopback; port 0: any that is free."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        made.bind((LOOPBACK, port))
-        made.listen(16)
+        listening.bind((LOOPBACK, port))
+        listening.listen(16)
     except (OSError, OverflowError) as error:
-        made.close()
+        listening.close()
         raise InputError(f"Port {port} of {LOOPBACK} cannot be used: {said(error)}.") from error
-    made.setblocking(False)
-    return made
+    listening.setblocking(False)
+    return listening
