@@ -26,6 +26,7 @@ from sumo_eval.drivers.synthetic.driver import (
     ATTENTION,
     LOOK,
     LOOKS,
+    Mind,
     SyntheticDriver,
     attend,
     human_controller,
@@ -64,7 +65,7 @@ class Attention:
         away = mover("", float("nan"))
         scene = [here.get(name, away) for name in self.memories]
         memories, looks, known = zip(*self.memories.values(), strict=True)
-        attend(self.state, me, scene, looks, memories, known, self.driver, time)
+        attend(self.state, me, scene, Mind(looks, memories, known, None, None), self.driver, time)
         found = zip(self.memories, known, strict=True)
         return [
             Mover(name=name, **{k: v for k, v in vars(it).items() if k != "speed"})

@@ -17,7 +17,7 @@ from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
 from sumo_eval.errors import InputError
-from sumo_eval.extras.rates.departures import Departure
+from sumo_eval.extras.rates.departures import SceneDrive
 from sumo_eval.extras.rates.recorded_scene import (
     FAR,
     NEVER,
@@ -49,7 +49,7 @@ def recorded() -> Recordings:
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scene") / "scene.toml"
-    found = write_scene(recorded(), path, "ego", end=120.0, model="IDM", beyond=2.0)
+    found = write_scene(recorded(), path, "ego", span=(None, 120.0), model="IDM", beyond=2.0)
     assert found.left_out == {FAR: 1}
     assert (found.others, found.continued, found.seconds) == (3, 0, 20.0)
     assert found.error[1] < 0.1
@@ -82,9 +82,9 @@ def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(
 
 def test_without_a_model_no_vehicle_reacts_and_one_point_is_left(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
-    write_scene(recorded(), path, "ego", end=120.0)
+    write_scene(recorded(), path, "ego", span=(None, 120.0))
     logical = read_scenario(path)
-    with pytest.raises(InputError, match="one where nobody reacts"):
+    with pytest.raises(InputError, match="one where no actor reacts"):
         logical.concrete(react_beyond=2.0)
     found = simulate(logical.concrete(react_beyond=NEVER), "careful_driver")
     assert not any(clip.what == "handed_over" for clip in found.clips)
@@ -132,7 +132,7 @@ def test_distance_from_a_recorded_ego_by_hand() -> None:
     # at 0.05 s it was half-way between (0, 0) and (3, 4); after 0.1 s it stays at (3, 4)
     found = departures(((0.0, 0.0), (3.0, 4.0)), [0.0, 0.05, 9.0], [0.0, 1.5, 0.0], [0.0, 0.0, 0.0])
     assert found == pytest.approx([0.0, 2.0, 5.0])
-    told = Departure(
+    told = SceneDrive(
         "mine", "scene", "react_beyond=2", np.array([0.0, 0.05, 9.0]), found, (1.2, 2), "time_limit"
     )
     assert (
@@ -198,7 +198,7 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point() -> 
     ("given", "words"),
     [
         ({"ego": "eg"}, "Unknown vehicle `eg` of the recording. Did you mean `ego`"),
-        ({"ego": "ego", "end": 300.0}, "within its recording, 100 to 120 s"),
+        ({"ego": "ego", "span": (None, 300.0)}, "within its recording, 100 to 120 s"),
         ({"ego": "ego", "recording": "q"}, "Unknown recording `q`"),
         ({"ego": "ego", "model": "IDM", "beyond": 0.0}, "must be above 0 m"),
     ],
@@ -219,19 +219,19 @@ def twice(*, with_ego: bool) -> Recordings:
 
 def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
-    write_scene(twice(with_ego=False), path, "ego", end=120.0)
+    write_scene(twice(with_ego=False), path, "ego", span=(None, 120.0))
     alone = tmp_path / "alone" / "scene.toml"
-    write_scene(recorded(), alone, "ego", end=120.0)
+    write_scene(recorded(), alone, "ego", span=(None, 120.0))
     assert path.read_text() == alone.read_text()
     with pytest.raises(
-        InputError, match=r"`recording` must say which one is meant: vehicle `ego` is in 2, r, s\."
+        InputError, match=r"`recording` must name one recording: vehicle `ego` is in 2, r, s\."
     ):
-        write_scene(twice(with_ego=True), path, "ego", end=120.0)
+        write_scene(twice(with_ego=True), path, "ego", span=(None, 120.0))
     with pytest.raises(
         InputError, match=r"Unknown vehicle `eg` of the recording\. Did you mean `ego`"
     ):
-        write_scene(twice(with_ego=True), path, "eg", end=120.0)
-    write_scene(twice(with_ego=True), path, "ego", end=120.0, recording="s")
+        write_scene(twice(with_ego=True), path, "eg", span=(None, 120.0))
+    write_scene(twice(with_ego=True), path, "ego", span=(None, 120.0), recording="s")
     assert "s, recorded" in read_scenario(path).source
 
 

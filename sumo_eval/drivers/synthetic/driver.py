@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import FloatArray
 
 WANDER_DEVIATION = 0.25  # m, within a driver (DLR Highway Traffic)
 WANDER_CORRELATION_TIME = 2.2
@@ -72,12 +71,26 @@ oldest that counts, and how many there have been."""
 ATTENTION = [*fields("delay"), *flags("attends")]
 
 
+class Mind(NamedTuple):
+    """Arrays of drivers, (n, m) for the m other vehicles.
+
+    looks: `LOOK`, (n, m, k), at each vehicle; memories: `LOOKS`, of these.
+    known: `MOVER`, the vehicles that the driver acts upon; nan: not known.
+    watched: of `overtake`.
+    waves: of the wander and of the pedal, (n, 2, 8, 2).
+    """
+
+    looks: Any
+    memories: Any
+    known: Any
+    watched: Any
+    waves: Any
+
+
 @kernel
-def attend(
-    attention: Any, me: Any, others: Any, looks: Any, memories: Any, known: Any, p: Any, time: float
-) -> None:
-    """Look at the true scene at `time`, and write what the driver acts upon to `known`; nan: not
-    known.
+def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float) -> None:
+    """Look at the true scene at `time`, and write the vehicles that the driver acts upon to
+    `mind.known`.
 
     The driver knows each vehicle as it was one reaction time ago, extrapolated to now as it moved
     then. So a steady vehicle is perceived exactly, and a change (a new vehicle, braking, a lane
@@ -85,6 +98,7 @@ def attend(
     Kesting, Helbing, Physica A 360, 71 (2006)). The reaction time is the alerted one from the
     moment at which a vehicle in front crosses, is closed upon or appears.
     """
+    looks, memories, known = mind.looks, mind.memories, mind.known
     if attention.attends == 0:
         attention.attends, attention.delay = 1, p.reaction_time
     for j in range(len(others)):
@@ -132,23 +146,22 @@ _PARAMETERS = np.dtype(
 
 @kernel
 def synthetic_driver(
-    me: Any, others: Any, memory: Any, looks: Any, memories: Any, known: Any, watched: Any,
-    waves: Any, p: Any,
-    way: Any, scenario: Any, time: float,
-) -> tuple[float, float]:  # fmt: skip
+    ego: Any, others: Any, memory: Any, mind: Any, p: Any, scenario: Any, time: float
+) -> tuple[float, float]:
     """Acceleration, m/s2, and steering wheel angle, rad: look, decide, work the pedals and the
     wheel.
-
-    waves: of the wander and of the pedal, (2, 8, 2).
     """
+    me, way, waves = ego.seen, ego.way, mind.waves
     if memory.began == 0:
         memory.ease = 1.0
-    attend(memory, me, others, looks, memories, known, p, time)
+    attend(memory, me, others, mind, p, time)
     start = memory.cruising_speed if memory.began else me.speed
     desired = start * p.gain
     free = (desired - me.speed) / SPEED_RELAXATION + noise_value(waves[1], p.pedal_amplitude, time)
     free *= smooth_step(time / SETTLING_TIME)
-    wanted = overtake(memory, me, known, watched, p.habits, p.idm, desired, free, way, scenario)
+    wanted = overtake(
+        memory, me, mind.known, mind.watched, p.habits, p.idm, desired, free, way, scenario
+    )
     y, slope, bend = _line(memory, me, waves, p, scenario)
     return max(wanted, -scenario.vehicle.max_deceleration), steering(
         memory, me, y, slope, bend, scenario
@@ -184,18 +197,24 @@ def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[floa
 
 @rows
 def synthetic_driver_rows(
-    egos: Records, seen: Records, memory: Records, looks: Records, memories: Records,
-    known: Records, watched: Records,
-    waves: FloatArray, parameters: Records, scenario: Records, time: float,
-) -> None:  # fmt: skip
+    egos: Records,
+    seen: Records,
+    memory: Records,
+    mind: Mind,
+    parameters: Records,
+    scenario: Records,
+    time: float,
+) -> None:
     """`synthetic_driver` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
             command = egos[i].command
+            own = Mind(
+                mind.looks[i], mind.memories[i], mind.known[i], mind.watched[i], mind.waves[i]
+            )
             command.acceleration, command.steering = synthetic_driver(
-                egos[i].seen, seen[i], memory[i], looks[i], memories[i], known[i], watched[i],
-                waves[i], parameters[i],
-                egos[i].way, scenario[first_of(scenario, i)], time,
+                egos[i], seen[i], memory[i], own, parameters[i],
+                scenario[first_of(scenario, i)], time,
             )  # fmt: skip
 
 
@@ -224,23 +243,20 @@ class SyntheticDriver(Compiled):
         )
 
     @classmethod
-    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, looks and what is remembered of them, what is known, what is watched, waves and
-        parameters.
-        """
+    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> Any:
+        """Memory, mind and parameters."""
         count, step = len(together), float(scenario["step"][0])
         longest = max(
             max(it.driver.reaction_time, it.driver.alerted_reaction_time) for it in together
         )
-        return (
-            np.zeros(count, _MEMORY),
+        mind = Mind(
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
             np.zeros((count, others), LOOKS),
             np.zeros((count, others), MOVER),
             unknown(count, others, WATCHED),
             np.array([(it.wander.waves, it.pedal.waves) for it in together]),
-            parameters(together),
         )
+        return np.zeros(count, _MEMORY), mind, parameters(together)
 
 
 def parameters(together: Sequence[SyntheticDriver]) -> Records:

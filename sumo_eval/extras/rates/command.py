@@ -17,11 +17,11 @@ from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.errors import InputError
 
-NAMED = 3  # files; what more are called is told by the first and the last
+NAMED = 3  # files; more are named by the first and the last
 
 
 def called(recordings: Sequence[Path]) -> str:
-    """What files are called in sentences, however many there are."""
+    """Name of files in sentences, however many there are."""
     names = [path.name for path in recordings]
     return (
         ", ".join(names)
@@ -73,11 +73,11 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
 @click.option("--budget", type=int, help="Drives of an ADS in a scenario, instead of the file's.")
 @count_option("--workers", help="Processes that simulate, instead of the file's.")
 def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
-    """Say how many collisions per million km the ADSs of CAMPAIGN.toml have, and how sure that is.
+    """Estimate collisions per million km of the ADSs of CAMPAIGN.toml, with intervals.
 
-    Points of every scenario are drawn where collisions are likely and met, and weighted back to how
-    often they are met; a scenario file says how often that is per vehicle-km ([met], as `learn`
-    writes it).
+    Points of every scenario are drawn where collisions are likely and encountered, and weighted by
+    their exposure; a scenario file has its encounters per vehicle-km ([met], as `learn` writes
+    it).
     """
     from sumo_eval.extras.rates.campaign import read_campaign, run_campaign
     from sumo_eval.extras.rates.campaign_page import lost_words, sentences, write_campaign

@@ -1,17 +1,16 @@
-"""95 % intervals of what is read off events: rates, ends of ranges, correlations."""
+"""95 % intervals of figures of events: rates, ends of ranges, correlations."""
 
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 
 from sumo_eval.method.agreement import rank_interval
 from sumo_eval.trajectory import FloatArray
 
-LEVEL: Final = 0.95
-OUTERMOST: Final = 3  # spacings between the furthest values by which an end is told
+LEVEL = 0.95
+OUTERMOST = 3  # spacings between the furthest values that show an end
 
 
 def of_each(count: int, level: float = LEVEL) -> float:
@@ -42,8 +41,8 @@ def end_interval(values: FloatArray, *, upper: bool, level: float = LEVEL) -> tu
     The end lies beyond the furthest value, and by more than c = (1 - level)^(-1/k) - 1 times the
     distance from there to the value k further in with probability (1 + c)^-k = 1 - level: the
     spacings there are alike where the density is even over the outermost values, and e / (e + g) of
-    one and the sum g of k others is then a beta (1, k). Where the density fades out instead there
-    is no end, and the interval says little.
+    one and the sum g of k others is then a beta (1, k). A density that fades out instead has no
+    end, and the interval means little.
     """
     ordered = np.sort(values)
     k = min(OUTERMOST, len(ordered) - 1)
@@ -65,8 +64,8 @@ def rank_correlation(
 
 
 def kolmogorov(shares: FloatArray) -> float:
-    """Largest distance between values (n,) of a distribution function at what was drawn, and the
-    even distribution.
+    """Largest distance between values (n,) of a distribution function at drawn points, and the even
+    distribution.
     """
     from scipy.stats import kstest
 

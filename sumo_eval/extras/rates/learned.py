@@ -1,5 +1,5 @@
 """Logical scenarios from recordings: for each class of encounters a scenario file with ranges, a
-joint distribution and a rate, and what is known of how well it describes what was recorded.
+joint distribution and a rate, and figures on how well it describes the recordings.
 """
 
 from __future__ import annotations
@@ -8,12 +8,12 @@ import itertools
 import math
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
+from lxml import etree
 
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.errors import InputError
@@ -26,7 +26,6 @@ from sumo_eval.extras.rates.intervals import (
     rate_interval,
 )
 from sumo_eval.extras.rates.scenes import CAR_LENGTH, SCENES, Quantity, content_of
-from sumo_eval.extras.rates.value_sets import value_sets
 from sumo_eval.report.page import write_csv
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.joint import Joint, JointKind
@@ -36,21 +35,21 @@ from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.text import cell
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-FOLDS: Final = 5  # in which vehicles are held out
+FOLDS = 5  # in which vehicles are held out
 # bandwidths of a KDE that are tried, over the data's spread
-FACTORS: Final = (0.15, 0.2, 0.27, 0.36, 0.48, 0.64, 0.85)
+FACTORS = (0.15, 0.2, 0.27, 0.36, 0.48, 0.64, 0.85)
 # events of a distribution: its cost grows with them, and the tails are the same
-MOST_FITTED: Final = 2000
-LEAST_EVENTS: Final = 5  # a parameter: with fewer there is no distribution
-# Kolmogorov distance to held-out vehicles; models nearer in every parameter are told by likelihood
-NEAR: Final = 0.1
-SAME: Final = 1e-3  # in the parameter's unit: a deviation below makes a parameter a constant
-PREFIX: Final = "learnt_"
-STEP: Final = 0.1  # s, at which scripted and recorded motion are compared
+MOST_FITTED = 2000
+LEAST_EVENTS = 5  # a parameter: with fewer there is no distribution
+# Kolmogorov distance to held-out vehicles; models nearer in every parameter differ by likelihood
+NEAR = 0.1
+SAME = 1e-3  # in the parameter's unit: a deviation below makes a parameter a constant
+PREFIX = "learnt_"
+STEP = 0.1  # s, at which scripted and recorded motion are compared
+DATE = "2022-01-01T00:00:00"  # the header of OpenSCENARIO needs one; the file depends on the events
 
 
-@dataclass(frozen=True, slots=True)
-class Held:
+class Fit(NamedTuple):
     """How well a model describes vehicles that it was not fitted to.
 
     log_likelihood: mean, nats an event.
@@ -62,14 +61,13 @@ class Held:
     kolmogorov: Mapping[str, float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Learnt:
-    """What was learnt of a class.
+class Learnt(NamedTuple):
+    """Results for a class.
 
-    measured: what was read off its events.
-    logical: the scenario as its file says it; None: too few events.
+    measured: from its events.
+    logical: the scenario of its file; None: too few events.
     models: held out, the best first.
-    replay: root mean square distance, m, of the other's scripted motion to its recorded one, along
+    replay: root mean square distance, m, of the actor's scripted motion to its recorded one, along
         and across the road and together, (n, 3).
     thinned: events that the distribution leaves out, evenly, where there are more than
         `MOST_FITTED`.
@@ -79,16 +77,15 @@ class Learnt:
     measured: Measured
     logical: LogicalScenario | None = None
     joint: Joint | None = None
-    models: tuple[Held, ...] = ()
-    replay: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    models: tuple[Fit, ...] = ()
+    replay: FloatArray = np.zeros((0, 3))
     thinned: int = 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Lesson:
-    """Everything that was learnt from recordings."""
+class Lesson(NamedTuple):
+    """Results of all classes of a survey."""
 
-    found: Survey
+    survey: Survey
     learnt: Mapping[str, Learnt]
     source: str
 
@@ -102,27 +99,31 @@ def learn(
     """Learn from recordings and write the scenario files, their events and OpenSCENARIO
     distributions into `folder`.
 
-    recordings: taken one after the other, so that only one has to be held.
-    source: what they are called in sentences.
-    watch: told what is done, and how much of it.
+    recordings: taken in order, so that only one has to be held.
+    source: their name in sentences.
+    watch: receives the work under way, and how much is done.
     """
-    found = find_encounters(recordings, watch)
-    if not found.kilometres > 0.0:
+    survey = find_encounters(recordings, watch)
+    if not survey.kilometres > 0.0:
         raise InputError("The recordings must hold motor vehicles that drive, got none.")
+    about = (
+        f"{source}: {len(survey.recordings)} recordings, {survey.kilometres:.1f} vehicle-km in "
+        f"{survey.hours:.2f} h"
+    )
     learnt = {}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for done, name in enumerate(CLASSES):
             watch(f"fitting {name}", done)
-            learnt[name] = _learnt(found.classes[name], found, folder, source)
+            measured = measure(survey.classes[name], survey, folder, about)
+            learnt[name] = _learnt(survey.classes[name], measured, folder / name)
     except OSError as error:
-        raise InputError(f"What was learnt cannot be written into {folder}: {error}.") from error
-    return Lesson(found, learnt, source)
+        raise InputError(f"The scenarios cannot be written into {folder}: {error}.") from error
+    return Lesson(survey, learnt, source)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """What is read off a class's events before anything is fitted to them.
+class Measured(NamedTuple):
+    """Figures of a class's events before a fit.
 
     rate: 1/km, and its 95 % limits by themselves.
     needed: events for a distribution.
@@ -140,131 +141,135 @@ class Measured:
     needed: int
     constants: Mapping[str, float]
     logical: LogicalScenario | None = None
-    content: Mapping[str, Any] = field(default_factory=dict)
-    kept: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    rows: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    ends: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = field(
-        default_factory=dict
-    )
-    correlations: Mapping[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
+    content: Mapping[str, Any] = {}
+    kept: BoolArray = np.zeros(0, dtype=np.bool_)
+    rows: FloatArray = np.zeros((0, 0))
+    ends: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = {}
+    correlations: Mapping[tuple[str, str], tuple[float, float, float]] = {}
     rate_together: tuple[float, float] = (0.0, math.inf)
 
 
-def measure(encounters: Encounters, found: Survey, folder: Path, source: str) -> Measured:
+def measure(encounters: Encounters, survey: Survey, folder: Path, source: str) -> Measured:
     """Rate, ranges and correlations of a class, with their intervals, and its scenario file without
     a distribution; no file where there are too few events for one.
     """
-    scene = SCENES[encounters.name]
-    rate = (
-        encounters.events / found.kilometres,
-        *rate_interval(encounters.events, found.kilometres),
-    )
-    names = [item.name for item in scene.quantities]
-    n = len(encounters.rows)
-    rows = np.array([[row[name] for name in names] for row in encounters.rows]).reshape(
-        n, len(names)
-    )
+    quantities = {item.name: item for item in SCENES[encounters.name].quantities}
+    counts = encounters.events, survey.kilometres
+    rate = (encounters.events / survey.kilometres, *rate_interval(*counts))
+    values = [[row[name] for name in quantities] for row in encounters.rows]
+    columns = dict(zip(quantities, np.reshape(values, (-1, len(quantities))).T, strict=True))
     constants = {
-        name: float(np.median(rows[:, j]))
-        for j, name in enumerate(names)
-        if n > 1 and rows[:, j].std() < SAME
+        name: float(np.median(column))
+        for name, column in columns.items()
+        if len(column) > 1 and column.std() < SAME
     }
-    free = [name for name in names if name not in constants]
-    needed = LEAST_EVENTS * len(free or names)  # nothing can be fitted to events that are all alike
-    if n < needed or not free:
-        return Measured(rate, needed, constants)
-    known = {item.name: item for item in scene.quantities}
-    rows = rows[:, [names.index(name) for name in free]]
-    ranges = {name: _range(rows[:, j], known[name]) for j, name in enumerate(free)}
-    name = PREFIX + encounters.name
+    free = [name for name in quantities if name not in constants]
+    # nothing can be fitted to events that are all alike
+    needed = LEAST_EVENTS * len(free or quantities)
+    few = Measured(rate, needed, constants)
+    if len(values) < needed or not free:
+        return few
+    rows = np.column_stack([columns[name] for name in free])
+    ranges = {name: _range(columns[name], quantities[name]) for name in free}
     content = content_of(
-        name, encounters.name, ranges, constants, found.lane_width, _source(source, found)
+        PREFIX + encounters.name, encounters.name, ranges, constants, survey.lane_width, source
     )
-    content["met"] = {
-        "events": encounters.events, "vehicle_km": round(found.kilometres, 3),
-        "where": _source(source, found)
-    }  # fmt: skip
+    kilometres = round(survey.kilometres, 3)
+    content["met"] = {"events": encounters.events, "vehicle_km": kilometres, "where": source}
     path = folder / f"{encounters.name}.toml"
-    # without the joint distribution: its constraints say which events are possible
+    # without the joint distribution: its constraints rule out some events
     _write(path, content)
     logical = read_scenario(path)
     kept = logical.in_box(rows) & logical.feasible(rows)
     rows = rows[kept]
     if len(rows) < needed:
         path.unlink()
-        return Measured(rate, needed, constants)
+        return few
     pairs = list(itertools.combinations(range(len(free)), 2))
     each = of_each(2 * len(free) + len(pairs) + 1)
     ends = {
         name: (
-            end_interval(rows[:, j], upper=False, level=each),
-            end_interval(rows[:, j], upper=True, level=each),
+            end_interval(column, upper=False, level=each),
+            end_interval(column, upper=True, level=each),
         )
-        for j, name in enumerate(free)
+        for name, column in zip(free, rows.T, strict=True)
     }
     correlations = {
         (free[i], free[j]): rank_correlation(rows[:, i], rows[:, j], each) for i, j in pairs
     }
-    together = rate_interval(encounters.events, found.kilometres, each)
+    together = rate_interval(*counts, each)
     return Measured(
         rate, needed, constants, logical, content, kept, rows, ends, correlations, together
     )
 
 
-def _learnt(encounters: Encounters, found: Survey, folder: Path, source: str) -> Learnt:
-    met = measure(encounters, found, folder, source)
-    if met.logical is None:
-        return Learnt(encounters, met)
-    free = list(met.logical.names)
-    low, high = tuple(met.logical.low.tolist()), tuple(met.logical.high.tolist())
-    rows, places = met.rows, np.flatnonzero(met.kept)
+def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
+    """Fit a class and write its files, `path` with an ending."""
+    if measured.logical is None:
+        return Learnt(encounters, measured)
+    free = measured.logical.names
+    low, high = (tuple(end.tolist()) for end in (measured.logical.low, measured.logical.high))
+    rows, places = measured.rows, np.flatnonzero(measured.kept)
     if len(places) > MOST_FITTED:
         even = np.linspace(0, len(places) - 1, MOST_FITTED).round().astype(np.intp)
         places, rows = places[even], rows[even]
-    who = [encounters.sources[place] for place in places]
-    models = choose_model(rows, free, (low, high), fold_of(who))
-    best = models[0]
-    kind, factor = _named(best.model)
-    path = folder / f"{encounters.name}.toml"
-    table = folder / f"{encounters.name}.events.csv"
-    told = zip(rows.tolist(), who, strict=True)
-    write_csv(
-        table,
-        [*free, *who[0]],
-        ([*row, *(cell(str(value)) for value in one.values())] for row, one in told),
-    )
-    distribution = {"events": table.name, "kind": kind} | (
-        {} if factor is None else {"bandwidth": factor}
-    )
-    _write(path, {**met.content, "joint": distribution})
-    value_sets(
-        PREFIX + encounters.name,
-        free,
-        rows,
-        path.name,
-        met.rate,
-        folder / f"{encounters.name}.xosc",
-    )
-    logical = read_scenario(path)
-    joint = Joint(
-        kind, tuple(free), tuple(map(tuple, rows.tolist())), low, high, factor, table.name
-    )
-    replay = replay_errors(
-        logical, encounters.name, rows, [encounters.motions[place] for place in places]
-    )
-    return Learnt(encounters, met, logical, joint, models, replay, len(met.rows) - len(rows))
+    sources = [encounters.sources[place] for place in places]
+    models = choose_model(rows, free, (low, high), fold_of(sources))
+    kind, factor = _named(models[0].model)
+    table, file = path.with_suffix(".events.csv"), path.with_suffix(".toml")
+    cells = [[cell(str(value)) for value in source.values()] for source in sources]
+    events = np.column_stack([rows.astype(object), cells]).tolist()
+    write_csv(table, [*free, *sources[0]], events)
+    distribution: dict[str, Any] = {"events": table.name, "kind": kind}
+    if factor is not None:
+        distribution["bandwidth"] = factor
+    _write(file, {**measured.content, "joint": distribution})
+    value_sets(measured, rows, file)
+    logical = read_scenario(file)
+    joint = Joint(kind, tuple(free), _tuples(rows), low, high, factor, table.name)
+    motions = [encounters.motions[place] for place in places]
+    replay = replay_errors(logical, encounters.name, rows, motions)
+    thinned = len(measured.rows) - len(rows)
+    return Learnt(encounters, measured, logical, joint, models, replay, thinned)
 
 
-def _source(source: str, found: Survey) -> str:
-    return (
-        f"{source}: {len(found.recordings)} recordings, {found.kilometres:.1f} vehicle-km in "
-        f"{found.hours:.2f} h"
+def value_sets(measured: Measured, rows: FloatArray, file: Path) -> None:
+    """Write events (n, k) of a scenario file as an OpenSCENARIO ParameterValueDistribution: as
+    value sets, the only distribution of the standard that keeps how parameters go together.
+    """
+    root = etree.Element("OpenSCENARIO")
+    value, low, high = measured.rate
+    about = (
+        f"{PREFIX}{file.stem}: {len(rows)} recorded events, {value:.4g} ({low:.4g} to {high:.4g}) "
+        "per vehicle-km"
     )
+    header = {"revMajor": "1", "revMinor": "1", "date": DATE, "author": "sumo_eval"}
+    etree.SubElement(root, "FileHeader", header | {"description": about})
+    distribution = etree.SubElement(root, "ParameterValueDistribution")
+    etree.SubElement(distribution, "ScenarioFile", filepath=file.name)
+    for name in (
+        "Deterministic",
+        "DeterministicMultiParameterDistribution",
+        "ValueSetDistribution",
+    ):
+        distribution = etree.SubElement(distribution, name)
+    assert measured.logical is not None
+    for row in rows.tolist():
+        event = etree.SubElement(distribution, "ParameterValueSet")
+        for name, number in zip(measured.logical.names, row, strict=True):
+            assignment = {"parameterRef": name, "value": repr(round(number, 9))}
+            etree.SubElement(event, "ParameterAssignment", assignment)
+    text = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    file.with_suffix(".xosc").write_bytes(text)
+
+
+def _tuples(rows: FloatArray) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, rows.tolist()))
 
 
 def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
     """A range that holds the values and one kernel deviation beyond, rounded outwards; there is
-    nothing above the quantity's ceiling, and below its floor only what was recorded.
+    nothing above the quantity's ceiling, and below its floor only recorded values.
     """
     width = float(values.std(ddof=1)) * len(values) ** -0.2
     scale = 10.0 ** (math.floor(math.log10(max(float(np.ptp(values)), 1e-6))) - 2)
@@ -280,18 +285,10 @@ def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
 # --- held out -------------------------------------------------------------------------------------
 
 
-def fold_of(who: Sequence[Mapping[str, Any]]) -> FloatArray:
-    """The fold of each event, by the vehicle that met it: no vehicle is in two."""
-    return np.array(
-        [zlib.crc32(f"{one['recording']}/{one['ego']}".encode()) % FOLDS for one in who]
-    )
-
-
-_CANDIDATES: Final = (
-    "kde",
-    "copula",
-    *(f"{kind} {factor:g}" for kind in ("kde", "copula") for factor in FACTORS),
-)
+def fold_of(sources: Sequence[Mapping[str, Any]]) -> FloatArray:
+    """The fold of each event, by the ego that had it: no vehicle is in two."""
+    egos = (f"{source['recording']}/{source['ego']}" for source in sources)
+    return np.array([zlib.crc32(ego.encode()) % FOLDS for ego in egos])
 
 
 def _named(model: str) -> tuple[JointKind, float | None]:
@@ -305,48 +302,41 @@ def choose_model(
     names: Sequence[str],
     box: tuple[Sequence[float], Sequence[float]],
     folds: FloatArray,
-) -> tuple[Held, ...]:
+) -> tuple[Fit, ...]:
     """Every model on vehicles that it was not fitted to, the best first, the even density last.
 
     Best is the likeliest of those that are within `NEAR` of the held-out vehicles in every
     parameter; where none is, the nearest.
     """
-    found = []
-    for model in _CANDIDATES:
-        kind, factor = _named(model)
-        logs, shares = [], []
-        for fold in range(FOLDS):
-            train, test = rows[folds != fold], rows[folds == fold]
-            if not len(test) or len(train) < len(names) + 2:
-                continue
-            joint = Joint(
-                kind,
-                tuple(names),
-                tuple(map(tuple, train.tolist())),
-                tuple(box[0]),
-                tuple(box[1]),
-                factor,
-            )
-            density = joint.density(test) / joint.mass()
-            logs.append(np.log(np.maximum(density, 1e-300)))
-            shares.append(marginal_shares(joint, test))
-        if logs:
-            distances = {
-                name: kolmogorov(np.concatenate(shares)[:, j]) for j, name in enumerate(names)
-            }
-            found.append(Held(model, float(np.concatenate(logs).mean()), distances))
-    found.sort(key=lambda item: (max(*item.kolmogorov.values(), NEAR), -item.log_likelihood))
-    whole = float(np.prod(np.array(box[1]) - np.array(box[0])))
-    return (*found, Held("even", -math.log(whole), {}))
+    fits = []
+    low, high = map(tuple, box)
+    for factor in ("", *(f" {factor:g}" for factor in FACTORS)):
+        for kind in ("kde", "copula"):
+            model = kind + factor
+            logs, shares = [], []
+            for fold in range(FOLDS):
+                train, test = rows[folds != fold], rows[folds == fold]
+                if not len(test) or len(train) < len(names) + 2:
+                    continue
+                given, bandwidth = _named(model)
+                joint = Joint(given, tuple(names), _tuples(train), low, high, bandwidth)
+                density = joint.density(test) / joint.mass()
+                logs.append(np.log(np.maximum(density, 1e-300)))
+                shares.append(marginal_shares(joint, test))
+            if logs:
+                columns = zip(names, np.concatenate(shares).T, strict=True)
+                distances = {name: kolmogorov(column) for name, column in columns}
+                fits.append(Fit(model, float(np.concatenate(logs).mean()), distances))
+    fits.sort(key=lambda item: (max(*item.kolmogorov.values(), NEAR), -item.log_likelihood))
+    whole = float(np.prod(np.array(high) - np.array(low)))
+    return (*fits, Fit("even", -math.log(whole), {}))
 
 
 def marginal_shares(joint: Joint, points: FloatArray) -> FloatArray:
     """The distribution function of each parameter by itself at points (n, k), within the box."""
     drawn = np.sort(joint.draw(8192, random_stream(0, "marginals", len(joint.events))), axis=0)
-    columns = [
-        np.searchsorted(drawn[:, j], points[:, j]) / len(drawn) for j in range(points.shape[1])
-    ]
-    return np.column_stack(columns)
+    columns = zip(drawn.T, points.T, strict=True)
+    return np.column_stack([np.searchsorted(own, at) / len(drawn) for own, at in columns])
 
 
 # --- replay ---------------------------------------------------------------------------------------
@@ -355,33 +345,28 @@ def marginal_shares(joint: Joint, points: FloatArray) -> FloatArray:
 def replay_errors(
     logical: LogicalScenario, class_: str, rows: FloatArray, motions: Sequence[Motion]
 ) -> FloatArray:
-    """Root mean square distance, m, between the other's motion as the file says it and as it was:
+    """Root mean square distance, m, between the actor's motion of the file and its recorded one:
     along the road, across it and together, (n, 3).
 
     rows: the events' parameters (n, k).
     """
     scene = SCENES[class_]
-    number = [other.name for other in scene.others].index(scene.replayed)
-    found = []
+    number = [actor.name for actor in scene.actors].index(scene.replayed)
+    side = -1.0 if scene.behind else 1.0
+    squares = []
     for row, motion in zip(rows.tolist(), motions, strict=True):
         concrete = logical.placed(dict(zip(logical.names, row, strict=True)))
         until = max(float(motion.time[-1]), STEP)
-        seen = tracks([concrete], [(CAR_LENGTH, 1.8)], STEP, until).others[0, number]
-        clock = np.arange(len(seen)) * STEP
-        body = CAR_LENGTH if not scene.behind else -CAR_LENGTH
-        real = motion.bodies if not scene.behind else -motion.bodies
-        along = np.interp(motion.time, clock, seen[:, 0] - concrete.ego.x - body) - (
-            motion.x - real
-        )
-        level = 1.0 if scene.behind else float(scene.level)
-        across = np.interp(motion.time, clock, seen[:, 1] - level * concrete.road.lane_width)
-        across = across - (motion.y - (concrete.road.lane_width if scene.behind else 0.0))
-        squares = [float(np.mean(along**2)), float(np.mean(across**2))]
-        found.append([math.sqrt(squares[0]), math.sqrt(squares[1]), math.sqrt(sum(squares))])
-    return np.array(found).reshape(-1, 3)
-
-
-# --- files ----------------------------------------------------------------------------------------
+        driven = tracks([concrete], [(CAR_LENGTH, 1.8)], STEP, until).others[0, number]
+        clock, lane = np.arange(len(driven)) * STEP, concrete.road.lane_width
+        x = driven[:, 0] - concrete.ego.x - side * CAR_LENGTH
+        y = driven[:, 1] - (1.0 if scene.behind else float(scene.level)) * lane
+        along = np.interp(motion.time, clock, x) - (motion.x - side * motion.bodies)
+        recorded = motion.y - (lane if scene.behind else 0.0)
+        across = np.interp(motion.time, clock, y) - recorded
+        squares.append([float(np.mean(along**2)), float(np.mean(across**2))])
+    both = np.reshape(squares, (-1, 2))
+    return np.asarray(np.sqrt(np.column_stack([both, both.sum(axis=1)])))
 
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:

@@ -1,23 +1,19 @@
-"""What pages of this room share: pieces in the style of the report, some of them folded, and their
-charts.
-"""
+"""Pieces of pages in the style of the report, some of them folded, and their charts."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, NamedTuple
 
 from sumo_eval.report.packing import packed
 from sumo_eval.report.page import template, write_page
 
-NUMBER: Final = re.compile(r"-?\d")  # how a cell begins that is set like a number
+NUMBER = re.compile(r"-?\d")  # how a cell begins that is set like a number
 
 
-@dataclass(frozen=True)
-class Text:
+class Text(NamedTuple):
     """A paragraph.
 
     kind: `note` where a reader must not miss it.
@@ -27,8 +23,7 @@ class Text:
     kind: str = ""
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """A table, cells as text."""
 
     header: tuple[str, ...]
@@ -41,8 +36,7 @@ class Table:
         return tuple(bool(cells) and all(NUMBER.match(cell) for cell in cells) for cells in columns)
 
 
-@dataclass(frozen=True)
-class Chart:
+class Chart(NamedTuple):
     """A plotly figure under a title."""
 
     title: str
@@ -50,11 +44,10 @@ class Chart:
     least_width: int = 640  # px; on a narrower screen it scrolls in its frame
 
 
-@dataclass(frozen=True)
-class Fold:
+class Fold(NamedTuple):
     """A section that opens by a click.
 
-    about: what it holds, in a few words.
+    about: its content, in a few words.
     """
 
     title: str
@@ -70,10 +63,14 @@ def write_parts(
 ) -> Path:
     """Write a page of pieces and return its path.
 
-    sentences: what it says under its title.
+    sentences: under its title.
     """
-    inside = [one for part in parts for one in (part.parts if isinstance(part, Fold) else (part,))]
-    charts = [one for one in inside if isinstance(one, Chart)]
+    charts = [
+        piece
+        for part in parts
+        for piece in (part.parts if isinstance(part, Fold) else (part,))
+        if isinstance(piece, Chart)
+    ]
     numbers = {id(chart): number for number, chart in enumerate(charts)}
     for chart in charts:
         chart.figure.update_layout(title=None, width=None, template="none")
@@ -89,7 +86,7 @@ def write_parts(
 def table(rows: Iterable[Mapping[str, Any]]) -> Table:
     """A table of rows by column; a column that a row lacks is empty there."""
     listed = list(rows)
-    names = list(dict.fromkeys(name for row in listed for name in row))
+    names = dict.fromkeys(name for row in listed for name in row)
     cells = tuple(tuple(_cell(row.get(name)) for name in names) for row in listed)
     return Table(tuple(name.replace("_", " ") for name in names), cells)
 
@@ -109,7 +106,7 @@ def _cell(value: Any) -> str:
 
 
 def amount(value: float, digits: int = 3) -> str:
-    """A number in so many digits, a large one written out: 168,000."""
+    """A number in `digits`, a large one written out: 168,000."""
     shown = f"{value:z.{digits}g}"
     return f"{float(shown):,.0f}" if abs(value) >= 1000.0 else shown
 

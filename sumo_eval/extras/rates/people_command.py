@@ -1,6 +1,4 @@
-"""People and open constants: recorded `humans`, `calibrate` k5 and k6, the `sensitivity` of the
-ranking.
-"""
+"""Recorded `humans`, `calibrate` k5 and k6, the `sensitivity` of the ranking."""
 
 from __future__ import annotations
 
@@ -15,16 +13,14 @@ from sumo_eval.cli.sentences import WHOLE, say, tell
 
 
 class _WholeLines(click.Group):
-    """A group of commands whose help cuts no line, as the help of all commands does not."""
+    """A group of commands whose help cuts no line."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Each command with its whole first sentence."""
+        commands = sorted(self.commands.items())
         with formatter.section("Commands"):
             formatter.write_dl(
-                [
-                    (name, command.get_short_help_str(limit=WHOLE))
-                    for name, command in sorted(self.commands.items())
-                ]
+                [(name, it.get_short_help_str(limit=WHOLE)) for name, it in commands]
             )
 
 
@@ -61,7 +57,7 @@ def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
 @path_argument("tables", nargs=-1, required=True)
 @path_option("--out", help="Folder for the event tables.")
 def events(tables: tuple[Path, ...], out: Path | None) -> None:
-    """Find approaches, cut-outs, cut-ins and braking leaders in imported TABLES."""
+    """Find approaches, cut-outs, cut-ins and braking leads in imported TABLES."""
     from sumo_eval.drivers.recorded.events import extract_events, write_events
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
 
@@ -81,7 +77,7 @@ def events(tables: tuple[Path, ...], out: Path | None) -> None:
     show_default=True,
 )
 def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
-    """How often the concrete scenarios of SCENARIO are met in imported TABLES."""
+    """Exposure of the concrete scenarios of SCENARIO in imported TABLES."""
     from sumo_eval.drivers.recorded.exposure import exposure_of
     from sumo_eval.scenario import catalogue
     from sumo_eval.settings import DriverSettings, ExposureSettings
@@ -98,7 +94,7 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     epilog="Example: sumo-eval humans scene people.csv.gz --ego 17 --react IDM --out scene.toml"
 )
 @path_argument("tables", nargs=-1, required=True)
-@click.option("--ego", required=True, metavar="VEHICLE", help="In whose place an ADS is to drive.")
+@click.option("--ego", required=True, metavar="VEHICLE", help="The one that an ADS replaces.")
 @click.option("--recording", metavar="NAME", help="Which one, where the tables hold several.")
 @click.option(
     "--begin",
@@ -109,7 +105,7 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
 @click.option(
     "--react",
     type=click.Choice(["IDM", "EIDM", "Krauss"]),
-    help="SUMO's model by which the others react.",
+    help="SUMO's model by which actors react.",
 )
 @click.option(
     "--beyond",
@@ -130,8 +126,8 @@ def scene(
     beyond: float,
     out: Path,
 ) -> None:
-    """A scene of imported TABLES as a scenario file: an ADS in the place of VEHICLE, the others as
-    they drove.
+    """A scene of imported TABLES as a scenario file: an ADS replaces VEHICLE, the rest drive as
+    recorded.
     """
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
     from sumo_eval.extras.rates.recorded_scene import ROAD_AS_WRITTEN, write_scene
@@ -141,8 +137,7 @@ def scene(
         out,
         ego,
         recording=recording,
-        begin=begin,
-        end=end,
+        span=(begin, end),
         model=react,
         beyond=beyond,
     )
@@ -166,7 +161,7 @@ def scene(
 @RUN
 @path_option("--out", help="HTML file for the page (default: RUN/departure.html).")
 def departure(run: Path, out: Path | None) -> None:
-    """How far the ADSs of RUN departed from the vehicle that was recorded in their place."""
+    """Distance of the ADSs of RUN from the vehicle that was recorded in their place."""
     from sumo_eval.extras.rates.departures import PAGE, write_departures
 
     path = run / PAGE if out is None else out
@@ -180,7 +175,7 @@ def departure(run: Path, out: Path | None) -> None:
 @path_argument("ratings")
 @path_option("--out", help="HTML file for the plot (default: RUN/opinion.html).")
 def opinion(run: Path, ratings: Path, out: Path | None) -> None:
-    """Compare the scores of RUN with what people said: RATINGS, a CSV file with rater, ads,
+    """Compare the scores of RUN with ratings by people: RATINGS, a CSV file with rater, ads,
     scenario, score (1-10).
     """
     from sumo_eval.extras.studies.opinion import (

@@ -8,22 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from sumo_eval.extras.rates.encounters import APPROACH_WINDOW
 
-CAR_LENGTH: Final = 4.5  # m, of every vehicle of a learnt scenario
+CAR_LENGTH = 4.5  # m, of every vehicle of a learnt scenario
 # m, s, m: when a case of a learnt scenario is over
 END_X, END_TIME, ROAD_LENGTH = 1500.0, 45.0, 5000.0
-GRID_POINTS: Final = 1500  # about so many has the default grid of a learnt scenario
+GRID_POINTS = 1500  # about so many has the default grid of a learnt scenario
 SLOWEST, FASTEST = 0.5, 60.0
 """m/s; no vehicle of a learnt scenario begins slower, nor faster than roads of scenario files
 allow."""
 
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
+class Quantity(NamedTuple):
     """A parameter of a class.
 
     floor, ceiling: below and above it there is none, in `unit`; None: no such bound.
@@ -36,12 +34,11 @@ class Quantity:
     ceiling: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Other:
-    """A vehicle of a scene; what its speed at t = 0 is called is its name and `_speed`.
+class SceneActor(NamedTuple):
+    """A vehicle of a scene; the name of its speed at t = 0 is its own with `_speed`.
 
     speed: at t = 0, a formula.
-    words: what it is called in sentences.
+    words: its name in sentences.
     place, moves: of its table in the file.
     """
 
@@ -52,33 +49,31 @@ class Other:
     moves: tuple[Mapping[str, Any], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Scene:
+class EncounterScene(NamedTuple):
     """A class as a scenario.
 
     replayed: the vehicle whose motion is compared with the recorded one.
     behind: it comes from behind the ego.
-    ego: of its table, beside its speed.
-    define, constraints: further ones than those of the speeds.
-    level: where the lane is that the recorded place is told from, in lanes to the left of the right
-        one.
+    ego: of its table, in addition to its speed.
+    define, constraints: in addition to those of the speeds.
+    level: lane from which the recorded position is measured, in lanes to the left of the right one.
     """
 
     about: str
     quantities: tuple[Quantity, ...]
-    others: tuple[Other, ...]
+    actors: tuple[SceneActor, ...]
     obstacle: str
     replayed: str
-    ego: Mapping[str, Any] = field(default_factory=dict)
-    define: Mapping[str, str] = field(default_factory=dict)
+    ego: Mapping[str, Any] = {}
+    define: Mapping[str, str] = {}
     constraints: tuple[tuple[str, str], ...] = ()
     lanes: int = 2
     level: int = 0
     behind: bool = False
 
 
-EGO_SPEED: Final = Quantity("ego_speed", "m/s", "speed of the ego at t = 0", SLOWEST, FASTEST)
-DURATION: Final = Quantity("duration", "s", "of the move to the side", 0.5)
+EGO_SPEED = Quantity("ego_speed", "m/s", "speed of the ego at t = 0", SLOWEST, FASTEST)
+DURATION = Quantity("duration", "s", "of the move to the side", 0.5)
 
 
 def _closing(name: str, words: str) -> Quantity:
@@ -99,12 +94,12 @@ def _side_move(offset: str, speed: str, acceleration: str) -> tuple[dict[str, An
     )
 
 
-def _moves_in(about: str, gap_about: str, *, ramp: bool = False) -> Scene:
+def _moves_in(about: str, gap_about: str, *, ramp: bool = False) -> EncounterScene:
     """A vehicle beside the ego's lane moves into it.
 
     ramp: from the right side; else from the left.
     """
-    return Scene(
+    return EncounterScene(
         about,
         (
             EGO_SPEED,
@@ -115,7 +110,7 @@ def _moves_in(about: str, gap_about: str, *, ramp: bool = False) -> Scene:
                                              "side"),
         ),
         (
-            Other(
+            SceneActor(
                 "other", "ego_speed - closing_speed", "the other",
                 {"gap": "gap", "y": 0.0 if ramp else "lane"},
                 _side_move("lane" if ramp else "-lane", "other_speed", "acceleration"),
@@ -129,8 +124,8 @@ def _moves_in(about: str, gap_about: str, *, ramp: bool = False) -> Scene:
     )  # fmt: skip
 
 
-BEGINS_TO_MOVE: Final = "bumper to bumper along the road when the other begins to move"
-SCENES: Final[Mapping[str, Scene]] = {
+BEGINS_TO_MOVE = "bumper to bumper along the road when the other begins to move"
+SCENES: Final[Mapping[str, EncounterScene]] = {
     "cut_in": _moves_in(
         "A vehicle in the next lane, which the ego comes up to, moves into the ego's lane.",
         f"{BEGINS_TO_MOVE} to the side",
@@ -144,8 +139,8 @@ SCENES: Final[Mapping[str, Scene]] = {
         f"{BEGINS_TO_MOVE} to the side",
         ramp=True,
     ),
-    "cut_out": Scene(
-        "The vehicle ahead leaves the lane and reveals another one.",
+    "cut_out": EncounterScene(
+        "The lead leaves the lane and reveals a vehicle.",
         (
             EGO_SPEED,
             _closing("lead_closing", "that of the lead at t = 0"),
@@ -158,11 +153,11 @@ SCENES: Final[Mapping[str, Scene]] = {
             Quantity("gap", "m", "bumper to bumper to the revealed vehicle at t = 0", 6.5),
         ),
         (
-            Other(
+            SceneActor(
                 "lead", "ego_speed - lead_closing", "the lead", {"gap": "lead_gap"},
                 _side_move("lane", "lead_speed", "lead_acceleration"),
             ),
-            Other("revealed", "ego_speed - closing_speed", "the revealed vehicle", {"gap": "gap"}),
+            SceneActor("revealed", "ego_speed - closing_speed", "the revealed vehicle", {"gap": "gap"}),
         ),
         "revealed",
         "lead",
@@ -171,8 +166,8 @@ SCENES: Final[Mapping[str, Scene]] = {
                                                         "of the lead"),
         ),
     ),
-    "braking": Scene(
-        "The vehicle ahead brakes for a while.",
+    "braking": EncounterScene(
+        "The lead brakes for a while.",
         (
             EGO_SPEED,
             _closing("closing_speed", "that of the lead at t = 0"),
@@ -182,7 +177,7 @@ SCENES: Final[Mapping[str, Scene]] = {
             Quantity("duration", "s", "of the braking", 0.3),
         ),
         (
-            Other(
+            SceneActor(
                 "lead", "ego_speed - closing_speed", "the lead", {"gap": "headway * ego_speed"},
                 (_speed_change("braking", "lead_speed - deceleration * duration", "0.0"),),
             ),
@@ -191,7 +186,7 @@ SCENES: Final[Mapping[str, Scene]] = {
         "lead",
         define={"braking": "min(duration, lead_speed / deceleration)"},
     ),
-    "approach": Scene(
+    "approach": EncounterScene(
         "The ego comes up to a slower vehicle: the gap falls through 3.5 s.",
         (
             EGO_SPEED,
@@ -202,7 +197,7 @@ SCENES: Final[Mapping[str, Scene]] = {
             ),
         ),
         (
-            Other(
+            SceneActor(
                 "lead", "ego_speed - closing_speed", "the lead", {"gap": "3.5 * ego_speed"},
                 (_speed_change(APPROACH_WINDOW, "lead_speed + acceleration * "
                                                 f"{APPROACH_WINDOW:g}"),),
@@ -211,8 +206,8 @@ SCENES: Final[Mapping[str, Scene]] = {
         "lead",
         "lead",
     ),
-    "lane_change": Scene(
-        "A slower vehicle is ahead of the ego, and in the lane on its left somebody comes from "
+    "lane_change": EncounterScene(
+        "A slower vehicle is ahead of the ego, and in the lane on its left a vehicle comes from "
         "behind.",
         (
             EGO_SPEED,
@@ -221,13 +216,13 @@ SCENES: Final[Mapping[str, Scene]] = {
             Quantity("rear_closing", "m/s", "speed of the vehicle behind less that of the ego at "
                                             "t = 0"),
             Quantity("rear_gap", "m", "bumper to bumper to the vehicle behind at t = 0", 0.5),
-            Quantity("rear_acceleration", "m/s2", "of the vehicle behind while somebody changed "
+            Quantity("rear_acceleration", "m/s2", "of the vehicle behind while the ego changed "
                                                   "lane ahead of it"),
             Quantity("duration", "s", "of that lane change", 0.5),
         ),
         (
-            Other("lead", "ego_speed - lead_closing", "the lead", {"gap": "lead_gap"}),
-            Other(
+            SceneActor("lead", "ego_speed - lead_closing", "the lead", {"gap": "lead_gap"}),
+            SceneActor(
                 "rear", "ego_speed + rear_closing", "the vehicle behind",
                 {"gap_behind": "rear_gap", "y": "lane"},
                 (_speed_change("duration", "rear_speed + rear_acceleration * duration"),),
@@ -269,29 +264,16 @@ def content_of(
         for item in scene.quantities
         if item.name in ranges
     ]
-    speeds = {f"{it.name}_speed": f"max({it.speed}, {SLOWEST:g})" for it in scene.others}
-    # A speed is one at points too that these constraints rule out, and that zones are searched
-    # over.
-    bounds = [
-        bound
-        for it in scene.others
-        for bound in (
+    speeds, bounds, vehicles = {}, [], []
+    for it in scene.actors:
+        # a speed is valid at points too that these constraints rule out, where zones are searched
+        speeds[f"{it.name}_speed"] = f"max({it.speed}, {SLOWEST:g})"
+        bounds += [
             (f"{it.speed} >= {SLOWEST:g}", f"one where {it.words} moves"),
-            (
-                f"{it.speed} <= {FASTEST:g}",
-                f"one where {it.words} is no faster than {FASTEST:g} m/s",
-            ),
-        )
-    ]
-    vehicles = [
-        {
-            "name": it.name,
-            "speed": f"{it.name}_speed",
-            **it.place,
-            **({"manoeuvre": [*it.moves]} if it.moves else {}),
-        }
-        for it in scene.others
-    ]
+            (f"{it.speed} <= {FASTEST:g}", f"one where {it.words} drives at most {FASTEST:g} m/s"),
+        ]
+        moves = {"manoeuvre": [*it.moves]} if it.moves else {}
+        vehicles.append({"name": it.name, "speed": f"{it.name}_speed", **it.place, **moves})
     return {
         "name": name,
         "about": scene.about,
