@@ -61,7 +61,7 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     assert told["collision_share_of_space"] == pytest.approx(
         np.mean(points[:, 1] < needed), abs=0.02
     )
-    paths = write_boundary(found, tmp_path)
+    paths = write_boundary(found, tmp_path, {})
     assert [path.name for path in paths] == [
         "trials.csv",
         "boundary.json",

@@ -126,5 +126,5 @@ def test_between_listed_values_there_is_no_boundary():
     )
     with pytest.raises(InputError, match="hold it fixed"):
         BoundarySearch(square("a", "b", parameters=listed))
-    with pytest.raises(InputError, match="no possible point"):
+    with pytest.raises(InputError, match="must have a possible point"):
         BoundarySearch(square("a", constraints=(Constraint("none", lambda v: v["a"] < -1.0),)))

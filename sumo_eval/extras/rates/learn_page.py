@@ -42,7 +42,7 @@ NOTES = (
     Text(
         "Rates count every event except ghosts of the tracker, with exact Poisson intervals: "
         "events are assumed to come independently. A vehicle that was on the road for only a part "
-        "of an event is counted, but has no parameters; the fitted ones are assumed to stand for it."
+        "of an event is counted, but has no parameters; the fitted ones stand for it."
     ),
     Text(
         "Not covered: other roads, weather and times of day than those recorded; encounters of no "

@@ -1,13 +1,10 @@
-"""Run an ADS through SUMO where the search asks, until the boundary of its collisions no longer
-moves.
-"""
+"""Boundary of an ADS's collisions: run it where the search asks, until the boundary is settled."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,9 +20,8 @@ FIRST = 16  # trials of the first round, for each parameter
 ROUND = 16  # trials of the others
 
 
-@dataclass(frozen=True, slots=True)
-class Round:
-    """Where the search stood after a round of trials."""
+class Round(NamedTuple):
+    """State of the search after a round of trials."""
 
     simulations: int
     collisions: int
@@ -33,11 +29,10 @@ class Round:
     doubt: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FailureBoundary:
-    """What the search found out.
+class FailureBoundary(NamedTuple):
+    """Result of the search.
 
-    search: the trials that count, and what follows from them.
+    search: the trials that count, and their consequences.
     not_evaluated: how many could not be evaluated, by status.
     stopped: why the search ended.
     """
@@ -47,7 +42,7 @@ class FailureBoundary:
     search: BoundarySearch
     rounds: tuple[Round, ...]
     not_evaluated: dict[str, int]
-    stopped: Literal["settled", "budget", "no point left"]
+    stopped: str
 
 
 Watch = Callable[[int, int], None]
@@ -69,7 +64,7 @@ def find_boundary(
     It stops sooner when a round is expected to move less than `tolerance` of the space from one
     side to the other.
 
-    watch: told the number of simulations done and the budget.
+    watch: receives the number of simulations done and the budget.
     Raises InputError for an ADS that does not exist.
     """
     if not 0.0 <= tolerance < 1.0:
@@ -84,32 +79,24 @@ def find_boundary(
         if not len(points):
             stopped = "no point left"
             break
-        found = outcomes_at(
+        outcomes = outcomes_at(
             points, logical, controller, setup, first=done, ended=lambda ended: watch(ended, budget)
         )
-        statuses = [outcome.status for outcome in found]
         done += len(points)
-        counts = np.array([status in EVALUATED for status in statuses])
-        lost.update(status for status in statuses if status not in EVALUATED)
+        lost.update(outcome.status for outcome in outcomes if outcome.status not in EVALUATED)
+        counts = np.array([outcome.status in EVALUATED for outcome in outcomes])
+        hits = np.array([outcome.status == "collision" for outcome in outcomes])
         search.skip(points[~counts])
-        search.tell(
-            points[counts], np.array([status == "collision" for status in statuses])[counts]
-        )
+        search.tell(points[counts], hits[counts])
         rounds.append(Round(done, int(search.outcomes.sum()), search.expected_change, search.doubt))
-        if search.expected_change < tolerance:
+        if rounds[-1].expected_change < tolerance:
             stopped = "settled"
             break
+    statuses = dict(sorted(lost.items()))
     if not len(search.points):
-        what = ", ".join(f"{number} {status}" for status, number in sorted(lost.items()))
-        raise InputError(f"None of {done} cases of ADS `{controller}` could be evaluated ({what}).")
-    return FailureBoundary(
-        logical,
-        controller,
-        search,
-        tuple(rounds),
-        dict(sorted(lost.items())),
-        stopped,  # type: ignore[arg-type]
-    )
+        why = ", ".join(f"{number} {status}" for status, number in statuses.items())
+        raise InputError(f"None of {done} cases of ADS `{controller}` could be evaluated ({why}).")
+    return FailureBoundary(logical, controller, search, tuple(rounds), statuses, stopped)
 
 
 def outcomes_at(
@@ -124,7 +111,7 @@ def outcomes_at(
     """The outcomes at points (n, k), in their order.
 
     first: number of the first.
-    ended: told how many have ended.
+    ended: receives how many have ended.
     """
     cases = [
         Case(first + number, concrete, "ads", "ads", controller)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -14,8 +12,7 @@ from sumo_eval.method.score import middle, population_scale
 from sumo_eval.results import Evaluation
 
 
-@dataclass(frozen=True, slots=True)
-class Calibration:
+class Calibration(NamedTuple):
     """k5 = 0.5 / middle C and k6 = 0.5 / middle D; None where no ADS has the index or its middle is
     0.
 
@@ -43,18 +40,17 @@ def calibrate(evaluations: Sequence[Evaluation], *, by: str = "median") -> Calib
     values: dict[str, dict[str, list[float]]] = {"c": {}, "d": {}}
     left_out = []
     scores = [score for evaluation in evaluations for score in evaluation.scores]
-    for score, (index, of_ads) in product(scores, values.items()):
-        value = getattr(score, index)
-        if value is None:
-            left_out.append(
-                f"{score.ads} in {score.scenario} has no {index.upper()} and is left out of its "
-                "mean."
-            )
-        else:
-            of_ads.setdefault(score.ads, []).append(value)
-    ads = {score.ads for score in scores}
-    if len(ads) < 2:
-        raise InputError(f"A calibration needs a population of at least 2 ADSs, got {len(ads)}.")
+    for score in scores:
+        for index, of_ads in values.items():
+            value = getattr(score, index)
+            if value is None:
+                missing = f"{score.ads} in {score.scenario} has no {index.upper()}"
+                left_out.append(f"{missing} and is left out of its mean.")
+            else:
+                of_ads.setdefault(score.ads, []).append(value)
+    count = len({score.ads for score in scores})
+    if count < 2:
+        raise InputError(f"A calibration needs a population of at least 2 ADSs, got {count}.")
     c, d = (
         {name: float(np.mean(each)) for name, each in of_ads.items()} for of_ads in values.values()
     )
@@ -67,31 +63,21 @@ def _scale(means: Mapping[str, float], centre: Literal["median", "mean"]) -> flo
     lift.
     """
     values = list(means.values())
-    return (
-        population_scale(values, centre=centre) if values and middle(values, centre) > 0.0 else None
-    )
+    exists = values and middle(values, centre) > 0.0
+    return population_scale(values, centre=centre) if exists else None
 
 
 def calibration_lines(calibration: Calibration) -> list[str]:
     """The scales in words, and how to score with them."""
-    lines = list(calibration.left_out)
-    changes = []
-    for name, index, scale, values in (
-        ("k5", "C", calibration.k5, calibration.c),
-        ("k6", "D", calibration.k6, calibration.d),
-    ):
+    it, by = calibration, calibration.by
+    lines, changes = list(it.left_out), []
+    for name, index, scale, values in (("k5", "C", it.k5, it.c), ("k6", "D", it.k6, it.d)):
         among = ", ".join(f"{ads} {value:z.3f}" for ads, value in values.items()) or "none"
-        if scale is None:
-            lines.append(
-                f"{name} is not defined: the {calibration.by} {index} is 0 or there is none "
-                f"({among})."
-            )
-        else:
-            lines.append(
-                f"{name} = {scale:z.4f}: the {calibration.by} ADS gets half of the points of "
-                f"{index} ({among})."
-            )
+        words = f" is not defined: the {by} {index} is 0 or there is none ({among})."
+        if scale is not None:
+            words = f" = {scale:z.4f}: the {by} ADS gets half of the points of {index} ({among})."
             changes.append(f"--set method.score.{name}={scale:z.6g}")
+        lines.append(name + words)
     if changes:
         lines.append(f"Score with them: sumo-eval score RUN {' '.join(changes)}")
     return lines

@@ -1,11 +1,14 @@
-"""How the ADSs' ranking responds to the constants that the paper leaves open."""
+"""Response of the ADSs' ranking to the constants that the paper leaves open."""
 
 from __future__ import annotations
 
+import itertools
+import math
+import operator
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -36,28 +39,28 @@ _D_PATHS = {
 
 NO_WHEEL = (
     "k3 moves nothing here: a steering operation is a lateral manoeuvre, and k3 is a threshold of "
-    "the steering wheel "
-    '(`method.anthropomorphic.steering_rule = "wheel"`).'
+    'the steering wheel (`method.anthropomorphic.steering_rule = "wheel"`).'
 )
 """Why the default leaves k3 out."""
 
 _LIKENESSES = {"D": "d", "H": "human_likeness"}
 _TOTALS = {"S": "s", "S+": "s_plus"}
-"""What the constants move: name -> field of ScenarioResult.
+"""Scores that the constants move: name -> field of ScenarioResult; a moves S and S+, the rest D and
+H."""
 
-The rest move D and H, a moves S and S+.
-"""
-
-# the drivers' own scores are not looked at here
+# the drivers' own scores are not used here
 _NO_BANDS = "method.anthropomorphic.band_slice_spacing=100.0"
 _POINTS = (10.0, 25.0, 50.0, 75.0, 90.0)
 
 
-@dataclass(frozen=True, slots=True)
-class SensitivityRow:
+Scores = dict[str, float]
+"""Of each ADS, nan where not computed."""
+
+
+class SensitivityRow(NamedTuple):
     """The ADSs in one scenario with one constant changed.
 
-    index: what they are ranked by, `H`, `D`, `S+` or `S`.
+    index: score by which they are ranked, `H`, `D`, `S+` or `S`.
     value: of the constant.
     scores: in the order of `ads`, nan where not computed.
     ranking: names, best first.
@@ -68,7 +71,7 @@ class SensitivityRow:
     scenario: str
     constant: str
     value: float
-    index: str
+    index: str  # type: ignore[assignment]
     ads: tuple[str, ...]
     scores: tuple[float, ...]
     ranking: tuple[str, ...]
@@ -84,122 +87,77 @@ def sensitivity(
         can move a score of this run (`without_the_wheel`).
     Raises InputError for others.
     """
+    known = (*_D_PATHS, "a")
     for name in constants:
-        if name not in (*_D_PATHS, "a"):
+        if name not in known:
             raise InputError(
-                f"A constant of the sensitivity must be one of {', '.join((*_D_PATHS, 'a'))}, got "
-                f"{name!r}."
+                f"A constant of the sensitivity must be one of {', '.join(known)}, got {name!r}."
             )
     base = score(run, [_NO_BANDS])
     if not constants:
-        constants = [
-            name
-            for name in (*_D_PATHS, "a")
-            if name != "k3" or not without_the_wheel(base.settings)
-        ]
+        silent = {"k3"} if without_the_wheel(base.settings) else set()
+        constants = [name for name in known if name not in silent]
     wanted = [(name, factor) for name in constants if name in _D_PATHS for factor in FACTORS]
-    variants: list[tuple[str, float, Evaluation]] = []
+    variants = [(name, _value(base, name), base) for name in constants if name in _D_PATHS]
     for done, (name, factor) in enumerate(wanted, start=1):
-        value = _value(base, _D_PATHS[name]) * factor
+        value = _value(base, name) * factor
         variants.append((name, value, score(run, [_NO_BANDS, f"{_D_PATHS[name]}={value!r}"])))
         progress("sensitivity", done, len(wanted))
     rows = []
     for scenario in dict.fromkeys(result.scenario for result in base.scores):
-        for name in constants:
-            if name == "a":
-                for index, field in _TOTALS.items():
-                    standing = _scores(base, scenario, field)
-                    rows += [
-                        _row(
-                            scenario,
-                            "a",
-                            a,
-                            index,
-                            _with_points(base, scenario, a, index),
-                            standing,
-                        )
-                        for a in _POINTS
-                    ]
-                continue
-            for index, field in _LIKENESSES.items():
-                before = _scores(base, scenario, field)
-                rows.append(
-                    _row(scenario, name, _value(base, _D_PATHS[name]), index, before, before)
-                )
-                for changed, value, evaluation in variants:
-                    if changed == name:
-                        rows.append(
-                            _row(
-                                scenario,
-                                name,
-                                value,
-                                index,
-                                _scores(evaluation, scenario, field),
-                                before,
-                            )
-                        )
+        for index, field in _TOTALS.items() if "a" in constants else ():
+            standing = _scores(base, scenario, field)
+            for a in _POINTS:
+                scores = _with_points(base, scenario, a, index)
+                rows.append(_row((scenario, "a", a, index), scores, standing))
+        for index, field in _LIKENESSES.items():
+            standing = _scores(base, scenario, field)
+            for name, value, evaluation in variants:
+                scores = _scores(evaluation, scenario, field)
+                rows.append(_row((scenario, name, value, index), scores, standing))
     return sorted(rows, key=lambda row: (row.scenario, row.constant, row.index, row.value))
 
 
 def without_the_wheel(settings: EvaluationSettings) -> bool:
-    """Whether steering operations are lateral manoeuvres, of which k3 is no threshold."""
+    """Whether steering operations are lateral manoeuvres, for which k3 sets no threshold."""
     return settings.method.anthropomorphic.steering_rule == "manoeuvre"
 
 
-def _value(evaluation: Evaluation, path: str) -> float:
-    place: object = evaluation.settings
-    for name in path.split("."):
-        place = getattr(place, name)
-    assert isinstance(place, float)
-    return place
+def _value(evaluation: Evaluation, constant: str) -> float:
+    value = operator.attrgetter(_D_PATHS[constant])(evaluation.settings)
+    assert isinstance(value, float)
+    return value
 
 
-def _scores(evaluation: Evaluation, scenario: str, field: str) -> dict[str, float]:
+def _scores(evaluation: Evaluation, scenario: str, field: str) -> Scores:
+    results = (result for result in evaluation.scores if result.scenario == scenario)
+    values = {result.ads: getattr(result, field) for result in results}
+    return {ads: math.nan if value is None else float(value) for ads, value in values.items()}
+
+
+def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) -> Scores:
+    """S+ or S of every ADS with a points for collisions and 100 - a for likeness."""
+    points = replace(evaluation.settings.method.score, a=a)
+    names: tuple[str, ...] = ("c", "d")
+    total: Any = paper_score
+    if index == "S+":
+        names, total = ("task_share", "avoidance_grade", "human_likeness"), ordering_score
+    terms = [_scores(evaluation, scenario, name) for name in names]
     return {
-        result.ads: float("nan")
-        if getattr(result, field) is None
-        else float(getattr(result, field))
-        for result in evaluation.scores
-        if result.scenario == scenario
+        ads: float(total(*(np.array([term[ads]]) for term in terms), points)[0]) for ads in terms[0]
     }
 
 
-def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) -> dict[str, float]:
-    """S+ or S of every ADS with a points for collisions and 100 - a for likeness."""
-    points = replace(evaluation.settings.method.score, a=a)
-    names = ("task_share", "avoidance_grade", "human_likeness") if index == "S+" else ("c", "d")
-    parts = [_scores(evaluation, scenario, name) for name in names]
-    totals = {}
-    for ads in parts[0]:
-        first, second, *third = (np.array([part[ads]]) for part in parts)
-        total = (
-            ordering_score(first, second, third[0], points)
-            if third
-            else paper_score(first, second, points)
-        )
-        totals[ads] = float(total[0])
-    return totals
-
-
-def _row(
-    scenario: str,
-    constant: str,
-    value: float,
-    index: str,
-    now: dict[str, float],
-    before: dict[str, float],
-) -> SensitivityRow:
-    known = [ads for ads in now if np.isfinite(now[ads]) and np.isfinite(before[ads])]
-    tau = float("nan")
-    if len(known) >= 2:
-        first, second = [before[ads] for ads in known], [now[ads] for ads in known]
+def _row(key: tuple[str, str, float, str], now: Scores, before: Scores) -> SensitivityRow:
+    """key: scenario, constant, its value and the index."""
+    ranked = [ads for ads in now if np.isfinite(now[ads])]
+    both = [ads for ads in ranked if np.isfinite(before[ads])]
+    first, second = ([scores[ads] for ads in both] for scores in (before, now))
+    tau = math.nan
+    if len(both) >= 2:
         tau = 1.0 if first == second else float(stats.kendalltau(first, second).statistic)
-    ranking = tuple(
-        sorted((ads for ads in now if np.isfinite(now[ads])), key=lambda ads: -now[ads])
-    )
-    return SensitivityRow(
-        scenario, constant, value, index, tuple(now), tuple(now.values()), ranking, tau
-    )
+    ranking = tuple(sorted(ranked, key=lambda ads: -now[ads]))
+    return SensitivityRow(*key, tuple(now), tuple(now.values()), ranking, tau)
 
 
 def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:
@@ -208,26 +166,23 @@ def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:
         ("scenario", "constant", "value", "index", "ranking, best first", "tau")
     ]
     for row in rows:
-        ranked = (
-            " > ".join(f"{ads} {row.scores[row.ads.index(ads)]:z.3g}" for ads in row.ranking)
-            or "none"
-        )
-        table.append(
-            (row.scenario, row.constant, f"{row.value:g}", row.index, ranked, f"{row.tau:z.2f}")
-        )
+        scores = dict(zip(row.ads, row.scores, strict=True))
+        ranked = " > ".join(f"{ads} {scores[ads]:z.3g}" for ads in row.ranking) or "none"
+        value, tau = f"{row.value:g}", f"{row.tau:z.2f}"
+        table.append((row.scenario, row.constant, value, row.index, ranked, tau))
     return table
 
 
 def sensitivity_lines(rows: Sequence[SensitivityRow], *, by_wheel: bool = True) -> list[str]:
     """The table for a terminal.
 
-    by_wheel: whether k3 is a threshold of this run; where not, a sentence says so.
+    by_wheel: whether k3 is a threshold of this run; where not, a sentence reports it.
     """
     return [*aligned(_table(rows)), *([] if by_wheel else [NO_WHEEL])]
 
 
 _ACROSS = 4
-"""Panels beside each other."""
+"""Panels in a row."""
 
 
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
@@ -236,12 +191,12 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
     """
     charts: dict[str, list[SensitivityRow]] = {}
     for row in rows:
-        what = " and ".join(_TOTALS) if row.index in _TOTALS else row.index
-        charts.setdefault(f"{row.scenario}: {what}", []).append(row)
+        index = " and ".join(_TOTALS) if row.index in _TOTALS else row.index
+        charts.setdefault(f"{row.scenario}: {index}", []).append(row)
     write_study(
         path,
         kicker="Sensitivity",
-        title="What the constants do to the scores",
+        title="Effect of the constants on the scores",
         sentences=[
             "Each constant is moved alone. Where the lines of two ADSs cross, it decides which of "
             "them is better."
@@ -254,19 +209,18 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
 
 def _chart(rows: Sequence[SensitivityRow]) -> go.Figure:
     """One panel for each score and constant of these."""
+    groups: dict[str, list[SensitivityRow]] = {}
+    for row in rows:
+        groups.setdefault(f"{row.index} over {row.constant}", []).append(row)
     panels = []
-    for index, constant in dict.fromkeys((row.index, row.constant) for row in rows):
-        part = [row for row in rows if (row.index, row.constant) == (index, constant)]
-        values = [row.value for row in part]
+    for title, part in groups.items():
+        values, scores = (
+            [row.value for row in part],
+            zip(*(row.scores for row in part), strict=True),
+        )
         marks = [
-            Marks(
-                ads,
-                values,
-                [row.scores[number] for row in part],
-                COLOURS[number % len(COLOURS)],
-                "-",
-            )
-            for number, ads in enumerate(part[0].ads)
+            Marks(ads, values, each, colour, "-")
+            for ads, each, colour in zip(part[0].ads, scores, itertools.cycle(COLOURS))
         ]
-        panels.append(Panel(marks, title=f"{index} over {constant}"))
+        panels.append(Panel(marks, title=title))
     return on_page(panels, _ACROSS, 240 * -(-len(panels) // _ACROSS) + 80)

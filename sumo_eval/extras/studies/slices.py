@@ -12,24 +12,26 @@ from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.logical import Constraint, LogicalScenario
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _Filled:
     """A function of all parameters as one of those that are left; arrays stay arrays of one
     shape.
     """
 
     function: Callable[[Mapping[str, Any]], Any]
-    fixed: tuple[tuple[str, float], ...]
+    fixed: Mapping[str, float]
 
     def __call__(self, values: Mapping[str, Any]) -> Any:
         shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
-        held = {name: np.full(shape, value) if shape else value for name, value in self.fixed}
+        held = {
+            name: np.full(shape, value) if shape else value for name, value in self.fixed.items()
+        }
         return self.function({**values, **held})
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class HeldSearch:
-    """What zones are searched from, with some parameters held; a `Search`."""
+    """A `Search` with some parameters held."""
 
     obstacle: int
     conflict: bool
@@ -41,38 +43,39 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
 
     Raises InputError for unknown names and values.
     """
+    items = {item.name: item for item in logical.parameters}
     for name, value in fixed.items():
-        if name not in logical.names:
+        if name not in items:
             raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
-        item = next(item for item in logical.parameters if item.name == name)
+        item = items.pop(name)
         if not item.low <= value <= item.high or (item.values and value not in item.values):
-            within = f"within {item.low:g}..{item.high:g}{item.behind}"
-            values = ", ".join(f"{known:g}" for known in item.values)
-            allowed = f"one of {values}{item.behind}" if item.values else within
+            allowed = f"within {item.low:g}..{item.high:g}{item.behind}"
+            if item.values:
+                values = ", ".join(f"{known:g}" for known in item.values)
+                allowed = f"one of {values}{item.behind}"
             raise must_be(f"`{name}`", f"the slice of scenario `{logical.name}`", allowed, value)
-    left = tuple(item for item in logical.parameters if item.name not in fixed)
-    if not left:
+    if not items:
         raise InputError(
             f"The slice of scenario `{logical.name}` must leave at least one parameter free."
         )
     if not fixed:
         return logical
-    held = tuple(sorted((name, float(value)) for name, value in fixed.items()))
-    search = logical.search
+    functions: dict[str, Any] = {
+        name: _Filled(function, fixed)
+        for name in ("place", "approach", "margin", "exposure")
+        if (function := getattr(logical, name)) is not None
+    }
+    if logical.search is not None:
+        search = logical.search
+        delay = _Filled(search.delay, fixed)
+        functions["search"] = HeldSearch(search.obstacle, search.conflict, delay)
+    constraints = [Constraint(it.about, _Filled(it.holds, fixed)) for it in logical.constraints]
     return replace(
         logical,
-        parameters=left,
-        constraints=tuple(
-            Constraint(item.about, _Filled(item.holds, held)) for item in logical.constraints
-        ),
-        place=_Filled(logical.place, held),
-        approach=None if logical.approach is None else _Filled(logical.approach, held),
-        search=None
-        if search is None
-        else HeldSearch(search.obstacle, search.conflict, _Filled(search.delay, held)),
-        margin=None if logical.margin is None else _Filled(logical.margin, held),
-        exposure=_Filled(logical.exposure, held),
+        parameters=tuple(items.values()),
+        constraints=tuple(constraints),
         zone_coordinates=None,  # one of them may be constant on the slice
         samples=(),
         default_sample="grid",
+        **functions,
     )

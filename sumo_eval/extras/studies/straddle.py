@@ -1,18 +1,18 @@
-"""Find the boundary between two outcomes with few trials: ask for points, tell what happened there.
+"""Boundary between two outcomes with few trials: ask for points, tell their outcomes.
 
 A Gaussian process classifier (probit-like, Laplace approximation) learns the outcomes in the unit
 box. The next points are those where the sign of its latent function f is most open: the straddle
-rule of Bryan et al. (2005), 1.96 sd(f) - |mean(f)|. The points of one batch are chosen one after
-the other, each as if the earlier ones had been tried; one in eight goes where sd(f) alone is
-largest, so that an island that nothing hints at is found as well. Nothing is assumed about the
-shape of the sets: intervals, holes and several pieces are as good as a half-space.
+rule of Bryan et al. (2005), 1.96 sd(f) - |mean(f)|. The points of one round are chosen in order,
+each as if the earlier ones had been tried; one in eight goes where sd(f) alone is
+largest, so that an isolated island is found as well. The shape of the sets is free: intervals,
+holes and several pieces are as good as a half-space.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +24,7 @@ from sklearn.gaussian_process import GaussianProcessClassifier
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from sumo_eval.errors import InputError, must_be
+from sumo_eval.errors import InputError
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
@@ -32,71 +32,58 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 POOL = 4_096  # points of the space that are weighed in each round
 STRADDLE = 1.96
-EXPLORE_EVERY = 8  # of a batch, every eighth point goes where least is known
-# trials up to which the kernel's constants are searched anew each time they have grown by half
+EXPLORE_EVERY = 8  # of a round, every eighth point goes where least is known
+# trials up to which the kernel's constants are searched again each time they have grown by half
 LEARN_UNTIL = 300
 SIGNAL_BOUNDS, SCALE_BOUNDS = (1.0, 1e3), (0.02, 10.0)  # variance of f; unit-box lengths
 SETTLED = 1e-3  # of probability: how far a trial may be from its own equation at the mode
 # share of its own trials that a classifier may put on the wrong side and still count as settled
 CONTRADICTED = 0.05
-REMEMBERED = 4  # rounds whose changes say what the next one may change
+REMEMBERED = 4  # rounds whose changes predict those of the next one
 SAME = 1e-9  # unit-box lengths
 
 
-@dataclass(slots=True)
 class BoundarySearch:
     """The search in the possible points of a space. Same seed and same outcomes, same questions."""
 
-    logical: LogicalScenario
-    seed: int = 1
-    points: FloatArray = field(init=False)
-    outcomes: BoolArray = field(init=False)
-    _pool: FloatArray = field(init=False)
-    _model: GaussianProcessClassifier | None = field(init=False, default=None)
-    _learnt_at: int = field(init=False, default=0)
-    _classes: BoolArray | None = field(init=False, default=None)
-    _changes: list[float] = field(init=False, default_factory=list)
-    _skipped: set[tuple[float, ...]] = field(init=False, default_factory=set)
-
-    def __post_init__(self) -> None:
-        listed = [item.name for item in self.logical.parameters if item.values]
+    def __init__(self, logical: LogicalScenario, seed: int = 1) -> None:
+        listed = [item.name for item in logical.parameters if item.values]
         if listed:
             raise InputError(
-                f"`{listed[0]}` of scenario `{self.logical.name}` has listed values only, and "
-                "between them there is no "
-                "boundary: hold it fixed."
+                f"`{listed[0]}` of scenario `{logical.name}` has listed values only, and between "
+                "them there is no boundary: hold it fixed."
             )
-        k = len(self.logical.names)
-        self.points, self.outcomes = np.empty((0, k)), np.empty(0, dtype=np.bool_)
-        stream = random_stream(self.seed, "boundary", self.logical.name)
-        pool = evenly(self.logical, POOL, stream)
-        self._pool = pool[self.logical.feasible(pool)]
+        self.logical = logical
+        self.points: FloatArray = np.empty((0, len(logical.names)))
+        self.outcomes: BoolArray = np.empty(0, dtype=np.bool_)
+        self._model: GaussianProcessClassifier | None = None
+        self._learnt_at = 0
+        self._classes: BoolArray | None = None
+        self._changes: list[float] = []
+        self._skipped: set[tuple[float, ...]] = set()
+        pool = evenly(logical, POOL, random_stream(seed, "boundary", logical.name))
+        self._pool = pool[logical.feasible(pool)]
         if not len(self._pool):
             raise InputError(
-                f"Scenario `{self.logical.name}` has no possible point among {POOL} evenly spread "
-                "ones."
+                f"Scenario `{logical.name}` must have a possible point among {POOL} evenly spread "
+                "ones, got none."
             )
 
     def ask(self, n: int) -> FloatArray:
         """The next `n` points (n, k) to try; evenly spread ones until both outcomes have been
         seen.
         """
-        if n < 1:
-            raise must_be("`n`", "a search for a boundary", "at least 1", n)
-        untried = self._untried()
-        n = min(n, len(untried))
+        tried = {tuple(row) for row in self.points.tolist()} | self._skipped
+        untried = np.array([row for row in self._pool.tolist() if tuple(row) not in tried])
         if self._model is None:
             return untried[:n]
         unit = self.logical.to_unit(untried)
         mean, variance, covariance = self._latent(unit)
         chosen: list[int] = []
-        for number in range(n):
-            deviation = np.sqrt(np.maximum(variance, 0.0))
-            score = (
-                deviation
-                if number % EXPLORE_EVERY == EXPLORE_EVERY - 1
-                else STRADDLE * deviation - np.abs(mean)
-            )
+        for number in range(min(n, len(untried))):
+            score = np.sqrt(np.maximum(variance, 0.0))
+            if number % EXPLORE_EVERY < EXPLORE_EVERY - 1:
+                score = STRADDLE * score - np.abs(mean)
             score[chosen] = -np.inf
             best = int(np.argmax(score))
             chosen.append(best)
@@ -106,16 +93,10 @@ class BoundarySearch:
         return untried[chosen]
 
     def tell(self, points: ArrayLike, outcomes: ArrayLike) -> None:
-        """What happened at points (n, k): (n,) True or False."""
-        rows, found = np.asarray(points, dtype=np.float64), np.asarray(outcomes, dtype=np.bool_)
-        if rows.shape != (len(found), len(self.logical.names)):
-            raise must_be(
-                "The points told", "a search for a boundary", f"({len(found)}, k)", rows.shape
-            )
-        self.points, self.outcomes = (
-            np.concatenate([self.points, rows]),
-            np.concatenate([self.outcomes, found]),
-        )
+        """Outcomes (n,), True or False, at points (n, k)."""
+        rows, hits = np.asarray(points, dtype=np.float64), np.asarray(outcomes, dtype=np.bool_)
+        self.points = np.concatenate([self.points, rows])
+        self.outcomes = np.concatenate([self.outcomes, hits])
         if self.outcomes.any() and not self.outcomes.all():
             self._fit()
 
@@ -126,7 +107,7 @@ class BoundarySearch:
         self._skipped |= {tuple(row) for row in np.asarray(points, dtype=np.float64).tolist()}
 
     def probability(self, points: ArrayLike) -> FloatArray:
-        """Probability (n,) that the outcome at points (n, k) is True, by what has been told."""
+        """Probability (n,) that the outcome at points (n, k) is True, by the trials so far."""
         rows = np.asarray(points, dtype=np.float64)
         if self._model is None:
             return np.full(len(rows), float(self.outcomes[0]) if len(self.outcomes) else 0.5)
@@ -140,8 +121,8 @@ class BoundarySearch:
     @property
     def expected_change(self) -> float:
         """Share of the possible points that the next round is expected to class differently: the
-        mean of the last four rounds; 1 until there have been so many with both outcomes, and while
-        the classifier contradicts its trials.
+        mean of the last four rounds; 1 until both outcomes were known in four, and while the
+        classifier contradicts its trials.
         """
         last = self._changes[-REMEMBERED:]
         if (
@@ -161,39 +142,31 @@ class BoundarySearch:
         probability = self.probability(self._pool)
         return float(np.mean(np.minimum(probability, 1.0 - probability)))
 
-    def _untried(self) -> FloatArray:
-        tried = {tuple(row) for row in self.points.tolist()} | self._skipped
-        return np.array([row for row in self._pool.tolist() if tuple(row) not in tried])
-
     def _fit(self) -> None:
         n = len(self.outcomes)
-        learn = self._model is None or (
-            n >= 1.5 * self._learnt_at and self._learnt_at < LEARN_UNTIL
-        )
-        # always from the same start: an earlier search may have ended in a poor place
-        if learn or self._model is None:
-            kernel = ConstantKernel(100.0, SIGNAL_BOUNDS) * RBF(
-                np.full(len(self.logical.names), 0.3), SCALE_BOUNDS
-            )
-        else:
+        kernel: Any = None
+        if self._model is not None and (
+            n < 1.5 * self._learnt_at or self._learnt_at >= LEARN_UNTIL
+        ):
             kernel = self._model.kernel_
+        learn = kernel is None
+        if learn:
+            # always from the same start: an earlier search may have ended in a poor place
+            scales = RBF(np.full(len(self.logical.names), 0.3), SCALE_BOUNDS)
+            kernel = ConstantKernel(100.0, SIGNAL_BOUNDS) * scales
+            self._learnt_at = n
         unit = self.logical.to_unit(self.points)
         with warnings.catch_warnings(), threadpool_limits(1):
             # constants at their bounds do no harm here
             warnings.simplefilter("ignore", ConvergenceWarning)
-            model = GaussianProcessClassifier(
-                kernel, optimizer="fmin_l_bfgs_b" if learn else None
-            ).fit(unit, self.outcomes)
-            # Newton's steps can overshoot where f may be very large, and scikit-learn ends without
-            # a word: less, then.
+            optimizer = "fmin_l_bfgs_b" if learn else None
+            model = GaussianProcessClassifier(kernel, optimizer=optimizer).fit(unit, self.outcomes)
+            # Newton's steps can overshoot where f may be very large, and scikit-learn ends
+            # silently: less, then.
             while not _at_mode(model) and model.kernel_.k1.constant_value > 2.0:
-                kernel = (
-                    ConstantKernel(model.kernel_.k1.constant_value / 2.0, SIGNAL_BOUNDS)
-                    * model.kernel_.k2
-                )
+                signal = ConstantKernel(model.kernel_.k1.constant_value / 2.0, SIGNAL_BOUNDS)
+                kernel = signal * model.kernel_.k2
                 model = GaussianProcessClassifier(kernel, optimizer=None).fit(unit, self.outcomes)
-        if learn:
-            self._learnt_at = n
         self._model = model
         classes = self.classify(self._pool)
         if self._classes is not None:

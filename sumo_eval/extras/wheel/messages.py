@@ -1,4 +1,4 @@
-"""Messages of a browser: each bounded, of a known kind, its numbers finite; else an error message."""
+"""Messages of a browser: each bounded, of a known kind, its numbers finite; else an error."""
 
 from __future__ import annotations
 

@@ -47,9 +47,7 @@ def drawn_road(road: Road) -> dict[str, Any]:
 def drive_view(
     concrete: ConcreteScenario, settings: SimulationSettings, title: str, lines: tuple[str, ...]
 ) -> dict[str, Any]:
-    """The view in which a concrete scenario is driven: the road, and the bodies; positions come with
-    every step.
-    """
+    """The view of a drive: the road, and the bodies; positions come with every step."""
     vehicle = concrete.ego_vehicle(settings.vehicle)
     return {
         "title": title, "lines": list(lines), "step": settings.step, "wanted": concrete.ego.speed,

@@ -1,4 +1,4 @@
-"""Quality of a person's drive as a measurement: dropped pictures, pauses, road left, first reaction.
+"""Quality of a person's drive as a measurement: late pictures, pauses, road left, reaction.
 
 It is about the drive as a recording, not about driving well: a drive is left out by a stated rule,
 and the rule, the value and its bound are recorded with it.

@@ -199,5 +199,5 @@ def drive_person(
 
 
 def warm_up(concrete: ConcreteScenario, settings: SimulationSettings) -> None:
-    """Load, and where needed compile, all that a drive needs, so that its first step is not late."""
+    """Load, and where needed compile, the needs of a drive: its first step must not be late."""
     simulate(concrete, Player([(0.0, 1e-6)] * 2), settings)

@@ -295,7 +295,7 @@ def _margin(ego: float, faster: float) -> float:
 
 
 def _rest(ego: float, faster: float, gap: float) -> float:
-    """Time gap, s, that remains of `gap` m when the vehicle behind has braked 3 m/s2 from 0.4 s on."""
+    """Time gap, s, that remains of `gap` m after the vehicle behind braked 3 m/s2 from 0.4 s."""
     brakes = {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego,
         "acceleration": 3.0}  # fmt: skip
     content: dict[str, Any] = {
@@ -425,7 +425,7 @@ def _end(concrete: ConcreteScenario, ads: ControllerLike) -> str:
 
 
 def _second() -> float:
-    """Largest difference between a drive and the same after another simulation in the process, m."""
+    """Largest difference between a drive and the same after another in the process, m."""
     first, _, again = (
         drive(behind(*start), rolls, SHORT).ego.x
         for start in ((20.0, 15.0, 30.0), (30.0, 5.0, 9.0), (20.0, 15.0, 30.0))
