@@ -15,7 +15,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +30,7 @@ UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError)
 
 
 def _quiet(function: Callable[..., Any]) -> Callable[..., float]:
-    """A function of numpy's on plain floats: what is not defined is nan or inf, without a
+    """Apply a function of numpy to plain floats; undefined values are nan or inf, without a
     warning.
     """
 
@@ -41,55 +41,44 @@ def _quiet(function: Callable[..., Any]) -> Callable[..., float]:
     return of_floats
 
 
-_divide_quietly = _quiet(np.divide)
+class _Operation(NamedTuple):
+    """on_arrays, on_floats: how it is done, to the same bits.
+    takes: how many values; None: two or more.
+    """
+
+    on_arrays: Callable[..., Any]
+    on_floats: Callable[..., Any]
+    takes: int | None
 
 
-def _divide(a: float, b: float) -> float:
-    return a / b if b else _divide_quietly(a, b)
-
-
-def _smaller(a: float, b: float) -> float:
-    return a if a < b or math.isnan(a) else b
-
-
-def _larger(a: float, b: float) -> float:
-    return a if a > b or math.isnan(a) else b
-
-
-def _for_arrays(function: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-    return lambda *values: reduce(function, values)
-
-
-_Pair = tuple[Callable[..., Any], Callable[..., Any]]
-"""How an operation is done on arrays, and on plain floats; the same bits come out."""
-
-_ARITHMETIC: dict[type[ast.operator], _Pair] = {
-    ast.Add: (operator.add, operator.add), ast.Sub: (operator.sub, operator.sub),
-    ast.Mult: (operator.mul, operator.mul), ast.Div: (np.divide, _divide),
-    ast.Pow: (np.power, _quiet(np.power)),
-}  # fmt: skip
-_COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
-    ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
-    ast.Eq: operator.eq, ast.NotEq: operator.ne,
-}  # fmt: skip
-_FUNCTIONS: dict[str, tuple[_Pair, int | None]] = {
-    "min": ((_for_arrays(np.minimum), _for_arrays(_smaller)), None),
-    "max": ((_for_arrays(np.maximum), _for_arrays(_larger)), None),
-    "abs": ((np.abs, abs), 1),
-    "sqrt": ((np.sqrt, _quiet(np.sqrt)), 1),
-    "exp": ((np.exp, _quiet(np.exp)), 1),
-    "log": ((np.log, _quiet(np.log)), 1),
-    "tanh": ((np.tanh, _quiet(np.tanh)), 1),
-    "where": ((np.where, lambda holds, then, other: then if holds else other), 3),
+_divide = _quiet(np.divide)
+_ALIKE = (
+    ("Add", operator.add), ("Sub", operator.sub), ("Mult", operator.mul), ("Lt", operator.lt),
+    ("LtE", operator.le), ("Gt", operator.gt), ("GtE", operator.ge), ("Eq", operator.eq),
+    ("NotEq", operator.ne),
+)  # fmt: skip
+_UFUNCS = {"sqrt": np.sqrt, "exp": np.exp, "log": np.log, "tanh": np.tanh}
+_OPERATIONS: dict[str, _Operation] = {
+    **{name: _Operation(function, function, 2) for name, function in _ALIKE},
+    "Div": _Operation(np.divide, lambda a, b: a / b if b else _divide(a, b), 2),
+    "Pow": _Operation(np.power, _quiet(np.power), 2),
+    "UAdd": _Operation(operator.pos, operator.pos, 1),
+    "USub": _Operation(operator.neg, operator.neg, 1),
+    "Not": _Operation(np.logical_not, operator.not_, 1),
+    "And": _Operation(np.logical_and, lambda a, b: a and b, None),
+    "Or": _Operation(np.logical_or, lambda a, b: a or b, None),
+    "min()": _Operation(np.minimum, lambda a, b: a if a < b or math.isnan(a) else b, None),
+    "max()": _Operation(np.maximum, lambda a, b: a if a > b or math.isnan(a) else b, None),
+    "abs()": _Operation(abs, abs, 1),
+    **{f"{name}()": _Operation(ufunc, _quiet(ufunc), 1) for name, ufunc in _UFUNCS.items()},
+    "where()": _Operation(np.where, lambda holds, then, other: then if holds else other, 3),
 }
-"""Functions by name and how many values they take (None: two or more).
+"""The language: operators by Python's names, functions with brackets.
 
 `where(condition, then, else)`.
 """
-_ARRAYS, _FLOATS = 0, 1
-_NOT: _Pair = (np.logical_not, operator.not_)
-_AND: _Pair = (np.logical_and, lambda a, b: a and b)
-_OR: _Pair = (np.logical_or, lambda a, b: a or b)
+ARITHMETIC = [name[:-2] for name in _OPERATIONS if name.endswith("()")]
+"""Names of the functions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +99,8 @@ class Expression:
         return frozenset(
             node.id
             for node in ast.walk(_tree(self.text))
-            if isinstance(node, ast.Name) and node.id not in _FUNCTIONS
+            if isinstance(node, ast.Name) and node.id not in ARITHMETIC
         )
-
-    @property
-    def is_condition(self) -> bool:
-        """Whether it says true or false rather than a number."""
-        return _is_condition(_tree(self.text))
 
     def value(self, values: Mapping[str, ArrayLike]) -> Any:
         """The value at the given values by name, which broadcast.
@@ -124,24 +108,24 @@ class Expression:
         Where it is not defined (1 / 0) it is inf or nan.
         """
         with np.errstate(all="ignore"):
-            return np.asarray(self._worked_out(values, _ARRAYS))
+            return np.asarray(self._evaluated(values))
 
     def room(self, values: Mapping[str, ArrayLike]) -> Any:
         """How far a condition is from its limit, in the unit of what it compares: below 0 where it
         does not hold.
         """
         with np.errstate(all="ignore"):
-            return np.asarray(_compiled_room(self.text)(values))
+            return np.asarray(_work(_room(_tree(self.text)))(values))
 
     def at(self, values: Mapping[str, float]) -> Any:
         """The value at one point, given as plain floats: the number (or truth) that `value` has
         there, faster.
         """
-        return self._worked_out(values, _FLOATS)
+        return self._evaluated(values, plain=True)
 
-    def _worked_out(self, values: Mapping[str, Any], kind: int) -> Any:
+    def _evaluated(self, values: Mapping[str, Any], *, plain: bool = False) -> Any:
         try:
-            return _compiled(self.text, kind)(values)
+            return _compiled(self.text, plain)(values)
         except KeyError as error:
             raise unknown(
                 f"name in expression `{self.text}`:", str(error.args[0]), sorted(values)
@@ -171,17 +155,16 @@ class Definitions:
 
     def extend(self, values: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
         """The values and the definitions at them."""
-        known = {**values, **dict(self.options)}
-        for name, expression in self.entries:
-            known[name] = expression.value(known)
-        return known
+        return self._with(values, Expression.value)
 
     def at(self, values: Mapping[str, float]) -> dict[str, float]:
         """The values and the definitions at one point, plain floats."""
-        known = dict(values)
-        known.update(self.options)
+        return self._with(values, Expression.at)
+
+    def _with(self, values: Mapping[str, Any], evaluate: Callable[..., Any]) -> dict[str, Any]:
+        known = {**values, **dict(self.options)}
         for name, expression in self.entries:
-            known[name] = expression.at(known)
+            known[name] = evaluate(expression, known)
         return known
 
 
@@ -194,20 +177,23 @@ def checked_names(expression: Expression, known: Iterable[str], owner: str) -> E
 
 def number(text: str | float, owner: str) -> Expression:
     """An expression that must be a number."""
-    if isinstance(text, int | float) and not _is_finite(text):
-        raise must_be("A number", owner, "finite", text)
-    found = Expression(repr(float(text)) if isinstance(text, int | float) else text)
-    if found.is_condition:
-        raise must_be(f"`{found.text}`", owner, "a number, not a comparison", found.text)
-    return found
+    if isinstance(text, int | float):
+        if not _is_finite(text):
+            raise must_be("A number", owner, "finite", text)
+        text = repr(float(text))
+    return _of_kind(text, owner, "a number, not a comparison", condition=False)
 
 
 def condition(text: str, owner: str) -> Expression:
     """An expression that must be true or false."""
-    found = Expression(text)
-    if not found.is_condition:
-        raise must_be(f"`{found.text}`", owner, "a condition such as `a < b`", found.text)
-    return found
+    return _of_kind(text, owner, "a condition such as `a < b`", condition=True)
+
+
+def _of_kind(text: str, owner: str, wanted: str, *, condition: bool) -> Expression:
+    expression = Expression(text)
+    if _is_condition(_tree(text)) != condition:
+        raise must_be(f"`{text}`", owner, wanted, text)
+    return expression
 
 
 @lru_cache(maxsize=512)
@@ -217,7 +203,7 @@ def _tree(text: str) -> ast.expr:
     if len(text) > LONGEST:
         raise InputError(f"An expression must have at most {LONGEST} characters, got {len(text)}.")
     tree = parsed(text, f"Expression `{clean(text)}`")
-    _check(tree, text, 0)
+    _check(tree, text)
     return tree
 
 
@@ -230,64 +216,70 @@ def parsed(text: str, what: str) -> ast.expr:
         raise InputError(f"{what} cannot be read: {reason}.") from None
 
 
-def _check(node: ast.expr, text: str, depth: int) -> None:
-    """Refuse whatever is not of the language, and conditions where a number belongs."""
+def _check(node: ast.expr, text: str, depth: int = 0, *, condition: bool | None = None) -> None:
+    """Refuse whatever is not of the language.
+
+    condition: whether a condition or a number must stand here; None: either.
+    """
+    if condition not in (None, _is_condition(node)):
+        wanted = "a condition" if condition else "a number"
+        raise must_be(f"`{ast.unparse(node)}`", f"expression `{text}`", wanted, ast.unparse(node))
     if depth > DEEPEST:
         raise InputError(f"Expression `{text}` must not be nested more than {DEEPEST} deep.")
-    match node:
-        case ast.Constant(value=value):
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, int | float)
-                or not _is_finite(value)
-            ):
-                raise InputError(
-                    f"Expression `{text}` must hold finite numbers and names only, got "
-                    f"{shown(value)}."
-                )
-            return
-        case ast.Name(id=name):
-            if name in _FUNCTIONS:
-                raise InputError(
-                    f"`{name}` in expression `{text}` is a function: it must be given values in "
-                    "brackets."
-                )
-            return
-        case ast.UnaryOp(op=ast.Not(), operand=operand):
-            parts, wants_condition = [operand], True
-        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
-            parts, wants_condition = [operand], False
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in _ARITHMETIC:
-            parts, wants_condition = [left, right], False
-        case ast.BoolOp(values=values):
-            parts, wants_condition = values, True
-        case ast.Compare(left=left, ops=ops, comparators=others) if all(
-            type(op) in _COMPARISONS for op in ops
-        ):
-            parts, wants_condition = [left, *others], False
-        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
-            check_known(f"function in expression `{text}`:", _FUNCTIONS, name)
-            count = _FUNCTIONS[name][1]
-            if len(args) != count and (count is not None or len(args) < 2):
-                wanted = "at least 2" if count is None else str(count)
-                raise must_be(
-                    f"`{name}`", f"expression `{text}`", f"given {wanted} values", len(args)
-                )
-            if name == "where":
-                _check_kind(args[0], text, wants_condition=True)
-                _check(args[0], text, depth + 1)
-                args = args[1:]
-            parts, wants_condition = args, False
-        case _:
+    if isinstance(node, ast.Constant):
+        if type(node.value) not in (int, float) or not _is_finite(node.value):  # type: ignore[arg-type]
             raise InputError(
-                f"Expression `{text}` holds `{ast.unparse(node)}`, which the language does not "
-                "have. It has numbers, "
-                "names, + - * / **, comparisons, and, or, not, and the functions "
-                f"{', '.join(_FUNCTIONS)}."
+                f"Expression `{text}` must hold finite numbers and names only, got "
+                f"{shown(node.value)}."
             )
-    for part in parts:
-        _check_kind(part, text, wants_condition=wants_condition)
-        _check(part, text, depth + 1)
+        return
+    if isinstance(node, ast.Name):
+        if node.id in ARITHMETIC:
+            raise InputError(
+                f"`{node.id}` in expression `{text}` is a function: it must be given values in "
+                "brackets."
+            )
+        return
+    name, parts = operation(node)
+    if name.endswith("()"):
+        check_known(f"function in expression `{text}`:", ARITHMETIC, name[:-2])
+    if name not in _OPERATIONS:
+        raise InputError(
+            f"Expression `{text}` holds `{ast.unparse(node)}`, which the language does not "
+            "have. It has numbers, names, + - * / **, comparisons, and, or, not, and the "
+            f"functions {', '.join(ARITHMETIC)}."
+        )
+    count = _OPERATIONS[name].takes
+    if len(parts) != count if count else len(parts) < 2:
+        wanted = f"given {count or 'at least 2'} values"
+        raise must_be(f"`{name[:-2]}`", f"expression `{text}`", wanted, len(parts))
+    for place, part in enumerate(parts):
+        joined = name in ("And", "Or", "Not") or (name == "where()" and place == 0)
+        _check(part, text, depth + 1, condition=joined)
+
+
+def operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
+    """Name of an operation in `_OPERATIONS` and what it is applied to; a chain of comparisons is an
+    `And` of pairs.
+    """
+    op: ast.AST
+    match node:
+        case ast.UnaryOp(op=op, operand=operand):
+            parts = [operand]
+        case ast.BinOp(left=left, op=op, right=right):
+            parts = [left, right]
+        case ast.BoolOp(op=op, values=parts):
+            pass
+        case ast.Compare(left=left, ops=[op], comparators=[right]):
+            parts = [left, right]
+        case ast.Compare(left=left, ops=ops, comparators=sides):
+            pairs = zip(ops, [left, *sides], sides, strict=False)
+            op, parts = ast.And(), [ast.Compare(a, [one], [b]) for one, a, b in pairs]
+        case ast.Call(func=ast.Name(id=name), args=parts, keywords=[]):
+            return f"{name}()", parts
+        case _:
+            return "", []
+    return type(op).__name__, parts
 
 
 def _is_finite(value: float) -> bool:
@@ -297,106 +289,52 @@ def _is_finite(value: float) -> bool:
         return False
 
 
-def _check_kind(node: ast.expr, text: str, *, wants_condition: bool) -> None:
-    if _is_condition(node) != wants_condition:
-        wanted = "a condition" if wants_condition else "a number"
-        raise must_be(f"`{ast.unparse(node)}`", f"expression `{text}`", wanted, ast.unparse(node))
-
-
 def _is_condition(node: ast.expr) -> bool:
-    return isinstance(node, ast.Compare | ast.BoolOp) or (
-        isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
-    )
+    negated = isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
+    return negated or isinstance(node, ast.Compare | ast.BoolOp)
 
 
 _Work = Callable[[Mapping[str, Any]], Any]
 
 
 @lru_cache(maxsize=2048)
-def _compiled(text: str, kind: int) -> _Work:
+def _compiled(text: str, plain: bool) -> _Work:
     """The expression as nested functions of the values by name.
 
-    kind: `_ARRAYS` or `_FLOATS`.
+    plain: of plain floats, else of arrays.
     """
-    return _work(_tree(text), kind)
+    return _work(_tree(text), plain=plain)
 
 
-@lru_cache(maxsize=64)
-def _compiled_room(text: str) -> _Work:
-    return _work(_room(_tree(text)), _ARRAYS)
+def _work(node: ast.expr, *, plain: bool = False) -> _Work:
+    if isinstance(node, ast.Constant):
+        constant = (float if plain else np.float64)(node.value)  # type: ignore[arg-type]
+        return lambda values: constant
+    if isinstance(node, ast.Name):
+        name = node.id
+        if plain:
+            return operator.itemgetter(name)
+        return lambda values: np.asarray(values[name], dtype=np.float64)
+    name, parts = operation(node)
+    done, inner = _OPERATIONS[name], [_work(part, plain=plain) for part in parts]
+    function = done.on_floats if plain else done.on_arrays
+    if done.takes in (2, None):
+        return reduce(lambda a, b: lambda values: function(a(values), b(values)), inner)
+    return lambda values: function(*[part(values) for part in inner])
 
 
 def _room(node: ast.expr) -> ast.expr:
     """A condition as a number that is below 0 where it does not hold: the least room of those that
     must all hold.
     """
-    match node:
-        case ast.UnaryOp(operand=operand):
-            return ast.UnaryOp(ast.USub(), _room(operand))
-        case ast.BoolOp(op=op, values=values):
-            return _one_of(
-                "min" if isinstance(op, ast.And) else "max", [_room(value) for value in values]
-            )
-        case ast.Compare(left=left, ops=ops, comparators=others):
-            sides = [left, *others]
-            return _one_of("min", list(map(_between, ops, sides, sides[1:])))
-    raise AssertionError(ast.dump(node))  # `_is_condition` knows no other
-
-
-def _between(op: ast.cmpop, left: ast.expr, right: ast.expr) -> ast.expr:
-    less, more = (right, left) if isinstance(op, ast.Gt | ast.GtE) else (left, right)
+    name, parts = operation(node)
+    if name == "Not":
+        return ast.UnaryOp(ast.USub(), _room(parts[0]))
+    if name in ("And", "Or"):
+        rooms = [_room(part) for part in parts]
+        return ast.Call(ast.Name("min" if name == "And" else "max"), rooms, [])
+    less, more = reversed(parts) if name in ("Gt", "GtE") else parts
     room: ast.expr = ast.BinOp(more, ast.Sub(), less)
-    if isinstance(op, ast.Eq | ast.NotEq):
+    if name in ("Eq", "NotEq"):
         room = ast.Call(ast.Name("abs"), [room], [])
-    return ast.UnaryOp(ast.USub(), room) if isinstance(op, ast.Eq) else room
-
-
-def _one_of(function: str, parts: list[ast.expr]) -> ast.expr:
-    return parts[0] if len(parts) == 1 else ast.Call(ast.Name(function), parts, [])
-
-
-def _work(node: ast.expr, kind: int) -> _Work:
-    found = _operation(node, kind)
-    if any(isinstance(part, ast.Name) and part.id not in _FUNCTIONS for part in ast.walk(node)):
-        return found
-    with np.errstate(all="ignore"):
-        constant = found({})
-    return lambda values: constant
-
-
-def _operation(node: ast.expr, kind: int) -> _Work:
-    match node:
-        case ast.Constant(value=value):
-            exact = float if kind == _FLOATS else np.float64
-            constant = exact(value)  # type: ignore[arg-type]
-            return lambda values: constant
-        case ast.Name(id=name):
-            if kind == _FLOATS:
-                return operator.itemgetter(name)
-            return lambda values: np.asarray(values[name], dtype=np.float64)
-        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-            return _work(operand, kind)
-        case ast.UnaryOp(op=op, operand=operand):
-            inner, turn = (
-                _work(operand, kind),
-                _NOT[kind] if isinstance(op, ast.Not) else operator.neg,
-            )
-            return lambda values: turn(inner(values))
-        case ast.BinOp(left=left, op=op, right=right):
-            return _joined(_ARITHMETIC[type(op)][kind], _work(left, kind), _work(right, kind))
-        case ast.BoolOp(op=op, values=parts):
-            join = (_AND if isinstance(op, ast.And) else _OR)[kind]
-            return reduce(lambda a, b: _joined(join, a, b), [_work(part, kind) for part in parts])
-        case ast.Compare(left=left, ops=ops, comparators=others):
-            sides = [_work(side, kind) for side in (left, *others)]
-            pairs = zip(ops, sides[:-1], sides[1:], strict=True)
-            found = [_joined(_COMPARISONS[type(op)], a, b) for op, a, b in pairs]
-            return reduce(lambda a, b: _joined(_AND[kind], a, b), found)
-        case ast.Call(func=ast.Name(id=name), args=args):
-            function, parts_of_it = _FUNCTIONS[name][0][kind], [_work(part, kind) for part in args]
-            return lambda values: function(*[part(values) for part in parts_of_it])
-    raise AssertionError(ast.dump(node))  # `_check` has refused every other node
-
-
-def _joined(operation: Callable[[Any, Any], Any], left: _Work, right: _Work) -> _Work:
-    return lambda values: operation(left(values), right(values))
+    return ast.UnaryOp(ast.USub(), room) if name == "Eq" else room

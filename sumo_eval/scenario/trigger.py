@@ -9,13 +9,19 @@ the time, and the functions below. What it says in plain numbers is worked out o
 from __future__ import annotations
 
 import ast
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.scenario import played
-from sumo_eval.scenario.expression import Expression, checked_names, number, parsed
+from sumo_eval.scenario.expression import (
+    ARITHMETIC,
+    Expression,
+    checked_names,
+    number,
+    operation,
+    parsed,
+)
 from sumo_eval.scenario.formulas import Names
 
 OF_ONE = {"x": played.X, "y": played.Y, "speed": played.ALONG, "lateral_speed": played.ACROSS}
@@ -33,12 +39,15 @@ FUNCTIONS = {
     "ended": "ended(a, m): whether a's manoeuvre of the name m is over",
 }
 """Functions of vehicles that a condition may use, `ego` among them."""
-_ARITHMETIC: dict[type[ast.operator], int] = {
-    ast.Add: played.ADD, ast.Sub: played.SUBTRACT, ast.Mult: played.MULTIPLY,
-    ast.Div: played.DIVIDE,
+_OF_NUMBERS = {
+    "Add": played.ADD, "Sub": played.SUBTRACT, "Mult": played.MULTIPLY, "Div": played.DIVIDE,
+    "USub": played.NEGATE, "min()": played.SMALLER, "max()": played.LARGER,
+    "abs()": played.ABSOLUTE,
 }  # fmt: skip
-OF_NUMBERS = {"min": played.SMALLER, "max": played.LARGER}
-_OF_ARGUMENTS = {("abs", 1): played.ABSOLUTE} | {(key, 2): op for key, op in OF_NUMBERS.items()}
+_OF_CONDITIONS = {
+    "And": played.AND, "Or": played.OR, "Lt": played.BELOW, "Gt": played.BELOW,
+    "LtE": played.AT_MOST, "GtE": played.AT_MOST,
+}  # fmt: skip
 _NUMBERS = "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(FUNCTIONS)
 EGO_NAME = "ego"
 
@@ -69,7 +78,7 @@ def trigger(text: str, owner: str, names: Names, *, departs: bool) -> Trigger:
     Raises InputError naming what is wrong, and the nearest word.
     """
     tree = parsed(text, f"Condition `{text[:200]}` of {owner}")
-    steps = _Writer(text, owner, names, departs).condition(tree)
+    steps = _Writer(text, owner, names, departs).steps(tree, condition=True)
     if len(steps) > 4 * played.DEEPEST:
         raise InputError(f"Condition `{text[:200]}` of {owner} is too long.")
     return Trigger(text, tuple(steps))
@@ -82,91 +91,66 @@ class _Writer:
     names: Names
     departs: bool
 
-    def condition(self, node: ast.expr, depth: int = 0) -> list[Step]:
-        """Steps that leave on the stack whether it holds."""
-        self._shallow(depth)
-        match node:
-            case ast.BoolOp(op=op, values=values):
-                steps = self.condition(values[0], depth + 1)
-                for value in values[1:]:
-                    steps += [
-                        *self.condition(value, depth + 1),
-                        _step(played.AND if isinstance(op, ast.And) else played.OR),
-                    ]
-                return steps
-            case ast.Compare(left=left, ops=ops, comparators=others):
-                sides = [self.number(side, depth + 1) for side in (left, *others)]
-                found: list[Step] = []
-                for compared, *pair in zip(ops, sides, sides[1:], strict=False):
-                    if not isinstance(compared, ast.Lt | ast.LtE | ast.Gt | ast.GtE):
-                        raise self._wrong(node, "compared with <, <=, > or >=")
-                    smaller, larger = pair if isinstance(compared, ast.Lt | ast.LtE) else pair[::-1]
-                    strict = isinstance(compared, ast.Lt | ast.Gt)
-                    joins = [_step(played.AND)] if found else []
-                    found += smaller + larger
-                    found += [_step(played.BELOW if strict else played.AT_MOST), *joins]
-                return found
-            case ast.Call(
-                func=ast.Name(id="ended"),
-                args=[ast.Name(id=vehicle), ast.Name(id=move)],
-                keywords=[],
-            ):
-                one = self._vehicle(vehicle)
-                if one == played.EGO:
-                    raise self._wrong(node, "of a vehicle with manoeuvres: the ego has none")
-                named = self.names.vehicles[vehicle]
-                check_known(
-                    f"manoeuvre of vehicle `{vehicle}` in {self._place}:",
-                    named,
-                    move,
-                )
-                return [(played.ENDED, one, named[move], None)]
-        raise self._wrong(node, "a condition such as `ttc(ego, child) < 2`")
-
-    def number(self, node: ast.expr, depth: int) -> list[Step]:
-        """Steps that leave a number on the stack."""
-        self._shallow(depth)
-        if not self._of_the_moment(node):
-            text = ast.unparse(node)
+    def steps(self, node: ast.expr, *, condition: bool, depth: int = 0) -> list[Step]:
+        """Steps that leave on the stack whether a condition holds, or a number."""
+        if depth >= played.DEEPEST - 2:
+            raise InputError(f"Condition `{self.text[:200]}` of {self.owner} is nested too deep.")
+        if not condition and not self._of_the_moment(node):
             known = [*self.names.known, "time"]
-            self.names.scene.append(checked_names(number(text, self._place), known, self._place))
-            return [(played.VALUE, 0, 0, self.names.scene[-1])]
-        match node:
-            case ast.Name(id="time"):
-                return [_step(played.TIME)]
-            case ast.Name(id="departed"):
-                if not self.departs:
-                    raise InputError(
-                        f"`departed` in the condition `{self.text[:200]}` of {self.owner} may "
-                        "stand in one of a "
-                        "`follow` alone, where [ego] has `recorded` places."
-                    )
-                return [_step(played.DEPARTED)]
-            case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return [*self.number(operand, depth + 1), _step(played.NEGATE)]
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in _ARITHMETIC:
-                return [
-                    *self.number(left, depth + 1), *self.number(right, depth + 1),
-                    _step(_ARITHMETIC[type(op)]),
-                ]  # fmt: skip
-            case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
-                return self._call(node, name, args, depth)
-        raise self._wrong(node, _NUMBERS)
+            constant = checked_names(number(ast.unparse(node), self._place), known, self._place)
+            self.names.scene.append(constant)
+            return [(played.VALUE, 0, 0, constant)]
+        if isinstance(node, ast.Name) and not condition:
+            return [self._now(node.id)]
 
-    def _call(self, node: ast.expr, name: str, args: list[ast.expr], depth: int) -> list[Step]:
-        """Steps of a function's value."""
+        name, parts = operation(node)
+        op = (_OF_CONDITIONS if condition else _OF_NUMBERS).get(name)
+        if op is None:
+            return [self._of_vehicles(node, name.removesuffix("()"), parts, condition=condition)]
+        joins = name in ("And", "Or")
+        if name in ("Gt", "GtE"):
+            parts = parts[::-1]
+        steps, *further = [self.steps(it, condition=joins, depth=depth + 1) for it in parts]
+        for more in further or [[]]:
+            steps += [*more, (op, 0, 0, None)]
+        return steps
+
+    def _now(self, name: str) -> Step:
+        """Step of `time` or `departed`."""
+        if name == "time":
+            return played.TIME, 0, 0, None
+        if self.departs:
+            return played.DEPARTED, 0, 0, None
+        raise InputError(
+            f"`departed` in the condition `{self.text[:200]}` of {self.owner} may stand in one of "
+            "a `follow` alone, where [ego] has `recorded` places."
+        )
+
+    def _of_vehicles(
+        self, node: ast.expr, name: str, args: list[ast.expr], *, condition: bool
+    ) -> Step:
+        """Step of a function of vehicles."""
         vehicles = [arg.id for arg in args if isinstance(arg, ast.Name)]
-        if (name, len(args)) in _OF_ARGUMENTS:
-            values = itertools.chain.from_iterable(self.number(arg, depth + 1) for arg in args)
-            return [*values, _step(_OF_ARGUMENTS[name, len(args)])]
-        if name in OF_ONE and len(vehicles) == len(args) == 1:
-            return [(OF_ONE[name], self._vehicle(vehicles[0]), 0, None)]
-        if name in OF_TWO and len(vehicles) == len(args) == 2:
-            one, two = vehicles
-            if one == two:
-                raise self._wrong(node, "of two vehicles")
-            return [(OF_TWO[name], self._vehicle(one), self._vehicle(two), None)]
-        check_known(f"function in {self._place}:", [*FUNCTIONS, *OF_NUMBERS, "abs"], name)
+        match vehicles if len(vehicles) == len(args) else []:
+            case [one, move] if condition and name == "ended":
+                number = self._vehicle(one)
+                if number == played.EGO:
+                    raise self._wrong(node, "of a vehicle with manoeuvres: the ego has none")
+                moves = self.names.vehicles[one]
+                check_known(f"manoeuvre of vehicle `{one}` in {self._place}:", moves, move)
+                return played.ENDED, number, moves[move], None
+            case [one] if not condition and name in OF_ONE:
+                return OF_ONE[name], self._vehicle(one), 0, None
+            case [one, two] if not condition and name in OF_TWO:
+                if one == two:
+                    raise self._wrong(node, "of two vehicles")
+                return OF_TWO[name], self._vehicle(one), self._vehicle(two), None
+        if isinstance(node, ast.Compare):
+            raise self._wrong(node, "compared with <, <=, > or >=")
+        if condition:
+            raise self._wrong(node, "a condition such as `ttc(ego, child) < 2`")
+        if name and isinstance(node, ast.Call):
+            check_known(f"function in {self._place}:", [*FUNCTIONS, "min", "max", "abs"], name)
         raise self._wrong(node, f"as in {FUNCTIONS[name]}" if name in FUNCTIONS else _NUMBERS)
 
     @property
@@ -175,19 +159,14 @@ class _Writer:
         return f"`{self.text}` of {self.owner}"
 
     def _of_the_moment(self, node: ast.expr) -> bool:
-        for part in ast.walk(node):
-            if (
-                isinstance(part, ast.Name)
-                and part.id in ("time", "departed")
-                and part.id not in self.names.known
-            ):
-                return True
-            if isinstance(part, ast.Call) and not (
-                isinstance(part.func, ast.Name)
-                and part.func.id in ("min", "max", "abs", "sqrt", "exp", "log", "tanh")
-            ):
-                return True
-        return False
+        moment = {"time", "departed"}.difference(self.names.known)
+        arithmetic = {f"{name}()" for name in ARITHMETIC}
+        return any(
+            part.id in moment
+            if isinstance(part, ast.Name)
+            else isinstance(part, ast.Call) and operation(part)[0] not in arithmetic
+            for part in ast.walk(node)
+        )
 
     def _vehicle(self, name: str) -> int:
         if name == EGO_NAME:
@@ -196,15 +175,7 @@ class _Writer:
             raise unknown(f"vehicle in {self._place}:", name, [EGO_NAME, *self.names.vehicles])
         return list(self.names.vehicles).index(name)
 
-    def _shallow(self, depth: int) -> None:
-        if depth >= played.DEEPEST - 2:
-            raise InputError(f"Condition `{self.text[:200]}` of {self.owner} is nested too deep.")
-
     def _wrong(self, node: ast.expr, wanted: str) -> InputError:
         return must_be(
             f"`{ast.unparse(node)}` in the condition", self.owner, wanted, self.text[:200]
         )
-
-
-def _step(op: int) -> Step:
-    return op, 0, 0, None

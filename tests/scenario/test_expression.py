@@ -72,8 +72,8 @@ def test_a_missing_value_is_named():
 
 def test_it_knows_the_names_it_needs_and_whether_it_is_a_condition():
     assert Expression("min(a, 3 * b)").names == {"a", "b"}
-    assert Expression("a < b and not b < 2").is_condition
-    assert not Expression("where(a < b, a, b)").is_condition
+    assert condition("a < b and not b < 2", "a test")
+    assert number("where(a < b, a, b)", "a test")
 
 
 @pytest.mark.parametrize(
