@@ -60,44 +60,33 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
             f"points, got {budget}: "
             f"{len(possible)} of its candidates are possible. Larger rounds have more candidates."
         )
-    evenly_spread = spread(
-        size_of_next(budget, size, 0), np.ones(len(cells)), np.full(len(cells), np.inf)
+    capacity = np.array([len(cell) for cell in cells], dtype=np.float64)
+    counts = request.rounds or (
+        spread(size_of_next(budget, size, 0), np.ones(len(cells)), np.full(len(cells), np.inf)),
     )
-    counts = request.rounds or (evenly_spread,)
-    if sum(map(sum, counts)) > budget:
-        raise must_be(
-            "`count`",
-            owner,
-            f"at least the {sum(map(sum, counts))} points that its rounds have",
-            budget,
-        )
     for row in counts:
         if len(row) != len(cells) or min(row) < LEAST_IN_CELL:
-            raise must_be(
-                "`rounds`",
-                owner,
-                f"rows of {len(cells)} numbers, at least {LEAST_IN_CELL} each",
-                list(row),
-            )
-    chosen, stands_for, stratum = [], [], []
-    taken, total = np.zeros(len(cells), dtype=np.intp), float(len(possible))
-    for number, row in enumerate(counts):
-        for cell, wanted in enumerate(row):
-            found = cells[cell][taken[cell] : taken[cell] + wanted]
-            if len(found) < wanted:
-                raise must_be(
-                    "`rounds`",
-                    owner,
-                    f"at most {len(cells[cell])} points of a cell together",
-                    wanted,
-                )
-            chosen.append(found)
-            stands_for.append(np.full(wanted, sum(row) * len(cells[cell]) / total / wanted))
-            stratum.append(np.full(wanted, number * len(cells) + cell, dtype=np.intp))
-        taken += np.array(row, dtype=np.intp)
-    points, weights = possible[np.concatenate(chosen)], np.concatenate(stands_for)
+            must = f"rows of {len(cells)} numbers, at least {LEAST_IN_CELL} each"
+            raise must_be("`rounds`", owner, must, list(row))
+    taken = np.array(counts)
+    if taken.sum() > budget:
+        must = f"at least the {taken.sum()} points that its rounds have"
+        raise must_be("`count`", owner, must, budget)
+    ends = taken.cumsum(axis=0)
+    if (full := ends[-1] > capacity).any():
+        must = f"at most {capacity[full][0]:g} points of a cell together"
+        raise must_be("`rounds`", owner, must, int(ends[-1][full][0]))
+    chosen = [
+        cells[cell][end - count : end]
+        for row, reach in zip(taken, ends, strict=True)
+        for cell, (count, end) in enumerate(zip(row, reach, strict=True))
+    ]
+    points = possible[np.concatenate(chosen)]
+    weight = taken.sum(axis=1, keepdims=True) * capacity / float(len(possible)) / taken
+    weights = np.repeat(weight, taken.ravel())
+    stratum = np.repeat(np.arange(taken.size, dtype=np.intp), taken.ravel())
     exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points)) * weights
-    return Drawn(points, exposure, (), weights, np.concatenate(stratum))
+    return Drawn(points, exposure, (), weights, stratum)
 
 
 def size_of_round(budget: int, size: int | None, owner: str) -> int:
@@ -111,12 +100,8 @@ def size_of_round(budget: int, size: int | None, owner: str) -> int:
         return max(budget // DEFAULT_ROUNDS, SMALLEST_ROUND)
     least = max(SMALLEST_ROUND, math.ceil(budget / MOST_ROUNDS))
     if not least <= size <= budget:
-        raise must_be(
-            "`round`",
-            owner,
-            f"from {least} to `count`, {budget}: at most {MOST_ROUNDS} rounds",
-            size,
-        )
+        must = f"from {least} to `count`, {budget}: at most {MOST_ROUNDS} rounds"
+        raise must_be("`round`", owner, must, size)
     return size
 
 
@@ -147,22 +132,27 @@ def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, .
     """
     largest = float(attention.max())
     wanted = np.round(attention / largest, 9) if largest > 0.0 else np.ones(len(attention))
-    found = [LEAST_IN_CELL] * len(attention)
+    counts = [LEAST_IN_CELL] * len(attention)
 
-    def next_of(cell: int) -> tuple[float, int, int]:
-        return -float(wanted[cell]) / math.sqrt(found[cell] * (found[cell] + 1)), found[cell], cell
+    def gain(cell: int) -> tuple[float, int, int]:
+        return (
+            -float(wanted[cell]) / math.sqrt(counts[cell] * (counts[cell] + 1)),
+            counts[cell],
+            cell,
+        )
 
-    gain = [next_of(cell) for cell in range(len(found))]
-    heapify(gain)
-    for _ in range(points - sum(found)):
-        while gain and found[gain[0][-1]] >= room[gain[0][-1]]:
-            heappop(gain)
-        if not gain:
+    gains = [gain(cell) for cell in range(len(counts)) if room[cell] > LEAST_IN_CELL]
+    heapify(gains)
+    for _ in range(points - sum(counts)):
+        if not gains:
             break
-        cell = gain[0][-1]
-        found[cell] += 1
-        heapreplace(gain, next_of(cell))
-    return tuple(found)
+        cell = gains[0][-1]
+        counts[cell] += 1
+        if counts[cell] < room[cell]:
+            heapreplace(gains, gain(cell))
+        else:
+            heappop(gains)
+    return tuple(counts)
 
 
 def capacity_of_cells(logical: LogicalScenario, size: int, seed: int) -> FloatArray:

@@ -5,6 +5,7 @@ parameters' values.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 
 import covertable  # type: ignore[import-untyped]
@@ -15,7 +16,6 @@ from sumo_eval.errors import must_be
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.grid import grid_axes, mesh
 from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
-from sumo_eval.trajectory import BoolArray
 
 Levels = NDArray[np.intp]
 """Points of a grid (n, k), as the number of the value on each axis."""
@@ -40,13 +40,12 @@ def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> list[NDArr
     """The combinations that points hold: one array of codes (n,) for each choice of `strength`
     axes.
     """
-    found = []
-    for axes in itertools.combinations(range(len(sizes)), strength):
-        code = np.zeros(len(levels), dtype=np.intp)
-        for axis in axes:
-            code = code * sizes[axis] + levels[:, axis]
-        found.append(code)
-    return found
+    return [
+        np.ravel_multi_index(
+            tuple(levels[:, axis] for axis in axes), tuple(sizes[axis] for axis in axes)
+        )
+        for axes in itertools.combinations(range(len(sizes)), strength)
+    ]
 
 
 def _covering(logical: LogicalScenario, request: Request, strength: int) -> Drawn:
@@ -55,65 +54,50 @@ def _covering(logical: LogicalScenario, request: Request, strength: int) -> Draw
     """
     axes, notes = grid_axes(logical, request)
     sizes = [len(axis) for axis in axes]
-    everything = mesh(axes)
-    every = np.stack([part.ravel() for part in np.indices(sizes)], axis=-1)
+    everything, every = mesh(axes), np.indices(sizes).reshape(len(sizes), -1).T
     feasible = logical.feasible(everything)
     strength = min(strength, len(sizes))
     if strength == 1 or len(sizes) == 1:
-        rows = np.stack([np.arange(max(sizes)) % size for size in sizes], axis=-1)
+        rows = [[number % size for size in sizes] for number in range(max(sizes))]
     else:
-        made = covertable.make(
-            [list(range(size)) for size in sizes], strength=strength, salt=str(request.seed)
-        )
-        rows = np.array([list(row) for row in made], dtype=np.intp)
-    chosen = _numbers(rows, sizes)
-    possible = [np.unique(codes[feasible]) for codes in tuples_of(every, sizes, strength)]
-    added = _complete(chosen[feasible[chosen]], every, feasible, sizes, strength)
+        values = [list(range(size)) for size in sizes]
+        rows = list(covertable.make(values, strength=strength, salt=str(request.seed)))
+    chosen = np.ravel_multi_index(tuple(np.array(rows, dtype=np.intp).T), tuple(sizes))
+    codes = tuples_of(every, sizes, strength)
+    added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), codes)
     numbers = np.unique(np.concatenate([chosen, added]))
-    total = sum(
-        np.prod([sizes[axis] for axis in axes_])
-        for axes_ in itertools.combinations(range(len(sizes)), strength)
-    )
-    held = sum(len(codes) for codes in possible)
-    excluded = int(total) - held
-    if excluded:
+    total = sum(map(math.prod, itertools.combinations(sizes, strength)))
+    held = sum(len(np.unique(code[feasible])) for code in codes)
+    if held < total:
         what = {2: "pairs"}.get(strength, f"combinations of {strength}")
         notes += (
-            f"{excluded} of {int(total)} {what} of values exist in no possible point; the other "
+            f"{total - held} of {total} {what} of values exist in no possible point; the other "
             f"{held} are held.",
         )
     return Drawn(everything[numbers], notes=notes)
 
 
-def _complete(
-    have: Levels, every: Levels, feasible: BoolArray, sizes: Sequence[int], strength: int
-) -> Levels:
+def _complete(have: Levels, candidates: Levels, codes: Sequence[Levels]) -> Levels:
     """Numbers of further possible points, so that no combination is missing that a possible point
     could hold.
 
+    have: numbers of the points that there are. candidates: of the possible ones. codes: as of
+    `tuples_of`, of the full grid.
+
     Greedy: the point that holds most of what is missing, the first of equals, again and again.
     """
-    candidates = np.flatnonzero(feasible)
-    codes = tuples_of(every[candidates], sizes, strength)
-    place = np.searchsorted(candidates, have)
+    codes = [code[candidates] for code in codes]
     missing = []
     for code in codes:
-        wanted = np.zeros(int(code.max()) + 1 if len(code) else 1, dtype=np.bool_)
+        wanted = np.zeros(int(code.max(initial=0)) + 1, dtype=np.bool_)
         wanted[code] = True
-        wanted[code[place]] = False
+        wanted[code[np.searchsorted(candidates, have)]] = False
         missing.append(wanted)
     added: list[int] = []
     while any(wanted.any() for wanted in missing):
-        gain = sum(
-            wanted[code].astype(np.intp) for code, wanted in zip(codes, missing, strict=True)
-        )
+        gain = sum(wanted[code] * 1 for code, wanted in zip(codes, missing, strict=True))
         best = int(np.argmax(gain))
         added.append(int(candidates[best]))
         for code, wanted in zip(codes, missing, strict=True):
             wanted[code[best]] = False
     return np.array(added, dtype=np.intp)
-
-
-def _numbers(rows: Levels, sizes: Sequence[int]) -> Levels:
-    """The number of each point in the full grid."""
-    return np.asarray(np.ravel_multi_index(tuple(rows.T), tuple(sizes)), dtype=np.intp)

@@ -34,18 +34,13 @@ def sequence(name: str) -> Callable[[LogicalScenario, Request], Drawn]:
     """
 
     def first_points(logical: LogicalScenario, request: Request) -> Drawn:
-        count, stream, k = (
-            request.wanted(logical),
-            request.stream(logical, name),
-            len(logical.names),
-        )
+        count, stream = request.wanted(logical), request.stream(logical, name)
         if name == "sobol":
             uneven = (f"Sobol points are evenest in powers of 2; {count} is none.",)
-            return Drawn(
-                evenly(logical, count, stream), notes=uneven if count & (count - 1) else ()
-            )
+            points = evenly(logical, count, stream)
+            return Drawn(points, notes=uneven if count & (count - 1) else ())
         kind = _qmc().LatinHypercube if name == "latin_hypercube" else _qmc().Halton
-        return Drawn(logical.from_shares(kind(k, rng=stream).random(count)))
+        return Drawn(logical.from_shares(kind(len(logical.names), rng=stream).random(count)))
 
     return first_points
 
@@ -105,27 +100,19 @@ def _drawn(
     count = request.wanted(logical)
     stream = request.stream(logical, label)
     shares = _sobol(len(logical.names), min(max(1024, CANDIDATES * count), MOST_CANDIDATES), stream)
-    columns, density = [], np.ones(len(shares))
+    points, density = logical.from_shares(shares), np.ones(len(shares))
     for column, item in enumerate(logical.parameters):
-        if item.distribution is None or item.values:
-            columns.append(item.from_shares(shares[:, column]))
-        else:
-            values = item.rounded(
-                item.distribution.quantile(shares[:, column], item.low, item.high)
-            )
-            density = density * item.distribution.density(values, item.low, item.high)
-            columns.append(values)
-    points = np.column_stack(columns)
+        if item.distribution is not None and not item.values:
+            low, high = item.low, item.high
+            drawn = item.distribution.quantile(shares[:, column], low, high)
+            points[:, column] = item.rounded(drawn)
+            density *= item.distribution.density(points[:, column], low, high)
     exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
     more = np.asarray(attention(points))
     weight = more * np.divide(exposure, density, out=np.zeros(len(points)), where=density > 0.0)
     if not (np.all(np.isfinite(weight)) and weight.sum() > 0.0):
-        raise must_be(
-            "The exposure",
-            f"scenario `{logical.name}`",
-            "finite, and above 0 somewhere",
-            weight.sum(),
-        )
+        must = "finite, and above 0 somewhere"
+        raise must_be("The exposure", f"scenario `{logical.name}`", must, weight.sum())
     if np.ptp(weight) <= 1e-9 * weight.max():
         return points[:count], more[:count]
     # Systematic: every 1/count of the sum picks the candidate it falls on; a heavy one may be
@@ -135,10 +122,9 @@ def _drawn(
     points, more, weight = points[order], more[order], weight[order]
     picks = (stream.uniform() + np.arange(count)) / count
     reach = np.cumsum(weight) / weight.sum()
-    chosen = np.unique(
-        np.minimum(np.searchsorted(reach, picks), len(points) - 1), return_counts=True
-    )
-    return points[chosen[0]], more[chosen[0]] / chosen[1]
+    places = np.minimum(np.searchsorted(reach, picks), len(points) - 1)
+    chosen, times = np.unique(places, return_counts=True)
+    return points[chosen], more[chosen] / times
 
 
 def _fewer(found: int, request: Request) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -30,60 +31,56 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     if request.file is None:
         raise InputError(f"`file` of {owner_of(logical)} is missing.")
     path = (request.folder or Path.cwd()) / request.file
+    owner = f"the points {path}"
     try:
         with input_file(path, "file of points").open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            titles = [from_cell(str(name).strip()) for name in reader.fieldnames or ()]
-            header, factors = _columns(logical, titles, f"the points {path}")
-            reader.fieldnames = header
-            rows = list(reader)
+            titles, *lines = [line for line in csv.reader(file) if line] or [[]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The points {path} cannot be read: {error}.") from error
+    titles = [from_cell(title.strip()) for title in titles]
+    header, factors = _columns(logical, titles, owner)
     if missing := [name for name in logical.names if name not in header]:
         what = "a column" if len(missing) == 1 else "the columns"
         listed = ", ".join(f"`{name}`" for name in missing)
-        raise InputError(
-            f"The points {path} must have {what} {listed}.{did_you_mean(missing[0], header)}"
-        )
-    if not rows:
+        near = did_you_mean(missing[0], header)
+        raise InputError(f"The points {path} must have {what} {listed}.{near}")
+    if not lines:
         raise InputError(f"The points {path} must have at least one row.")
-    for name in header:
-        if header.count(name) > 1:
-            raise InputError(
-                f"The points {path} must have every column once, got {shown(name)} twice."
-            )
-    for number, row in enumerate(rows, 2):
-        if None in row:  # where DictReader puts what is too much
+    if double := [name for name, times in Counter(header).items() if times > 1]:
+        raise InputError(
+            f"The points {path} must have every column once, got {shown(double[0])} twice."
+        )
+    names = [*logical.names, *({EXPOSURE} & set(header))]
+    table = []
+    for number, line in enumerate(lines, 2):
+        if len(line) > len(header):
             raise InputError(
                 f"Line {number} of the points {path} must have {len(header)} values, got more."
             )
-    columns = [*logical.names, *([EXPOSURE] if EXPOSURE in header else [])]
-    table = np.array(
-        [
-            [_real(row[name], name, number, path) for name in columns]
-            for number, row in enumerate(rows, 2)
-        ]
-    )
-    points = table[:, : len(logical.names)] * [factors.get(name, 1.0) for name in logical.names]
-    _check_box(logical, points, str(path))
-    exposure = table[:, -1] if EXPOSURE in header else None
-    if exposure is not None and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
-        raise must_be(
-            "`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", exposure.min()
+        row = dict(zip(header, line, strict=False))
+        table.append(
+            [
+                _real(row.get(name), f"`{name}` in line {number}", owner) * factors.get(name, 1.0)
+                for name in names
+            ]
         )
-    ignored = [name for name in header if name not in columns]
-    notes: tuple[str, ...] = (
-        (f"Columns of {path.name} that name no parameter: {clean(', '.join(ignored))}.",)
-        if ignored
-        else ()
-    )
+    points, exposure = np.hsplit(np.array(table), [len(logical.names)])
+    _check_box(logical, points, str(path))
+    if exposure.size and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
+        raise must_be("`exposure`", owner, "at least 0, and above 0 somewhere", exposure.min())
+    ignored = [name for name in header if name not in names]
     converted = [
         title for title, name in zip(titles, header, strict=True) if factors.get(name, 1.0) != 1.0
     ]
-    notes += (
-        f"Converted to the parameters' units from {path.name}: {clean(', '.join(converted))}.",
-    ) * bool(converted)
-    return Drawn(points, exposure=exposure, notes=notes)
+    notes = [
+        f"{what}: {clean(', '.join(columns))}."
+        for what, columns in (
+            (f"Columns of {path.name} that name no parameter", ignored),
+            (f"Converted to the parameters' units from {path.name}", converted),
+        )
+        if columns
+    ]
+    return Drawn(points, exposure[:, 0] if exposure.size else None, tuple(notes))
 
 
 def _columns(
@@ -105,15 +102,11 @@ def _columns(
 
 def from_function(logical: LogicalScenario, request: Request, locator: str) -> Drawn:
     """The points that the user's function `(space, n, rng) -> points` returns."""
-    count = request.wanted(logical)
+    count, owner = request.wanted(logical), f"sampler `{locator}`"
     function = load_object(locator, request.folder, "Sampler")
     if not callable(function):
-        raise must_be(
-            f"Sampler `{locator}`",
-            f"scenario `{logical.name}`",
-            "a function",
-            type(function).__name__,
-        )
+        kind = type(function).__name__
+        raise must_be(f"Sampler `{locator}`", f"scenario `{logical.name}`", "a function", kind)
     try:
         found = function(logical, count, request.stream(logical, locator))
         points = np.asarray(found, dtype=np.float64)
@@ -121,28 +114,22 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
         raise
     except BaseException as error:
         raise InputError(f"Sampler `{locator}` failed: {said(error)}.") from error
-    if points.ndim != 2 or points.shape[1] != len(logical.names) or not len(points):
-        wanted = (
-            f"an (n, {len(logical.names)}) array with a column for each of "
-            f"{', '.join(logical.names)}"
-        )
-        raise must_be("The result", f"sampler `{locator}`", wanted, points.shape)
-    _check_box(logical, points, f"sampler `{locator}`")
-    notes = (
-        ()
-        if len(points) == count
-        else (f"Sampler `{locator}` was asked for {count} points, returned {len(points)}.",)
-    )
-    return Drawn(points, notes=notes)
+    k = len(logical.names)
+    if points.ndim != 2 or points.shape[1] != k or not len(points):
+        must = f"an (n, {k}) array with a column for each of {', '.join(logical.names)}"
+        raise must_be("The result", owner, must, points.shape)
+    _check_box(logical, points, owner)
+    note = f"Sampler `{locator}` was asked for {count} points, returned {len(points)}."
+    return Drawn(points, notes=(note,) if len(points) != count else ())
 
 
-def _real(text: str | None, name: str, line: int, path: Path) -> float:
+def _real(text: str | None, what: str, owner: str) -> float:
     try:
         value = float(text or "")
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise must_be(f"`{name}` in line {line}", f"the points {path}", "a number", text)
+        raise must_be(what, owner, "a number", text)
     return value
 
 
@@ -150,10 +137,8 @@ def _check_box(logical: LogicalScenario, points: np.ndarray, owner: str) -> None
     """Points that leave the space are a mistake of the list, unlike points that a constraint
     excludes.
     """
-    outside = np.flatnonzero(~logical.in_box(points))
-    if len(outside):
-        row = points[outside[0]]
-        for item, value in zip(logical.parameters, row, strict=True):
-            if not item.low <= value <= item.high:
-                what = f"`{item.name}` of point {outside[0] + 1}"
-                raise must_be(what, owner, f"within {item.low:g}..{item.high:g}", float(value))
+    outside = np.argwhere((points < logical.low) | (points > logical.high))
+    for row, column in outside[:1].tolist():
+        item = logical.parameters[column]
+        what, must = f"`{item.name}` of point {row + 1}", f"within {item.low:g}..{item.high:g}"
+        raise must_be(what, owner, must, float(points[row, column]))

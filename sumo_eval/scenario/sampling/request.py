@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -55,21 +55,19 @@ class Request:
     @property
     def given(self) -> frozenset[str]:
         """The keys that are set."""
-        names = ("levels", "count", "strength", "file", "round", "aim", "until")
-        present = {name for name in names if getattr(self, name) is not None}
-        return frozenset(present | {name for name in ("steps", "rounds") if getattr(self, name)})
+        unset = {"folder", "seed", "danger"}
+        return frozenset(
+            item.name
+            for item in fields(self)
+            if item.name not in unset and getattr(self, item.name) not in (None, (), {})
+        )
 
     def wanted(self, logical: LogicalScenario) -> int:
         """`count`, which has to be there."""
-        if (
-            isinstance(self.count, bool)
-            or not isinstance(self.count, int)
-            or not 1 <= self.count <= MAX_POINTS
-        ):
-            raise must_be(
-                "`count`", owner_of(logical), f"a whole number from 1 to {MAX_POINTS:,}", self.count
-            )
-        return self.count
+        if type(self.count) is int and 1 <= self.count <= MAX_POINTS:
+            return self.count
+        must = f"a whole number from 1 to {MAX_POINTS:,}"
+        raise must_be("`count`", owner_of(logical), must, self.count)
 
     def stream(self, logical: LogicalScenario, *label: str) -> np.random.Generator:
         """Random numbers of a method."""

@@ -8,9 +8,11 @@ evaluation's seed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,7 @@ from sumo_eval.scenario.sampling.drawn_points import by_exposure, by_exposure_an
 from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.listed_points import from_csv, from_function
 from sumo_eval.scenario.sampling.request import Drawn, Levels, Request, Steps, owner_of
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,46 +99,48 @@ def sample(
     makes no points.
     """
     request = request or Request(levels=levels, steps=steps)
-    given = request.given
+    keys = request.given
     if method is None:
-        method = (
-            "grid"
-            if given & {"levels", "steps"}
-            else "file"
-            if "file" in given
-            else logical.default_sample
-        )
-    owner = owner_of(logical)
+        method = "grid" if keys & {"levels", "steps"} else "file" if "file" in keys else None
+        method = method or logical.default_sample
     prescribed = {item.name: item for item in logical.samples}
     if method in prescribed:
-        if given:
+        if keys:
             raise InputError(
                 f"Sample `{method}` of scenario `{logical.name}` is a list: it has no levels or "
                 "steps."
             )
         drawn = Drawn(np.array(prescribed[method].points, dtype=np.float64))
-    elif ":" in method:
-        _refuse_extra(given, {"count"}, method, owner)
-        drawn = from_function(logical, request, method)
-    elif method in (methods := METHODS if method in METHODS else all_methods()):
-        choose, takes = methods[method]
-        _refuse_extra(given, takes, method, owner)
+    else:
+        choose, takes = _method(method, prescribed)
+        for extra in sorted(keys - takes):
+            raise InputError(
+                f"`{extra}` of {owner_of(logical)} does nothing in method `{method}`, which takes "
+                f"{', '.join(f'`{name}`' for name in sorted(takes))}."
+            )
         drawn = choose(logical, request)
-    else:
-        raise unknown("sampling method", method, (*methods, *prescribed))
     feasible = logical.feasible(drawn.points)
-    points = drawn.points[feasible]
-    if drawn.exposure is not None:
-        exposure = drawn.exposure[feasible]
-    else:
-        exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points)).astype(
-            np.float64
-        )
-    stands_for = None if drawn.stands_for is None else drawn.stands_for[feasible]
-    stratum = None if drawn.stratum is None else drawn.stratum[feasible]
-    return Sample(
-        points, drawn.points[~feasible], exposure, drawn.notes, method, stands_for, stratum
-    )
+    points, refused = drawn.points[feasible], drawn.points[~feasible]
+    exposure = _rows(drawn.exposure, feasible)
+    if exposure is None:
+        every = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
+        exposure = every.astype(np.float64)
+    stands_for, stratum = _rows(drawn.stands_for, feasible), _rows(drawn.stratum, feasible)
+    return Sample(points, refused, exposure, drawn.notes, method, stands_for, stratum)
+
+
+def _rows(values: Any, chosen: BoolArray) -> Any:
+    return None if values is None else values[chosen]
+
+
+def _method(name: str, prescribed: Collection[str]) -> Method:
+    """The function of a method, and the keys that it takes."""
+    if ":" in name:
+        return partial(from_function, locator=name), frozenset({"count"})
+    methods = METHODS if name in METHODS else all_methods()
+    if name not in methods:
+        raise unknown("sampling method", name, (*methods, *prescribed))
+    return methods[name]
 
 
 def grid(logical: LogicalScenario, *, levels: Levels = None, steps: Steps = None) -> FloatArray:
@@ -155,18 +159,3 @@ def central_point(logical: LogicalScenario) -> FloatArray:
     # rounded: equals must stay equal
     point: FloatArray = points[int(np.argmin(np.round(distance, 12)))]
     return point
-
-
-def _refuse_extra(
-    given: frozenset[str], takes: frozenset[str] | set[str], method: str, owner: str
-) -> None:
-    extra = sorted(given - takes)
-    if extra:
-        raise InputError(
-            f"`{extra[0]}` of {owner} does nothing in method `{method}`, which takes "
-            f"{_listed(takes)}."
-        )
-
-
-def _listed(names: frozenset[str] | set[str]) -> str:
-    return ", ".join(f"`{name}`" for name in sorted(names))
