@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
-from sumo_eval.scenario.catalogue import SCENARIOS
+from sumo_eval.scenario.catalogue import SCENARIOS, load
 from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import SimulationSettings
 
@@ -27,7 +27,7 @@ def sumo_inputs() -> dict[str, str]:
     """Every file by its path from the root of the tree."""
     settings = SimulationSettings()
     files: dict[str, str] = {}
-    for logical in SCENARIOS.values():
+    for logical in map(load, SCENARIOS):
         concrete = logical.concretes(central_point(logical)[None])[0]
         network, routes = f"{logical.road.name}.net.xml", f"{logical.name}.rou.xml"
         view = f"{logical.road.name}.view.xml"

@@ -16,9 +16,9 @@ from sumo_eval.cli.sentences import tell
 @click.command(epilog="Example: sumo-eval scenarios")
 def scenarios() -> None:
     """List the logical scenarios that ship, with their parameters."""
-    from sumo_eval.scenario.catalogue import SCENARIOS
+    from sumo_eval.scenario.catalogue import SCENARIOS, load
 
-    for scenario in SCENARIOS.values():
+    for scenario in map(load, SCENARIOS):
         tell(f"{scenario.name}\n  {scenario.about}")
         for item in scenario.parameters:
             tell(

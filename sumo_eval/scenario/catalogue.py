@@ -6,7 +6,8 @@ A file is read when its scenario is asked for, once.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -19,26 +20,8 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings.locators import load_object
 
-
-class _Shipped(Mapping[str, LogicalScenario]):
-    """The shipped logical scenarios by name, each without options."""
-
-    def __getitem__(self, name: str) -> LogicalScenario:
-        if name not in scenario_files():
-            raise KeyError(name)
-        return load(name)
-
-    def __contains__(self, name: object) -> bool:
-        return name in scenario_files()
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(scenario_files())
-
-    def __len__(self) -> int:
-        return len(scenario_files())
-
-
-SCENARIOS: Final[Mapping[str, LogicalScenario]] = _Shipped()
+SCENARIOS: Final = tuple(scenario_files())
+"""Names of the shipped logical scenarios."""
 
 
 def find(use: str, folder: Path | None = None) -> LogicalScenario:
@@ -49,26 +32,31 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
     `cut_in?lateral_acceleration=1.5`.
     """
     plain, given = options_of(use)
-    if plain.endswith(".toml"):
-        return read_scenario((Path.cwd() if folder is None else folder) / plain, given)
-    if form := format_of(plain):
-        return form.read((Path.cwd() if folder is None else folder) / plain, given)
+    if reader := _reader_of(plain):
+        return reader((Path.cwd() if folder is None else folder) / plain, given)
     if is_use_case(plain):
         refuse_use_case(plain)
     if ":" not in plain:
         return load(use)
-    found = load_object(use, folder, "Logical scenario")
-    if not isinstance(found, LogicalScenario):
+    logical = load_object(use, folder, "Logical scenario")
+    if not isinstance(logical, LogicalScenario):
         raise InputError(
-            f"Logical scenario `{use}` must be a LogicalScenario, got {type(found).__name__}."
+            f"Logical scenario `{use}` must be a LogicalScenario, got {type(logical).__name__}."
         )
-    return found
+    return logical
+
+
+def _reader_of(file: str) -> Callable[..., LogicalScenario] | None:
+    """What reads a scenario file; None of what names none."""
+    if file.endswith(".toml"):
+        return read_scenario
+    form = format_of(file)
+    return form.read if form else None
 
 
 def is_file(use: str) -> bool:
     """Whether a `use` names a file with a scenario of its own, not a shipped one and no Python."""
-    plain = use.partition("?")[0]
-    return plain.endswith(".toml") or format_of(plain) is not None
+    return _reader_of(use.partition("?")[0]) is not None
 
 
 @cache
@@ -82,26 +70,19 @@ def load(name: str) -> LogicalScenario:
         _, dot, ending = plain.rpartition(".")
         if not dot:
             raise unknown("logical scenario", plain, files)
-        again = (
-            " It is one of sumo_eval's own: `pip install -e .` once more."
-            if ending == "xosc"
-            else ""
-        )
+        again = " It is one of sumo_eval's own: `pip install -e .` once more." * (ending == "xosc")
         raise InputError(
             f"Unknown logical scenario `{plain}`: no installed package reads `.{ending}` files, "
-            "which the entry point "
-            f"`{ending}` of the group `{GROUP}` would do.{again}"
+            f"which the entry point `{ending}` of the group `{GROUP}` would do.{again}"
         )
     return read_scenario(files[plain], given)
 
 
 def options_of(use: str) -> tuple[str, dict[str, str]]:
     """The part before the options of `cut_in?a=1&b=2`, and the options by name, as written."""
-    plain, asks, options = use.partition("?")
-    given: dict[str, str] = {}
-    for option in options.split("&") if asks else ():
-        key, _, value = option.partition("=")
-        if key in given:
+    plain, *texts = use.split("?", 1)
+    options = [option.partition("=")[::2] for text in texts for option in text.split("&")]
+    for key, times in Counter(key for key, _ in options).items():
+        if times > 1:
             raise InputError(f"Option `{key}` of `{use}` must be given once.")
-        given[key] = value
-    return plain, given
+    return plain, dict(options)

@@ -59,35 +59,24 @@ def _with_options(
         if item.name not in given:
             continue
         unit = "" if item.unit == "1" else f" {item.unit}"
-        wanted = "finite" if item.above is None else f"finite and above {item.above:g}{unit}"
+        wanted = f"a finite number{unit and ' of'}{unit}"
+        wanted += "" if item.above is None else f" above {item.above:g}"
         try:
             value = float(given[item.name])
         except ValueError:
-            raise must_be(
-                f"`{item.name}`",
-                owner,
-                f"a number of {item.unit}" if unit else "a number",
-                given[item.name],
-            ) from None
+            value = math.nan
         if not (math.isfinite(value) and (item.above is None or value > item.above)):
-            raise must_be(f"`{item.name}`", owner, wanted, value)
-        values[item.name] = value
-        then = item.given
-        suffix = then.suffix
-        suffix = item.name if suffix is None else suffix.replace("{value}", _worded(value))
+            raise must_be(f"`{item.name}`", owner, wanted, given[item.name])
+        values[item.name], then = value, item.given
+        word = f"{value:g}".replace("-", "minus_").replace(".", "_").replace("+", "")
         table = replace(
             table,
-            name=f"{table.name}_{suffix}",
+            name=f"{table.name}_{(then.suffix or item.name).replace('{value}', word)}",
             about=table.about if then.about is None else then.about,
-            road=table.road if then.road is None else then.road,
+            road=then.road or table.road,
             vehicle=(*table.vehicle, *then.vehicle),
         )
     return table, values
-
-
-def _worded(value: float) -> str:
-    """A number as a part of a name."""
-    return f"{value:g}".replace("-", "minus_").replace(".", "_").replace("+", "")
 
 
 def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from sumo_eval.scenario.undisturbed import tracks
 Range = tuple[float, float]
 _ANY: Range = (-math.inf, math.inf)
 _NOT_NEGATIVE: Range = (0.0, math.inf)
-_LOOKS = 601  # at a script until the time limit
+_LOOKS = 600  # at a script until the time limit
 _HEADWAY = 2.0  # s
 _CREEPS = 0.1  # m/s, no ego counts as slower
 _PAST = 5.0  # m that an ego may be past the end of its road at the end of a step
@@ -65,39 +65,20 @@ def leaves_at(
     reacts counts with the speed that it begins with.
     """
     ego, road = concrete.ego, concrete.road
+    if not concrete.actors:
+        return
     alone = (road.length - ego.x) / max(ego.speed, _CREEPS)
-    times = np.linspace(0.0, time_limit, _LOOKS).tolist()
-    for actor, time in zip(concrete.actors, _reach(concrete, end, alone, times), strict=True):
-        speed = actor.start.speed
-        held_up = speed < ego.speed and end - actor.length - _HEADWAY * speed < road.length
-        if time < alone or (held_up and time < math.inf):
-            yield actor.name, time
-
-
-def _reach(
-    concrete: ConcreteScenario, end: float, alone: float, times: Sequence[float]
-) -> list[float]:
-    """The first of the times at which the front of each vehicle is beyond x = `end`, m; inf where
-    none is.
-
-    alone: when an ego that nothing holds up is done, s; later, only a slower vehicle counts.
-    """
-    ends = [end - 0.5 * actor.length for actor in concrete.actors]
-    last_time = times[-1]
-    ways = [max(_fastest(actor), 0.0) * last_time for actor in concrete.actors]
-    if not any(
-        actor.start.x + way > last
-        for actor, way, last in zip(concrete.actors, ways, ends, strict=True)
-    ):
-        return [math.inf] * len(ends)
-    slower = any(actor.start.speed < concrete.ego.speed for actor in concrete.actors)
-    until = last_time if slower else min(last_time, alone + times[1])
+    step = time_limit / _LOOKS
     # the ego's body moves nothing here
-    x = tracks([concrete], [(0.0, 0.0)], times[1], until).others[0, :, :, 0]
-    return [
-        times[int(np.argmax(row > last))] if row.max() > last else math.inf
-        for row, last in zip(x, ends, strict=True)
-    ]
+    tracked = tracks([concrete], [(0.0, 0.0)], step, time_limit).others[0, :, :, 0]
+    for actor, x in zip(concrete.actors, tracked, strict=True):
+        beyond = x > end - 0.5 * actor.length
+        if not beyond.any():
+            continue
+        time, speed = float(np.argmax(beyond)) * step, actor.start.speed
+        held_up = speed < ego.speed and end - actor.length - _HEADWAY * speed < road.length
+        if time < alone or held_up:
+            yield actor.name, time
 
 
 def _fastest(actor: Actor) -> float:

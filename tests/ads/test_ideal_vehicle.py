@@ -21,9 +21,7 @@ from sumo_eval.scenario.concrete import brake_to_stop, constant_lateral
 from sumo_eval.settings import SimulationSettings
 
 SETTINGS = SimulationSettings(end_when_decided=True)
-SCRIPTED = sorted(
-    name for name, logical in catalogue.SCENARIOS.items() if logical.approach is not None
-)
+SCRIPTED = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is not None)
 """Scenarios in which what the others do is known before anybody drives."""
 SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 OTHERS = tuple(

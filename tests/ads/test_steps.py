@@ -14,9 +14,7 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording, Trajectory
 
 SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
-SCRIPTED = sorted(
-    name for name, logical in catalogue.SCENARIOS.items() if logical.approach is not None
-)
+SCRIPTED = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is not None)
 """Scenarios in which what the others do is known before anybody drives."""
 DRIVERS = (
     "careful_driver",

@@ -32,7 +32,7 @@ from sumo_eval.report.rule import (
     worse_ends,
 )
 from sumo_eval.results import Evaluation
-from sumo_eval.scenario.catalogue import SCENARIOS
+from sumo_eval.scenario.catalogue import SCENARIOS, load
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
 
@@ -65,8 +65,7 @@ def points_to_ask(use: str, possible: int) -> int:
     them."""
     counts = range(possible, 10 * possible)
     left = (
-        len(sample(SCENARIOS[use], "sobol", request=Request(count=count)).points)
-        for count in counts
+        len(sample(load(use), "sobol", request=Request(count=count)).points) for count in counts
     )
     return next(count for count, n in zip(counts, left, strict=False) if n >= possible)
 

@@ -33,7 +33,7 @@ from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.no_return import NO_RETURN
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Store, open_store
-from sumo_eval.scenario.catalogue import SCENARIOS
+from sumo_eval.scenario.catalogue import SCENARIOS, load
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -59,7 +59,7 @@ MADE_WITH = ("libsumo", "numpy")
 
 
 def _closed_form(scenario: str) -> bool:
-    return SCENARIOS[scenario].approach is not None
+    return load(scenario).approach is not None
 
 
 IN_THE_SUITE = {

@@ -21,7 +21,7 @@ from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import VehicleSettings
 
-SHAPED = sorted(name for name, logical in catalogue.SCENARIOS.items() if logical.road.shaped)
+SHAPED = [name for name in catalogue.SCENARIOS if catalogue.load(name).road.shaped]
 RAMP = {"lane": 0, "end": 300.0, "taper": 50.0, "ramp_until": 120.0}
 BASE: dict[str, Any] = {
     "name": "t",
@@ -119,7 +119,7 @@ def test_lanes_that_open_and_end_follow_a_curve() -> None:
 def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(
     name: str, tmp_path: Path
 ) -> None:
-    logical = catalogue.SCENARIOS[name]
+    logical = catalogue.load(name)
     concrete = logical.concretes(central_point(logical)[None])[0]
     (tmp_path / "n.xml").write_text(network_xml(logical.road), encoding="utf-8")
     (tmp_path / "r.xml").write_text(routes_xml(concrete, VehicleSettings()), encoding="utf-8")

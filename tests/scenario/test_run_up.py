@@ -159,9 +159,9 @@ def test_a_run_up_that_takes_no_time_changes_no_outcome():
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("cut_in?lateral_acceleration=0", "finite and above 0 m/s2, got 0.0"),
-        ("cut_in?lateral_acceleration=inf", "finite and above 0 m/s2, got inf"),
-        ("cut_in?lateral_acceleration=fast", "a number of m/s2"),
+        ("cut_in?lateral_acceleration=0", "a finite number of m/s2 above 0, got '0'"),
+        ("cut_in?lateral_acceleration=inf", "a finite number of m/s2 above 0, got 'inf'"),
+        ("cut_in?lateral_acceleration=fast", "a finite number of m/s2"),
         ("cut_in?lateral_aceleration=1.5", "Did you mean `lateral_acceleration`?"),
         ("r157_cut_out?lateral_acceleration=1.5", "lateral_acceleration"),
     ],

@@ -246,7 +246,7 @@ def test_an_option_is_a_number_that_expressions_know_and_another_scenario_where_
     assert [option.name for option in plain.options] == ["reaction"]
     with pytest.raises(
         InputError,
-        match=r"`reaction` of scenario `slow_truck` must be finite and above 0 s, got -1",
+        match=r"`reaction` of scenario `slow_truck` must be a finite number of s above 0, got '-1",
     ):
         catalogue.find("slow_truck.toml?reaction=-1", file.parent)
     with pytest.raises(InputError, match="Did you mean `reaction`"):

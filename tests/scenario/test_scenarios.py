@@ -34,7 +34,7 @@ LOW_SPEED, CUT_OUT = (
     catalogue.load("front_vehicle_low_speed"),
     catalogue.load("front_vehicle_cut_out"),
 )
-ALL = sorted(catalogue.SCENARIOS.values(), key=lambda logical: logical.name)
+ALL = [catalogue.load(name) for name in catalogue.SCENARIOS]
 each = pytest.mark.parametrize("logical", ALL, ids=lambda logical: logical.name)
 
 
@@ -57,7 +57,7 @@ def test_the_papers_scenarios_ship_with_the_agreed_parameters():
 
 @each
 def test_every_scenario_is_filed_under_its_name_and_explains_itself(logical):
-    assert catalogue.SCENARIOS[logical.name] is logical
+    assert catalogue.load(logical.name) is logical
     assert all((logical.about, logical.source, logical.exposure_about))
     assert all(parameter.about and parameter.unit for parameter in logical.parameters)
     assert len(set(logical.names)) == len(logical.names)

@@ -12,7 +12,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import SimulationSettings
 
-OTHERS = sorted(name for name, logical in catalogue.SCENARIOS.items() if logical.approach is None)
+OTHERS = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is None)
 
 
 @pytest.mark.parametrize("name", OTHERS)

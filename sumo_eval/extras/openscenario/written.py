@@ -17,7 +17,7 @@ from sumo_eval.extras.openscenario.logical import Read, concrete
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.scenario.road.table import bend_name
-from sumo_eval.scenario.trigger import OF_NUMBERS, OF_ONE, OF_TWO
+from sumo_eval.scenario.trigger import OF_ONE, OF_TWO
 
 _ONLY = "only"
 _OF_ONE = {op: name for name, op in OF_ONE.items()}
@@ -26,7 +26,7 @@ _JOINED = {
     played.ADD: "+", played.SUBTRACT: "-", played.MULTIPLY: "*", played.DIVIDE: "/",
     played.BELOW: "<", played.AT_MOST: "<=", played.AND: "and", played.OR: "or",
 }  # fmt: skip
-_OF_NUMBERS = {op: name for name, op in OF_NUMBERS.items()}
+_OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
 
 
 def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
