@@ -12,7 +12,7 @@ import numpy as np
 
 from sumo_eval.cosim import simulate_many
 from sumo_eval.extras.wheel.tape import digest
-from sumo_eval.scenario.catalogue import SCENARIOS
+from sumo_eval.scenario.catalogue import load
 
 PAIRS = [
     ("cut_in", "idm"), ("front_vehicle_low_speed", "sumo:IDM"),
@@ -28,7 +28,7 @@ CASES = 12
 def main() -> None:
     """Drive each pair at points drawn with a fixed seed, and print its line."""
     for scenario, ads in PAIRS:
-        logical = SCENARIOS[scenario]
+        logical = load(scenario)
         drawn = logical.from_unit(np.random.default_rng(1).random((20 * CASES, len(logical.names))))
         cases = logical.concretes(drawn[logical.feasible(drawn)][:CASES])
         bits = hashlib.sha256()
