@@ -50,7 +50,7 @@ def _of(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) ->
     size = ego_size(logical)
     values = [dict(zip(logical.names, row, strict=True)) for row in points.tolist()]
     placed = [logical.placed(point) for point in values]
-    delays = [search.delay(point) for point in values]
+    delays = [float(search.delay(point)) for point in values]
     if search.conflict:
         return conflict_criticality(placed, search.obstacle, delays, size, settings)
     fastest = max(concrete.ego.speed for concrete in placed)

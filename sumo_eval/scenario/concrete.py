@@ -375,9 +375,7 @@ class Actor:
 
     def x(self, time: float) -> float:
         """Position of the centre along the road at a time, m."""
-        if self.braking is None:
-            return self.start.x + self.start.speed * time
-        return self.start.x + motion.braked(self.braking, self.start.speed, time)[0]
+        return self.start.x + self._driven(time)[0]
 
     def y(self, time: float) -> float:
         """Lateral position of the centre at a time, m."""
@@ -386,9 +384,12 @@ class Actor:
 
     def speed(self, time: float) -> float:
         """Speed along the road at a time, m/s."""
-        if self.braking is None:
-            return self.start.speed
-        return motion.braked(self.braking, self.start.speed, time)[1]
+        return self._driven(time)[1]
+
+    def _driven(self, time: float) -> tuple[float, float]:
+        """Distance along the road, m, and speed along it at a time, m/s."""
+        speed = self.start.speed
+        return motion.braked(self.braking, speed, time) if self.braking else (speed * time, speed)
 
     def lateral_speed(self, time: float) -> float:
         """Lateral speed at a time, m/s."""
@@ -485,9 +486,7 @@ class ConcreteScenario:
     def ego_vehicle(self, vehicle: VehicleSettings) -> VehicleSettings:
         """The ego of these settings, with the body that the scenario prescribes."""
         body = self.ego_body
-        if body is None or (body.length, body.width) == (vehicle.length, vehicle.width):
-            return vehicle
-        return _with_body(vehicle, body)
+        return vehicle if body is None else replace(vehicle, length=body.length, width=body.width)
 
     @property
     def without_ads(self) -> ConcreteScenario:
@@ -500,26 +499,27 @@ class ConcreteScenario:
         """The settings with which this case is simulated: the given ones, with its changes, ego and
         time limit.
         """
-        for name, value in self.changes:
-            group, _, setting = name.partition(".")
-            changed = replace(getattr(settings, group), **{setting: value})
-            settings = replace(settings, **{group: changed})
-        limit = (
-            settings.time_limit
-            if self.time_limit is None
-            else min(settings.time_limit, self.time_limit)
+        return _changed(
+            settings, self.changes, self.ego_body, self.time_limit, self.standstill_time
         )
-        stood = settings.standstill_time if self.standstill_time is None else self.standstill_time
-        vehicle = self.ego_vehicle(settings.vehicle)
-        if vehicle is settings.vehicle and (limit, stood) == (
-            settings.time_limit,
-            settings.standstill_time,
-        ):
-            return settings
-        return replace(settings, vehicle=vehicle, time_limit=limit, standstill_time=stood)
 
 
-@functools.lru_cache(maxsize=64)
-def _with_body(vehicle: VehicleSettings, body: EgoBody) -> VehicleSettings:
-    """The vehicle with another body; made and checked once for all cases of a scenario."""
-    return replace(vehicle, length=body.length, width=body.width)
+@functools.lru_cache(maxsize=64)  # made and checked once for all cases of a scenario
+def _changed(
+    settings: SimulationSettings,
+    changes: tuple[tuple[str, float], ...],
+    body: EgoBody | None,
+    time_limit: float | None,
+    standstill_time: float | None,
+) -> SimulationSettings:
+    for name, value in changes:
+        group, _, setting = name.partition(".")
+        changed = replace(getattr(settings, group), **{setting: value})
+        settings = replace(settings, **{group: changed})
+    vehicle = settings.vehicle
+    return replace(
+        settings,
+        vehicle=replace(vehicle, length=body.length, width=body.width) if body else vehicle,
+        time_limit=min(settings.time_limit, time_limit or math.inf),
+        standstill_time=standstill_time or settings.standstill_time,
+    )

@@ -37,14 +37,13 @@ def misplaced(
     """Vehicles with an impossible start, and paths that leave the map."""
     end = road.length + road.run_out
     furthest = max([_BESIDE, *(crossing.reach for crossing in road.crossings)])
-    bodies = [
+    for name, start, half, reach in (
         ("ego", ego, 0.0, 0.0),
-        *((it.name, it.start, it.length, _reach(it, furthest)) for it in actors),
-    ]
-    for name, start, length, reach in bodies:
-        if not (length / 2 <= start.x <= end - length / 2):
+        *((it.name, it.start, it.length / 2, _reach(it, furthest)) for it in actors),
+    ):
+        if not half <= start.x <= end - half:
             must = (
-                f"on the road, its centre at x = {length / 2:g} to {end - length / 2:g} m "
+                f"on the road, its centre at x = {half:g} to {end - half:g} m "
                 f"(the ego's starts at {ego.x:g} m)"
             )
             yield Misplaced(f"Vehicle `{name}`", name, must, start.x)
@@ -52,23 +51,16 @@ def misplaced(
             yield Misplaced(f"Vehicle `{name}`", name, "on a lane", start.y)
     for item in actors:
         reach = _reach(item, furthest)
-        for act in item.acts:
-            in_frame = act.kind == played.PATH and item.on_map is None
-            for x, y in act.table if in_frame else ():
-                if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
-                    yield Misplaced(
-                        f"The path of vehicle `{item.name}`",
-                        item.name,
-                        "on the map",
-                        f"({x:g}, {y:g}) m",
-                    )
-    boxes = [("ego", *_box(ego, 0.0, ego_body.length, ego_body.width))]
-    boxes += [
-        (item.name, *_box(item.start, item.heading, item.length, item.width)) for item in actors
-    ]
-    for (one, x, y, long, wide), (two, x2, y2, long2, wide2) in itertools.combinations(boxes, 2):
-        if long + long2 - abs(x - x2) > _TOUCH and wide + wide2 - abs(y - y2) > _TOUCH:
-            got = f"x = {x2:g} m beside {x:g} m"
+        paths = [act.table for act in item.acts if act.kind == played.PATH]
+        for x, y in itertools.chain(*paths if item.on_map is None else ()):
+            if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
+                what, place = f"The path of vehicle `{item.name}`", f"({x:g}, {y:g}) m"
+                yield Misplaced(what, item.name, "on the map", place)
+    boxes = [("ego", ego, *_half(0.0, ego_body))]
+    boxes += [(item.name, item.start, *_half(item.heading, item)) for item in actors]
+    for (one, a, long, wide), (two, b, long2, wide2) in itertools.combinations(boxes, 2):
+        if long + long2 - abs(a.x - b.x) > _TOUCH and wide + wide2 - abs(a.y - b.y) > _TOUCH:
+            got = f"x = {b.x:g} m beside {a.x:g} m"
             yield Misplaced(f"Vehicle `{two}`", two, f"clear of `{one}` at the start", got)
 
 
@@ -76,16 +68,12 @@ def _reach(actor: Actor, furthest: float) -> float:
     """How far beside the lanes a vehicle may be, m: not at all where SUMO drives it, or its script
     knows time alone.
     """
-    return (
-        furthest
-        if actor.body in VULNERABLE or (actor.lively and not actor.follows_at_once)
-        else 0.0
-    )
+    beside = actor.body in VULNERABLE or (actor.lively and not actor.follows_at_once)
+    return furthest if beside else 0.0
 
 
-def _box(
-    start: Start, heading: float, length: float, width: float
-) -> tuple[float, float, float, float]:
-    """Centre and half extents along and across the road."""
+def _half(heading: float, body: Actor | EgoBody) -> tuple[float, float]:
+    """Half extents along and across the road, m."""
     c, s = abs(math.cos(heading)), abs(math.sin(heading))
-    return start.x, start.y, 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
+    length, width = body.length, body.width
+    return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)

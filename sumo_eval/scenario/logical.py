@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
 from numbers import Real
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
@@ -143,19 +143,24 @@ class Approach:
         return not (np.any(self.obstacle_deceleration) or np.any(self.conflict_begin))
 
 
-class Search(Protocol):
-    """A zone rule by search: the motion of one actor while the ego brakes ideally."""
+def at_once(values: Values) -> FloatArray:
+    """The delay of an ego that brakes with the first move, s."""
+    return np.zeros(())
 
-    @property
-    def obstacle(self) -> int:
-        """Index of that actor."""
 
-    @property
-    def conflict(self) -> bool:
-        """Whether the time until both paths collide counts, instead of the gap along the road."""
+@dataclass(frozen=True, slots=True)
+class Search:
+    """A zone rule by search: the motion of one actor while the ego brakes ideally.
 
-    def delay(self, values: Mapping[str, float]) -> float:
-        """From its first move, or the start where it makes none, until ideal braking, s."""
+    obstacle: index of that actor.
+    delay: values by name -> s from its first move, or the start where it makes none, until ideal
+        braking.
+    conflict: whether the time until both paths collide counts, instead of the gap along the road.
+    """
+
+    obstacle: int
+    delay: Callable[[Values], FloatArray] = at_once
+    conflict: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -132,12 +132,17 @@ class Players(NamedTuple):
         plays, joined = self.plays.copy(), []
         plays[row] = other.plays[0]
         for own, new in zip(self[1:], other[1:], strict=True):
-            wide = np.zeros((*own.shape[:2], *np.maximum(own.shape, new.shape)[2:]), own.dtype)
-            wide[:, :, : own.shape[-1]] = own
-            wide[row] = np.zeros((), own.dtype)
-            wide[row, :, : new.shape[-1]] = new[0]
-            joined.append(wide)
+            width = max(own.shape[-1], new.shape[-1])
+            joined.append(_wide(own, width))
+            joined[-1][row] = _wide(new[0], width)
         return Players(plays, *joined)
+
+
+def _wide(records: Records, width: int) -> Records:
+    """Records (..., width) that begin with these."""
+    wide = np.zeros((*records.shape[:-1], width), records.dtype)
+    wide[..., : records.shape[-1]] = records
+    return wide
 
 
 class Cast(NamedTuple):
@@ -335,40 +340,84 @@ def _over_ground(other: Any, line: Any) -> None:
 # -- conditions ------------------------------------------------------------------------------------
 
 
+class Body(NamedTuple):
+    """A vehicle at an instant: centre m, heading rad, speeds along and across it m/s, size m."""
+
+    x: float
+    y: float
+    heading: float
+    speed: float
+    across: float
+    length: float
+    width: float
+
+
 @kernel
-def _of(body: Any, what: int) -> float:
-    """One number of a body, or of what it was before the step."""
+def _body_of(cast: Any, number: int, end: int) -> Body:
+    """A vehicle as it was before the step, end 0, or is."""
+    if number == EGO:
+        return _body(cast.egos[0], end)
+    return _body(cast.others[number], end)
+
+
+@kernel
+def _body(record: Any, end: int) -> Body:
+    if end == 0:
+        was = record.before
+        return Body(was.x, was.y, was.heading, was.speed, was.across, record.length, record.width)
+    return Body(
+        record.x, record.y, record.heading, record.speed, record.across, record.length, record.width
+    )
+
+
+@kernel
+def _of(body: Body, what: int) -> float:
+    """One number of a body."""
     if what == X:
-        return float(body.x)
+        return body.x
     if what == Y:
-        return float(body.y)
+        return body.y
+    c, s = math.cos(body.heading), math.sin(body.heading)
     if what == ALONG:
-        return float(body.speed * math.cos(body.heading) - body.across * math.sin(body.heading))
-    return float(body.speed * math.sin(body.heading) + body.across * math.cos(body.heading))
+        return body.speed * c - body.across * s
+    return body.speed * s + body.across * c
 
 
 @kernel
-def _half_along(body: Any, length: float, width: float) -> float:
-    return 0.5 * (length * abs(math.cos(body.heading)) + width * abs(math.sin(body.heading)))
+def _half_along(body: Body) -> float:
+    return 0.5 * (
+        body.length * abs(math.cos(body.heading)) + body.width * abs(math.sin(body.heading))
+    )
 
 
 @kernel
-def _between(op: int, one: Any, two: Any, one_body: Any, two_body: Any) -> float:
-    """A number of two bodies, the first taken as the follower: gap m, distance m, TTC s, THW s.
-
-    one, two: their states; one_body, two_body: their lengths and widths.
-    """
+def _between(op: int, one: Body, two: Body) -> float:
+    """A number of two bodies, the first taken as the follower: gap m, distance m, TTC s, THW s."""
     dx, dy = two.x - one.x, two.y - one.y
     if op == DISTANCE:
         return math.sqrt(dx * dx + dy * dy)
-    first = _half_along(one, one_body.length, one_body.width)
-    gap = dx - first - _half_along(two, two_body.length, two_body.width)
+    gap = dx - _half_along(one) - _half_along(two)
     if op == GAP:
-        return float(gap)
+        return gap
     speed = _of(one, ALONG)
     if op == TTC:
         speed -= _of(two, ALONG)
-    return float(gap / speed) if gap > 0.0 and speed > 0.0 else math.inf
+    return gap / speed if gap > 0.0 and speed > 0.0 else math.inf
+
+
+@kernel
+def _number(cast: Any, j: int, act: Any, it: Any, end: int, time: float) -> float:
+    """The number that a step of a program asks for at an end of the time step."""
+    op = it.op
+    if op == VALUE:
+        return float(it.value)
+    if op == TIME:
+        return time
+    if op == DEPARTED:
+        ego = _body(cast.egos[0], end)
+        return departed(act, cast.table[j], ego.x, ego.y, time)
+    one = _body_of(cast, it.one, end)
+    return _of(one, op) if op <= ACROSS else _between(op, one, _body_of(cast, it.two, end))
 
 
 @kernel
@@ -384,56 +433,47 @@ def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: int
 
 
 @kernel
+def _joint_share(stack: Any, k: int, op: int) -> float:
+    """When both of the conditions on top, or one, became true: the later or earlier instant."""
+    first, second = stack[k, 2], stack[k + 1, 2]
+    if op == AND:
+        return float(max(first, second))
+    if stack[k + 1, 1] == 0.0:
+        return float(first)
+    return float(min(first, second) if stack[k, 1] > 0.0 else second)
+
+
+@kernel
 def holds_from(cast: Any, j: int, act: Any, now: float, before: float, stack: Any) -> float:
     """Share of the step from `before` to `now` at which the condition of a move became true.
 
     0 if it held before; -1: it does not hold. act: a move of actor j. Numbers are interpolated
     linearly between both ends of the step; where a number was undefined, the end counts.
     """
-    program, ego, others = cast.program[j], cast.egos[0], cast.others
+    program = cast.program[j]
     k = -1
     for q in range(act.program, act.program + act.steps):
         it = program[q]
         op = it.op
-        if op <= ENDED or op == DEPARTED:
+        asks = op < ENDED or op == DEPARTED
+        if asks or op == ENDED:
             k += 1
         elif op not in (NEGATE, ABSOLUTE):
             k -= 1
-        if op == VALUE:
-            stack[k, 0], stack[k, 1] = it.value, it.value
-        elif op == TIME:
-            stack[k, 0], stack[k, 1] = before, now
-        elif op <= ACROSS:
-            if it.one == EGO:
-                stack[k, 0], stack[k, 1] = _of(ego.before, op), _of(ego, op)
-            else:
-                other = others[it.one]
-                stack[k, 0], stack[k, 1] = _of(other.before, op), _of(other, op)
-        elif op <= THW:
-            if it.one == EGO:
-                _pair(stack, k, op, ego, others[it.two])
-            elif it.two == EGO:
-                _pair(stack, k, op, others[it.one], ego)
-            else:
-                _pair(stack, k, op, others[it.one], others[it.two])
-        elif op == DEPARTED:
-            stack[k, 0] = departed(act, cast.table[j], ego.before.x, ego.before.y, before)
-            stack[k, 1] = departed(act, cast.table[j], ego.x, ego.y, now)
-        elif op == ENDED:
+        if op == ENDED:
             end = cast.acts[it.one][it.two].end
             _compare(stack, k, before - end, now - end, 1)
-        elif op == NEGATE:
-            stack[k, 0], stack[k, 1] = -stack[k, 0], -stack[k, 1]
-        elif op == ABSOLUTE:
-            stack[k, 0], stack[k, 1] = abs(stack[k, 0]), abs(stack[k, 1])
         elif op in (BELOW, AT_MOST):
             was, margin = stack[k + 1, 0] - stack[k, 0], stack[k + 1, 1] - stack[k, 1]
             _compare(stack, k, was, margin, 1 if op == AT_MOST else 0)
-        elif op in (AND, OR):
-            _join(stack, k, op)
+        elif asks:
+            stack[k, 0] = _number(cast, j, act, it, 0, before)
+            stack[k, 1] = _number(cast, j, act, it, 1, now)
         else:
-            for end in range(2):
-                stack[k, end] = arithmetic(op, stack[k, end], stack[k + 1, end])
+            if op in (AND, OR):
+                stack[k, 2] = _joint_share(stack, k, op)
+            for at in range(2):
+                stack[k, at] = arithmetic(op, stack[k, at], stack[k + 1, at])
     return float(stack[0, 2]) if stack[0, 1] > 0.0 else -1.0
 
 
@@ -454,31 +494,12 @@ def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
 
 
 @kernel
-def _pair(stack: Any, k: int, op: int, one: Any, two: Any) -> None:
-    """Write a number of two bodies to the stack, as it was before the step and as it is."""
-    stack[k, 0] = _between(op, one.before, two.before, one, two)
-    stack[k, 1] = _between(op, one, two, one, two)
-
-
-@kernel
-def _join(stack: Any, k: int, op: int) -> None:
-    """And, or of the two conditions on top: true from the later, or earlier, of both instants."""
-    a, b = stack[k, 1] > 0.0, stack[k + 1, 1] > 0.0
-    first, second = stack[k, 2], stack[k + 1, 2]
-    if op == AND:
-        stack[k, 0] = min(stack[k, 0], stack[k + 1, 0])
-        stack[k, 1] = 1.0 if a and b else 0.0
-        stack[k, 2] = max(first, second)
-        return
-    stack[k, 0] = max(stack[k, 0], stack[k + 1, 0])
-    stack[k, 1] = 1.0 if a or b else 0.0
-    if b:
-        stack[k, 2] = min(first, second) if a else second
-
-
-@kernel
 def arithmetic(op: int, a: float, b: float) -> float:
-    """The number that an operation makes of two."""
+    """The number that an operation makes of one or two; of conditions, 1 or 0."""
+    if op == NEGATE:
+        return -a
+    if op == ABSOLUTE:
+        return abs(a)
     if op == ADD:
         return a + b
     if op == SUBTRACT:
@@ -487,9 +508,7 @@ def arithmetic(op: int, a: float, b: float) -> float:
         return a * b
     if op == DIVIDE:
         return a / b if b != 0.0 else math.nan
-    if op == SMALLER:
-        return min(a, b)
-    return max(a, b)
+    return min(a, b) if op in (SMALLER, AND) else max(a, b)
 
 
 # -- what begins -----------------------------------------------------------------------------------
@@ -571,17 +590,14 @@ def _match(cast: Any, j: int, now: float, line: Any) -> None:
     """Move a vehicle to `now` relative to another, whose speed is linear since the last look."""
     play, table, own = cast.plays[j], cast.table[j], cast.others[j]
     of, more, place = table[play.match - 1], table[play.match], table[play.match + 1]
-    if of.one == EGO:
-        x, speed = cast.egos[0].x, _of(cast.egos[0], ALONG)
-    else:
-        x, speed = cast.others[int(of.one)].x, _of(cast.others[int(of.one)], ALONG)
-    speed, since = max(of.two * speed + more.one, 0.0), now - play.since
+    other = _body_of(cast, int(of.one), 1)
+    speed, since = max(of.two * _of(other, ALONG) + more.one, 0.0), now - play.since
     if len(line) and not play.on_map:
         speed /= 1.0 - line_at(line, own.x)[3] * own.y
     ahead = 0.5 * (play.v + speed) * since
     if more.two > 0.0:
-        ahead = x + place.one - on_line(play, table, play.s)[0]
-        if place.two > 0.0:  # x + place.one - own place = its own speed x place.two
+        ahead = other.x + place.one - on_line(play, table, play.s)[0]
+        if place.two > 0.0:  # other.x + place.one - own place = its own speed x place.two
             ahead = ahead * since / (since + place.two) if since > 0.0 else 0.0
             speed = ahead / since if since > 0.0 else play.v
     play.s += ahead
@@ -681,7 +697,10 @@ def _records_of(actor: Any) -> tuple[list[Any], list[Any], list[Any]]:
     table: list[Any] = []
     program: list[Any] = []
     for act in actor.acts:
-        acts.append(_record_of(act, len(table), len(program)))
+        begin, state = (math.inf, WAITS) if act.program else (act.begin, KNOWN)
+        numbers = act.duration, act.speed, act.offset, act.acceleration, act.jerk
+        counts = act.kind, len(table), len(act.table), len(program), len(act.program)
+        acts.append((begin, *numbers, act.begin, math.inf, *counts, state))
         table += act.table
         program += [(value, op, one, two) for op, one, two, value in act.program]
     return acts, table, program
@@ -691,15 +710,7 @@ def _play_of(actor: Any) -> tuple[Any, ...]:
     """A `PLAY` record before the start."""
     start = actor.start
     pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
-    driven = (0.0, 0.0, 0.0, 0.0, start.speed, math.inf)
+    motion = 0.0, 0.0, 0.0, 0.0, start.speed, math.inf
     model = AT_ONCE if actor.follows_at_once else 0
-    numbers = len(actor.acts), 0, 0, 0, actor.slides, model, actor.on_map is not None, 0
-    return *pose, *driven, *numbers
-
-
-def _record_of(act: Act, first: int, step: int) -> tuple[Any, ...]:
-    """An `ACT` record before the start, whose table and program begin at these numbers."""
-    begin, state = (math.inf, WAITS) if act.program else (act.begin, KNOWN)
-    numbers = act.duration, act.speed, act.offset, act.acceleration, act.jerk
-    counts = act.kind, first, len(act.table), step, len(act.program)
-    return begin, *numbers, act.begin, math.inf, *counts, state
+    counts = len(actor.acts), 0, 0, 0, actor.slides, model, actor.on_map is not None, 0
+    return *pose, *motion, *counts

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.expression import Definitions, Expression
 from sumo_eval.scenario.formulas import Formula, Formulas, Names
-from sumo_eval.scenario.logical import Approach, Values, ZoneCoordinates
+from sumo_eval.scenario.logical import Approach, Search, Values, ZoneCoordinates
 from sumo_eval.scenario.vehicle_tables import Placement
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.trajectory import FloatArray
@@ -71,18 +70,15 @@ class ZoneTable(Checked):
         }
         if self.margin is not None:
             self._refuse(" beside `margin`, which says all", names.where, "obstacle", "delay")
-            return found | {"margin": Margin(Formulas.of(definitions, numbers["margin"]))}
+            return found | {"margin": Number(Formulas.of(definitions, numbers["margin"]))}
         if not self.obstacle:
             raise InputError(f"[zone] of {names.where} must have an `obstacle`, or a `margin`.")
         check_known(f"vehicle in `zone.obstacle` of {names.where}:", names.vehicles, self.obstacle)
         number = list(names.vehicles).index(self.obstacle)
         if searched:
             self._refuse(": what a vehicle does that is played is searched as it is", names.where)
-            return found | {
-                "search": SearchRule(
-                    number, Formulas.of(definitions, numbers["delay"]), self.conflict
-                )
-            }
+            delay = Number(Formulas.of(definitions, numbers["delay"]))
+            return found | {"search": Search(number, delay, self.conflict)}
         obstacle = place.vehicles[number]
         if self.gap is None and obstacle.table.gap is None:
             raise InputError(
@@ -109,35 +105,14 @@ class ZoneTable(Checked):
 
 
 @dataclass(frozen=True, slots=True)
-class Margin:
-    """Values by name (arrays) -> what is left to spare of a limit, m: hazardous where that is 0 or
-    less.
-    """
+class Number:
+    """Values by name (arrays) -> one number at every point."""
 
     formulas: Formulas
 
     def __call__(self, values: Values) -> FloatArray:
-        """The margin at every point, m."""
+        """The number."""
         return self.formulas(values)[0]
-
-
-@dataclass(frozen=True, slots=True)
-class SearchRule:
-    """Zone rule by search, for moves that depend on more than time.
-
-    obstacle: index of the actor.
-    formulas: the delay between its first move and ideal braking, s; from the start where it makes
-        none.
-    conflict: as in `ZoneTable`.
-    """
-
-    obstacle: int
-    formulas: Formulas
-    conflict: bool = False
-
-    def delay(self, values: Mapping[str, float]) -> float:
-        """The delay at a point, s."""
-        return float(self.formulas.at(values))
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,9 +139,9 @@ def _approaches(logical: LogicalScenario) -> str:
     points = _points(logical)
     if logical.approach is None:
         zone = logical.margin(logical.columns(points)) if logical.margin else np.zeros(0)
-        delays = [logical.search.delay(dict(zip(logical.names, row,
-            strict=True))) for row in points.tolist()] if (
-            logical.search) else []  # fmt: skip
+        values = [dict(zip(logical.names, row, strict=True)) for row in points.tolist()]
+        search = logical.search
+        delays = [float(search.delay(point)) for point in values] if search else []
         return hashlib.sha256(np.asarray(zone).tobytes() + np.array(delays).tobytes()).hexdigest()[
             :16
         ]
@@ -205,7 +205,7 @@ def test_law_a_shipped_scenario_that_is_played_is_what_runs_were_made_with(use: 
     for concrete in logical.concretes(points[logical.feasible(points)]):
         way = concrete.ego.way
         numbers = [
-            search.delay(concrete.values),
+            float(search.delay(concrete.values)),
             concrete.ego.x,
             concrete.ego.y,
             concrete.ego.speed,

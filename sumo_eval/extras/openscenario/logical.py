@@ -33,6 +33,7 @@ from sumo_eval.scenario.logical import (
     NamedSample,
     Option,
     Parameter,
+    Search,
     Values,
 )
 from sumo_eval.scenario.played import KEEP
@@ -192,18 +193,6 @@ def _impossible(path: Path, case: FileCase) -> Iterator[InputError]:
                 yield declared(actor.name).fault(
                     "the condition of a move of it can never hold, with any ADS"
                 )
-
-
-@dataclass(frozen=True, slots=True)
-class FirstMover:
-    """The actor that zones are searched from, in the ego's path from its first move on."""
-
-    obstacle: int
-    conflict: bool = False
-
-    def delay(self, values: Mapping[str, float]) -> float:
-        """Ideal braking begins with its first move, s."""
-        return 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -493,7 +482,7 @@ def _comes_across(actor: Actor) -> bool:
     return _moves(actor) and math.cos(actor.heading) < _ALONG
 
 
-def _search(scenes: Scenes, road: Road) -> FirstMover | None:
+def _search(scenes: Scenes, road: Road) -> Search | None:
     """The actor that zones are searched from: the nearest that stands ahead in the way, otherwise
     the first that moves.
 
@@ -509,7 +498,7 @@ def _search(scenes: Scenes, road: Road) -> FirstMover | None:
         and abs(it.start.y - case.ego.y) < 0.5 * (it.width + case.ego_body.width)
     ]  # fmt: skip
     chosen = [k for _, k in sorted(in_way)] or moving
-    return FirstMover(chosen[0]) if chosen else None
+    return Search(chosen[0]) if chosen else None
 
 
 def concrete_points(read: Read) -> Iterator[tuple[dict[str, float], str | None]]:

@@ -29,15 +29,6 @@ class _Filled:
         return self.function({**values, **held})
 
 
-@dataclass(frozen=True)
-class HeldSearch:
-    """A `Search` with some parameters held."""
-
-    obstacle: int
-    conflict: bool
-    delay: _Filled
-
-
 def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalScenario:
     """The scenario over the parameters that are not in `fixed`.
 
@@ -66,9 +57,8 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
         if (function := getattr(logical, name)) is not None
     }
     if logical.search is not None:
-        search = logical.search
-        delay = _Filled(search.delay, fixed)
-        functions["search"] = HeldSearch(search.obstacle, search.conflict, delay)
+        delay = _Filled(logical.search.delay, fixed)
+        functions["search"] = replace(logical.search, delay=delay)
     constraints = [Constraint(it.about, _Filled(it.holds, fixed)) for it in logical.constraints]
     return replace(
         logical,

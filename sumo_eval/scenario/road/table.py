@@ -51,39 +51,31 @@ def line_of(
     pieces = []
     for place, table in enumerate(tables, 1):
         owner = f"piece {place} of the road of {where}"
-        if table.radius is not None and (
-            table.begin_radius is not None or table.end_radius is not None
-        ):
-            raise InputError(
-                f"{capitalised(owner)} must have either `radius` or `begin_radius` and "
-                "`end_radius`."
-            )
-        begin = _curvature(
-            table.begin_radius if table.radius is None else table.radius, options, owner
-        )
-        end = _curvature(table.end_radius if table.radius is None else table.radius, options, owner)
-        pieces.append(Piece(table.length, begin, end))
+        ends = table.begin_radius, table.end_radius
+        if table.radius is not None:
+            if ends != (None, None):
+                raise InputError(
+                    f"{capitalised(owner)} must have either `radius` or `begin_radius` and "
+                    "`end_radius`."
+                )
+            ends = table.radius, table.radius
+        pieces.append(Piece(table.length, *(_curvature(radius, options, owner) for radius in ends)))
         check_line(pieces[-1:], lanes, lane_width, owner)
     drawn = length_of(pieces)
     if drawn > length + 1e-9:
-        raise must_be(
-            "The pieces",
-            f"the road of {where}",
-            f"at most as long as the road ({length:g} m)",
-            drawn,
-        )
+        must = f"at most as long as the road ({length:g} m)"
+        raise must_be("The pieces", f"the road of {where}", must, drawn)
     return tuple(pieces) if bends(pieces) else ()
 
 
 def _curvature(radius: str | float | None, options: Mapping[str, float], owner: str) -> float:
     if radius is None:
         return 0.0
-    found = float(
-        checked_names(number(radius, f"the radius of {owner}"), options, owner).at(options)
-    )
-    if math.isnan(found) or found == 0.0:
-        raise must_be("The radius", owner, "a number other than 0 m", found)
-    return 1.0 / float(found)  # 0 where an option without a value is infinite
+    formula = checked_names(number(radius, f"the radius of {owner}"), options, owner)
+    metres = float(formula.at(options))
+    if math.isnan(metres) or metres == 0.0:
+        raise must_be("The radius", owner, "a number other than 0 m", metres)
+    return 1.0 / metres  # 0 where an option without a value is infinite
 
 
 def check_line(
@@ -99,30 +91,20 @@ def check_line(
 
     vehicle: the ego's; None where no evaluation is known: one of the usual settings.
     """
-    for piece in pieces:
-        _check_radius(piece, lanes, lane_width, owner, vehicle or VehicleSettings())
-
-
-def _check_radius(
-    piece: Piece, lanes: int, lane_width: float, owner: str, vehicle: VehicleSettings
-) -> None:
+    vehicle = vehicle or VehicleSettings()
     wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
     least = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0
-    radius = tightest([piece])
-    to_the_left = max(piece.begin, piece.end, key=abs) > 0.0
-    inner = radius - lane_width * (lanes - 1) if to_the_left else radius
-    if inner < least:
-        raise must_be(
-            "The radius", owner,
-            f"at least {least + radius - inner:.1f} m, so that the ego can drive its innermost "
-            "lane", radius,
-        )  # fmt: skip
-    if inner - 0.5 * lane_width < _LEAST_EDGE:
-        raise must_be(
-            "The radius", owner, f"at least {radius - inner + 0.5 * lane_width + _LEAST_EDGE:.1f} "
-                                 "m, with its lanes",
-            radius,
-        )  # fmt: skip
+    for piece in pieces:
+        radius = tightest([piece])
+        to_the_left = max(piece.begin, piece.end, key=abs) > 0.0
+        inner = radius - lane_width * (lanes - 1) if to_the_left else radius
+        for needed, why in (
+            (least, "so that the ego can drive its innermost lane"),
+            (0.5 * lane_width + _LEAST_EDGE, "with its lanes"),
+        ):
+            if inner < needed:
+                must = f"at least {needed + radius - inner:.1f} m, {why}"
+                raise must_be("The radius", owner, must, radius)
 
 
 def bend_name(line: Sequence[Piece], *, named: bool) -> str:
