@@ -13,7 +13,7 @@ from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.logical import concrete, read_file
 from sumo_eval.extras.wheel.tape import digest
-from sumo_eval.scenario.catalogue import SCENARIOS
+from sumo_eval.scenario.catalogue import SCENARIOS, load
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 
@@ -33,7 +33,7 @@ def exported(folder: Path, case: ConcreteScenario) -> Path:
         "stop_and_go_stream") else pytest.mark.campaign) for name in SCENARIOS]
 )  # fmt: skip
 def test_exported_case_drives_to_the_same_digest(tmp_path: Path, name: str) -> None:
-    logical = SCENARIOS[name]
+    logical = load(name)
     drawn = logical.from_shares(np.random.default_rng(1).random((200, len(logical.names))))
     (case,) = logical.concretes(drawn[logical.feasible(drawn)][:1])
     case = replace(case, changes=(("conditions.perception_delay", 0.2),))
@@ -43,7 +43,7 @@ def test_exported_case_drives_to_the_same_digest(tmp_path: Path, name: str) -> N
 
 
 def test_changed_exported_file_is_refused_until_its_case_is_gone(tmp_path: Path) -> None:
-    logical = SCENARIOS["front_vehicle_braking"]
+    logical = load("front_vehicle_braking")
     (case,) = logical.concretes([0.5 * (logical.low + logical.high)])
     path = exported(tmp_path, case)
     text = path.read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ is computed in fractions of the decimals that a person typed, and becomes floats
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from numbers import Integral, Real
 from typing import Any
