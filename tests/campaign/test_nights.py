@@ -32,7 +32,7 @@ from sumo_eval.report.rule import (
     worse_ends,
 )
 from sumo_eval.results import Evaluation
-from sumo_eval.scenario.catalogue import SCENARIOS, load
+from sumo_eval.scenario.catalogue import load
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
 
