@@ -227,10 +227,10 @@ def _check(node: ast.expr, text: str, depth: int = 0, *, condition: bool | None 
     if depth > DEEPEST:
         raise InputError(f"Expression `{text}` must not be nested more than {DEEPEST} deep.")
     if isinstance(node, ast.Constant):
-        if type(node.value) not in (int, float) or not _is_finite(node.value):  # type: ignore[arg-type]
+        value: Any = node.value
+        if type(value) not in (int, float) or not _is_finite(value):
             raise InputError(
-                f"Expression `{text}` must hold finite numbers and names only, got "
-                f"{shown(node.value)}."
+                f"Expression `{text}` must hold finite numbers and names only, got {shown(value)}."
             )
         return
     if isinstance(node, ast.Name):
