@@ -526,18 +526,16 @@ class CaseTable(Outcome):
 
 def counts(cases: CaseTable) -> dict[str, int]:
     """How many cases are what, by the names of `ScenarioResult`."""
-    flags = {
-        "collisions": cases.collided,
-        "avoidable_collisions": cases.avoidable,
-        "unavoidable_collisions": cases.unavoidable,
-        "caused_collisions": cases.caused,
-        "safe_collisions": cases.collided & cases.safe,
-        "off_road": cases.off_road,
-        "departures": cases.departed,
-        "gave_up": cases.gave_up,
-        "not_evaluated": ~cases.evaluated,
-    }
-    return {name: int(np.count_nonzero(found)) for name, found in flags.items()}
+    flags = {name: getattr(cases, flag) for name, flag in _FLAGS.items()}
+    flags |= {"safe_collisions": cases.collided & cases.safe, "not_evaluated": ~cases.evaluated}
+    return {name: int(np.count_nonzero(flag)) for name, flag in flags.items()}
+
+
+_FLAGS = {
+    "collisions": "collided", "avoidable_collisions": "avoidable",
+    "unavoidable_collisions": "unavoidable", "caused_collisions": "caused", "off_road": "off_road",
+    "departures": "departed", "gave_up": "gave_up",
+}  # fmt: skip
 
 
 def point_numbers(tables: Sequence[CaseTable]) -> list[IntArray]:

@@ -77,23 +77,15 @@ class Trajectory:
             raise InputError("`time` of a Trajectory must be finite and strictly increasing.")
         n = times.size
         xs, ys = _channel("x", x, n), _channel("y", y, n)
-        speeds = (
-            _channel("speed", speed, n)
-            if speed is not None
-            else np.hypot(_rate(xs, times), _rate(ys, times))
-        )
-        headings = (
-            _channel("heading", heading, n) if heading is not None else _course(xs, ys, times)
-        )
-        rates = (
-            _channel("acceleration", acceleration, n)
-            if acceleration is not None
-            else _rate(speeds, times)
-        )
-        angles = np.full(n, np.nan)
-        if steering_wheel_angle is not None:
-            angles = _channel("steering_wheel_angle", steering_wheel_angle, n, nan_allowed=True)
-        self._hold(np.array([times, xs, ys, headings, speeds, rates, angles]), length, width)
+        if speed is None:
+            speed = np.hypot(_rate(xs, times), _rate(ys, times))
+        speeds = _channel("speed", speed, n)
+        headings = _channel("heading", _course(xs, ys, times) if heading is None else heading, n)
+        rates = _rate(speeds, times) if acceleration is None else acceleration
+        angles = np.full(n, np.nan) if steering_wheel_angle is None else steering_wheel_angle
+        channels = [times, xs, ys, headings, speeds, _channel("acceleration", rates, n)]
+        channels.append(_channel("steering_wheel_angle", angles, n, nan_allowed=True))
+        self._hold(np.array(channels), length, width)
 
     @classmethod
     def of_block(cls, block: FloatArray, *, length: float, width: float) -> Trajectory:
@@ -183,12 +175,7 @@ class Collision:
     @property
     def relative_speed(self) -> float:
         """|v_ego - v_other| at contact, m/s."""
-        return float(
-            np.hypot(
-                self.ego_velocity[0] - self.other_velocity[0],
-                self.ego_velocity[1] - self.other_velocity[1],
-            )
-        )
+        return float(np.hypot(*np.subtract(self.ego_velocity, self.other_velocity)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,18 +284,16 @@ class Recording:
 
     def same_motion(self, other: Recording) -> bool:
         """Whether another recording has all that this one has, to the bit, wall times excepted."""
-        mine, its = (
-            [
+
+        def content(recording: Recording) -> tuple[object, ...]:
+            names = ("collision", "end_reason", "clips", "error", "log", "error_place")
+            motions = [
                 (name, it.length, it.width, *(getattr(it, c).tobytes() for c in CHANNELS))
-                for name, it in ({"ego": one.ego} | one.actors).items()
+                for name, it in ({"ego": recording.ego} | recording.actors).items()
             ]
-            for one in (self, other)
-        )
-        facts = ("collision", "end_reason", "clips", "error", "log", "error_place")
-        same_facts = repr([getattr(self, it) for it in facts]) == repr(
-            [getattr(other, it) for it in facts]
-        )
-        return mine == its and same_facts
+            return motions, repr([getattr(recording, name) for name in names])
+
+        return content(self) == content(other)
 
     @property
     def simulated_time(self) -> float:

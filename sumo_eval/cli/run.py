@@ -26,7 +26,7 @@ from sumo_eval.cli.options import (
 )
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
-from sumo_eval.cli.stopping import Heard, Stopping
+from sumo_eval.cli.stopping import Stopping, heard
 from sumo_eval.cli.tools import refuse_a_bare_file
 
 ENGINES = ("processes", "serial", "dask")
@@ -97,7 +97,7 @@ def run(
         from sumo_eval.settings.config import read_evaluation
 
         read_evaluation(evaluation, own_ads=not ads)  # a mistake in it is told at once
-    with Heard():
+    with heard():
         warm_up()  # before the imports below, which take a second
         from sumo_eval.evaluation import discard_trajectories, record_rounds
         from sumo_eval.record.estimate import estimate

@@ -9,7 +9,9 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from types import FrameType, TracebackType
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
 from typing import Any
 
 from sumo_eval.cli.sentences import tell
@@ -18,30 +20,19 @@ GRACE = 10.0  # s for running cases after SIGTERM
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-class Heard:
+@contextmanager
+def heard() -> Iterator[None]:
     """A context for imports, at whose end a Ctrl-C that came meanwhile is raised: amid an import it
     could fall into a callback of Python's own, which drops what is raised there.
     """
-
-    def __init__(self) -> None:
-        self._before: Any = None
-        self._heard = False
-
-    def __enter__(self) -> None:
-        self._before = signal.signal(signal.SIGINT, self._hear)
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
-        signal.signal(signal.SIGINT, self._before)
-        if self._heard and error is None:
-            raise KeyboardInterrupt
-
-    def _hear(self, number: int, frame: FrameType | None) -> None:
-        self._heard = True
+    signals: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: signals.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if signals:
+        raise KeyboardInterrupt
 
 
 class Stopping:
@@ -59,12 +50,7 @@ class Stopping:
         self._before = {number: signal.signal(number, self._ask) for number in _SIGNALS}
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._at_last.cancel()
         for number, handler in self._before.items():
             signal.signal(number, handler)
@@ -79,12 +65,7 @@ class Stopping:
         self._asked = True
         if number == signal.SIGTERM:
             self._at_last.start()
-            tell(
-                f"Stopping when the running cases have ended, in {GRACE:g} s at the latest.",
-                err=True,
-            )
+            then = f", in {GRACE:g} s at the latest."
         else:
-            tell(
-                "Stopping when the running cases have ended; Ctrl-C once more stops at once.",
-                err=True,
-            )
+            then = "; Ctrl-C once more stops at once."
+        tell(f"Stopping when the running cases have ended{then}", err=True)

@@ -5,8 +5,8 @@ of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from sumo_eval.cosim.doors.contract import Finding, check_controller
 from sumo_eval.cosim.doors.controller import load_controller
@@ -23,15 +23,6 @@ _TIMEOUT = 600.0  # s for all drives of a check
 _LONGEST = 100_000  # characters of one
 
 
-class _Asked(NamedTuple):
-    """An ADS to check, over these cases; none: whether it can be loaded and made."""
-
-    locator: str
-    cases: tuple[ConcreteScenario, ...]
-    step_timeout: float
-    case_timeout: float
-
-
 def check_apart(
     locator: str,
     cases: Sequence[ConcreteScenario],
@@ -45,36 +36,34 @@ def check_apart(
 
     Raises InputError when it cannot.
     """
-    asked = _Asked(locator, tuple(cases), step_timeout, case_timeout)
     limits = RunSettings(case_timeout=_TIMEOUT)
+    check = partial(_checked, step_timeout=step_timeout, case_timeout=case_timeout)
     with Pool(1, limits) as pool:
-        (ended,) = pool.each(Work(_checked, folder), [asked])
+        (ended,) = pool.each(Work(check, folder), [(locator, tuple(cases))])
     if ended.how == "done":
-        return [
-            Finding(*(clean(text, _LONGEST, lines=True) for text in row)) for row in ended.result
-        ], ended.log
-    said = what_happened(ended, limits, "The check", "drove it")
-    return [
-        Finding(
-            "FAIL", said, "an ADS must not end, hang or write into the process that it is loaded in"
-        )
-    ], (ended.log)
+        rows = ((clean(text, _LONGEST, lines=True) for text in row) for row in ended.result)
+        return [Finding(*row) for row in rows], ended.log
+    happened = what_happened(ended, limits, "The check", "drove it")
+    rule = "an ADS must not end, hang or write into the process that it is loaded in"
+    return [Finding("FAIL", happened, rule)], ended.log
 
 
-def _checked(asked: _Asked, folder: Path) -> list[tuple[str, str, str]]:
+def _checked(
+    asked: tuple[str, Sequence[ConcreteScenario]],
+    folder: Path,
+    step_timeout: float,
+    case_timeout: float,
+) -> list[tuple[str, str, str]]:
     """In the child: kind, text and what to do of each finding."""
+    locator, cases = asked
     try:
-        if not asked.cases:
-            load_controller(asked.locator, folder)
+        if not cases:
+            load_controller(locator, folder)
             return []
-        found = check_controller(
-            asked.locator,
-            asked.cases,
-            folder=folder,
-            step_timeout=asked.step_timeout,
-            case_timeout=asked.case_timeout,
+        findings = check_controller(
+            locator, cases, folder=folder, step_timeout=step_timeout, case_timeout=case_timeout
         )
     except KeyboardInterrupt as error:
-        place = f" At {found_at}." if (found_at := fault_place(error, None, folder)) else ""
-        return [("FAIL", f"ADS `{asked.locator}`: {interrupted(error)}.{place}", "end no process")]
-    return [(one.kind, one.text, one.mend) for one in found]
+        place = f" At {at}." if (at := fault_place(error, None, folder)) else ""
+        return [("FAIL", f"ADS `{locator}`: {interrupted(error)}.{place}", "end no process")]
+    return [(finding.kind, finding.text, finding.mend) for finding in findings]

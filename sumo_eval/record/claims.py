@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from sumo_eval.coded import plain, record_of
@@ -53,35 +54,33 @@ def home_of_ads(locator: str, setup: Setup) -> str:
     return OURS if ours and setup.simulation.plant is None else f"ADS `{locator}`"
 
 
-def as_plain(results: Results, read: list[File] | None) -> list[Any]:
+def as_plain(results: Results, reads: list[File] | None) -> list[Any]:
     """Results for a frame, without their cases.
 
-    read: the files that their process has read meanwhile.
+    reads: files that their process has newly read.
     """
-    return [read, None if results is None else [plain(_row(one)) for one in results]]
-
-
-def _row(result: Outcome | Alone) -> object:
-    if isinstance(result, Alone):
-        return result
-    return result.status, result.recording, result.error, result.log, result.error_place
+    if results is None:
+        return [reads, None]
+    rows: list[Any] = [
+        result
+        if isinstance(result, Alone)
+        else (result.status, result.recording, result.error, result.log, result.error_place)
+        for result in results
+    ]
+    return [reads, plain(rows)]
 
 
 def results_of(answer: Any, cases: Sequence[Case]) -> Results:
-    """The outcomes given to `as_plain`, of these cases, each with what its process has newly
-    read.
-    """
+    """The outcomes given to `as_plain`, of these cases."""
     reads, rows = answer
     if rows is None:
         return None
-    return [
-        _result(case, record_of(row, _RECORDS), reads)
-        for case, row in zip(cases, rows, strict=True)
-    ]
-
-
-def _result(case: Case, row: Any, reads: list[File] | None) -> Outcome | Alone:
-    if isinstance(row, Alone):
-        return row
-    status, kept, error, log, place = row
-    return Outcome(case, status, kept and KeptRecording(*kept), error, log, place, reads=reads)
+    results: list[Outcome | Alone] = []
+    for case, row in zip(cases, record_of(rows, _RECORDS), strict=True):
+        if isinstance(row, Alone):
+            results.append(row)
+        else:
+            status, kept, *texts = row
+            outcome = Outcome(case, status, kept and KeptRecording(*kept), *texts)
+            results.append(replace(outcome, reads=reads))
+    return results

@@ -22,6 +22,7 @@ import time as clock
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
+from glob import glob
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -141,13 +142,10 @@ def _end_family() -> None:
 
 def family(pid: int | None = None) -> list[int]:
     """Every process below one, by default below this one."""
-    found: list[int] = []
-    ask = [os.getpid() if pid is None else pid]
-    while ask:
-        children = _children(ask.pop())
-        found += children
-        ask += children
-    return found
+    below = _children(os.getpid() if pid is None else pid)
+    for child in below:  # grows meanwhile
+        below += _children(child)
+    return below
 
 
 def processor_time(pid: int) -> float:
@@ -161,12 +159,11 @@ def processor_time(pid: int) -> float:
 
 
 def _children(pid: int) -> list[int]:
-    found: list[int] = []
-    with suppress(OSError):  # it has gone meanwhile
-        for thread in os.listdir(f"/proc/{pid}/task"):
-            with suppress(OSError), open(f"/proc/{pid}/task/{thread}/children") as file:
-                found += map(int, file.read().split())
-    return found
+    children: list[int] = []
+    for path in glob(f"/proc/{pid}/task/*/children"):
+        with suppress(OSError), open(path) as file:  # it has gone meanwhile
+            children += map(int, file.read().split())
+    return children
 
 
 def _held(limit: float) -> float:
@@ -176,13 +173,16 @@ def _held(limit: float) -> float:
     page is divided among those who share it.
     """
     below = family()
-    held = sum(map(_resident, below))
+    held = sum(memory(pid, 1) for pid in below)
     return sum(map(_proportional, below)) if held > limit and len(below) > 1 else held
 
 
-def _resident(pid: int) -> float:
+def memory(pid: int, column: int) -> float:
+    """Memory of a process, bytes, by the column of statm: 1 its resident set, 2 the part of it that
+    belongs to files or is shared.
+    """
     with suppress(OSError, IndexError), open(f"/proc/{pid}/statm") as file:
-        return float(int(file.read().split()[1]) * _PAGE)
+        return float(int(file.read().split()[column]) * _PAGE)
     return 0.0
 
 
@@ -191,13 +191,6 @@ def _proportional(pid: int) -> float:
         for line in file:
             if line.startswith("Pss:"):
                 return 1024.0 * int(line.split()[1])
-    return 0.0
-
-
-def shared_memory() -> float:
-    """Part of this process's resident set that belongs to files or is shared, bytes."""
-    with suppress(OSError, IndexError), open("/proc/self/statm") as file:
-        return float(int(file.read().split()[2]) * _PAGE)
     return 0.0
 
 

@@ -131,18 +131,15 @@ def with_fingerprint(
 
 def _own_files(module: ModuleType, before: set[str]) -> set[Path]:
     """Files of the modules that came with a module and belong to it."""
-    own = _file(module)
+    own, top = _file(module), module.__name__.partition(".")[0]
     if own is None:
         return set()
-    top = module.__name__.partition(".")[0]
-    beside = own.parent
     files = {own}
-    for name, other in list(sys.modules.items()):
-        file = None if name in before else _file(other)
-        if file is None:
-            continue
-        if name.partition(".")[0] == top or (
-            file.is_relative_to(beside) and "site-packages" not in file.parts
+    for name in sys.modules.keys() - before:
+        file = _file(sys.modules[name])
+        if file is not None and (
+            name.partition(".")[0] == top
+            or (file.is_relative_to(own.parent) and "site-packages" not in file.parts)
         ):
             files.add(file)
     return files
@@ -150,8 +147,7 @@ def _own_files(module: ModuleType, before: set[str]) -> set[Path]:
 
 def _file(module: Any) -> Path | None:
     name = getattr(module, "__file__", None)
-    file = Path(name) if isinstance(name, str) else None
-    return file if file is not None and file.is_file() else None
+    return Path(name) if isinstance(name, str) and Path(name).is_file() else None
 
 
 def named_files(locator: str, folder: Path) -> set[Path]:

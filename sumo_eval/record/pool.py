@@ -35,10 +35,10 @@ from sumo_eval.record.hygiene import (
     MEGABYTE,
     Report,
     keep_open,
+    memory,
     processor_time,
     read_report,
     scratch_folder,
-    shared_memory,
     supervise,
 )
 from sumo_eval.record.watch import COPY
@@ -482,7 +482,7 @@ def _limit_memory(megabytes: float) -> None:
     """
     import resource
 
-    limit = max(int(megabytes * MEGABYTE - shared_memory()), 1)
+    limit = max(int(megabytes * MEGABYTE - memory(os.getpid(), 2)), 1)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
 
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -37,16 +38,7 @@ EXPOSURES = "exposure.json"
 LOCK = ".lock"
 SHARD = "shard"  # word that a facts file notes of its run
 GIVEN = "ads"  # where ADSs lie that were given by value
-_HALF_MADE = {
-    EVALUATION,
-    MANIFEST,
-    FACTS,
-    LOCK,
-    EXPOSURES,
-    "networks",
-    "routes",
-    GIVEN,
-}
+_HALF_MADE = {EVALUATION, MANIFEST, FACTS, LOCK, EXPOSURES, "networks", "routes", GIVEN}
 
 
 @contextmanager
@@ -81,8 +73,7 @@ def refuse_foreign(folder: Path, resume: bool) -> None:
         raise InputError(
             f"{folder} already exists and is not a folder; a run needs a folder of its own."
         )
-    suffixes = ("-wal", "-shm", "-journal", ".half")
-    names = {_without(path.name, suffixes) for path in folder.iterdir()}
+    names = {re.sub(r"(-wal|-shm|-journal|\.half)$", "", path.name) for path in folder.iterdir()}
     names -= {LOCK, GIVEN}
     if not names:
         return
@@ -95,12 +86,6 @@ def refuse_foreign(folder: Path, resume: bool) -> None:
         raise InputError(
             f"{folder} is not a run folder: there is no {MANIFEST} in it; nothing to resume."
         )
-
-
-def _without(name: str, suffixes: Sequence[str]) -> str:
-    for suffix in suffixes:
-        name = name.removesuffix(suffix)
-    return name
 
 
 def is_run(folder: Path) -> bool:
@@ -126,7 +111,7 @@ def create(
 
     before = read_manifest(folder) if is_run(folder) else None
     named = settings.run.qualification
-    # of a run that goes on: its file need not be there any more
+    # of a run that continues: its file may be gone
     known = (before or {}).get("qualification")
     qualified = {"qualification": known or read_qualification(named, source)} if named else {}
     with writing(f"The run folder {folder}"):
@@ -152,7 +137,7 @@ def create(
         for name, text in inputs.items():
             _write(folder / name, text)
         manifest = _manifest(inputs, settings, source) | qualified
-        if before is not None:  # who began it stays, and who went on stands beside
+        if before is not None:  # those that resumed it stand beside the one that began it
             now = {name: manifest[name] for name in ("created", "versions", "machine")}
             manifest |= {name: before[name] for name in now}
             resumed = [*before.get("resumed", []), *([] if another_round else [now])]

@@ -318,8 +318,8 @@ class Store:
         """Whether the trajectories of a case were deleted after it was scored."""
         return self._first('SELECT 1 FROM let_go WHERE "case" = ?', case) is not None
 
-    def no_trajectory(self, case: str, vehicle: str = EGO) -> InputError:
-        """Why there is no trajectory of a vehicle in a case."""
+    def no_trajectory(self, case: str) -> InputError:
+        """Why there is no trajectory of the ego in a case."""
         if self.is_discarded(case):
             return InputError(
                 f"The trajectories of case `{case}` of {self.path.parent} were discarded after it "
@@ -327,7 +327,7 @@ class Store:
                 "needs the evaluation run again."
             )
         return InputError(
-            f"There is no trajectory of `{vehicle}` in case `{case}` of {self.path.parent}."
+            f"There is no trajectory of `{EGO}` in case `{case}` of {self.path.parent}."
         )
 
     def _read(
@@ -469,15 +469,13 @@ class Store:
 
     # -- reading -----------------------------------------------------------------------------------
 
-    def facts(
-        self, role: Role, scenario: str | None = None, driver: str | None = None
-    ) -> Iterator[Fact]:
-        """Recorded cases of a role (of one scenario, of one driver), by scenario, point and driver,
-        one at a time.
+    def facts(self, role: Role, scenario: str | None = None) -> Iterator[Fact]:
+        """Recorded cases of a role (in one scenario), by scenario, point and driver, one at a
+        time.
         """
         self.check_all()
-        where = "role = ? AND scenario = coalesce(?, scenario) AND driver = coalesce(?, driver)"
-        return self._facts(f"{where} ORDER BY scenario, point, driver", role, scenario, driver)
+        where = "role = ? AND scenario = coalesce(?, scenario) ORDER BY scenario, point, driver"
+        return self._facts(where, role, scenario)
 
     def _facts(self, where: str, *values: object) -> Iterator[Fact]:
         return map(_fact, self._read(_SELECT_FACTS + where, values))
@@ -589,13 +587,13 @@ class Store:
         drives = list(self._read(_DRIVES, (case,))) if whole else []
         return hashlib.sha256(repr((row, drives)).encode()).hexdigest()
 
-    def trajectory(self, case: str, vehicle: str = EGO) -> Trajectory:
-        """A recorded trajectory of a case."""
+    def trajectory(self, case: str) -> Trajectory:
+        """The ego's recorded trajectory of a case."""
         self._check_one(case)
         query = 'SELECT data FROM trajectories WHERE "case" = ? AND vehicle = ?'
-        row = self._first(query, case, vehicle)
+        row = self._first(query, case, EGO)
         if row is None:
-            raise self.no_trajectory(case, vehicle)
+            raise self.no_trajectory(case)
         return unpack(row[0])
 
     def trajectories(self, case: str) -> dict[str, Trajectory]:

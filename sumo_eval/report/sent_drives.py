@@ -124,7 +124,7 @@ def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[Cas
             # D_i is made of those that ended well
             if fact.status == "ok" and not store.is_discarded(fact.case):
                 drivers.setdefault(number, []).append(len(trajectories))
-                trajectories.append(store.trajectory(fact.case, EGO))
+                trajectories.append(store.trajectory(fact.case))
     return Drives(encode_trajectories(trajectories), rows, drivers)
 
 

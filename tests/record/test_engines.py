@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from sumo_eval.cli.stopping import Heard
+from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.record.cases import Case, Outcome, Setup, Status
@@ -315,7 +315,7 @@ def test_warming_up_begins_the_process_that_makes_the_children_and_they_come_fro
 
 def imported(error: type[Exception] | None = None) -> None:
     """Imports amid which a Ctrl-C comes."""
-    with Heard():
+    with heard():
         os.kill(os.getpid(), signal.SIGINT)
         if error is not None:
             raise error

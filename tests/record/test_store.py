@@ -129,7 +129,6 @@ def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(
         assert [(f.point, f.driver) for f in store.facts("ads")] == [
             (2, "a"), (2, "b"), (5, "a"), (5, "b"), (9, "a"), (9, "b"),
         ]  # fmt: skip
-        assert [fact.point for fact in store.facts("ads", driver="a")] == [2, 5, 9]
         assert list(store.facts("human")) == []
         assert list(store.facts("ads", "front_vehicle_low_speed")) == []
 

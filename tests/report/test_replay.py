@@ -127,7 +127,7 @@ def test_the_replay_page_plays_in_a_browser(evaluation: Evaluation, tmp_path: Pa
         evaluation.folder, logical, fact, tmp_path / "replay.html", beside=builders.HOSTILE
     )
     with open_store(evaluation.folder / FACTS) as store:
-        ego = store.trajectory(fact.case, EGO)
+        ego = store.trajectory(fact.case)
     with Page(tmp_path / "profile") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
         names = page.run(
