@@ -36,7 +36,7 @@ from sumo_eval.nightly.history import (
     is_begun,
     open_history,
 )
-from sumo_eval.nightly.judged import JudgedNight, judge_night, new_pin
+from sumo_eval.nightly.judged import judge_night, new_pin
 from sumo_eval.nightly.morning import NightResult, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
@@ -103,8 +103,14 @@ def run_night(
             )
             judged = judge_night(history, lines, done, gate, progress)
             notes += [*again, *judged.bases.notes]
-            report = _write_results(done, judged, notes, progress)
-        comparison, gates = judged.bases.comparison, judged.gates
+            comparison, gates = judged.bases.comparison, judged.gates
+            write_tables(done)
+            suites = {**comparison_suites(comparison, gates), **run_suites(done)}
+            write_junit(suites, done.folder / JUNIT, score_parts(done))
+            since = {limit: one.words for limit, one in judged.since.items()}
+            report = write_assessed_report(
+                done, Beside(comparison, gates, since, tuple(notes)), progress=progress
+            )
         strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
         status = NOT_EVALUATED if done.not_evaluated else DONE
         status = GATE_FAILED if failed(gates) or strict else status
@@ -159,20 +165,6 @@ def _unfinished(folder: Path) -> Iterator[None]:
             f"The night could not be finished: {said(error)}. Earlier nights are as they were. "
             f"{rest}"
         ) from error
-
-
-def _write_results(
-    done: Evaluation, judged: JudgedNight, notes: Sequence[str], progress: Progress
-) -> Path:
-    """Write tables, JUnit XML and the report of a night; the report's path."""
-    comparison, gates = judged.bases.comparison, judged.gates
-    write_tables(done)
-    suites = {**comparison_suites(comparison, gates), **run_suites(done)}
-    write_junit(suites, done.folder / JUNIT, score_parts(done))
-    since = {limit: one.words for limit, one in judged.since.items()}
-    return write_assessed_report(
-        done, Beside(comparison, gates, since, tuple(notes)), progress=progress
-    )
 
 
 def _evaluated(

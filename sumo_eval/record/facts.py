@@ -109,7 +109,13 @@ def settings_of(
         if isinstance(locator, str) and locator.startswith(("exec:", "traci:")):
             find_controller(locator, Path.cwd())
     if ads:
-        settings = replace(settings, ads=tuple(_entry(item, folder, resume) for item in ads))
+        entries = (
+            AdsSettings(it, made_absolute(it, Path.cwd()))
+            if isinstance(it, str)
+            else entry_of(it, folder, resume=resume)
+            for it in ads
+        )
+        settings = replace(settings, ads=tuple(entries))
     check_evaluation(settings, "`ads`" if ads else "the evaluation")
     given = {name: value for name, value in changes.items() if value is not None}
     return replace(
@@ -125,13 +131,6 @@ def _run_of(evaluation: str | os.PathLike[str] | None, folder: Path, resume: boo
     """
     named = Path(evaluation) if evaluation is not None else folder if resume else None
     return named if named is not None and run_folder.is_run(named) else None
-
-
-def _entry(ads: Any, folder: Path, resume: bool) -> AdsSettings:
-    """The entry of an ADS that is named or given instead of the evaluation's."""
-    if isinstance(ads, str):
-        return AdsSettings(ads, made_absolute(ads, Path.cwd()))
-    return entry_of(ads, folder, resume=resume)
 
 
 def _with_locators(evaluation: Mapping[str, Any], folder: Path, resume: bool) -> dict[str, Any]:
@@ -165,9 +164,14 @@ def record_facts(
     Raises StoppedError after `stopping` returned true, or after Ctrl-C; recorded cases are kept,
     and `resume` continues.
     """
-    settings, source, shard = run.settings, run.source, run.shard
-    if shard != WHOLE:
-        _refuse_rounds_in_shards(settings)
+    settings, source, shard = run.settings, run.source, "{}/{}".format(*run.shard)
+    for entry in settings.scenario if run.shard != WHOLE else ():
+        if entry.sampling.method == "adaptive":
+            raise InputError(
+                f"Scenario `{entry.use}` is sampled in rounds (`adaptive`), each chosen by the "
+                "results of all cases before: it cannot be recorded in shards. More machines share "
+                "its cases with `--engine dask`."
+            )
     severity_of(settings.method.collision, source)
     refuse_engine(settings.run)
     if settings.run.qualification and not run_folder.is_run(folder):
@@ -180,16 +184,15 @@ def record_facts(
     ):
         remember(folder, settings, source)
         before = store.noted(run_folder.SHARD)
-        if before and parse_shard(before) != shard:
+        if before not in ("", shard):
             raise InputError(
-                f"Run {folder} is shard {before}; it cannot continue as shard "
-                f"{shard[0]}/{shard[1]}."
+                f"Run {folder} is shard {before}; it cannot continue as shard {shard}."
             )
         refuse_to_lose_cases(store, spaces, settings, folder)
         notes = find_stale(store, source)
         store.remove_stale()
         store.unseal()
-        store.note(run_folder.SHARD, f"{shard[0]}/{shard[1]}")
+        store.note(run_folder.SHARD, shard)
         try:
             _record_alongside(meanwhile, spaces, plan, store, progress, stopping)
         except (StoppedError, KeyboardInterrupt):
@@ -294,16 +297,6 @@ def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
 
     entries = tuple(filled(entry) for entry in run.settings.scenario)
     return replace(run, settings=replace(run.settings, scenario=entries))
-
-
-def _refuse_rounds_in_shards(settings: EvaluationSettings) -> None:
-    for entry in settings.scenario:
-        if entry.sampling.method == "adaptive":
-            raise InputError(
-                f"Scenario `{entry.use}` is sampled in rounds (`adaptive`), each chosen by the "
-                "results of all cases before: it cannot be recorded in shards. More machines share "
-                "its cases with `--engine dask`."
-            )
 
 
 def merge(shards: Sequence[Path], out: Path) -> Recorded:

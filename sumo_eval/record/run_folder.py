@@ -49,17 +49,14 @@ def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
     """
     refuse_foreign(folder, resume)
 
-    def busy(owner: str) -> str:
-        return (
-            f"Run {folder} is being written by another process ({owner}); a run has one writer at "
-            "a time."
-        )
-
     with held(
         folder / LOCK,
         f"process {os.getpid()} on {platform.node()}",
         f"The run folder {folder}",
-        busy,
+        lambda owner: (
+            f"Run {folder} is being written by another process ({owner}); a run has one writer at "
+            "a time."
+        ),
     ):
         refuse_foreign(folder, resume)  # another process may have finished a run here just now
         yield

@@ -132,7 +132,7 @@ class Store:
             raise InputError(f"{path.parent} is not a run folder: there is no {path.name} in it.")
         self.path = path
         self._writing = create
-        self._unchecked = False  # whether each case is checked when it is read
+        self.unchecked = False  # each case is checked when it is read, all before many are
         # locators of ADSs that have read files that have changed since
         self.stale: frozenset[str] = frozenset()
         try:
@@ -205,19 +205,15 @@ class Store:
         finally:
             self._connection.rollback()
 
-    def check_what_is_read(self) -> None:
-        """Check each case when it is read, and the whole file before many are."""
-        self._unchecked = True
-
     def check_all(self) -> None:
         """Check the whole file now, where only what is read would be."""
-        if self._unchecked:
+        if self.unchecked:
             self.check()
-            self._unchecked = False
+            self.unchecked = False
             _checked.add(_state(self.path))
 
     def _check_one(self, case: str) -> None:
-        if not self._unchecked:
+        if not self.unchecked:
             return
         fact = self._first('SELECT * FROM facts WHERE "case" = ?', case)
         circumstance = self._first('SELECT * FROM circumstances WHERE "case" = ?', case)
@@ -357,8 +353,9 @@ class Store:
         tables = list(zip(*map(_rows, outcomes), strict=True))
         with self._changes():
             for outcome in outcomes:
-                if self._is_outdated(outcome.case):
-                    self._remove(outcome.case.key)
+                key = outcome.case.key
+                if self._fingerprint(key) is not None and not self.holds(outcome.case):
+                    self._remove(key)
             for table, rows in zip(_TABLES, tables, strict=False):
                 self._insert(table, chain.from_iterable(rows))
 
@@ -405,10 +402,6 @@ class Store:
         with self._changes():
             for case in keys:
                 self._remove(case)
-
-    def _is_outdated(self, case: Case) -> bool:
-        recorded = self._fingerprint(case.key)
-        return recorded is not None and not self.holds(case)
 
     def _fingerprint(self, case: str) -> str | None:
         row = self._first('SELECT fingerprint FROM facts WHERE "case" = ?', case)
@@ -627,7 +620,7 @@ def _check_once(store: Store, whole: bool) -> None:
     if state in _checked and not _is_written(store.path):
         return
     if not whole and _vouched(store.path) == state[1:]:
-        store.check_what_is_read()
+        store.unchecked = True
         return
     store.check()
     _checked.add(state)

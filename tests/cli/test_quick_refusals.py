@@ -9,9 +9,10 @@ from click.testing import CliRunner
 
 from sumo_eval.cli import main
 from sumo_eval.extras.figures import style
-from sumo_eval.record import cluster
+from sumo_eval.record import cluster, loops
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.terminal import gate_lines
+from sumo_eval.scenario.shipped_files import scenario_files
 
 TWO = (
     "class Brake:\n    def act(self, seen):\n        return None\n\n\ndef steer(seen):\n    "
@@ -136,6 +137,21 @@ def test_a_curve_too_tight_for_the_steering_is_refused_at_once(
         "The radius of scenario `curve_braking` must be at least 312.9 m, so that the ego can drive"
         in result.output
     )
+
+
+def test_vehicle_that_cannot_be_placed_is_refused_before_compiling(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shipped = scenario_files()["front_vehicle_cut_out"].read_text(encoding="utf-8")
+    Path("bad.toml").write_text(shipped.replace("min(1.0 * ego_speed, lead_room)", "-3.0"))
+    Path("evaluation.toml").write_text(
+        'name = "x"\n[[scenario]]\nuse = "bad.toml"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n'
+    )
+    monkeypatch.setattr(loops, "ready", None)
+    result = CliRunner().invoke(main, ["run", "evaluation.toml", "--out", "x"])
+    assert result.exit_code == 2
+    assert "must be clear of `ego` at the start" in result.output
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from sumo_eval.cosim.sumo.gui_replay import sumo_gui
 from sumo_eval.errors import InputError
 from sumo_eval.method.measures import time_to_collision, vehicle_ahead
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import EGO, Fact, open_store
+from sumo_eval.record.store import Fact, open_store
 from sumo_eval.report.page_data import drawn_line
 from sumo_eval.report.replay import recorded, write_replay
 from sumo_eval.results import Evaluation
