@@ -224,7 +224,7 @@ def test_a_frame_is_read_byte_by_byte_as_it_was_written() -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda data: b"x" + data, "no result"),
+        (lambda data: b"x" + data, "not a result"),
         (lambda data: data + b"x", "more than one"),
         (lambda data: data[:-1] + b"x", "checksum"),
         (lambda data: frame(None, 5), "another case"),
