@@ -146,7 +146,7 @@ def _begin(history: Path, lines: History, notes: list[str], resume: bool) -> str
 
 @contextmanager
 def _unfinished(folder: Path) -> Iterator[None]:
-    """What a night says that cannot be finished."""
+    """Errors of a night that cannot be finished."""
     try:
         yield
     except KeyboardInterrupt:

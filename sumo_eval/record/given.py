@@ -1,8 +1,8 @@
-"""ADSs that are given as they are, a class, a function or an object of a notebook cell, in place of
+"""ADSs that are given as they are, a class, a function or an object of a notebook cell, instead of
 a locator.
 
-What lies in a file of its own is named by it. What does not is written by value into the run
-folder, from where the children read it: downwards only, and only by the user's own process.
+An ADS in a file is named by it. Any other is written by value into the run folder, from where the
+children read it: downwards only, and only by the user's own process.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str:
     named: what it is (`ADS`, or else e.g. `Human reference`), and its locator.
 
     Runs in a fresh child process, because finding an ADS means running its file. Source files are
-    the modules that loading it brings in and that lie beside it or in its package; of a command,
+    the modules that loading it brings in and in its folder or its package; of a command,
     the files that its words name.
     """
     before = set(sys.modules)

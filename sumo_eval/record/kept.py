@@ -33,7 +33,7 @@ _HEADER = struct.Struct("<Idd")
 
 
 class KeptRecording(NamedTuple):
-    """A `Recording` with the trajectories as `pack` makes them, by vehicle, the ego's under
+    """A `Recording` with the trajectories as `packed` makes them, by vehicle, the ego's under
     `ego`.
     """
 
@@ -54,7 +54,7 @@ class KeptRecording(NamedTuple):
 def keep(recording: Recording) -> KeptRecording:
     """The recording as it is stored; its error and its log stand in the outcome."""
     return KeptRecording(
-        {name: pack(drive) for name, drive in {EGO: recording.ego, **recording.actors}.items()},
+        {name: packed(drive) for name, drive in {EGO: recording.ego, **recording.actors}.items()},
         recording.collision,
         recording.end_reason,
         recording.clips,
@@ -64,7 +64,7 @@ def keep(recording: Recording) -> KeptRecording:
     )
 
 
-def pack(trajectory: Trajectory) -> bytes:
+def packed(trajectory: Trajectory) -> bytes:
     """A trajectory as bytes: time and x in double, the rest in single precision, byte planes
     together, deflated.
     """
@@ -83,7 +83,7 @@ def pack(trajectory: Trajectory) -> bytes:
 
 
 def unpack(data: bytes) -> Trajectory:
-    """The trajectory that `pack` wrote."""
+    """The trajectory that `packed` wrote."""
     n, length, width = _HEADER.unpack_from(data)
     size = n * _SAMPLE_BYTES
     inflating = zlib.decompressobj()

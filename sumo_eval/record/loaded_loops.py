@@ -10,12 +10,10 @@ import sys
 from types import TracebackType
 
 
-def _in_a_sentence(
+def _report_others(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
-    """Leave a process that cannot be made to the owner, who says so in a sentence, or has gone
-    while it was made.
-    """
+    """Leave a process that cannot be made to the owner, which reports it or has ended."""
     if not issubclass(kind, OSError | EOFError):
         sys.__excepthook__(kind, error, trace)
 
@@ -37,4 +35,4 @@ def _load() -> None:
 if os.environ.get("PYTHONSAFEPATH") == "sumo_eval":  # for the start of this process alone
     del os.environ["PYTHONSAFEPATH"]
 _load()
-sys.excepthook = _in_a_sentence
+sys.excepthook = _report_others

@@ -2,7 +2,7 @@
 process.
 
 Each child serves one home, say one ADS, and nothing else in its life. It has pipes of its own and a
-supervisor (see `hygiene`), so it cannot reach another one's results. Its results are frames that
+supervisor (see `hygiene`), so it cannot reach the results of any other. Its results are frames that
 cannot execute anything (see `frames`); its output comes here, bounded, and never to our own stdout.
 Nothing here waits for a child longer than its deadline. Everything happens in the calling thread.
 """
@@ -224,8 +224,8 @@ class Pool:
     def _wait(self, busy: Sequence[_Child]) -> None:
         """Wait until something happens, and take it in.
 
-        Time of this process between two looks - ending a child, writing results - is no child's
-        time.
+        Time of this process between two looks - ending a child, writing results - counts for no
+        child.
         """
         away = clock.monotonic() - self._looked
         poll = select.poll()

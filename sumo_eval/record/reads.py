@@ -177,7 +177,7 @@ _watch: _Watch | None = None
 def begin(folder: Path, files: Iterable[Path] = ()) -> None:
     """Watch what this process reads from now on.
 
-    files: what a program will read that is no part of it.
+    files: files that a program will read beyond its own.
     """
     global _watch
     if _watch is None:
@@ -300,7 +300,7 @@ class OneVersion:
         """Take in what a process of an ADS has read; what is new of it.
 
         files: None of a process that was lost.
-        Raises InputError for a file that was another one before.
+        Raises InputError for a file that has changed.
         """
         if files is None:
             files = [] if locator in self._reported else [(LOST, UNKNOWN)]

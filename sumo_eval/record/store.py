@@ -395,9 +395,7 @@ class Store:
         self.stale = frozenset()
 
     def remove(self, cases: Iterable[str]) -> None:
-        """Take out cases that are no part of the evaluation any more, as where an ADS has
-        changed.
-        """
+        """Take out cases that left the evaluation, as where an ADS has changed."""
         keys = list(cases)
         with self._changes():
             for case in keys:

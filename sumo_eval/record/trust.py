@@ -21,7 +21,7 @@ from sumo_eval.settings import EvaluationSettings
 from sumo_eval.text import clean
 
 Code = tuple[str, str, str]
-"""What it is, its locator, and the folder where that starts."""
+"""Kind of code, its locator, and the folder where that starts."""
 
 _given: set[Code] = set()
 _trusted: set[tuple[str, str]] = set()  # folder and hash, where the state folder takes none

@@ -18,7 +18,7 @@ from record.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
 from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import run_cases
-from sumo_eval.record.kept import pack
+from sumo_eval.record.kept import packed
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
@@ -114,8 +114,8 @@ def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster: Clu
     ]
     (alone,) = run_cases([cases[0]], Setup(SimulationSettings(), RunSettings(workers=1), HERE))
     assert alone.recording is not None
-    assert {pack(o.recording.ego) for o in by_name["idm"] if o.recording} == {
-        pack(alone.recording.ego)
+    assert {packed(o.recording.ego) for o in by_name["idm"] if o.recording} == {
+        packed(alone.recording.ego)
     }
 
 
@@ -167,7 +167,7 @@ def test_workers_that_are_killed_at_random_moments_cost_no_case(tmp_path: Path) 
         assert {one.status for one in found} <= {"ok", "crashed"}
         lost = [one for one in found if one.status == "crashed"]
         assert all("Its worker was lost 3 times" in (one.error or "") for one in lost)
-        assert len({pack(one.recording.ego) for one in found if one.recording}) == 1
+        assert len({packed(one.recording.ego) for one in found if one.recording}) == 1
 
 
 SLOW_TO_BEGIN = MY_ADS.replace(

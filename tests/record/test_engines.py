@@ -18,7 +18,7 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.record.cases import Case, Outcome, Setup, Status
 from sumo_eval.record.engines import LATE, is_late_by_chance, run_batches, run_cases
-from sumo_eval.record.kept import KeptRecording, pack
+from sumo_eval.record.kept import KeptRecording, packed
 from sumo_eval.record.pool import Ended
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
@@ -95,7 +95,7 @@ def test_cases_beside_faulty_ones_are_what_they_are_alone(outcomes: dict[str, Ou
             "ok" if outcome.case.driver == "idm" else "collision",
             None,
         )
-        assert pack(outcome.recording.ego) == pack(expected.ego), "bit for bit"
+        assert packed(outcome.recording.ego) == packed(expected.ego), "bit for bit"
 
 
 LATE_ADS = """
@@ -250,7 +250,7 @@ def drives(workers: int, numbers: list[int], controller: str = "synthetic") -> d
     ]
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), HERE)
     return {
-        o.case.key: pack(o.recording.ego)
+        o.case.key: packed(o.recording.ego)
         for o in run_cases(cases, setup)
         if o.recording is not None
     }
@@ -280,7 +280,7 @@ def test_the_serial_engine_gives_the_same_without_children() -> None:
     (there,) = run_cases([case], Setup(SimulationSettings(), RunSettings(), HERE))
     assert here.recording is not None
     assert there.recording is not None
-    assert pack(here.recording.ego) == pack(there.recording.ego)
+    assert packed(here.recording.ego) == packed(there.recording.ego)
 
 
 def test_stopping_lets_running_cases_end_and_begins_no_more() -> None:

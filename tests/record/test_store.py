@@ -14,7 +14,7 @@ from record.edited_store import edit
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Outcome
-from sumo_eval.record.kept import pack, unpack
+from sumo_eval.record.kept import packed, unpack
 from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, Latency, Recording, Trajectory
@@ -45,7 +45,7 @@ def collision() -> Collision:
 
 def test_a_packed_trajectory_comes_back_time_and_x_exact_the_rest_to_single_precision() -> None:
     before = drive()
-    after = unpack(pack(before))
+    after = unpack(packed(before))
     assert np.array_equal(after.time, before.time)
     assert np.array_equal(after.x, before.x)
     for name in CHANNELS:
@@ -56,8 +56,8 @@ def test_a_packed_trajectory_comes_back_time_and_x_exact_the_rest_to_single_prec
 
 
 def test_packing_what_was_unpacked_changes_no_byte() -> None:
-    data = pack(drive())
-    assert pack(unpack(data)) == data
+    data = packed(drive())
+    assert packed(unpack(data)) == data
 
 
 def test_a_case_comes_back_as_it_was_recorded(tmp_path: Path) -> None:
