@@ -317,7 +317,7 @@ def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins() 
     assert len(asked) <= 2 * 4 * 256
 
 
-def test_settings_that_reject_a_case_alone_reject_it_in_a_batch() -> None:
+def test_settings_that_reject_a_case_reject_it_in_a_batch() -> None:
     odd = replace(SIMULATION, step=0.03, record_interval=0.1)
     for ads in ("careful_driver", "idm"):
         found = [
@@ -328,7 +328,7 @@ def test_settings_that_reject_a_case_alone_reject_it_in_a_batch() -> None:
         assert {outcome.status for outcome in found[1]} == {"rejected"}
 
 
-def test_a_score_says_which_drives_left_their_batch(tmp_path: Path) -> None:
+def test_score_says_which_drives_left_their_batch(tmp_path: Path) -> None:
     sampling = SamplingSettings(steps={"ego_speed": 5.0, "lead_speed": 10.0})
     settings = EvaluationSettings(
         name="batches",
