@@ -139,7 +139,7 @@ def test_a_curve_too_tight_for_the_steering_is_refused_at_once(
     )
 
 
-def test_vehicle_that_cannot_be_placed_is_refused_before_compiling(
+def test_impossible_placement_is_refused_before_compiling(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -80,7 +80,7 @@ def facts(outcomes: list[Outcome]) -> dict[str, tuple[object, ...]]:
         ("FillsMemory", "ads_error", False),
     ],
 )
-def test_a_faulty_case_costs_itself_alone_and_the_log_says_when_it_broke_its_batch(
+def test_faulty_case_fails_alone_and_its_log_names_the_batch(
     fault: str, status: str, breaks: bool
 ) -> None:
     drives = cases(f"faulty_policies.py:{fault}")
@@ -100,7 +100,7 @@ def test_a_faulty_case_costs_itself_alone_and_the_log_says_when_it_broke_its_bat
 
 
 @pytest.mark.parametrize("ads", ["Gambles", "ImportsTraci", "Steps"])
-def test_what_cannot_ride_is_driven_alone_and_is_what_it_is_alone(ads: str) -> None:
+def test_case_that_cannot_share_a_batch_drives_alone(ads: str) -> None:
     """Global random numbers have to come case by case; who asks SUMO needs its case alone, and so
     does TraCI code."""
     together = list(run_cases(cases(f"faulty_policies.py:{ads}"), setup(workers=1)))
@@ -150,7 +150,7 @@ def stored(path: Path, run: Setup) -> str:
         return store.digest()
 
 
-def test_neither_the_size_of_batches_nor_workers_nor_the_engine_changes_a_byte(
+def test_batch_size_workers_and_engine_change_no_byte(
     tmp_path: Path,
 ) -> None:
     alone = stored(tmp_path / "alone", setup(workers=1, cases_per_pack=1))
@@ -167,7 +167,7 @@ def test_neither_the_size_of_batches_nor_workers_nor_the_engine_changes_a_byte(
         assert stored(tmp_path / str(number), run) == alone
 
 
-def test_conditions_of_the_ads_keep_it_out_of_batches_and_change_nothing_for_the_ideal_vehicle(
+def test_conditions_keep_an_ads_out_of_batches(
     tmp_path: Path,
 ) -> None:
     noisy = replace(SIMULATION, conditions=replace(SIMULATION.conditions, reveal_scenario=True))
@@ -234,7 +234,7 @@ def test_a_batch_holds_one_kind_and_never_more_than_allowed() -> None:
     assert seen == len(kinds())
 
 
-def test_the_longest_cases_of_a_kind_go_first_and_kinds_in_their_order() -> None:
+def test_longest_cases_of_a_kind_go_first() -> None:
     slow, quick = (SPACE.concrete(ego_speed=20.0, lead_speed=speed) for speed in (5.0, 15.0))
     drives = [Case(number, quick if number % 2 else slow, "ads", "a", "a") for number in range(8)]
     drives += [Case(number, slow, "human", "driver_00", "synthetic") for number in range(4)]
@@ -283,9 +283,7 @@ def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_eac
 @pytest.mark.parametrize(
     ("too_slow", "expected"), [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])]
 )
-def test_batches_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_hold(
-    too_slow: bool, expected: list[int]
-) -> None:
+def test_batches_shrink_when_lost_and_grow_again(too_slow: bool, expected: list[int]) -> None:
     concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
     batches = Batches([Case(number, concrete, "ads", "a", "a") for number in range(4000)], 1, 64)
     batch = batches.take()
