@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,11 @@ from sumo_eval.trajectory import Collision, Trajectory
 
 STEP = 0.05  # s; of the animation
 ZOOM = 4000.0  # of sumo-gui: some 150 m of road
-COLOURS = {EGO: "0,114,178", "": "178,106,0"}  # of the ego, of everybody else
+COLOURS = {EGO: "0,114,178", "": "178,106,0"}  # of the ego, of actors
 
 
 def sumo_gui() -> str:
-    """The path of sumo-gui. Raises InputError with one sentence where there is none."""
+    """The path of sumo-gui. Raises InputError where there is none."""
     beside = Path(sys.executable).with_name("sumo-gui")
     found = str(beside) if beside.is_file() else shutil.which("sumo-gui")
     if found is None:
@@ -46,7 +47,7 @@ def replay_in_gui(
     *, bodies: Mapping[str, str] | None = None,
 ) -> None:  # fmt: skip
     """Play a recording in sumo-gui in real time, and leave its window open at the end until the
-    person closes it.
+    user closes it.
 
     vehicles: by name, the ego's under `ego`.
     program: sumo-gui, or another SUMO program that understands TraCI.
@@ -56,25 +57,19 @@ def replay_in_gui(
     from traci import main as traci  # the package itself is libsumo here, which has no window
 
     with tempfile.TemporaryDirectory(prefix="sumo_eval_") as name:
-        folder = Path(name)
-        (folder / "road.net.xml").write_text(network_xml(road), encoding="utf-8")
-        (folder / "road.view.xml").write_text(view_xml(road), encoding="utf-8")
-        (folder / "case.rou.xml").write_text(_types(vehicles, bodies or {}), encoding="utf-8")
+        folder, shows = Path(name), Path(program).name.startswith("sumo-gui")
         command = [
-            program, "-n", str(folder / "road.net.xml"), "-r", str(folder / "case.rou.xml"),
-            "--step-length", str(STEP),
-            "--collision.action", "none", "--no-step-log", "true", "--no-warnings", "true",
+            program, "--step-length", str(STEP), "--collision.action", "none",
+            "--no-step-log", "true", "--no-warnings", "true",
         ]  # fmt: skip
-        shows = Path(program).name.startswith("sumo-gui")
+        files = {"-n": network_xml(road), "-r": _types(vehicles, bodies or {})}
         if shows:
-            command += [
-                "-g",
-                str(folder / "road.view.xml"),
-                "--start",
-                "true",
-                "--window-size",
-                "1400,600",
-            ]
+            files["-g"] = view_xml(road)
+            command += ["--start", "true", "--window-size", "1400,600"]
+        for option, text in files.items():
+            path = folder / f"{option[1:]}.xml"
+            path.write_text(text, encoding="utf-8")
+            command += [option, str(path)]
         try:
             # it says there how often it tried to connect
             with contextlib.redirect_stdout(io.StringIO()):
@@ -85,10 +80,10 @@ def replay_in_gui(
             on_map = {name: _on_map(road, it) for name, it in vehicles.items()}
             _play(traci, on_map, collision, road_edges(road), shows=shows)
         except traci.FatalTraCIError:
-            return  # the person has closed the window
+            return  # the user has closed the window
         finally:
             if traci.isLoaded():
-                traci.close(wait=not shows)  # a window is the person's to close
+                traci.close(wait=not shows)  # a window is the user's to close
 
 
 def _on_map(road: Road, trajectory: Trajectory) -> Trajectory:
@@ -96,11 +91,7 @@ def _on_map(road: Road, trajectory: Trajectory) -> Trajectory:
     if not road.bent:
         return trajectory
     x, y, heading = map_places(road.line, trajectory.x, trajectory.y, trajectory.heading)
-    return Trajectory(
-        trajectory.time, x, y, heading, trajectory.speed, trajectory.acceleration,
-        trajectory.steering_wheel_angle,
-        length=trajectory.length, width=trajectory.width,
-    )  # fmt: skip
+    return replace(trajectory, x=x, y=y, heading=heading)
 
 
 def _play(
@@ -124,15 +115,10 @@ def _play(
         traci.gui.trackVehicle(traci.gui.DEFAULT_VIEW, EGO)
         traci.gui.setZoom(traci.gui.DEFAULT_VIEW, ZOOM)
     clock = time.monotonic()
+    edge = edges[0] if len(edges) == 1 else ""
     for moment in np.arange(start, end + STEP, STEP):
         for name, trajectory in vehicles.items():
-            _place(
-                traci,
-                name,
-                trajectory,
-                min(float(moment), end),
-                edges[0] if len(edges) == 1 else "",
-            )
+            _place(traci, name, trajectory, min(float(moment), end), edge)
         if collision is not None and moment + STEP > collision.time:
             traci.vehicle.setColor(EGO, (198, 40, 40, 255))
         traci.simulationStep()
@@ -154,10 +140,8 @@ def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: s
         float(np.interp(moment, trajectory.time, channel))
         for channel in (trajectory.x, trajectory.y, np.unwrap(trajectory.heading))
     )
-    front = (
-        x + math.cos(heading) * trajectory.length / 2.0,
-        y + math.sin(heading) * trajectory.length / 2.0,
-    )
+    half = trajectory.length / 2.0
+    front = x + math.cos(heading) * half, y + math.sin(heading) * half
     traci.vehicle.moveToXY(
         name, edge, 0 if edge else -1, *front, angle=90.0 - math.degrees(heading), keepRoute=2
     )

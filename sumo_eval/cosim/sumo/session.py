@@ -78,36 +78,35 @@ def running(
 
     network, routes: the files' texts.
     road: where there is only one.
-    collisions: what SUMO does about its own, which are nobody's business where roads lie on each
-        other. Whether the vehicles stand where they should is the caller's to check
-        (`check_start`).
+    collisions: what SUMO does about its own, which mean nothing where roads overlap. The caller
+        checks that the vehicles stand where they should (`check_start`).
     """
     if libsumo.simulation.isLoaded():
         raise SimulationError(
             "A SUMO simulation is already running in this process; libsumo holds one at a time."
         )
     with _files(network, routes) as files:
-        network_path, routes_path, log, console = files
         keep_xml_parser()
         try:
-            with _stderr_into(console):
-                arguments = _arguments(network_path, routes_path, log, settings, road)
-                arguments[arguments.index("--collision.action") + 1] = collisions
-                libsumo.start(arguments)
-                libsumo.simulationStep()  # inserts the vehicles, moves nothing
-        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-            _close()
-            sentence = _by_name(
-                f"SUMO could not start the case: {quoted(error, log, console)}.", files
-            )
-            raise SimulationError(sentence) from error
-        except BaseException:
-            _close()
-            raise
-        try:
+            arguments = _arguments(files.network, files.routes, files.log, settings, road)
+            arguments[arguments.index("--collision.action") + 1] = collisions
+            _start(arguments, files)
             yield libsumo
         finally:
             _close()
+
+
+def _start(arguments: list[str], files: _Files) -> None:
+    try:
+        with _stderr_into(files.console):
+            libsumo.start(arguments)
+            libsumo.simulationStep()  # inserts the vehicles, moves nothing
+    except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+        _close()
+        sentence = f"SUMO could not start the case: {quoted(error, files.log, files.console)}."
+        for path, name in zip(files, _NAMES, strict=True):  # the paths are gone when it is read
+            sentence = sentence.replace(f"'{path}'", f"'{name}'")
+        raise SimulationError(sentence) from error
 
 
 def command_line(
@@ -131,14 +130,14 @@ def _told_routes(
     concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None
 ) -> str:
     """The vehicles of a case as a route file, without the comments that say which case it is,
-    unless that is told.
+    unless the conditions reveal that.
     """
     text = routes_xml(concrete, settings.vehicle, ego_type)
     return text if settings.conditions.reveal_scenario else _COMMENT.sub("", text)
 
 
 class _Files(NamedTuple):
-    """What a simulation reads and writes."""
+    """Files that a simulation reads and writes."""
 
     network: Path
     routes: Path
@@ -172,15 +171,6 @@ def _files(network: str, routes: str) -> Iterator[_Files]:
         yield _Files(*(Path(f"/proc/self/fd/{number}") for number in numbers))
 
 
-def _by_name(sentence: str, files: _Files) -> str:
-    """The sentence with the files' names in place of their paths, which are gone when it is
-    read.
-    """
-    for path, name in zip(files, _NAMES, strict=True):
-        sentence = sentence.replace(f"'{path}'", f"'{name}'")
-    return sentence
-
-
 def _arguments(
     network: Path, routes: Path, log: Path, settings: SimulationSettings, road: Road | None = None
 ) -> list[str]:
@@ -207,8 +197,8 @@ def _arguments(
 
 
 def bend_tolerance(road: Road, y: float) -> float:
-    """How far from its place on the map SUMO may show a vehicle y m beside the line of a road that
-    bends, m. Beside the lanes it is put on the normal of a chord, which is off the bend's by half a
+    """How far from its place on the map SUMO may show a vehicle y m beside the line of a curved
+    road, m. Beside the lanes it is put on the normal of a chord, which is off the curve's by half a
     segment over the radius at most.
     """
     beside = max(road.right_edge - y, y - road.left_edge, 0.0)
@@ -226,43 +216,32 @@ def check_start(
 
     names: the vehicles' in SUMO, the ego's first, where they are others.
     """
-    starts = [
-        (EGO, concrete.ego, settings.vehicle.length),
-        *((a.name, a.start, a.length) for a in concrete.actors),
-    ]
-    calls = vehicles(traci)
-    on_map = {actor.name for actor in concrete.actors if actor.on_map is not None}
-    for number, (name, start, length) in enumerate(starts):
-        known = name if names is None else names[number]
+    road, calls = concrete.road, vehicles(traci)
+    starts: list[tuple[Any, ...]] = [(EGO, concrete.ego, settings.vehicle.length, None)]
+    starts += [(it.name, it.start, it.length, it.on_map) for it in concrete.actors]
+    for known, (name, start, length, on_map) in zip(
+        names or [it[0] for it in starts], starts, strict=True
+    ):
         try:
-            x, y = calls.getPosition(known)
-            speed = calls.getSpeed(known)
-        except traci.TraCIException as error:
-            raise SimulationError(
-                f"SUMO did not insert vehicle `{name}` at the start of the case."
-            ) from error
+            (x, y), speed = calls.getPosition(known), calls.getSpeed(known)
+        except traci.TraCIException:
+            x, y, speed = -math.inf, 0.0, 0.0
         if x < NOWHERE:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
-        if name in on_map:  # no lane leads there: it is told its place before the first step
+        if on_map is not None:  # no lane leads there: it gets its place before the first step
             continue
-        tolerance = POSITION_TOLERANCE
-        if concrete.road.bent and concrete.reacts:  # its drivers know places along their lanes
-            x = calls.getLanePosition(known)
-            y = concrete.road.lane_width * calls.getLaneIndex(known) + calls.getLateralLanePosition(
-                known
-            )
-        elif concrete.road.bent:
-            meant = map_places(concrete.road.line, start.x + length / 2, start.y)
-            off = math.hypot(x - float(meant[0]), y - float(meant[1]))
-            x, y = (
-                float(it)
-                for it in frame_places(concrete.road.line, x, y, near=start.x + length / 2)[:2]
-            )
-            tolerance = bend_tolerance(concrete.road, start.y)
-        ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)
-        # beside the line, places along it are as long as there
-        if concrete.road.bent and not concrete.reacts:
-            ahead = left = off
+        front = start.x + length / 2
+        if road.bent and not concrete.reacts:
+            meant, tolerance = map_places(road.line, front, start.y), bend_tolerance(road, start.y)
+            # beside the line, places along it are as long as there
+            ahead = left = math.hypot(x - float(meant[0]), y - float(meant[1]))
+            x, y = (float(it) for it in frame_places(road.line, x, y, near=front)[:2])
+        else:
+            if road.bent:  # SUMO's drivers know places along their lanes
+                x, lane = calls.getLanePosition(known), calls.getLaneIndex(known)
+                y = road.lane_width * lane + calls.getLateralLanePosition(known)
+            ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)
+            tolerance = POSITION_TOLERANCE
         if not (ahead <= tolerance and left <= tolerance):  # which no nan is
             raise SimulationError(
                 f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m "
@@ -276,7 +255,7 @@ def check_start(
 
 
 def quoted(error: Exception, *logs: Path) -> str:
-    """What SUMO said of its error: its own exception holds no more than "Process Error"."""
+    """SUMO's error with its log: the exception alone holds no more than "Process Error"."""
     for log in logs:
         lines = (
             log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []
