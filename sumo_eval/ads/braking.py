@@ -194,14 +194,9 @@ def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: flo
 
 @kernel
 def path_along(
-    path: Any,
-    demand: Callable[..., float],
-    scene: Any,
-    begin: float,
-    end: float,
-    brakes: Any,
+    path: Any, demand: Callable[..., float], scene: Any, begin: float, end: float, brakes: Any,
     vehicle: Any,
-) -> float:
+) -> float:  # fmt: skip
     """Speed lost while the braking goes from `begin` to `end` (s after now) where the demand takes
     it, m/s.
     """
@@ -216,13 +211,7 @@ def path_along(
 
 @kernel
 def follow_demand(
-    braking: Any,
-    demand: Callable[..., float],
-    scene: Any,
-    time: float,
-    brakes: Any,
-    vehicle: Any,
-    step: float,
+    braking: Any, demand: Callable[..., float], scene: Any, time: float, brakes: Any, scenario: Any
 ) -> float:
     """Command for the vehicle in the coming step, m/s2: brakes `response` s after the first demand,
     rising at `jerk` m/s3, up to `braking` m/s2, which `brakes` holds. Call once a step.
@@ -236,6 +225,7 @@ def follow_demand(
     after an alarm the rule stays alert.
     """
     path, jerk = braking.path, brakes.jerk
+    vehicle, step = scenario.vehicle, scenario.step
     if braking.is_alarmed == 0 and braking.looks == 0:
         if demand(scene, 0.0) > 0.0:
             braking.is_alarmed, braking.alarmed = 1, time

@@ -195,13 +195,9 @@ def enhanced_idm_acceleration(
 
 @kernel
 def in_half_a_step(
-    speed: float,
-    gap: float,
-    lead_speed: float,
-    acceleration: float,
-    lead_braking: float,
+    speed: float, gap: float, lead_speed: float, acceleration: float, lead_braking: float,
     step: float,
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float]:  # fmt: skip
     """Speed, gap and the lead's speed half a step on, at these accelerations (m/s2): where the
     step's mean is felt.
     """
@@ -216,16 +212,13 @@ def in_half_a_step(
     )
 
 
-FOLLOWED = fields("accepted")
-"""A follower's memory of each vehicle: the headway accepted behind it, s, nan before."""
+FOLLOWED = fields("accepted", "gap")
+"""A follower's memory of each vehicle: the headway accepted behind it, s, nan before, and the
+bumper gap of this step, m."""
 
 
 @kernel
-def follow(
-    followed: Any, speed: float, desired_speed: float, gap: float, lead_speed: float,
-    lead_braking: float, idm: Any,
-    step: float,
-) -> float:  # fmt: skip
+def follow(followed: Any, me: Any, lead: Any, desired_speed: float, idm: Any, step: float) -> float:
     """The enhanced IDM with a memory of the headway accepted behind a lead, m/s2; call once a step
     and lead.
 
@@ -233,12 +226,12 @@ def follow(
     lets it grow back to T: dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp. Res.
     Rec. 2316 (2012), LMRS.
     """
-    own, accepted = idm.headway, followed.accepted
+    own, accepted, gap = idm.headway, followed.accepted, followed.gap
     if math.isnan(accepted):
-        accepted = min(own, max(gap - idm.standstill_gap, 0.0) / max(speed, MIN_SPEED))
+        accepted = min(own, max(gap - idm.standstill_gap, 0.0) / max(me.speed, MIN_SPEED))
     followed.accepted = accepted + (own - accepted) * (step / HEADWAY_RECOVERY)
     return enhanced_idm_acceleration(
-        speed, desired_speed, gap, lead_speed, idm, accepted, lead_braking
+        me.speed, desired_speed, gap, lead.along, idm, accepted, lead.braking
     )
 
 
@@ -271,9 +264,7 @@ PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
 
 
 @kernel
-def idm(
-    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
-) -> None:
+def idm(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
     """Acceleration and steering wheel angle, decided once a cycle: a vehicle entering the path
     becomes the lead from one cycle to the next.
     """

@@ -147,14 +147,14 @@ def fuzzy_demand(scene: Any, after: float) -> float:
 
 @kernel
 def fuzzy_safety_model(
-    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any
 ) -> None:
     """The strongest braking that any lead vehicle demands, decided once a cycle.
 
     CFS asks for more the harder the ego brakes already, so beside a limit of it the demand goes up
     and down from look to look.
     """
-    brake(fuzzy_demand, ego, others, own, known, later, scenario, time)
+    brake(fuzzy_demand, ego, others, own, known, later, scenario)
 
 
 class FuzzySafetyModel(Compiled):

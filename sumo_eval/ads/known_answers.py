@@ -30,9 +30,7 @@ from sumo_eval.settings import SimulationSettings
 
 
 @kernel
-def _no_reaction(
-    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
-) -> None:
+def _no_reaction(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
     """No acceleration and no steering but the road's own."""
     ego.command.steering = lane_kept(ego, scenario[0])
     ego.settled = 1
@@ -102,14 +100,12 @@ def full_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: 
 
 
 @kernel
-def ideal_braking(
-    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
-) -> None:
+def ideal_braking(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
     """`full_braking`, or the lane change of one that steers at the speed it has.
 
     It has always settled: while nothing comes nearer it does nothing.
     """
-    me, command = ego.seen, ego.command
+    me, command, time = ego.seen, ego.command, ego.time
     if own.path.offset == 0.0:
         command.acceleration = full_braking(me, others, known, own.p, scenario[0], time)
         command.steering = lane_kept(ego, scenario[0])

@@ -25,12 +25,8 @@ SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, dura
 def _remember(to: Any, decided: Any) -> None:
     """Write what is decided into another record."""
     path, goes = decided.path, to.path
-    goes.start, goes.offset, goes.begin, goes.length = (
-        path.start,
-        path.offset,
-        path.begin,
-        path.length,
-    )
+    goes.start, goes.offset = path.start, path.offset
+    goes.begin, goes.length = path.begin, path.length
     to.cruising_speed, to.began = decided.cruising_speed, decided.began
     to.passing, to.changing, to.curvature = decided.passing, decided.changing, decided.curvature
 
@@ -63,11 +59,10 @@ def wanted_at(scene: Any, after: float) -> float:
         if known[j].leads == 0:
             later[j].x = math.nan
     _remember(own.tried, own.decided)
-    idm, desired = own.p.idm, own.desired_speed
-    free = free_acceleration(own.then.speed, desired, idm)
-    return float(
-        overtake(own.tried, own.then, later, known, own.p.habits, idm, desired, free, way, scenario)
-    )
+    tried, speed = own.tried, own.then.speed
+    tried.desired_speed = own.desired_speed
+    tried.free = free_acceleration(speed, own.desired_speed, own.p.idm)
+    return float(overtake(tried, own.then, later, known, own.p, way, scenario))
 
 
 @kernel
@@ -129,9 +124,7 @@ def _decide(scene: Any) -> float:
 
 
 @kernel
-def lane_changer(
-    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
-) -> None:
+def lane_changer(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
     """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided
     on.
 

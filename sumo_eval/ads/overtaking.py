@@ -84,36 +84,35 @@ class OvertakingHabits:
 HABITS = [*fields("onset_headway", "onset_ttc", "duration", "worth"), *flags("inclined")]
 OVERTAKING = [
     ("path", PATH),
-    *fields("cruising_speed", "curvature"),
+    *fields("cruising_speed", "curvature", "desired_speed", "free"),
     *flags("began", "passing", "changing"),
 ]
 """path: where to drive.
 
+desired_speed: m/s; free: the acceleration wanted with nothing in the way, m/s2; of this step.
+
 passing: the lane change has begun, and something ahead in the old lane is not well clear yet.
 changing: the lane change has begun (it may have ended since).
 """
-WATCHED = [*FOLLOWED, *fields("gap", "closing"), *flags("leads")]
-"""Memory of each vehicle, and of this step: bumper gap, m, closing speed, m/s, whether it is in
-the way.
-"""
+WATCHED = [*FOLLOWED, *fields("closing"), *flags("leads")]
+"""Memory of each vehicle, and of this step: closing speed, m/s, whether it is in the way."""
 
 
 @kernel
 def overtake(
-    memory: Any, me: Any, others: Any, watched: Any, habits: Any, idm: Any, desired_speed: float,
-    free: float,
-    way: Any, scenario: Any,
-) -> float:  # fmt: skip
+    memory: Any, me: Any, others: Any, watched: Any, p: Any, way: Any, scenario: Any
+) -> float:
     """Acceleration wanted in this step, m/s2; may begin the lane change, which then shows in
     `memory.path`.
 
     Follows what is in the way, or changes to the lane left of the start, once and for good. An ego
     that has to change lanes (`way`) does that and never overtakes.
 
+    memory: of `OVERTAKING`, with the desired speed and the free acceleration of this step.
     others: the vehicles known.
-    desired_speed: m/s.
-    free: the acceleration wanted with nothing in the way, m/s2.
+    p: holds `idm` and `habits`.
     """
+    habits, idm, desired_speed = p.habits, p.idm, memory.desired_speed
     if memory.began == 0:
         memory.began, memory.cruising_speed = 1, me.speed
         keep_lane(memory.path, me, scenario.road)
@@ -127,21 +126,12 @@ def overtake(
         if _begins(memory, me, others, watched, habits, scenario):
             _find_leads(memory, me, others, watched, scenario)
         elif _bides_its_time(memory, me, others, watched, habits, scenario):
-            return free
-    wanted = min(free, asked)
+            return float(memory.free)
+    wanted: float = min(memory.free, asked)
     for j in range(len(others)):
         known = watched[j]
         if known.leads:
-            behind_it = follow(
-                known,
-                me.speed,
-                desired_speed,
-                known.gap,
-                others[j].along,
-                others[j].braking,
-                idm,
-                scenario.step,
-            )
+            behind_it = follow(known, me, others[j], desired_speed, idm, scenario.step)
             wanted = min(wanted, behind_it)
     memory.passing = 0
     if memory.changing:

@@ -164,15 +164,9 @@ def foresee_all(own: Any, known: Any, later: Any, time: float, step: float) -> N
 
 @kernel
 def brake(
-    demand: Callable[..., float],
-    ego: Any,
-    others: Any,
-    own: Any,
-    known: Any,
-    later: Any,
+    demand: Callable[..., float], ego: Any, others: Any, own: Any, known: Any, later: Any,
     scenario: Any,
-    time: float,
-) -> None:
+) -> None:  # fmt: skip
     """Command the braking that `demand` asks for, decided once in the step of the last scenario,
     and keep the lane.
 
@@ -187,8 +181,6 @@ def brake(
         for j in range(len(others)):
             sight(known[j].sighting, others[j], cycle.step)
         scene = (own, known, later, cycle)
-        own.told = -follow_demand(
-            own.braking, demand, scene, time, own.p.brakes, cycle.vehicle, cycle.step
-        )
+        own.told = -follow_demand(own.braking, demand, scene, ego.time, own.p.brakes, cycle)
     ego.command.acceleration = own.told
     ego.command.steering = lane_kept(ego, scenario[0])

@@ -111,11 +111,9 @@ necessary: when braking for it became necessary, s.
 
 
 @kernel
-def careful_driver(
-    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
-) -> None:
+def careful_driver(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
     """Braking for the vehicle that made it necessary first, else the speed is kept."""
-    me, path = own.me, own.path
+    me, path, time = own.me, own.path, ego.time
     vehicle, step = scenario[0].vehicle, scenario[0].step
     take(me, ego.seen)
     me.braking = path.level

@@ -96,11 +96,9 @@ def reg157_demand(scene: Any, after: float) -> float:
 
 
 @kernel
-def reg157(
-    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
-) -> None:
+def reg157(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
     """Braking while a lead vehicle demands it, else the speed is kept; decided once a cycle."""
-    brake(reg157_demand, ego, others, own, known, later, scenario, time)
+    brake(reg157_demand, ego, others, own, known, later, scenario)
 
 
 class Reg157(Compiled):

@@ -85,10 +85,10 @@ def rss_demand(scene: Any, after: float) -> float:
 
 @kernel
 def responsibility_sensitive_safety(
-    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any, time: float
+    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any
 ) -> None:
     """0.774 g while unsafe, the speed kept while safe, decided at every step."""
-    brake(rss_demand, ego, others, own, known, later, scenario[:1], time)
+    brake(rss_demand, ego, others, own, known, later, scenario[:1])
 
 
 class ResponsibilitySensitiveSafety(Compiled):

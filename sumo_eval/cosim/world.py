@@ -42,7 +42,7 @@ from sumo_eval.cosim.records import (
 from sumo_eval.cosim.step_rules import begin_rows, map_rows, move_rows, see_rows, tell_others_rows
 from sumo_eval.cosim.vehicle_model import count_clip
 from sumo_eval.kernels import bound
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, departures
 from sumo_eval.scenario.played import (
     BEGUN,
     DEEPEST,
@@ -62,15 +62,10 @@ _ENDS = ("time_limit", "standstill_speed", "standstill_time", "end_when_decided"
 _ARRIVED = 0.101  # m before the end of the last lane, nearer than which SUMO takes a vehicle out
 
 
-def described(
-    road: Road, vehicle: VehicleSettings, step: float, settings: SimulationSettings | None = None
-) -> Records:
-    """Two `SCENARIO` records, which the rows of a case, or of many like it, share.
-
-    settings: when cases end; None: they do not.
-    """
-    ends = tuple(float(getattr(settings, name, 0.0)) for name in _ENDS)
-    return _described(road, vehicle, step, ends).copy()
+def described(road: Road, vehicle: VehicleSettings, settings: SimulationSettings) -> Records:
+    """Two `SCENARIO` records, which the rows of a case, or of many like it, share."""
+    ends = tuple(float(getattr(settings, name)) for name in _ENDS)
+    return _described(road, vehicle, settings.step, ends).copy()
 
 
 @lru_cache(maxsize=16)
@@ -126,7 +121,7 @@ class World:
         vehicles = [its.vehicle for its in self.each]
         alike = vehicles.count(vehicles[0]) == n
         self.scenario = np.concatenate([
-            described(cases[0].road, vehicle, settings.step, settings)
+            described(cases[0].road, vehicle, settings)
             for vehicle in (vehicles[:1] if alike else vehicles)
         ])  # fmt: skip
         self.line = knots_of(cases[0].road.line)
@@ -429,16 +424,14 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
     egos["heading"] = [concrete.ego.heading for concrete in cases]
     egos["way"]["start"], egos["way"]["length"] = egos["y"], 1.0
     for i, concrete in enumerate(cases):
-        if concrete.ego.way is not None:
-            write_way(egos[i], concrete.ego.way, concrete.ego.y, concrete.ego.speed)
+        if (way := concrete.ego.way) is not None:
+            speed = concrete.ego.speed
+            egos["way"][i] = (
+                concrete.ego.y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends)
+            )  # fmt: skip
     if placed == MODEL:
         _put_in_curve(egos, cases[0].road, vehicle)
     return egos
-
-
-def write_way(ego: Any, way: Way, y: float, speed: float) -> None:
-    """Write the lane change that an ego has to make which starts at y, m, with a speed, m/s."""
-    ego["way"] = (y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends))
 
 
 def _put_in_curve(egos: Records, road: Road, vehicle: VehicleSettings) -> None:

@@ -131,7 +131,7 @@ def _load_ahead() -> None:
 def _load_rule(ads: Compiled) -> None:
     """Its loop over no rows: a rule needs nothing of the world's loops."""
     settings, concrete = SimulationSettings(), _concrete(0.0)
-    scenario = described(_ROAD, settings.vehicle, settings.step, settings)
+    scenario = described(_ROAD, settings.vehicle, settings)
     kind = type(ads)
     told = knows_the_scripts(ads)
     law: Any = kind

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from road_scenes import actor, case, cut_outs_at_the_edge, fresh, low_speed, safe_cut_outs
+from road_scenes import actor, case, cut_outs_at_the_edge, fresh, low_speed, mover, safe_cut_outs
 
 from sumo_eval.ads.car_following import (
     FOLLOWED,
@@ -95,24 +95,27 @@ def test_the_enhanced_idm_brakes_at_least_as_needed_and_at_most_b_more(speed, ga
         assert needed - IDM.deceleration + 0.01 * plain - 1e-9 <= enhanced < needed
 
 
+def followed(known, gap: float, desired_speed: float, lead_speed: float) -> float:
+    known.gap = gap
+    me, lead = mover("ego", 0.0, along=25.0), mover("lead", 0.0, along=lead_speed)
+    return follow(known, me, lead, desired_speed, IDM, 0.05)
+
+
 def test_a_follower_accepts_the_short_headway_it_finds_and_lets_it_grow_back():
     known = fresh(FOLLOWED)
-    first = follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
-    assert first == pytest.approx(0.0, abs=1e-9)
+    assert followed(known, 12.0, 25.0, 25.0) == pytest.approx(0.0, abs=1e-9)
     assert enhanced_idm_acceleration(25.0, 25.0, 12.0, 25.0, IDM) < -1.5
     for _ in range(int(25.0 / 0.05) - 1):
-        follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
+        followed(known, 12.0, 25.0, 25.0)
     accepted = 1.2 - (1.2 - 0.4) * math.exp(-1.0)
-    later = follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
-    assert later == pytest.approx(
+    assert followed(known, 12.0, 25.0, 25.0) == pytest.approx(
         enhanced_idm_acceleration(25.0, 25.0, 12.0, 25.0, IDM, accepted), abs=1e-2
     )
 
 
 def test_a_follower_with_room_keeps_its_own_headway():
-    known = fresh(FOLLOWED)
     expected = enhanced_idm_acceleration(25.0, 30.0, 60.0, 22.0, IDM)
-    assert follow(known, 25.0, 30.0, 60.0, 22.0, 0.0, IDM, 0.05) == expected
+    assert followed(fresh(FOLLOWED), 60.0, 30.0, 22.0) == expected
 
 
 @pytest.mark.parametrize("name", ["headway", "standstill_gap", "acceleration", "deceleration"])

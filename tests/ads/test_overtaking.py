@@ -32,18 +32,9 @@ class Ego:
         watched = [
             self.watched.setdefault((i, it.name), fresh(WATCHED)) for i, it in enumerate(others)
         ]
-        return overtake(
-            self.memory,
-            me,
-            others,
-            watched,
-            self.habits,
-            IDM,
-            desired_speed,
-            free,
-            STAYS,
-            self.briefing,
-        )
+        self.memory.desired_speed, self.memory.free = desired_speed, free
+        p = SimpleNamespace(habits=self.habits, idm=IDM)
+        return overtake(self.memory, me, others, watched, p, STAYS, self.briefing)
 
     @property
     def changing(self) -> bool:

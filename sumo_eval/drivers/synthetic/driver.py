@@ -158,10 +158,8 @@ def synthetic_driver(
     start = memory.cruising_speed if memory.began else me.speed
     desired = start * p.gain
     free = (desired - me.speed) / SPEED_RELAXATION + noise_value(waves[1], p.pedal_amplitude, time)
-    free *= smooth_step(time / SETTLING_TIME)
-    wanted = overtake(
-        memory, me, mind.known, mind.watched, p.habits, p.idm, desired, free, way, scenario
-    )
+    memory.desired_speed, memory.free = desired, free * smooth_step(time / SETTLING_TIME)
+    wanted = overtake(memory, me, mind.known, mind.watched, p, way, scenario)
     y, slope, bend = _line(memory, me, waves, p, scenario)
     return max(wanted, -scenario.vehicle.max_deceleration), steering(
         memory, me, y, slope, bend, scenario
