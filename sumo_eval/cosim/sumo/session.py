@@ -18,6 +18,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from sumo_eval.cosim.sumo.insides import keep_xml_parser, libsumo, vehicles
 from sumo_eval.cosim.sumo.sumo_files import (
     EGO,
@@ -196,12 +198,12 @@ def _arguments(
     return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
 
 
-def bend_tolerance(road: Road, y: float) -> float:
+def bend_tolerance(road: Road, y: Any) -> Any:
     """How far from its place on the map SUMO may show a vehicle y m beside the line of a curved
     road, m. Beside the lanes it is put on the normal of a chord, which is off the curve's by half a
     segment over the radius at most.
     """
-    beside = max(road.right_edge - y, y - road.left_edge, 0.0)
+    beside = np.maximum(np.maximum(road.right_edge - y, y - road.left_edge), 0.0)
     return CHORD_TOLERANCE + beside * 0.5 * SEGMENT / tightest(road.line)
 
 
