@@ -384,7 +384,10 @@ class Rules(EgoControl):
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """Keep the memory of these rows."""
-        self._arrays = tuple(array[rows] for array in self._arrays)
+        self._arrays = tuple(
+            type(it)(*(array[rows] for array in it)) if isinstance(it, tuple) else it[rows]
+            for it in self._arrays
+        )
 
 
 class Replay(NamedTuple):
