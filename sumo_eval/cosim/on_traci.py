@@ -12,6 +12,7 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from functools import partial
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,12 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObservingController
+from sumo_eval.cosim.doors.controller import (
+    Adapter,
+    NativeModel,
+    ObjectController,
+    ObservingController,
+)
 from sumo_eval.cosim.doors.observation import Senses, kinds_of, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, Names, RefusedCallError, heeding
 from sumo_eval.cosim.impossible import (
@@ -79,7 +85,8 @@ class OnTraci(EgoControl):
             settings.conditions.interference,
         )
         GUARD.begin(others, settings.step, interference, heeding(concrete))
-        GUARD.shared = not self._alone
+        GUARD.shared, GUARD.moded = not self._alone, self._alone
+        GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
         stage.take_charge(world)
         self._begin_each(world, stage)
 
@@ -97,31 +104,31 @@ class OnTraci(EgoControl):
         for row, hook in enumerate(self._rows):
             hook.watch(world, row)
 
-    def _each(self, world: World, do: Callable[..., None], *arguments: Any) -> None:
-        """Do something with the hook of each row that drives on."""
+    def _each(
+        self, world: World, do: Callable[..., None], *arguments: Any, rows: Any = None
+    ) -> None:
+        """Do something with the hooks of rows; one with anything out of the ordinary leaves.
+
+        rows: None: those that drive on.
+        """
         if self._alone:
             do(self._rows[0], *arguments)
             return
-        goes_on = (world.egos["live"] != 0) & (world.egos["reason"] == 0)
-        for row in np.flatnonzero(goes_on).tolist():
-            if not self._undisturbed(self._rows[row], do, *arguments):
+        hooks, guard = self._rows, GUARD
+        if rows is None:
+            rows = np.flatnonzero(world.egos["live"] > (world.egos["reason"] != 0)).tolist()
+        for row in rows:
+            hook = hooks[row]
+            guard.names = hook.names
+            try:
+                do(hook, *arguments)
+            except KeyboardInterrupt:
+                raise
+            except BaseException:  # noqa: BLE001 - the case alone says what it is
+                guard.refusal = guard.refusal or ("", "")
+            if guard.refusal is not None:
+                guard.refusal = None
                 world.leave(row, LEFT_BATCH)
-
-    @staticmethod
-    def _undisturbed(hook: _Hook, do: Callable[..., None], *arguments: Any) -> bool:
-        """Do something for a row of a batch; whether all went well and stayed within the row."""
-        GUARD.names = hook.names
-        try:
-            do(hook, *arguments)
-        except KeyboardInterrupt:
-            raise
-        except BaseException:  # noqa: BLE001 - the case alone says what it is
-            GUARD.refusal = None
-            return False
-        if GUARD.refusal is None:
-            return True
-        GUARD.refusal = None
-        return False
 
     def step(self, world: World, time: float) -> None:
         """One step of each ADS."""
@@ -138,8 +145,8 @@ class OnTraci(EgoControl):
         hook = self._rows[row]
         if self._alone:
             self._close_guarded(world, row, hook.ads.close, hook.target)
-        elif not self._undisturbed(hook, _Hook.close):
-            world.leave(row, LEFT_BATCH)
+        else:
+            self._each(world, _Hook.close, rows=[row])
         super().release(world, row)
 
 
@@ -165,6 +172,8 @@ class _Hook:
         self._ego = stage.names[case][0]
         self.names = _names(concrete, suffix(case, len(world.cases)))
         self._native = isinstance(self.ads, NativeModel)
+        plain = type(self.ads) is ObjectController and type(self.target) is FunctionType
+        self._act = self.target if plain else self.ads.step
         self._know_limits(world)
         self._take_wheel(world)
 
@@ -174,12 +183,15 @@ class _Hook:
         concrete = world.cases[case]
         self._road, self._bent = concrete.road, concrete.road.bent
         self._wheel = Wheel(settings, partial(world.note, case), concrete.road.line)
-        self._actuation = Actuation(settings.conditions, lambda *clip: world.note(case, *clip))
+        conditions = settings.conditions
+        self._actuation = Actuation(conditions, lambda *clip: world.note(case, *clip))
+        self._at_once = conditions.actuation_delay == 0.0 and conditions.step_budget is None
 
     def _know_limits(self, world: World) -> None:
         """Limits of the ego's motion."""
         concrete, settings = world.cases[self._case], world.settings
         self._step, self._limits = settings.step, settings.vehicle
+        self._sides = concrete.road.right_edge, concrete.road.left_edge
         self._half = 0.5 * settings.vehicle.length
         self._lowest, self._highest = (
             -settings.vehicle.max_deceleration,
@@ -304,7 +316,7 @@ class _Hook:
             self._driver._check_clock(world, time)
         if answer is None:
             self._wheel.release()
-            return self._actuation.pass_on(None, time, took)
+            return None if self._at_once else self._actuation.pass_on(None, time, took)
         command = self._obeyed(answer, time)
         if GUARD.moved:
             world.note(self._case, "dropped_traci_call", 1.0, 0.0)
@@ -312,8 +324,9 @@ class _Hook:
 
     def _heard(self, time: float) -> Any:
         """The listeners, then the ADS itself."""
-        GUARD.heard()
-        return self.ads.step(TRACI, EGO, time)
+        if not GUARD.shared:
+            GUARD.heard()
+        return self._act(TRACI, EGO, time)
 
     def _held(self, time: float) -> Command | None:
         """What holds between two calls."""
@@ -342,7 +355,7 @@ class _Hook:
             self._calls.setSpeedMode(self._ego, EGO_SPEED_MODE)
             self._placed[0] = SUMO
             self._handed_over = True
-        elif not self._native:
+        elif not self._native and GUARD.moded:
             mode = self._calls.getSpeedMode(self._ego)
             if mode != EGO_SPEED_MODE:
                 world.note(self._case, "speed_mode", mode, EGO_SPEED_MODE)
@@ -375,13 +388,13 @@ class _Hook:
         else:
             self._check_placed_ego(now)
         if GUARD.shared:
-            y, heading = self._state[1], self._state[2]
-            on_lanes = self._road.right_edge <= y <= self._road.left_edge
-            if not (on_lanes and abs(heading) < _ALONG):
+            right, left = self._sides
+            if not (right <= self._state[1] <= left and abs(self._state[2]) < _ALONG):
                 raise SimulationError("SUMO alone knows which lane it is in.")
 
     def _check_placed_ego(self, now: float) -> None:
         state = self._state
+        GUARD.speeds.pop(self._ego, None)
         self._lane_speed, front_x, front_y = state[3], state[self._front_x], state[self._front_y]
         x, y = self._calls.getPosition(self._ego)
         # which no nan is
@@ -397,10 +410,13 @@ class _Hook:
         the lane apart.
         """
         calls, state = self._calls, self._state
-        front_x, front_y = calls.getPosition(self._ego)
+        front_x, front_y = position = calls.getPosition(self._ego)
         angle, speed = calls.getAngle(self._ego), calls.getSpeed(self._ego)
-        last_s, last_speed = state[0], state[3]
+        GUARD.positions[self._ego], GUARD.speeds[self._ego] = position, speed
         at = self._map
+        if angle == 90.0 and self._goes_straight(front_x, front_y, speed):
+            return
+        last_s, last_speed = state[0], state[3]
         last_x, last_y, last_heading = state[at], state[at + 1], state[at + 2]
         if not (
             -LOST < front_x < LOST
@@ -458,6 +474,26 @@ class _Hook:
         if across:
             speed = math.hypot(speed, across)
         state[0], state[1], state[2], state[3], state[7] = x, y, heading, speed, acceleration
+
+    def _goes_straight(self, front_x: float, front_y: float, speed: float) -> bool:
+        """Take in an ego that SUMO moved along a straight lane, as nearly always; else leave it."""
+        state, at, step, before = self._state, self._map, self._step, self._lane_speed
+        last_x, gained = state[at], (speed - before) / step
+        ahead = front_x - last_x - self._half
+        slower, faster = (speed, before) if speed < before else (before, speed)
+        if (
+            self._handed_over
+            or self._bent
+            or state[at + 2] != 0.0
+            or front_y != state[at + 1]
+            or not BACKWARDS < speed < FASTEST
+            or not slower * step - _JUMP_TOLERANCE <= ahead <= faster * step + _JUMP_TOLERANCE
+            or not self._lowest + _LIMIT_TOLERANCE <= gained <= self._highest - _LIMIT_TOLERANCE
+        ):
+            return False
+        state[0] = state[at] = front_x - self._half
+        state[2], state[3], state[7], self._lane_speed = 0.0, speed, gained, speed
+        return True
 
     def _check_native_motion(self, ahead: float, across: float, speed: float, now: float) -> None:
         """TraCI calls can move the ego in ways no vehicle can.

@@ -84,7 +84,8 @@ class Stage:
         self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
         actors = [name for names in self.names for name in names[1:]]
         fronts = world.others[["front_x", "front_y"]].ravel().tolist()
-        self._fronts: dict[str, Any] = dict(zip(actors, fronts, strict=True))
+        self.speeds: dict[str, float] = {}  # m/s, of vehicles as read after the last step
+        self.fronts: dict[str, Any] = dict(zip(actors, fronts, strict=True))
         on_map = (actor.on_map is not None for it in world.cases for actor in it.actors)
         self._on_map = frozenset(compress(actors, on_map))
         self.keep(world)
@@ -163,6 +164,7 @@ class Stage:
             name = self._flat[number]
             if self.as_read:
                 self.traci.vehicle.remove(name)
+                self.speeds.pop(name, None)
                 continue
             self.calls.setSpeed(name, 0.0)
             self.calls.moveToXY(
@@ -203,18 +205,17 @@ class Stage:
         """Take in the actors where they are as SUMO shows them."""
         if not self.as_read:
             return
-        calls, cells = self.calls, self._cells
-        present, far = self._present, self._far
-        actors = self._width - 1
+        calls, cells, present, far = self.calls, self._cells, self._present, self._far
+        fronts, speeds, actors = self.fronts, self.speeds, self._width - 1
         for number, name in enumerate(self._others):
             row, j = divmod(number, actors)
             row = self._rows[row]
             x, y, angle, speed = _NOT_THERE
             if present[row, j]:
                 try:
-                    x, y = calls.getPosition(name)
+                    x, y = front = calls.getPosition(name)
                     angle, speed = calls.getAngle(name), calls.getSpeed(name)
-                    last_x, last_y = self._fronts[name]
+                    last_x, last_y = fronts[name]
                     there = (
                         -far < x - last_x < far
                         and -far < y - last_y < far
@@ -223,13 +224,14 @@ class Stage:
                     if not (there and BACKWARDS < speed < FASTEST):
                         if not self._is_past_the_road(world, row, j):
                             raise impossible(
-                                calls, name, self._fronts[name], world.time + self._step, self._step
+                                calls, name, fronts[name], world.time + self._step, self._step
                             )
                         raise self.traci.TraCIException(name)
-                    self._fronts[name] = x, y
+                    fronts[name], speeds[name] = front, speed
                 except self.traci.TraCIException:
                     now = world.time + self._step
                     present[row, j] = 0
+                    speeds.pop(name, None)
                     world.note(int(world.rows[row]), "actor_left_the_network", now, now)
                     x, y, angle, speed = _NOT_THERE
                 except SimulationError:

@@ -62,7 +62,7 @@ class Names(dict[str, str]):
 
     def __init__(self, known: Iterable[str] = (EGO,), suffix: str = "") -> None:
         super().__init__({name: name_in_sumo(name, suffix) for name in known})
-        self.suffix = suffix
+        self.suffix, self.back = suffix, {inside: name for name, inside in self.items()}
 
     def __missing__(self, name: str) -> str:
         return name
@@ -117,6 +117,11 @@ class Guard:
         self.moved = False  # the ego, by a call, since the step began
         self.refusal: tuple[str, str] | None = None
         self.names, self.shared = Names(), False  # whether other cases share the simulation
+        self.moded = True  # whether the ego may have another speed mode than it was given
+        # what was read of vehicles after the last step, by their names in SUMO; a position counts
+        # while there is a speed, which goes with the first call that may change either
+        self.positions: dict[str, Any] = {}
+        self.speeds: dict[str, float] = {}
 
     def leave(self) -> NoReturn:
         """Take a case out of its batch: it needs the simulation to itself."""
@@ -131,6 +136,8 @@ class Guard:
         if not plain or (call == "setSpeed" and not args[0] >= 0.0):
             self.leave()
         told = self._place_of_a_row(args) if call == "moveToXY" else args
+        self.moded = self.moded or call == "setSpeedMode"
+        self.speeds.pop(self.names[EGO], None)
         return self.names[EGO], tuple(map(self.names.inside, told))
 
     def _place_of_a_row(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -225,7 +232,7 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
     plain = ARGUMENTS["vehicle"].get(call, ())
     moves, ignored, hands_over = call in MOTION, call in IGNORED, call in HANDS_OVER
     one_number = len(plain) == 1 and plain[0] not in DURATIONS and not ignored
-    direct = insides.direct(call, write)
+    direct, takes_effect_later = insides.direct(call, write), call == "setSpeed"
 
     def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
         # of a name that nobody has, SUMO says so
@@ -241,7 +248,10 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
                 and not (hands_over and number < 0.0)
             ):
                 # as nearly always: a float, and finite
-                return direct(guard.names[vehID], number)
+                name = guard.names[vehID]
+                if not takes_effect_later:
+                    guard.speeds.pop(name, None)
+                return direct(name, number)
         if guard.shared:
             vehID, args = guard.told_of_a_row(call, vehID, args, kwargs)  # noqa: N806
         guard.check("vehicle", call, vehID, args, kwargs)

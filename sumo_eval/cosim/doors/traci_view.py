@@ -62,6 +62,47 @@ def _reading(guard: Guard, read: Callable[..., Any], direct: Callable[..., Any])
     return reading
 
 
+def _kept_speed(guard: Guard, reading: Callable[..., Any]) -> Any:
+    def speed(vehID: Any) -> Any:  # noqa: N803 - TraCI's name
+        try:
+            return guard.speeds[guard.names[vehID]]
+        except (KeyError, TypeError):
+            return reading(vehID)
+
+    return speed
+
+
+def _kept_position(guard: Guard, reading: Callable[..., Any]) -> Any:
+    def position(vehID: Any, *more: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
+        try:
+            name = guard.names[vehID]
+            if name in guard.speeds and not more and not kwargs:
+                return guard.positions[name]
+        except TypeError:
+            pass
+        return reading(vehID, *more, **kwargs)
+
+    return position
+
+
+def _nearest(guard: Guard, reading: Callable[..., Any]) -> Any:
+    read = libsumo.vehicle.getLeader
+
+    def nearest(vehID: Any, dist: Any = 100.0) -> Any:  # noqa: N803 - TraCI's name
+        names = guard.names
+        try:
+            ahead = read(names[vehID], dist)
+            return ahead and (names.back[ahead[0]], ahead[1])
+        except (libsumo.TraCIException, TypeError, KeyError):
+            return reading(vehID, dist)
+
+    return nearest
+
+
+_QUICK = {"getSpeed": _kept_speed, "getPosition": _kept_position, "getLeader": _nearest}
+"""Calls that nearly every hook makes at every step."""
+
+
 def _listing(guard: Guard, read: Callable[[], Any]) -> Any:
     """A call that lists a domain's names, in SUMO's order: the alphabet's."""
 
@@ -86,7 +127,8 @@ def _seen(guard: Guard, domain: Any, call: str) -> Any:
         return _listing(guard, domain.getIDList)
     if kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY:
         read = getattr(domain, call)
-        return _reading(guard, read, insides.direct(call, read, kind))
+        reading = _reading(guard, read, insides.direct(call, read, kind))
+        return _QUICK[call](guard, reading) if kind == "vehicle" and call in _QUICK else reading
     return _leaving(guard)
 
 
