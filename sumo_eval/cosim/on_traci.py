@@ -383,14 +383,16 @@ class _Hook:
         """Read the ego that SUMO moved; where the vehicle model moves it, SUMO must show the
         same.
         """
-        if self._placed[0] == SUMO:
-            self._read_driven_ego(now)
-        else:
+        if self._placed[0] != SUMO:
             self._check_placed_ego(now)
-        if GUARD.shared:
-            right, left = self._sides
-            if not (right <= self._state[1] <= left and abs(self._state[2]) < _ALONG):
-                raise SimulationError("SUMO alone knows which lane it is in.")
+        elif self._goes_straight():
+            return
+        else:
+            self._read_driven_ego(now)
+        right, left = self._sides
+        on_lanes = right <= self._state[1] <= left and abs(self._state[2]) < _ALONG
+        if GUARD.shared and not on_lanes:
+            raise SimulationError("SUMO alone knows which lane it is in.")
 
     def _check_placed_ego(self, now: float) -> None:
         state = self._state
@@ -410,12 +412,9 @@ class _Hook:
         the lane apart.
         """
         calls, state = self._calls, self._state
-        front_x, front_y = position = calls.getPosition(self._ego)
+        front_x, front_y = calls.getPosition(self._ego)
         angle, speed = calls.getAngle(self._ego), calls.getSpeed(self._ego)
-        GUARD.positions[self._ego], GUARD.speeds[self._ego] = position, speed
         at = self._map
-        if angle == 90.0 and self._goes_straight(front_x, front_y, speed):
-            return
         last_s, last_speed = state[0], state[3]
         last_x, last_y, last_heading = state[at], state[at + 1], state[at + 2]
         if not (
@@ -475,17 +474,21 @@ class _Hook:
             speed = math.hypot(speed, across)
         state[0], state[1], state[2], state[3], state[7] = x, y, heading, speed, acceleration
 
-    def _goes_straight(self, front_x: float, front_y: float, speed: float) -> bool:
+    def _goes_straight(self) -> bool:
         """Take in an ego that SUMO moved along a straight lane, as nearly always; else leave it."""
+        ego, calls = self._ego, self._calls
+        front_x, front_y = position = calls.getPosition(ego)
+        speed = calls.getSpeed(ego)
+        GUARD.positions[ego], GUARD.speeds[ego] = position, speed
         state, at, step, before = self._state, self._map, self._step, self._lane_speed
-        last_x, gained = state[at], (speed - before) / step
-        ahead = front_x - last_x - self._half
+        ahead, gained = front_x - state[at] - self._half, (speed - before) / step
         slower, faster = (speed, before) if speed < before else (before, speed)
         if (
             self._handed_over
             or self._bent
             or state[at + 2] != 0.0
             or front_y != state[at + 1]
+            or calls.getAngle(ego) != 90.0
             or not BACKWARDS < speed < FASTEST
             or not slower * step - _JUMP_TOLERANCE <= ahead <= faster * step + _JUMP_TOLERANCE
             or not self._lowest + _LIMIT_TOLERANCE <= gained <= self._highest - _LIMIT_TOLERANCE

@@ -136,7 +136,7 @@ class World:
         self.tell = np.zeros((n * (1 + m), 8))
         self._sampled, self._room = 1, 64
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
-        self._commands = np.zeros((n, self._room, 2))
+        self._commands = np.full((n, self._room, 2), np.nan)
         self._commanded = numbers_of(self.egos)[:, COMMAND]
         self._models = placed == MODEL and settings.plant is None  # the vehicle model moves all
         self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
@@ -184,11 +184,14 @@ class World:
     def keep_commands(self) -> None:
         """Keep what the egos are commanded in this step; nan of one that SUMO or a plant moves."""
         if self.steps == self._commands.shape[1]:
-            self._commands = np.concatenate([self._commands, np.zeros_like(self._commands)], 1)
-        now = self._commands[:, self.steps]
-        now[:] = self._commanded
-        if not self._models:
-            now[self.egos["placed"] != MODEL, 0] = np.nan
+            unknown = np.full_like(self._commands, np.nan)
+            self._commands = np.concatenate([self._commands, unknown], 1)
+        if self._models:
+            self._commands[:, self.steps] = self._commanded
+            return
+        moved = self.egos["placed"] == MODEL
+        if np.count_nonzero(moved):
+            self._commands[moved, self.steps] = self._commanded[moved]
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
         """Take in what SUMO shows at the end of the step; how many cases have ended."""
