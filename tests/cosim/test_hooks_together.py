@@ -1,5 +1,6 @@
 """Hooks of TraCI in one SUMO have exactly what they have alone."""
 
+import ast
 import random
 from collections import Counter
 
@@ -7,6 +8,7 @@ import pytest
 from cosim_cases import case, lead
 
 from sumo_eval import Command
+from sumo_eval.cosim.doors import traci_module, traci_view
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
@@ -227,3 +229,68 @@ def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path):
     (reason,) = why
     assert (why[reason], reason.why) == (2, "keeps_state")
     assert name in str(reason)
+
+
+ARGUMENTS = {
+    "couldChangeLane": (1,), "wantsAndCouldChangeLane": (1,), "getLaneChangeState": (1,),
+    "getLaneChangeStatePretty": (1,), "getAdaptedTraveltime": (0.0, "road"),
+    "getEffort": (0.0, "road"), "getDrivingDistance": ("road", 200.0),
+    "getFollowSpeed": (10.0, 20.0, 8.0, 4.5),
+    "getSecureGap": (10.0, 8.0, 4.5), "getStopSpeed": (10.0, 20.0), "getNeighbors": (0b10,),
+    "getParameter": ("none",), "getParameterWithKey": ("none",), "getChangePermissions": (1,),
+    "edge.getAdaptedTraveltime": (0.0,), "edge.getEffort": (0.0,),
+}  # fmt: skip
+"""What a getter takes beside a name; the others take nothing."""
+NAMES = {
+    "vehicle": ("ego", "lead"), "vehicletype": ("ego", "lead"), "lane": ("road_0", "road_1"),
+    "edge": ("road",), "route": ("along",),
+}  # fmt: skip
+
+
+LEFT_OUT = {"getStopParameter": "raises without a stop"}
+
+
+def getters(domain):
+    """The reading calls of a domain that are a row's, each with what it takes beside a name."""
+    for call in dir(getattr(traci_module.libsumo, domain)):
+        its = call.startswith(traci_view._READS) and call not in {*traci_view._OF_MANY, *LEFT_OUT}
+        if its:
+            yield call, ARGUMENTS.get(f"{domain}.{call}", ARGUMENTS.get(call, ()))
+
+
+class AsksAll:
+    """Asks all that a row can be asked, and writes the answers down."""
+
+    folder = ""
+
+    def reset(self, briefing, traci, ego):
+        self.first, self.answers = traci.vehicle.getSpeed(ego), []
+
+    def step(self, traci, ego, time):
+        if round(10.0 * time) % 5 == 0:
+            for domain, names in NAMES.items():
+                for call, arguments in getters(domain):
+                    asleep = call in traci_view._OF_MODELS
+                    for name in names[:1] if asleep else names:
+                        answer = getattr(getattr(traci, domain), call)(name, *arguments)
+                        self.answers.append(f"{domain}.{call} {name} {answer!r}")
+        return traci.vehicle.setSpeed(ego, max(traci.vehicle.getSpeed(ego) - 0.1, 0.0))
+
+    def close(self):
+        with open(f"{self.folder}/{self.first:.17g}", "a") as file:
+            file.write(f"{self.answers}\n")
+
+
+def test_every_getter_answers_a_row_as_it_does_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(AsksAll, "folder", str(tmp_path))
+    speeds, why = [20.0, 18.0, 15.0, 12.5], Counter()
+    cases = [case(lead(80.0, 0.9 * speed), speed=speed) for speed in speeds]
+    list(simulate_many(cases, AsksAll, STEPS, alone=why))
+    assert not why
+    for it in cases:
+        simulate(it, AsksAll, STEPS)
+    for file in tmp_path.iterdir():
+        first, *more = (ast.literal_eval(line) for line in file.read_text().splitlines())
+        assert len(first) > 1000
+        for drive in more:
+            assert [pair for pair in zip(first, drive, strict=True) if pair[0] != pair[1]] == []

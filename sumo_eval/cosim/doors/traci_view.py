@@ -17,6 +17,7 @@ from typing import Any
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, Guard, seen_as_traci
 from sumo_eval.cosim.sumo import insides
 from sumo_eval.cosim.sumo.insides import libsumo
+from sumo_eval.cosim.sumo.sumo_files import EGO
 
 _OF_A_ROW = ("vehicle", "vehicletype", "lane", "edge", "route")
 _READS = ("get", "is", "could", "wants")
@@ -27,6 +28,7 @@ _OF_MANY = frozenset(
         "getIDCount",
         "getLoadedIDList",
         "getTeleportingIDList",
+        "getDrivingDistance2D",  # of whichever road lies at the place
         "getTaxiFleet",
         "getFoes",
         "getInternalFoes",
@@ -37,6 +39,21 @@ _OF_MANY = frozenset(
     }
 )
 """Reading calls of a domain that are about more than one object of the row."""
+_OF_MODELS = frozenset(
+    {
+        "getActionStepLength",
+        "getLastActionTime",
+        "getStopSpeed",
+        "getLaneChangeState",
+        "getLaneChangeStatePretty",
+        "couldChangeLane",
+        "wantsAndCouldChangeLane",
+        "getSpeedWithoutTraCI",
+        "getParameter",
+        "getParameterWithKey",
+    }
+)
+"""Calls that SUMO's driver models answer, which are awake in the ego of a row alone."""
 
 
 def _reading(guard: Guard, read: Callable[..., Any], direct: Callable[..., Any]) -> Any:
@@ -60,6 +77,15 @@ def _reading(guard: Guard, read: Callable[..., Any], direct: Callable[..., Any])
             guard.leave()
 
     return reading
+
+
+def _of_ego(guard: Guard, reading: Callable[..., Any]) -> Any:
+    def of_ego(*args: Any, **kwargs: Any) -> Any:
+        if args[:1] != (EGO,):
+            guard.leave()
+        return reading(*args, **kwargs)
+
+    return of_ego
 
 
 def _kept_speed(guard: Guard, reading: Callable[..., Any]) -> Any:
@@ -128,6 +154,8 @@ def _seen(guard: Guard, domain: Any, call: str) -> Any:
     if kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY:
         read = getattr(domain, call)
         reading = _reading(guard, read, insides.direct(call, read, kind))
+        if call in _OF_MODELS and kind in ("vehicle", "vehicletype"):
+            return _of_ego(guard, reading)
         return _QUICK[call](guard, reading) if kind == "vehicle" and call in _QUICK else reading
     return _leaving(guard)
 

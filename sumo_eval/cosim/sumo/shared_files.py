@@ -138,7 +138,8 @@ def shared_routes_xml(
     prescribes.
 
     own_lanes: on the roads as they are.
-    asked: ADSs ask SUMO; its driver models are awake, and every vehicle has a type of its own.
+    asked: ADSs ask SUMO; its driver model of the ego is awake, and every vehicle has a type of its
+        own.
     """
     types: dict[tuple[str, ...], str] = {}  # vehicles that differ in nothing share a type
     others: list[str] = []
@@ -155,12 +156,12 @@ def shared_routes_xml(
         described = zip(vehicle_types(concrete, vehicle), starts, strict=True)
         for index, (kind, attributes) in enumerate(described):
             name = kind.pop("id")
+            if (index or not asked) and (index == 0 or concrete.actors[index - 1].model is None):
+                kind["actionStepLength"] = str(_NEVER)
             if asked:
                 known = names[case][index]
                 types[(*kind, "id", *kind.values(), known)] = known
             else:
-                if index == 0 or concrete.actors[index - 1].model is None:
-                    kind["actionStepLength"] = str(_NEVER)
                 known = types.setdefault(
                     (*kind, *kind.values()), f"type{len(types)}" if count > 1 else name
                 )
