@@ -341,8 +341,8 @@ def simulate_together(
                     )  # fmt: skip
                     driven = _together(batch, driver, resolved)
                 found.update(zip(part, driven, strict=True))
-        for index in window:
-            yield found.pop(index)
+        for index in window:  # a later batch may have shown what an earlier one did not
+            yield _KEEPS_STATE.get(riders[index].hook or _Rider) or found.pop(index)
 
 
 class _Rider(NamedTuple):
@@ -387,6 +387,8 @@ def _rider(
             controller,
             split_entry(controller)[1],
         )
+    if not entry.batch:
+        return alone(ON_TRACI)
     make = partial(adapted, found, name, entry.options)
     if its_own and entry.period:
         return alone(ON_TRACI)

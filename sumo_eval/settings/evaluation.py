@@ -165,6 +165,9 @@ class AdsSettings(Checked):
         Positive,
         About("time from one call to the next; its answer holds; default: every step", "s"),
     ] = None
+    batch: Annotated[
+        bool, About("whether cases may share a simulation; false where they share state")
+    ] = True
     options: Annotated[
         dict[str, Any],
         About("keyword arguments of the class; an `exec:` program receives them in its reset"),
@@ -189,6 +192,7 @@ class AdsSettings(Checked):
         `fmu:acc.fmu?inputs.v=ego_speed`.
         """
         pairs = [] if self.period is None else [("period", json.dumps(self.period))]
+        pairs += [] if self.batch else [("batch", "false")]
         pairs += [(f"options.{name}", json.dumps(value)) for name, value in self.options.items()]
         if self.fmu is not None:
             pairs += [

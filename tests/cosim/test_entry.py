@@ -76,10 +76,12 @@ def test_an_entry_in_one_text_and_back():
         "a",
         "mine.py:Mine",
         period=0.2,
+        batch=False,
         options={"gain": 2.5, "path": "w/a b?&:x.onnx", "deep": [1, 2]},
     )
     bare, found = split_entry(entry.locator)
     assert (bare, found.period, dict(found.options)) == ("mine.py:Mine", 0.2, entry.options)
+    assert not found.batch
     assert split_entry("exec:./a --b?c")[0] == "exec:./a --b?c"
     fmu = AdsSettings("a", "fmu:a.fmu", FmuSettings(inputs={"v": "ego_speed"}), period=0.1).locator
     assert split_entry(fmu)[0] == "fmu:a.fmu?inputs.v=ego_speed"

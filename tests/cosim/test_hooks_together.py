@@ -1,6 +1,7 @@
 """Hooks of TraCI in one SUMO have exactly what they have alone."""
 
 import ast
+import os
 import random
 from collections import Counter
 
@@ -183,6 +184,7 @@ def test_libsumo_bound_in_a_module_that_a_hook_imports_keeps_it_alone(tmp_path, 
 
 CACHE: dict[str, float] = {}
 GENERATOR = random.Random(3)
+CALLS = 0
 
 
 def caches(traci, ego, time):
@@ -196,6 +198,27 @@ def remembers(traci, ego, time):
 
 def draws(traci, ego, time):
     return Command(GENERATOR.gauss(0.0, 0.1))
+
+
+def sets_variables(traci, ego, time):
+    os.environ["CALLS"] = str(int(os.environ.get("CALLS", "0")) + 1)
+    return Command(-0.001)
+
+
+def rebinds(traci, ego, time):
+    global CALLS
+    CALLS += 1
+    return Command(-0.001)
+
+
+def enclosing():
+    calls = [0]
+
+    def encloses(traci, ego, time):
+        calls[0] += 1
+        return Command(-0.001)
+
+    return encloses
 
 
 def writes_files(folder):
@@ -220,10 +243,13 @@ class Counts:
     ("hook", "name"),
     [
         (caches, "CACHE"), (remembers, "remembers"), (draws, "GENERATOR"), (Counts, "Counts"),
+        (sets_variables, "os.environ"), (rebinds, "CALLS"), (enclosing(), "encloses"),
         (writes_files, "not seen where"),
     ],
 )  # fmt: skip
-def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path):
+def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path, monkeypatch):
+    """Eight kinds: seven are seen in the state, that of a file in the cases compared alone."""
+    monkeypatch.setenv("CALLS", "0")
     cases, why = [case(lead(80.0), speed=speed) for speed in (20.0, 18.0)], Counter()
     list(simulate_many(cases, hook(tmp_path) if hook is writes_files else hook, STEPS, alone=why))
     (reason,) = why

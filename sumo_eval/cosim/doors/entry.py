@@ -20,9 +20,9 @@ from urllib.parse import unquote_plus
 
 from sumo_eval.errors import InputError, must_be, said, unknown
 
-_PERIOD, _OPTION = "period", "options."
+_PERIOD, _BATCH, _OPTION = "period", "batch", "options."
 # a command or a value may hold others
-_ENTRY = re.compile(rf"\?(?=([^?]*&)?({_PERIOD}=|{re.escape(_OPTION)}))")
+_ENTRY = re.compile(rf"\?(?=([^?]*&)?({_PERIOD}=|{_BATCH}=|{re.escape(_OPTION)}))")
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
 
@@ -34,10 +34,12 @@ _told: set[type] = set()
 class Entry:
     """period: s between two calls; 0: every step.
     options: keyword arguments of the constructor.
+    batch: whether its cases may share a simulation.
     """
 
     period: float = 0.0
     options: Mapping[str, Any] = field(default_factory=dict)
+    batch: bool = True
 
 
 PLAIN = Entry()
@@ -52,9 +54,9 @@ def split_entry(locator: str) -> tuple[str, Entry]:
     if begin is None:
         return locator, PLAIN
     head, pairs = locator[: begin.start()], locator[begin.end() :].split("&")
-    own = [pair for pair in pairs if pair.startswith((f"{_PERIOD}=", _OPTION))]
+    own = [pair for pair in pairs if pair.startswith((f"{_PERIOD}=", f"{_BATCH}=", _OPTION))]
     rest = "&".join(pair for pair in pairs if pair not in own)
-    period, options = 0.0, {}
+    period, batch, options = 0.0, True, {}
     for pair in own:
         name, _, text = pair.partition("=")
         value = _value(unquote_plus(text))
@@ -66,9 +68,13 @@ def split_entry(locator: str) -> tuple[str, Entry]:
             ):
                 raise must_be("`period`", f"ADS `{locator}`", "a number greater than 0 s", value)
             period = float(value)
+        elif name == _BATCH:
+            if not isinstance(value, bool):
+                raise must_be("`batch`", f"ADS `{locator}`", "true or false", value)
+            batch = value
         else:
             options[unquote_plus(name.removeprefix(_OPTION))] = value
-    return f"{head}?{rest}" if rest else head, Entry(period, options)
+    return f"{head}?{rest}" if rest else head, Entry(period, options, batch)
 
 
 def made_absolute(locator: str, folder: Path) -> str:
