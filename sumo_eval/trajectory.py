@@ -243,7 +243,13 @@ class Alone:
         """Whether such cases are driven alone whatever happens in them; else something went
         wrong.
         """
-        return self.why not in ("together_failed", "pack_lost", "block_lost", "late")
+        return self.why not in (
+            "keeps_state",
+            "together_failed",
+            "pack_lost",
+            "block_lost",
+            "late",
+        )
 
     def __str__(self) -> str:
         """The reason as a sentence, for logs and reports."""

@@ -342,7 +342,8 @@ def simulate_together(
                     driven = _together(batch, driver, resolved)
                 found.update(zip(part, driven, strict=True))
         for index in window:  # a later batch may have shown what an earlier one did not
-            yield _KEEPS_STATE.get(riders[index].hook or _Rider) or found.pop(index)
+            hook, recording = riders[index].hook, found.pop(index)
+            yield recording if hook is None else _KEEPS_STATE.get(hook, recording)
 
 
 class _Rider(NamedTuple):

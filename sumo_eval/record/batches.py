@@ -142,6 +142,8 @@ class Batches:
         """
         kind = _kind(batch[0])
         size = max(min(len(batch), self._largest_of.get(kind, self._largest)) // _CUT, 1)
+        if why[0].why == "keeps_state":  # which no smaller batch mends
+            size = 1
         self._largest_of[kind] = size
         if too_slow:
             self._in_time[kind] = size
